@@ -1,0 +1,394 @@
+"""The kinematic chain: forward kinematics and the tip's derivative by small motions at every place.
+
+The chain is ``F0 J1(q1) F1 J2(q2) F2 ... Jn(qn) Fn tip``: constant rigid motions ``F`` between joints that turn about
+(revolute) or slide along (prismatic) their own z axis. *Places* are where a real arm may differ from this one:
+
+====== ================== ==================================================================
+place  name               frame
+====== ================== ==================================================================
+0      base               right after ``F0``: fixed, joint 1 turns about its z axis
+i      joint i            right after ``Ji(qi)``: moves with the joint, z is the joint's axis
+n + 1  tip                axes of the flange (right after ``Fn``), origin at the tip
+====== ================== ==================================================================
+
+A *motion* at a place has six components ``(rx, ry, rz, tx, ty, tz)``: a rotation vector [rad], then a translation
+[mm], both along the place's own axes. As a finite motion it turns first and is then shifted, ``v -> t + Rot(r) v``.
+It is inserted where its place stands: ``F0 E0 J1 E1 F1 ... Jn En Fn (tip + E(n+1))``; at the tip only the
+translation acts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from truearm.errors import InputError
+
+FloatArray = npt.NDArray[np.float64]
+
+# Poses that go through the chain together: 4096 doubles a component keep the working set of one pass
+# (about 60 components) inside a 2 MiB cache.
+CHUNK = 4096
+
+
+class Pose(NamedTuple):
+    """Tip poses: `R_base_tip` (n, 3, 3), columns are the flange's axes in the base frame, and `tip_in_base` (n, 3) [mm]."""
+
+    R_base_tip: FloatArray
+    tip_in_base: FloatArray
+
+
+class SmallMotions(NamedTuple):
+    """Tip positions and their derivatives by the six small motions at every place.
+
+    Attributes
+    ----------
+    tip_in_base : (n, 3) array
+        [mm].
+    by_motion : (n, n_places, 6, 3) array
+        Derivative of the tip by a motion at a place: rotations about the place's x, y, z [mm/rad], then
+        translations along them [mm/mm].
+    """
+
+    tip_in_base: FloatArray
+    by_motion: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """A serial chain of revolute and prismatic joints.
+
+    Parameters
+    ----------
+    fixed : (n_joints + 1, 4, 4) array
+        The constant rigid motions F0 .. Fn as homogeneous matrices, translations in mm.
+    tip_in_flange : (3,) array
+        The tip in the frame after Fn [mm].
+    prismatic : (n_joints,) bool array, optional
+        Which joints slide along their z axis [mm] instead of turning about it [rad]. None by default.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit, a number is not finite, or an F is not a rigid motion (1e-6).
+    """
+
+    fixed: FloatArray
+    tip_in_flange: FloatArray
+    prismatic: npt.NDArray[np.bool_] | None = None
+
+    def __post_init__(self) -> None:
+        fixed = np.array(self.fixed, dtype=float)
+        tip = np.array(self.tip_in_flange, dtype=float)
+        if fixed.ndim != 3 or fixed.shape[1:] != (4, 4) or len(fixed) < 2:
+            raise InputError(f"a chain needs (n_joints + 1, 4, 4) fixed motions and at least one joint, got {fixed.shape}")
+        if tip.shape != (3,):
+            raise InputError(f"the tip must be three coordinates in mm, got shape {tip.shape}")
+        prismatic = np.zeros(len(fixed) - 1, bool) if self.prismatic is None else np.array(self.prismatic, dtype=bool)
+        if prismatic.shape != (len(fixed) - 1,):
+            raise InputError(f"expected {len(fixed) - 1} joint types, got shape {prismatic.shape}")
+        if not (np.isfinite(fixed).all() and np.isfinite(tip).all()):
+            raise InputError("a chain's constants must be finite numbers")
+        R = fixed[:, :3, :3]
+        rigid = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-6
+        rigid &= (np.linalg.det(R) > 0) & (np.abs(fixed[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-12)
+        if not rigid.all():
+            raise InputError(f"F{int(np.argmin(rigid))} of the chain is not a rigid motion (rotation and translation)")
+        for name, value in (("fixed", fixed), ("tip_in_flange", tip), ("prismatic", prismatic)):
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        return f"Chain({self.n_joints} joints, tip {self.tip_in_flange.tolist()} mm)"
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return len(self.fixed) - 1
+
+    @property
+    def n_places(self) -> int:
+        """Number of places of small motions: base, every joint, tip."""
+        return self.n_joints + 2
+
+    @property
+    def reach(self) -> float:
+        """Upper bound of the distance from joint 1 to the tip with sliding joints at zero [mm]."""
+        return float(np.linalg.norm(self.fixed[1:, :3, 3], axis=1).sum() + np.linalg.norm(self.tip_in_flange))
+
+    def tip_in_base(self, angles: npt.ArrayLike, motions: npt.ArrayLike | None = None) -> FloatArray:
+        """Tip positions.
+
+        Parameters
+        ----------
+        angles : (n, n_joints) array
+            Joint angles [rad], or displacements of sliding joints [mm].
+        motions : (n, n_places, 6) array, optional
+            Finite motions composed exactly at every place, a set for each pose.
+
+        Returns
+        -------
+        (n, 3) array
+            [mm].
+        """
+        angles = self._checked(angles)
+        tips = np.empty((3, len(angles)))
+        moved = None if motions is None else self._checked_motions(motions, len(angles))
+        for rows in _chunks(len(angles)):
+            q = _by_component(angles[rows])
+            chunk = None if moved is None else np.ascontiguousarray(moved[rows].transpose(1, 2, 0))
+            for _, tips_here in self._outward(q, self._turns(q), chunk):
+                tips[:, rows] = tips_here  # the last one yielded is in the base frame
+        return tips.T
+
+    def pose(self, angles: npt.ArrayLike) -> Pose:
+        """Tip poses: orientation of the flange and position of the tip.
+
+        Parameters
+        ----------
+        angles : (n, n_joints) array
+            Joint angles [rad], or displacements of sliding joints [mm].
+        """
+        angles = self._checked(angles)
+        R = np.empty((3, 3, len(angles)))
+        tip = np.empty((3, len(angles)))
+        for rows in _chunks(len(angles)):
+            q = _by_component(angles[rows])
+            turns = self._turns(q)
+            for _, R_base_place in self._inward(turns):
+                last = R_base_place
+            R[:, :, rows] = np.matmul(self.fixed[-1, :3, :3].T, last)
+            for _, tips_here in self._outward(q, turns, None):
+                last_tip = tips_here
+            tip[:, rows] = last_tip
+        return Pose(R.transpose(2, 0, 1), tip.T)
+
+    def small_motions(self, angles: npt.ArrayLike) -> SmallMotions:
+        """Tip positions and their derivatives by the six small motions at every place.
+
+        With ``z`` an axis of the place and ``o`` its origin, the derivative of the tip ``p`` is ``z x (p - o)`` for a
+        rotation and ``z`` for a translation; at the tip a rotation does nothing.
+
+        Parameters
+        ----------
+        angles : (n, n_joints) array
+            Joint angles [rad], or displacements of sliding joints [mm].
+        """
+        angles = self._checked(angles)
+        tip = np.empty((3, len(angles)))
+        by_motion = np.empty((self.n_places, 6, 3, len(angles)))
+        for rows in _chunks(len(angles)):
+            tip[:, rows], _ = self._small_motions_into(_by_component(angles[rows]), by_motion[..., rows])
+        return SmallMotions(tip.T, by_motion.transpose(3, 0, 1, 2))
+
+    def small_motions_by_chunk(self, angles: npt.ArrayLike) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
+        """The same in cache-sized pieces laid out by component, for sums over many poses.
+
+        Yields
+        ------
+        rows : slice
+            The poses of this piece.
+        tip_in_base : (3, m) array
+            [mm].
+        by_motion : (n_places, 6, 3, m) array
+            As in `SmallMotions`, poses last. The array is used again for the next piece.
+        """
+        angles = self._checked(angles)
+        work = np.empty((self.n_places, 6, 3, min(CHUNK, len(angles))))
+        for rows in _chunks(len(angles)):
+            q = _by_component(angles[rows])
+            yield rows, *self._small_motions_into(q, work if q.shape[1] == work.shape[3] else work[..., : q.shape[1]].copy())
+
+    def with_motions(self, motions: npt.ArrayLike) -> Chain:
+        """The chain with a constant finite motion composed at every place.
+
+        Parameters
+        ----------
+        motions : (n_places, 6) array
+            Rotation vectors [rad] and translations [mm] along the places' axes.
+        """
+        motions = np.asarray(motions, dtype=float)
+        if motions.shape != (self.n_places, 6):
+            raise InputError(f"expected motions of shape {(self.n_places, 6)}, got {motions.shape}")
+        E = np.tile(np.eye(4), (self.n_joints + 1, 1, 1))
+        E[:, :3, :3] = Rotation.from_rotvec(motions[:-1, :3]).as_matrix()
+        E[:, :3, 3] = motions[:-1, 3:]
+        fixed = np.concatenate([(self.fixed[0] @ E[0])[None], E[1:] @ self.fixed[1:]])
+        return Chain(fixed, self.tip_in_flange + motions[-1, 3:], self.prismatic)
+
+    def placed(self, T_reference_base: npt.ArrayLike) -> Chain:
+        """The chain seen from another frame: its tips come out in the reference frame.
+
+        Parameters
+        ----------
+        T_reference_base : (4, 4) array
+            The arm's base frame in the reference frame, translation in mm.
+        """
+        fixed = self.fixed.copy()
+        fixed[0] = np.asarray(T_reference_base, dtype=float) @ fixed[0]
+        return Chain(fixed, self.tip_in_flange, self.prismatic)
+
+    def with_tip(self, tip_in_flange: npt.ArrayLike) -> Chain:
+        """The chain with another tip [mm]."""
+        return Chain(self.fixed, np.asarray(tip_in_flange, dtype=float), self.prismatic)
+
+    # One pass from the tip to the base carries the tip through every frame; one pass from the base to the flange
+    # carries the frames' axes. Everything above is one or both of them. Arrays are laid out by component: (..., m poses).
+
+    def _turns(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return np.cos(q), np.sin(q)
+
+    def _outward(
+        self, q: FloatArray, turns: tuple[FloatArray, FloatArray], motions: FloatArray | None
+    ) -> Iterator[tuple[int, FloatArray]]:
+        """Yield (place, tip in that place's frame) from the last joint to the base (0), then (-1, tip in base)."""
+        cos, sin = turns
+        v = np.empty((3, q.shape[1]))
+        v[:] = self.tip_in_flange[:, None]
+        if motions is not None:
+            v += motions[-1, 3:]
+        for i in range(self.n_joints, 0, -1):
+            v = np.matmul(self.fixed[i, :3, :3], v)
+            v += self.fixed[i, :3, 3, None]
+            if motions is not None:
+                v = _moved(v, motions[i])
+            yield i, v
+            v = self._joint(i, q, cos, sin, v)
+        if motions is not None:
+            v = _moved(v, motions[0])
+        yield 0, v
+        v = np.matmul(self.fixed[0, :3, :3], v)
+        v += self.fixed[0, :3, 3, None]
+        yield -1, v
+
+    def _joint(self, i: int, q: FloatArray, cos: FloatArray, sin: FloatArray, v: FloatArray) -> FloatArray:
+        """The vectors `v` (3, m) of joint i's moving frame in its fixed frame."""
+        out = np.empty_like(v)
+        if self._slides(i):
+            out[:2] = v[:2]
+            np.add(v[2], q[i - 1], out=out[2])
+            return out
+        c, s = cos[i - 1], sin[i - 1]
+        np.multiply(c, v[0], out=out[0])
+        out[0] -= s * v[1]
+        np.multiply(s, v[0], out=out[1])
+        out[1] += c * v[1]
+        out[2] = v[2]
+        return out
+
+    def _slides(self, i: int) -> bool:
+        assert self.prismatic is not None  # set in __post_init__
+        return bool(self.prismatic[i - 1])
+
+    def _inward(self, turns: tuple[FloatArray, FloatArray]) -> Iterator[tuple[int, FloatArray]]:
+        """Yield (place, R_base_place (3 rows, 3 columns, m)) from the base to the last joint."""
+        cos, sin = turns
+        R = np.empty((3, 3, cos.shape[1]))
+        R[:] = self.fixed[0, :3, :3, None]
+        yield 0, R
+        for i in range(1, self.n_joints + 1):
+            if i > 1:
+                R = np.matmul(self.fixed[i - 1, :3, :3].T, R)
+            if not self._slides(i):
+                c, s = cos[i - 1], sin[i - 1]
+                turned = np.empty_like(R)
+                np.multiply(c, R[:, 0], out=turned[:, 0])
+                turned[:, 0] += s * R[:, 1]
+                np.multiply(c, R[:, 1], out=turned[:, 1])
+                turned[:, 1] -= s * R[:, 0]
+                turned[:, 2] = R[:, 2]
+                R = turned
+            yield i, R
+
+    def _small_motions_into(self, q: FloatArray, out: FloatArray) -> tuple[FloatArray, FloatArray]:
+        turns = self._turns(q)
+        tip_in_place = dict(self._outward(q, turns, None))
+        for place, R in self._inward(turns):
+            x, y, z = tip_in_place[place]
+            axes = R.transpose(1, 0, 2)  # (3 axes, 3 components, m)
+            # z x (p - o) with p - o = R (x, y, z): a combination of the two other axes.
+            np.multiply(y, axes[2], out=out[place, 0])
+            out[place, 0] -= z * axes[1]
+            np.multiply(z, axes[0], out=out[place, 1])
+            out[place, 1] -= x * axes[2]
+            np.multiply(x, axes[1], out=out[place, 2])
+            out[place, 2] -= y * axes[0]
+            out[place, 3:] = axes
+        out[-1, :3] = 0.0
+        out[-1, 3:] = np.matmul(self.fixed[-1, :3, :3].T, R).transpose(1, 0, 2)
+        return tip_in_place[-1], out
+
+    def _checked(self, angles: npt.ArrayLike) -> FloatArray:
+        angles = np.asarray(angles, dtype=float)
+        if angles.ndim != 2 or angles.shape[1] != self.n_joints:
+            raise InputError(f"expected angles of shape (n, {self.n_joints}), one column a joint, got {angles.shape}")
+        return angles
+
+    def _checked_motions(self, motions: npt.ArrayLike, n: int) -> FloatArray:
+        motions = np.asarray(motions, dtype=float)
+        if motions.shape != (n, self.n_places, 6):
+            raise InputError(f"expected motions of shape {(n, self.n_places, 6)}, got {motions.shape}")
+        return motions
+
+
+def exponential_derivative(motions: npt.ArrayLike) -> FloatArray:
+    """Small motion that a change of a finite motion's components amounts to.
+
+    Changing ``(r, t)`` to ``(r + dr, t + dt)`` composes on the left the small motion with rotation ``J dr`` and
+    translation ``dt - (J dr) x t``, where ``J`` is the left Jacobian of the rotation group (Sola, Deray, Atchuthan,
+    "A micro Lie theory for state estimation in robotics", arXiv 1812.01537, eq. 145).
+
+    Parameters
+    ----------
+    motions : (..., 6) array
+        Rotation vectors [rad], shorter than pi, and translations [mm].
+
+    Returns
+    -------
+    (..., 6, 6) array
+        Column k is the small motion by component k.
+    """
+    motions = np.asarray(motions, dtype=float)
+    r, t = motions[..., :3], motions[..., 3:]
+    angle = np.linalg.norm(r, axis=-1)[..., None, None]
+    K = _cross_matrix(r)
+    small = angle < 1e-4  # the series' next term is angle^4/720: below rounding
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
+    b = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
+    J = np.eye(3) + a * K + b * (K @ K)
+    out = np.zeros((*motions.shape[:-1], 6, 6))
+    out[..., :3, :3] = J
+    out[..., 3:, :3] = _cross_matrix(t) @ J
+    out[..., 3:, 3:] = np.eye(3)
+    return out
+
+
+def _cross_matrix(v: FloatArray) -> FloatArray:
+    K = np.zeros((*v.shape, 3))
+    K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return K - np.swapaxes(K, -1, -2)
+
+
+def _moved(v: FloatArray, motion: FloatArray) -> FloatArray:
+    """Apply finite motions (6, m) to vectors (3, m) by Rodrigues' formula."""
+    r, t = motion[:3], motion[3:]
+    angle = np.sqrt((r * r).sum(axis=0))
+    sinc = np.sinc(angle / np.pi)
+    half = np.sinc(angle / (2 * np.pi))  # (1 - cos a) / a^2 = half^2 / 2 without cancellation
+    rv = np.cross(r, v, axis=0)
+    return v + sinc * rv + (0.5 * half * half) * np.cross(r, rv, axis=0) + t
+
+
+def _by_component(angles: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(angles.T)
+
+
+def _chunks(n: int) -> Iterator[slice]:
+    for start in range(0, n, CHUNK):
+        yield slice(start, min(start + CHUNK, n))
