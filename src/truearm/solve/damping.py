@@ -1,0 +1,96 @@
+"""Damping rules: how far a step may be trusted, learned from how the last ones turned out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol, Self
+
+from truearm.solve.problem import NormalEquations
+
+
+class Damping(Protocol):
+    """A damping parameter and the rule by which it changes. Rules are values: a change gives a new one."""
+
+    @property
+    def mu(self) -> float:
+        """What is added to the diagonal of ``J^T J``."""
+        ...
+
+    @property
+    def maximum(self) -> float:
+        """Above this the search for a better point is given up."""
+        ...
+
+    def started(self, equations: NormalEquations) -> Self:
+        """The rule at the start of a minimisation."""
+        ...
+
+    def succeeded(self, gain: float) -> Self:
+        """After a step that lowered the cost by `gain` times what the quadratic model promised."""
+        ...
+
+    def failed(self) -> Self:
+        """After a step that did not lower the cost."""
+        ...
+
+
+@dataclass(frozen=True)
+class Classical:
+    """Marquardt's rule with the defaults of MATLAB's ``trainlm``: a fixed factor down, a fixed factor up.
+
+    Source: D. W. Marquardt, J. SIAM 11 (1963) 431; M. T. Hagan, M. Menhaj, IEEE Trans. Neural Networks 5 (1994) 989.
+
+    Parameters
+    ----------
+    mu, decrease, increase, maximum : float
+        MATLAB's ``mu, mu_dec, mu_inc, mu_max``.
+    """
+
+    mu: float = 1e-3
+    decrease: float = 0.1
+    increase: float = 10.0
+    maximum: float = 1e10
+
+    def started(self, equations: NormalEquations) -> Classical:  # noqa: ARG002 - the start is a constant
+        """The rule as it is."""
+        return self
+
+    def succeeded(self, gain: float) -> Classical:  # noqa: ARG002 - success is enough
+        """Damping times `decrease`."""
+        return replace(self, mu=self.mu * self.decrease)
+
+    def failed(self) -> Classical:
+        """Damping times `increase`."""
+        return replace(self, mu=self.mu * self.increase)
+
+
+@dataclass(frozen=True)
+class Nielsen:
+    """Nielsen's rule: down by the gain ratio, up ever faster.
+
+    Source: H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05, eq. 2.4; K. Madsen,
+    H. B. Nielsen, O. Tingleff, "Methods for non-linear least squares problems" (2004), algorithm 3.16.
+
+    Parameters
+    ----------
+    relative_start : float
+        The first damping, as a share of the largest diagonal element of ``J^T J`` (tau).
+    """
+
+    relative_start: float = 1e-3
+    mu: float = 0.0
+    growth: float = 2.0
+    maximum: float = float("inf")
+
+    def started(self, equations: NormalEquations) -> Nielsen:
+        """Damping measured by the size of ``J^T J``."""
+        largest = float(equations.gram.diagonal().max())
+        return replace(self, mu=self.relative_start * largest, growth=2.0, maximum=1e16 * max(largest, 1e-300))
+
+    def succeeded(self, gain: float) -> Nielsen:
+        """Damping times ``max(1/3, 1 - (2 gain - 1)^3)``."""
+        return replace(self, mu=self.mu * max(1 / 3, 1 - (2 * min(gain, 2.0) - 1) ** 3), growth=2.0)
+
+    def failed(self) -> Nielsen:
+        """Damping times 2, 4, 8, ... for failures in a row."""
+        return replace(self, mu=self.mu * self.growth, growth=2 * self.growth)

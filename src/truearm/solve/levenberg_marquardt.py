@@ -1,0 +1,153 @@
+"""Levenberg-Marquardt, assembled from a problem, a damping rule and stopping rules."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from truearm.errors import TruearmError
+from truearm.solve.damping import Damping, Nielsen
+from truearm.solve.problem import NormalEquations, Problem
+from truearm.solve.stops import Epochs, Gradient, Reason, Settled, State, Stop
+
+FloatArray = npt.NDArray[np.float64]
+
+STUCK = Reason("No step lowers the cost any more.", True)
+DEFAULT_STOPS: tuple[Stop, ...] = (Gradient(0.0), Settled(), Epochs(200))
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The outcome of a minimisation.
+
+    Attributes
+    ----------
+    x : (p,) array
+        The best parameters found.
+    equations : NormalEquations
+        Cost, gradient and Gauss-Newton matrix there.
+    reason : Reason
+        Why it ended.
+    history : tuple of State
+        One entry an epoch, the start first.
+    evaluations : int
+        Evaluations of the cost, the rejected steps included.
+    """
+
+    x: FloatArray
+    equations: NormalEquations
+    reason: Reason
+    history: tuple[State, ...]
+    evaluations: int
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squared residuals at `x`."""
+        return self.equations.cost
+
+    @property
+    def epochs(self) -> int:
+        """Epochs done."""
+        return self.history[-1].epoch
+
+    def covariance(self) -> FloatArray:
+        """(p, p) inverse of ``J^T J`` at `x`: the parameters' covariance if the residuals have unit variance.
+
+        Raises
+        ------
+        TruearmError
+            If ``J^T J`` is singular: the data do not determine all parameters.
+        """
+        gram = self.equations.gram
+        try:
+            factor = cho_factor(gram, lower=True)
+        except LinAlgError:
+            raise TruearmError("J^T J is singular: the data do not determine all parameters, no covariance") from None
+        return np.asarray(cho_solve(factor, np.eye(len(gram))))
+
+
+def levenberg_marquardt(
+    problem: Problem,
+    start: npt.ArrayLike,
+    *,
+    damping: Damping | None = None,
+    stops: Sequence[Stop] = DEFAULT_STOPS,
+    callback: Callable[[State], None] | None = None,
+) -> Result:
+    """Minimise half a sum of squares.
+
+    An epoch evaluates the normal equations once and raises the damping until a step lowers the cost; rejected steps
+    use the same equations again.
+
+    Parameters
+    ----------
+    problem : Problem
+        Gives cost and normal equations.
+    start : (p,) array
+        Where to begin.
+    damping : Damping, optional
+        `Nielsen()` by default.
+    stops : sequence of Stop
+        Asked in this order after every epoch, and at the start.
+    callback : callable, optional
+        Told the state after every epoch, and at the start.
+
+    Returns
+    -------
+    Result
+        Not converging is no exception: see its `reason`.
+
+    Raises
+    ------
+    TruearmError
+        If the cost at the start is not a finite number.
+    """
+    x = np.array(start, dtype=float)
+    equations = problem.normal_equations(x)
+    if not np.isfinite(equations.cost):
+        raise TruearmError("the cost at the start is not a finite number: check the data for NaN and overflow")
+    damping = (damping or Nielsen()).started(equations)
+    history: list[State] = []
+    previous_cost, moved, evaluations, begun = np.inf, True, 1, time.perf_counter()
+    while True:
+        state = State(
+            epoch=len(history),
+            x=x,
+            cost=equations.cost,
+            previous_cost=previous_cost,
+            gradient_norm=float(np.linalg.norm(equations.gradient)),
+            mu=damping.mu,
+            mu_maximum=damping.maximum,
+            seconds=time.perf_counter() - begun,
+            moved=moved,
+        )
+        history.append(state)
+        if callback is not None:
+            callback(state)
+        # Every rule sees every state: one that collects (validation) must not miss any.
+        reasons = [reason for reason in [stop(state) for stop in stops] if reason is not None]
+        if not moved:
+            reasons.append(STUCK)
+        if reasons:
+            return Result(x, equations, reasons[0], tuple(history), evaluations)
+        previous_cost, moved = equations.cost, False
+        while damping.mu < damping.maximum and not moved:
+            step = equations.damped_step(damping.mu)
+            if step is None:
+                damping = damping.failed()
+                continue
+            cost = problem.cost(x + step)
+            evaluations += 1
+            if cost < equations.cost:
+                promised = equations.predicted_decrease(step)
+                damping = damping.succeeded((equations.cost - cost) / promised if promised > 0 else 0.0)
+                x, moved = x + step, True
+            else:
+                damping = damping.failed()
+        if moved:
+            equations = problem.normal_equations(x)

@@ -1,0 +1,58 @@
+"""What the solver asks of a nonlinear least-squares problem: its cost and its normal equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """The quadratic model of a least-squares cost at a point.
+
+    Attributes
+    ----------
+    cost : float
+        Half the sum of squared residuals.
+    gradient : (p,) array
+        ``J^T r``.
+    gram : (p, p) array
+        ``J^T J``, symmetric.
+    """
+
+    cost: float
+    gradient: FloatArray
+    gram: FloatArray
+
+    def damped_step(self, mu: float) -> FloatArray | None:
+        """The step of ``(J^T J + mu I) step = -J^T r``, or None where that matrix is not positive definite."""
+        damped = self.gram.copy()
+        damped.flat[:: len(damped) + 1] += mu
+        try:
+            factor = cho_factor(damped, lower=True, overwrite_a=True, check_finite=False)
+        except LinAlgError:
+            return None
+        step = cho_solve(factor, -self.gradient, check_finite=False)
+        return step if np.isfinite(step).all() else None
+
+    def predicted_decrease(self, step: FloatArray) -> float:
+        """Decrease of the cost by `step` if the model were exact."""
+        return float(-step @ self.gradient - 0.5 * step @ (self.gram @ step))
+
+
+class Problem(Protocol):
+    """A least-squares problem in p parameters."""
+
+    def cost(self, x: FloatArray) -> float:
+        """Half the sum of squared residuals at `x` (p,)."""
+        ...
+
+    def normal_equations(self, x: FloatArray) -> NormalEquations:
+        """Cost, gradient and Gauss-Newton matrix at `x` (p,)."""
+        ...
