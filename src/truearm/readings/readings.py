@@ -39,7 +39,11 @@ class Readings:
     temperature_degC : (n,) array, optional
         Temperature of the arm [degC].
     file : Path, optional
-        Where the readings were read from; `angle_columns` are the names of its angle columns. Both serve messages.
+        Where the readings were read from; it serves messages.
+    angle_columns : tuple of str, optional
+        Names of the angle columns in `file`. In a session file they end in the column's unit.
+    first_line : int, optional
+        The line of the first reading in `file`, counted from 1; None where rows are not lines (Parquet).
 
     Raises
     ------
@@ -56,6 +60,7 @@ class Readings:
     temperature_degC: FloatArray | None = None
     file: Path | None = None
     angle_columns: tuple[str, ...] | None = None
+    first_line: int | None = None
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles, dtype=float)
@@ -81,10 +86,14 @@ class Readings:
             value = getattr(self, name)
             if value is not None and not np.isfinite(value).all():
                 row = int(np.argwhere(~np.isfinite(value))[0, 0])
-                raise InputError(f"expected finite numbers in {name}, got {value[row]} in reading {row + 1}")
+                raise self.error(f"expected finite numbers in {name}, got {value[row]} in {self.called(row)}", row)
         if self.point_std is not None and not (self.point_std > 0).all():
             row = int(np.argwhere(self.point_std <= 0)[0, 0])
-            raise InputError(f"standard uncertainties must be positive, got {self.point_std[row]} in reading {row + 1}")
+            raise self.error(
+                f"standard uncertainties must be positive, got {self.point_std[row].tolist()} mm in {self.called(row)}",
+                row,
+                hint="leave the uncertainties out of the file if they are not known",
+            )
 
     def __len__(self) -> int:
         return len(self.angles)
@@ -92,13 +101,22 @@ class Readings:
     @property
     def n_joints(self) -> int:
         """Number of joints."""
-        return self.angles.shape[1]
+        return int(self.angles.shape[1])
+
+    def called(self, row: int) -> str:
+        """Name the reading in row `row` (counted from 0) for a message: its line in the file, or its number."""
+        return f"reading {row + 1}" if self.first_line is None else f"line {self.first_line + row}"
+
+    def error(
+        self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
+    ) -> InputError:
+        """Make an error that knows these readings' file, and the line of `row` (counted from 0)."""
+        line = None if row is None or self.first_line is None else self.first_line + row
+        return InputError(problem, file=self.file, line=line, column=column, hint=hint)
 
     def rows(self, which: npt.ArrayLike) -> Readings:
-        """The readings that `which` (indices, slice or mask) selects. They no longer know their file."""
+        """Select readings by `which` (indices, slice or mask). They no longer know their file."""
         chosen = {
-            f.name: getattr(self, f.name)[which]
-            for f in fields(self)
-            if isinstance(getattr(self, f.name), np.ndarray)
+            f.name: getattr(self, f.name)[which] for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)
         }
-        return replace(self, **chosen, file=None, angle_columns=None)
+        return replace(self, **chosen, file=None, first_line=None)

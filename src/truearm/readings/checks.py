@@ -1,0 +1,156 @@
+"""What a fit and a prediction demand of readings, checked before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.readings.readings import FloatArray, Readings
+
+# An angle may pass its limit by this much [rad or mm]: rounding, not a wrong angle.
+LIMIT_TOLERANCE = 1e-6
+
+
+def check_fit(
+    readings: Readings,
+    *,
+    joint_names: Sequence[str],
+    lower: npt.ArrayLike,
+    upper: npt.ArrayLike,
+    min_rows: int,
+    prismatic: npt.ArrayLike | None = None,
+) -> None:
+    """Check that a model of an arm can be fitted to readings.
+
+    Parameters
+    ----------
+    readings : Readings
+        Angles and reference points.
+    joint_names : sequence of str
+        The arm's joints, base to tip.
+    lower, upper : (n_joints,) array
+        Joint limits [rad, or mm for sliding joints]; infinite where there is none.
+    min_rows : int
+        The fewest readings that the model can be fitted to.
+    prismatic : (n_joints,) bool array, optional
+        Which joints slide; none by default. Only messages need it.
+
+    Raises
+    ------
+    InputError
+        If the number of joints is wrong, reference points are missing, there are too few readings, a joint or the
+        whole arm never moves, an angle is outside its limits, or a reading stands twice.
+    """
+    _check_joints(readings, joint_names)
+    if readings.points is None:
+        raise readings.error(
+            "the readings have no reference points, and a fit needs them",
+            hint="add columns x_mm, y_mm, z_mm with the tip as a reference instrument saw it",
+        )
+    if len(readings) < min_rows:
+        raise readings.error(
+            f"expected at least {min_rows} readings, got {len(readings)}",
+            hint="measure more poses, spread over all joints",
+        )
+    _check_limits(readings, joint_names, lower, upper, prismatic)
+    _check_motion(readings, joint_names)
+    _check_copies(readings)
+
+
+def check_angles(
+    readings: Readings,
+    *,
+    joint_names: Sequence[str],
+    lower: npt.ArrayLike,
+    upper: npt.ArrayLike,
+    prismatic: npt.ArrayLike | None = None,
+) -> None:
+    """Check that an arm can take the angles of readings: the number of joints and their limits.
+
+    Parameters are those of `check_fit`.
+
+    Raises
+    ------
+    InputError
+        If the number of joints is wrong or an angle is outside its limits.
+    """
+    _check_joints(readings, joint_names)
+    _check_limits(readings, joint_names, lower, upper, prismatic)
+
+
+def _check_joints(readings: Readings, joint_names: Sequence[str]) -> None:
+    if readings.n_joints != len(joint_names):
+        raise readings.error(
+            f"expected {len(joint_names)} joints ({', '.join(joint_names)}), got {readings.n_joints}",
+            hint="check that the readings belong to this arm",
+        )
+
+
+def _check_limits(
+    readings: Readings,
+    joint_names: Sequence[str],
+    lower: npt.ArrayLike,
+    upper: npt.ArrayLike,
+    prismatic: npt.ArrayLike | None,
+) -> None:
+    low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+    slides = np.zeros(readings.n_joints, bool) if prismatic is None else np.asarray(prismatic, dtype=bool)
+    outside = (readings.angles < low - LIMIT_TOLERANCE) | (readings.angles > high + LIMIT_TOLERANCE)
+    if not outside.any():
+        return
+    row, joint = (int(i) for i in np.argwhere(outside)[0])
+    unit, factor = ("mm", 1.0) if slides[joint] else ("deg", 180 / np.pi)
+    value, least, most = (f"{factor * v:.6g}" for v in (readings.angles[row, joint], low[joint], high[joint]))
+    count = int(outside.any(axis=1).sum())
+    where = f" in {readings.called(row)}" if readings.first_line is None else ""
+    raise readings.error(
+        f"{joint_names[joint]} is at {value} {unit}{where}, outside its limits {least} .. {most} {unit}"
+        f" ({count} of {len(readings)} readings are outside the limits of a joint)",
+        row,
+        column=_column(readings, joint),
+        hint="check the unit, sign and zero of the angles, or the limits in the arm file",
+    )
+
+
+def _check_motion(readings: Readings, joint_names: Sequence[str]) -> None:
+    still = np.ptp(readings.angles, axis=0) == 0 if len(readings) > 1 else np.zeros(readings.n_joints, bool)
+    if still.all() and len(readings) > 1:
+        raise readings.error(
+            f"all {len(readings)} readings have the same angles, so the arm cannot be identified",
+            hint="measure poses spread over all joints",
+        )
+    if still.any():
+        joint = int(np.argmax(still))
+        raise readings.error(
+            f"{joint_names[joint]} never moves in the {len(readings)} readings, so its errors cannot be identified",
+            column=_column(readings, joint),
+            hint='move it; if the joint is locked by design, describe it as type = "fixed" in the arm file',
+        )
+
+
+def _check_copies(readings: Readings) -> None:
+    """Refuse the same angles with the same reference: no arm and no tracker repeats to the last digit."""
+    import pandas as pd
+
+    assert readings.points is not None  # checked by the caller
+    table: FloatArray = np.hstack([readings.angles, readings.points])
+    frame = pd.DataFrame(table)
+    copies = frame.duplicated().to_numpy()
+    if not copies.any():
+        return
+    second = int(np.argmax(copies))
+    first = int(np.argmax((table == table[second]).all(axis=1)))
+    count = int(copies.sum())
+    more = f"; {count} readings are such copies" if count > 1 else ""
+    raise readings.error(
+        f"{readings.called(first)} and {readings.called(second)} are the same reading to the last digit"
+        f" (angles and reference){more}",
+        second,
+        hint="delete the copies: they would count twice, and be in training and test at once",
+    )
+
+
+def _column(readings: Readings, joint: int) -> str | None:
+    return None if readings.angle_columns is None else readings.angle_columns[joint]

@@ -1,0 +1,162 @@
+"""The columns of a session file: their names carry the units, and nothing is guessed."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.readings.readings import NAMED
+
+TEMPERATURE = "temperature_degC"
+
+# To the units of the house: rad and mm.
+FACTOR = {"deg": np.pi / 180, "rad": 1.0, "mm": 1.0, "m": 1000.0}
+
+ANGLE = re.compile(r"q([1-9]\d*)_(deg|rad|mm)")
+_POINT = re.compile(r"(s?[xyz])_(mm|m)")
+_Key = TypeVar("_Key", int, str)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Which columns of a session file hold what; the number columns in the order angles, points, std, temperature."""
+
+    angles: tuple[str, ...]
+    points: tuple[str, ...] = ()
+    point_std: tuple[str, ...] = ()
+    temperature: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """Names of the columns that hold numbers."""
+        return self.angles + self.points + self.point_std + self.temperature
+
+
+def unit_of(column: str) -> str:
+    """Read the unit that a column's name ends in."""
+    return column.rpartition("_")[2]
+
+
+def recognise(names: Sequence[str], *, file: Path, line: int | None, n_joints: int | None = None) -> Columns:
+    """Which of a file's columns hold what.
+
+    Raises
+    ------
+    InputError
+        If a column is unknown, has no unit, stands twice or is missing.
+    """
+    for i, name in enumerate(names):
+        if not name:
+            raise InputError(f"column {i + 1} has no name", file=file, line=line, column=i + 1)
+        if name in names[:i]:
+            raise InputError("the column stands twice", file=file, line=line, column=name, hint="delete one of the two")
+    angles: dict[int, str] = {}
+    points: dict[str, str] = {}
+    words = []
+    for name in names:
+        if match := ANGLE.fullmatch(name):
+            _once(angles, int(match[1]), name, file, line)
+        elif match := _POINT.fullmatch(name):
+            _once(points, match[1], name, file, line)
+        elif name in NAMED:
+            words.append(name)
+        elif name != TEMPERATURE and not name.startswith("note"):
+            raise InputError(*_unknown(name), file=file, line=line, column=name, hint=_instead(name))
+    return Columns(
+        _joints(angles, file, line, n_joints),
+        _triple("", points, file, line),
+        _std(points, file, line),
+        (TEMPERATURE,) if TEMPERATURE in names else (),
+        tuple(words),
+    )
+
+
+def _once(found: dict[_Key, str], key: _Key, name: str, file: Path, line: int | None) -> None:
+    if key in found:
+        raise InputError(
+            f"{found[key]} and {name} are the same quantity in two units",
+            file=file,
+            line=line,
+            column=name,
+            hint="delete one of the two columns",
+        )
+    found[key] = name
+
+
+def _joints(found: dict[int, str], file: Path, line: int | None, n_joints: int | None) -> tuple[str, ...]:
+    if not found:
+        raise InputError(
+            "expected joint angles in columns q1_deg, q2_deg, .. (or q1_rad, ..; q1_mm for a sliding joint), got none",
+            file=file,
+            line=line,
+            hint="`truearm import` for tables with other column names",
+        )
+    last = max(found)
+    shown = ", ".join(found[i] for i in sorted(found))
+    for i in range(1, last + 1):
+        if i not in found:
+            raise InputError(
+                f"the column of joint {i} is missing: expected q{i}_deg, q{i}_rad or q{i}_mm, got {shown}",
+                file=file,
+                line=line,
+                hint="name the joints 1, 2, 3, .. from the base to the tip",
+            )
+    if n_joints is not None and last != n_joints:
+        raise InputError(
+            f"expected {n_joints} joints, got {last} (q1 .. q{last})",
+            file=file,
+            line=line,
+            hint="check that the file belongs to this arm",
+        )
+    return tuple(found[i] for i in range(1, last + 1))
+
+
+def _triple(prefix: str, found: dict[str, str], file: Path, line: int | None) -> tuple[str, ...]:
+    """Find the columns of x, y and z, or none of them."""
+    keys = [prefix + axis for axis in "xyz"]
+    missing = [key for key in keys if key not in found]
+    if len(missing) == 3:
+        return ()
+    if missing:
+        present = ", ".join(found[key] for key in keys if key in found)
+        raise InputError(f"the column {missing[0]}_mm is missing beside {present}", file=file, line=line)
+    return tuple(found[key] for key in keys)
+
+
+def _std(found: dict[str, str], file: Path, line: int | None) -> tuple[str, ...]:
+    std = _triple("s", found, file, line)
+    if std and "x" not in found:
+        raise InputError(
+            f"{std[0]} .. are uncertainties of a reference point, but x_mm, y_mm and z_mm are missing",
+            file=file,
+            line=line,
+        )
+    return std
+
+
+def _unknown(name: str) -> tuple[str]:
+    shown = name if len(name) <= 40 else f"{name[:36]}..."
+    return (f"unknown column {shown!r}",)
+
+
+def _instead(name: str) -> str:
+    """Find the name that was probably meant."""
+    plain = name.lower().replace(" ", "_").strip("_")
+    if match := re.fullmatch(r"(?:q|j|joint|theta|angle|axis|a)_?0*(\d+)(?:\D.*)?", plain):
+        q = f"q{int(match[1]) or 1}"
+        return f"{q}_deg or {q}_rad ({q}_mm for a sliding joint): units stand in the names"
+    if match := re.fullmatch(r"(s|u|std|sigma)?_?([xyz])(?:_.*)?", plain):
+        axis = ("s" if match[1] else "") + match[2]
+        return f"{axis}_mm or {axis}_m: units stand in the names"
+    if re.match(r"t(emp.*)?(_|$)", plain):
+        return f"{TEMPERATURE}: units stand in the names"
+    close = difflib.get_close_matches(plain, [*NAMED, TEMPERATURE], n=1)
+    return close[0] if close else "delete the column, or let its name start with 'note' if it is a remark"

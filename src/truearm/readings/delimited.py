@@ -1,0 +1,316 @@
+"""Delimited text from others: checked for its shape, read fast, and every fault traced to its line and column."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+
+FloatArray = npt.NDArray[np.float64]
+NameArray = npt.NDArray[np.str_]
+
+# About three million readings: more than anybody took, and reading them (five times the size) fits a small machine.
+MAX_BYTES = 2**29
+
+# Files that people offer instead of text, by how they begin.
+_FOREIGN = {
+    b"PK\x03\x04": "a spreadsheet or zip file; export the sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "an old spreadsheet (.xls); export the sheet as CSV",
+    b"\x1f\x8b": "a gzip file; unpack it first",
+    b"%PDF": "a PDF; export the numbers as CSV",
+    b"\x89HDF": "an HDF5 file; export the numbers as CSV",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    r"""Delimited text of which every row has as many cells as the first.
+
+    Attributes
+    ----------
+    file : Path
+        Where it was read from.
+    names : tuple of str
+        The header's cells, or ``1``, ``2``, .. where there is no header.
+    rows : bytes
+        The rows below the header in UTF-8, each ended by one ``\n``.
+    first_line : int
+        The line of the first row in `file`, counted from 1.
+    separator, decimal : str
+        One character each.
+    """
+
+    file: Path
+    names: tuple[str, ...]
+    rows: bytes
+    first_line: int
+    separator: str
+    decimal: str
+
+    def cells(self) -> Iterator[tuple[int, list[str]]]:
+        """Line number and cells of each row, slowly."""
+        text = self.rows.decode().split("\n")[:-1]
+        reader = csv.reader(text, delimiter=self.separator)
+        try:
+            for row in reader:
+                yield self.first_line + reader.line_num - 1, row
+        except csv.Error as error:
+            line = self.first_line + reader.line_num - 1
+            raise InputError(
+                f"expected separated cells, got a line that cannot be split ({error})", file=self.file, line=line
+            ) from None
+
+
+def read_sheet(
+    path: str | Path,
+    *,
+    separator: str = ",",
+    decimal: str = ".",
+    encoding: str = "utf-8",
+    header: bool = True,
+    skip_lines: int = 0,
+) -> Sheet:
+    """Read delimited text whole and check its shape.
+
+    Parameters
+    ----------
+    path : path
+        At most `MAX_BYTES`.
+    separator, decimal : str
+        One character each, different from each other.
+    encoding : str
+        Any text encoding that Python knows. A byte order mark is skipped.
+    header : bool
+        Whether the first line names the columns.
+    skip_lines : int
+        Lines before the header (or before the first row) that are not part of the table.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, too large, binary, or not in `encoding`, or a row has too many or too few cells.
+    """
+    path = Path(path)
+    _check_signs(separator, decimal)
+    data = _as_utf8(_bytes(path), path, encoding)
+    lines_above = skip_lines + header
+    above = data.split(b"\n", lines_above)[:lines_above]
+    rows = data[sum(len(line) + 1 for line in above) :]
+    if header and (len(above) <= skip_lines or not above[-1].strip()):
+        raise InputError(
+            "expected a header line with the names of the columns, got an empty line", file=path, line=lines_above
+        )
+    if not rows:
+        raise InputError("expected at least one row of numbers, got none", file=path, line=lines_above or 1)
+    head = above[-1] if header else rows.split(b"\n", 1)[0]
+    cells = _split_line(head.decode(), separator, path, lines_above if header else lines_above + 1)
+    names = tuple(cell.strip() for cell in cells) if header else tuple(str(i + 1) for i in range(len(cells)))
+    sheet = Sheet(path, names, rows, lines_above + 1, separator, decimal)
+    _check_shape(sheet)
+    return sheet
+
+
+def read_columns(sheet: Sheet, numbers: Sequence[int], words: Sequence[int] = ()) -> tuple[FloatArray, list[NameArray]]:
+    """Read the columns `numbers` as (n, len(numbers)) floats, exactly as written, and the columns `words` as text.
+
+    Raises
+    ------
+    InputError
+        If a cell of `numbers` is not a finite number: the first such cell in the file, with what to try.
+    """
+    import io
+
+    import pandas as pd
+
+    wanted = sorted({*numbers, *words})
+    try:
+        table = pd.read_csv(
+            io.BytesIO(sheet.rows),
+            sep=sheet.separator,
+            decimal=sheet.decimal,
+            header=None,
+            usecols=wanted,
+            dtype={i: str if i in words else float for i in wanted},
+            na_filter=False,
+            index_col=False,
+            skip_blank_lines=False,
+            engine="c",
+            float_precision="round_trip",
+            encoding="utf-8",
+        )
+    except (ValueError, OverflowError):
+        raise _first_fault(sheet, numbers) or _unreadable(sheet) from None
+    found = np.empty((len(table), len(numbers)))
+    for k, i in enumerate(numbers):
+        found[:, k] = table[i].to_numpy()
+    # pandas takes a column of nothing but True and False for numbers, so noughts and ones are looked at again.
+    suspect = not np.isfinite(found).all() or bool(((found == 0) | (found == 1)).all(axis=0).any())
+    if suspect and (fault := _first_fault(sheet, numbers)):
+        raise fault
+    return found, [table[i].to_numpy(dtype=np.str_) for i in words]
+
+
+def shown(cell: object) -> str:
+    """Show a cell in a message: quoted and not too long."""
+    text = repr(cell)
+    return text if len(text) <= 40 else f"{text[:36]}...{text[0]}"
+
+
+def _check_signs(separator: str, decimal: str) -> None:
+    if len(separator) != 1 or separator in '\r\n"' or separator.isalnum():
+        raise InputError(f"the separator must be one character such as , or ; got {shown(separator)}")
+    if decimal not in (".", ","):
+        raise InputError(f"the decimal sign must be . or , got {shown(decimal)}")
+    if separator == decimal:
+        raise InputError(
+            f"the separator and the decimal sign are both {separator!r}",
+            hint="--separator ';' --decimal ','",
+        )
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        size = path.stat().st_size
+        if path.is_dir():
+            raise InputError("expected a file, got a folder", file=path)
+        if size > MAX_BYTES:
+            raise InputError(
+                f"expected at most {MAX_BYTES / 2**20:.0f} MiB, got {size / 2**20:.0f} MiB",
+                file=path,
+                hint="split the file, or write it as Parquet",
+            )
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError("the file does not exist", file=path) from None
+    except OSError as error:
+        raise InputError(f"the file cannot be read ({error.strerror})", file=path) from None
+    for beginning, what in _FOREIGN.items():
+        if data.startswith(beginning):
+            raise InputError(
+                f"expected text (CSV), got {what.partition('; ')[0]}", file=path, hint=what.partition("; ")[2]
+            )
+    return data
+
+
+def _as_utf8(data: bytes, path: Path, encoding: str) -> bytes:
+    """Turn `data` into UTF-8 with plain line ends, no byte order mark and no empty lines at its end."""
+    try:
+        name = codecs.lookup(encoding).name
+    except LookupError:
+        raise InputError(f"unknown encoding {shown(encoding)}", hint="utf-8, latin-1, cp1252 or utf-16") from None
+    if name == "utf-8" and data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        raise InputError("expected UTF-8 text, got UTF-16", file=path, hint="save it as 'CSV UTF-8'")
+    if name == "utf-8":
+        data = data.removeprefix(codecs.BOM_UTF8)
+    if not (name == "utf-8" and data.isascii()):
+        try:
+            data = data.decode(name).removeprefix("\ufeff").encode()
+        except (UnicodeError, AttributeError) as error:
+            line = data.count(b"\n", 0, error.start) + 1 if isinstance(error, UnicodeDecodeError) else None
+            raise InputError(
+                f"expected text in {name}, got bytes that are not",
+                file=path,
+                line=line,
+                hint="save it as 'CSV UTF-8', or give `truearm import` its --encoding (often cp1252)",
+            ) from None
+    if b"\0" in data:
+        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+        raise InputError("expected text (CSV), got a binary file", file=path, line=line)
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    data = data.rstrip(b"\n")
+    if not data:
+        raise InputError("expected a table, got an empty file", file=path)
+    return data + b"\n"
+
+
+def _split_line(line: str, separator: str, path: Path, number: int) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=separator))
+    except csv.Error as error:
+        raise InputError(
+            f"expected separated cells, got a line that cannot be split ({error})", file=path, line=number
+        ) from None
+
+
+def _check_shape(sheet: Sheet) -> None:
+    """Every row must have as many cells as there are names."""
+    width = len(sheet.names)
+    if b'"' not in sheet.rows:
+        end, mark = np.uint8(ord("\n")), sheet.separator.encode()
+        text = np.frombuffer(sheet.rows, dtype=np.uint8)
+        if len(mark) == 1:
+            marks = text[(text == end) | (text == mark[0])]
+            if len(marks) % width == 0:
+                ends = marks.reshape(-1, width) == end
+                if ends[:, -1].all() and not ends[:, :-1].any() and not (width == 1 and b"\n\n" in sheet.rows):
+                    return
+    for expected, (line, cells) in enumerate(sheet.cells(), sheet.first_line):
+        if line != expected:
+            raise InputError(
+                "expected one line a reading, got a line break inside quotes",
+                file=sheet.file,
+                line=expected,
+                hint='take the line break out of the cell, or close the quotation mark (")',
+            )
+        if not cells:
+            raise InputError(
+                "expected a reading, got an empty line", file=sheet.file, line=line, hint="delete the line"
+            )
+        if len(cells) != width:
+            raise _ragged(sheet, line, cells)
+
+
+def _ragged(sheet: Sheet, line: int, cells: list[str]) -> InputError:
+    width = len(sheet.names)
+    hint = None
+    if sheet.separator == "," and len(cells) > width:
+        hint = "if the file has decimal commas, `truearm import` reads it with --separator ';' --decimal ','"
+    problem = f"expected {width} cells as in the line above, got {len(cells)}"
+    return InputError(problem, file=sheet.file, line=line, hint=hint)
+
+
+def _first_fault(sheet: Sheet, numbers: Sequence[int]) -> InputError | None:
+    """Find the first cell of the columns `numbers` that is no finite number."""
+    sign = re.escape(sheet.decimal)
+    number = re.compile(rf"[+-]?(\d+{sign}?\d*|{sign}\d+)([eE][+-]?\d+)?", re.ASCII)
+    for line, cells in sheet.cells():
+        for i in sorted(numbers):
+            cell = cells[i].strip()
+            if not number.fullmatch(cell) or not np.isfinite(float(cell.replace(sheet.decimal, "."))):
+                problem, hint = _said_of(cells[i], sheet)
+                return InputError(problem, file=sheet.file, line=line, column=sheet.names[i], hint=hint)
+    return None
+
+
+def _unreadable(sheet: Sheet) -> InputError:
+    return InputError("expected numbers, got cells that cannot be read as numbers", file=sheet.file)
+
+
+def _said_of(cell: str, sheet: Sheet) -> tuple[str, str | None]:
+    """Say what is wrong with a cell that should be a number, and what to try."""
+    text = cell.strip()
+    if not text:
+        return "expected a number, got an empty cell", "delete the reading, or fill in its number"
+    if text.lower().lstrip("+-") in ("nan", "na", "n/a", "null", "none", "inf", "infinity"):
+        return f"expected a finite number, got {shown(text)}", "delete the reading, or fill in its number"
+    if (
+        re.fullmatch(r"[+-]?\d{1,3}([., '\u2019_]\d{3})+([.,]\d+)?", text)
+        and len(re.findall(r"\D", text.lstrip("+-"))) > 1
+    ):
+        return f"expected a number, got {shown(text)}", "write numbers without thousands separators"
+    if re.fullmatch(r"[+-]?\d*[.,]\d*([eE][+-]?\d+)?", text):
+        other = "," if sheet.decimal == "." else "."
+        return (
+            f"expected a number with decimal {sheet.decimal!r}, got {shown(text)}",
+            f"`truearm import` with --decimal '{other}'",
+        )
+    return f"expected a number, got {shown(text)}", None

@@ -1,0 +1,243 @@
+"""The session file: readings in CSV or Parquet, units in the column names."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+from truearm.readings.columns import ANGLE, FACTOR, TEMPERATURE, Columns, recognise, unit_of
+from truearm.readings.delimited import FloatArray, NameArray, Sheet, read_columns, read_sheet, shown
+from truearm.readings.readings import NAMED, Readings
+from truearm.writing import whole_file
+
+AngleUnit = Literal["deg", "rad"]
+
+# Numbers in a Parquet file before they are unpacked: a small file can hold very many equal ones.
+MAX_CELLS = 2**27
+
+# Rows that are turned into text together: few enough to stay small, many enough to be fast.
+_CHUNK = 20_000
+
+
+def read_session(path: str | Path, *, n_joints: int | None = None) -> Readings:
+    """Read a session file (docs/session-file.md).
+
+    Parameters
+    ----------
+    path : path
+        CSV (comma, decimal point, UTF-8), or Parquet with the same columns (needs ``truearm[parquet]``).
+    n_joints : int, optional
+        The arm's number of joints; any number by default.
+
+    Returns
+    -------
+    Readings
+        Angles in rad (sliding joints in mm), points in mm.
+
+    Raises
+    ------
+    InputError
+        If anything is not as the format demands: the file, the line and the column, and what to try.
+    """
+    path = Path(path)
+    if _begins_as_parquet(path) or path.suffix in (".parquet", ".pq"):
+        return _read_parquet(path, n_joints)
+    sheet = read_sheet(path)
+    _check_separator(sheet)
+    columns = recognise(sheet.names, file=path, line=1, n_joints=n_joints)
+    numbers, words = read_columns(
+        sheet, [sheet.names.index(c) for c in columns.numbers], [sheet.names.index(c) for c in columns.words]
+    )
+    return _readings(columns, numbers, words, file=path, first_line=sheet.first_line)
+
+
+def write_session(
+    readings: Readings,
+    path: str | Path,
+    *,
+    prismatic: npt.ArrayLike | None = None,
+    angle_unit: AngleUnit | None = None,
+) -> None:
+    """Write a session file; an interrupted or failed run leaves none, or the one that was there.
+
+    Numbers are written with as many digits as they need to come back the same; angles in degrees come back to one
+    part in 1e12.
+
+    Parameters
+    ----------
+    readings : Readings
+        Any readings.
+    path : path
+        Ends in ``.csv`` or ``.parquet``.
+    prismatic : (n_joints,) bool array, optional
+        Which joints slide [mm]; by default those that were in mm in the session file that the readings came from.
+    angle_unit : {"deg", "rad"}, optional
+        By default the unit of the session file that the readings came from, else degrees.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, or a name holds a line break.
+    """
+    path = Path(path)
+    if path.suffix not in (".csv", ".parquet"):
+        raise InputError(f"expected a file name that ends in .csv or .parquet, got {path.name!r}", file=path)
+    for name in NAMED:
+        words = getattr(readings, name)
+        if words is not None and (broken := _first_broken(words)) is not None:
+            raise InputError(f"a {name} must be one line of text, got {shown(str(broken))}", file=path, column=name)
+    columns = _table(readings, _units(readings, prismatic, angle_unit))
+    with whole_file(path) as beside:
+        if path.suffix == ".parquet":
+            arrow, parquet = _pyarrow(path)
+            parquet.write_table(
+                arrow.table({n: v.tolist() if v.dtype.kind == "U" else v for n, v in columns.items()}), beside
+            )
+        else:
+            _write_csv(columns, beside)
+
+
+def _readings(
+    columns: Columns, numbers: FloatArray, words: Sequence[NameArray], *, file: Path, first_line: int | None
+) -> Readings:
+    """Make the record, in the units of the house."""
+    ends = np.cumsum([len(columns.angles), len(columns.points), len(columns.point_std)])
+    scaled = numbers * [FACTOR.get(unit_of(name), 1.0) for name in columns.numbers]
+    angles, points, std, temperature = np.split(scaled, ends, axis=1)
+    return Readings(
+        angles,
+        points if columns.points else None,
+        point_std=std if columns.point_std else None,
+        temperature_degC=temperature[:, 0] if columns.temperature else None,
+        file=file,
+        angle_columns=columns.angles,
+        first_line=first_line,
+        **dict(zip(columns.words, words, strict=True)),
+    )
+
+
+def _check_separator(sheet: Sheet) -> None:
+    """Refuse a foreign table: its header is one piece that holds another separator."""
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(sheet.names) == 1 and separator in sheet.names[0]:
+            typed = "';'" if separator == ";" else "$'\\t'"
+            raise InputError(
+                f"expected columns separated by commas, got {name}",
+                file=sheet.file,
+                line=1,
+                hint=f"truearm import {sheet.file.name} --separator {typed} --decimal ',' --angles ... --out SESSION",
+            )
+
+
+def _units(readings: Readings, prismatic: npt.ArrayLike | None, angle_unit: AngleUnit | None) -> list[str]:
+    """Choose the unit in which each joint is written."""
+    if angle_unit not in (None, "deg", "rad"):
+        raise InputError(f"expected the angle unit deg or rad, got {shown(angle_unit)}")
+    known = [ANGLE.fullmatch(name) for name in readings.angle_columns or ()]
+    units = [match[2] if match else "deg" for match in known] or ["deg"] * readings.n_joints
+    if angle_unit is not None:
+        units = ["mm" if unit == "mm" else angle_unit for unit in units]
+    if prismatic is not None:
+        slides = np.asarray(prismatic, dtype=bool)
+        if slides.shape != (readings.n_joints,):
+            raise InputError(f"expected {readings.n_joints} joint types, got shape {slides.shape}")
+        turning = [angle_unit or "deg" if unit == "mm" else unit for unit in units]
+        units = ["mm" if slide else unit for slide, unit in zip(slides, turning, strict=True)]
+    return units
+
+
+def _table(readings: Readings, units: Sequence[str]) -> dict[str, FloatArray | NameArray]:
+    """Lay out the columns as they are written, in the order of the format."""
+    table: dict[str, FloatArray | NameArray] = {}
+    for i, unit in enumerate(units):
+        table[f"q{i + 1}_{unit}"] = readings.angles[:, i] / FACTOR[unit]
+    for prefix, values in (("", readings.points), ("s", readings.point_std)):
+        if values is not None:
+            table |= {f"{prefix}{axis}_mm": values[:, k] for k, axis in enumerate("xyz")}
+    for name in NAMED:
+        if (words := getattr(readings, name)) is not None:
+            table[name] = words
+    if readings.temperature_degC is not None:
+        table[TEMPERATURE] = readings.temperature_degC
+    return table
+
+
+def _write_csv(table: dict[str, FloatArray | NameArray], path: Path) -> None:
+    with path.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(table)
+        values = list(table.values())
+        for start in range(0, len(values[0]), _CHUNK):
+            # Python's floats write themselves with the fewest digits that come back the same.
+            writer.writerows(zip(*(v[start : start + _CHUNK].tolist() for v in values), strict=True))
+
+
+def _first_broken(words: NameArray) -> str | None:
+    return next((w for w in np.unique(words).tolist() if any(sign in w for sign in "\n\r\0")), None)
+
+
+def _begins_as_parquet(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(4) == b"PAR1"
+    except OSError:
+        return False  # read_sheet says what is wrong
+
+
+def _pyarrow(path: Path) -> tuple[Any, Any]:
+    try:
+        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    except ImportError:
+        raise InputError(
+            "Parquet needs the package pyarrow, which is not installed",
+            file=path,
+            hint="pip install 'truearm[parquet]', or use a .csv file",
+        ) from None
+
+
+def _read_parquet(path: Path, n_joints: int | None) -> Readings:
+    if not path.is_file():
+        raise InputError("the file does not exist" if not path.exists() else "expected a file, got a folder", file=path)
+    arrow, parquet = _pyarrow(path)
+    try:
+        with parquet.ParquetFile(path) as file:
+            names = file.schema_arrow.names
+            columns = recognise(names, file=path, line=None, n_joints=n_joints)
+            if file.metadata.num_rows * len(names) > MAX_CELLS:
+                raise InputError(f"expected at most {MAX_CELLS} cells, got {file.metadata.num_rows} rows", file=path)
+            table = file.read([*columns.numbers, *columns.words])
+    except (arrow.ArrowException, OSError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"expected a Parquet file, got one that cannot be read ({reason})", file=path) from None
+    if not table.num_rows:
+        raise InputError("expected at least one reading, got none", file=path)
+    numbers = np.stack([_parquet_numbers(arrow, table[c], c, path) for c in columns.numbers], axis=1)
+    words = [_parquet_words(arrow, table[c], c, path) for c in columns.words]
+    return _readings(columns, numbers, words, file=path, first_line=None)
+
+
+def _parquet_numbers(arrow: Any, column: Any, name: str, path: Path) -> FloatArray:
+    if not (arrow.types.is_floating(column.type) or arrow.types.is_integer(column.type)):
+        raise InputError(f"expected numbers, got a column of type {column.type}", file=path, column=name)
+    values: FloatArray = column.to_numpy().astype(float)
+    if not np.isfinite(values).all():
+        row = int(np.argmin(np.isfinite(values)))
+        got = "an empty cell" if column[row].as_py() is None else repr(float(values[row]))
+        raise InputError(f"expected a finite number, got {got} in reading {row + 1}", file=path, column=name)
+    return values
+
+
+def _parquet_words(arrow: Any, column: Any, name: str, path: Path) -> NameArray:
+    if not (arrow.types.is_string(column.type) or arrow.types.is_large_string(column.type)):
+        raise InputError(f"expected names (text), got a column of type {column.type}", file=path, column=name)
+    if column.null_count:
+        row = column.to_pylist().index(None)
+        raise InputError(f"expected a name, got an empty cell in reading {row + 1}", file=path, column=name, hint="''")
+    return np.array(column.to_pylist(), dtype=np.str_)

@@ -1,0 +1,74 @@
+"""Fair splits: readings that are neighbours stay together."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+from truearm.readings.readings import NAMED, Readings
+
+By = Literal["position", "seat", "session", "row"]
+
+
+def hold_out(readings: Readings, *, by: By = "position", fraction: float, seed: int) -> tuple[Readings, Readings]:
+    """Split readings into training and test, whole groups at a time.
+
+    Readings of one goal position differ only in orientation: split by row, a model that merely remembers positions
+    looks good. Split by position, it is asked about places it has not seen.
+
+    Parameters
+    ----------
+    readings : Readings
+        In the order that both parts keep.
+    by : {"position", "seat", "session", "row"}
+        What names the groups; ``row``: every reading is its own group.
+    fraction : float
+        Share of the groups to hold out, between 0 and 1; at least one group goes to either part.
+    seed : int
+        The same seed gives the same split.
+
+    Returns
+    -------
+    train, test : Readings
+
+    Raises
+    ------
+    InputError
+        If the readings do not name their groups, a name is empty, or there are fewer than two groups.
+    """
+    if not 0 < fraction < 1:
+        raise InputError(f"the share to hold out must lie between 0 and 1, got {fraction}", hint="0.3")
+    groups = _groups(readings, by)
+    n_groups = int(groups.max()) + 1
+    if n_groups < 2:
+        raise readings.error(f"a split needs readings of at least two {_plural(by)}, got one")
+    n_test = min(max(round(fraction * n_groups), 1), n_groups - 1)
+    chosen = np.random.default_rng(seed).permutation(n_groups)[:n_test]
+    held = np.isin(groups, chosen)
+    return readings.rows(~held), readings.rows(held)
+
+
+def _groups(readings: Readings, by: By) -> npt.NDArray[np.intp]:
+    """Give each reading the number of its group."""
+    if by not in get_args(By):
+        raise InputError(f"expected a split by {', '.join(get_args(By))}, got {by!r}")
+    if by == "row":
+        return np.arange(len(readings))
+    names = getattr(readings, by)
+    if names is None:
+        present = [name for name in NAMED if getattr(readings, name) is not None]
+        raise readings.error(
+            f"the readings have no column {by!r} to split by",
+            hint=f"by {' or '.join([*present, 'row'])}, or name a {by} for every reading",
+        )
+    if (names == "").any():
+        row = int(np.argmax(names == ""))
+        raise readings.error(f"{readings.called(row)} names no {by}, so it belongs to no group", row, column=by)
+    return np.unique(names, return_inverse=True)[1]
+
+
+def _plural(by: By) -> str:
+    return f"{by}s"

@@ -1,0 +1,261 @@
+"""Foreign tables: other column names, separators, decimal signs, units, encoder counts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeVar, get_args
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.readings.delimited import FloatArray, NameArray, Sheet, read_columns, read_sheet, shown
+from truearm.readings.readings import Readings
+
+JointUnit = Literal["deg", "rad", "counts", "mm"]
+PointUnit = Literal["mm", "m", "um", "in"]
+_T = TypeVar("_T")
+
+_TO_MM: dict[str, float] = {"mm": 1.0, "m": 1000.0, "um": 0.001, "in": 25.4}
+
+# Goal coordinates that differ by less than this many decimals name one position.
+_POSITION_DECIMALS = 6
+
+
+@dataclass(frozen=True)
+class TableColumns:
+    """Where a table holds what: each column by its header's name, or by its number counted from 1.
+
+    Parameters
+    ----------
+    angles : sequence of str
+        One column a joint, base to tip.
+    points, point_std : sequence of three str, optional
+        Reference point and its standard uncertainties, x, y, z.
+    seat, session, temperature : str, optional
+        Temperature in degC.
+    position : sequence of str
+        One column, or several that together name the position a reading aimed at, as its goal x, y and z.
+    """
+
+    angles: Sequence[str]
+    points: Sequence[str] = ()
+    point_std: Sequence[str] = ()
+    seat: str | None = None
+    session: str | None = None
+    temperature: str | None = None
+    position: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        if not self.angles:
+            raise InputError("expected at least one column of angles, got none", hint="--angles 'J1,J2,J3'")
+        for name in ("points", "point_std"):
+            if len(getattr(self, name)) not in (0, 3):
+                raise InputError(f"expected three columns (x, y, z) for {name}, got {len(getattr(self, name))}")
+        if self.point_std and not self.points:
+            raise InputError("point_std needs points: there is no reference to be uncertain")
+
+
+@dataclass(frozen=True)
+class JointScale:
+    """What turns a table's joint values into angles: ``sign (value - zero) factor``, in the units of the house.
+
+    Parameters
+    ----------
+    unit : str or sequence of str
+        ``deg``, ``rad``, ``counts`` of an encoder, or ``mm`` for a sliding joint; one for all joints or one each.
+    counts_per_turn : float or sequence, optional
+        For ``counts``: how many make a full turn; one for all joints or one each.
+    sign : sequence of {1, -1}, optional
+        One a joint; all 1 by default.
+    zero : sequence of float, optional
+        The table's value where the angle is zero, in the table's unit, one a joint; all 0 by default.
+    """
+
+    unit: JointUnit | Sequence[JointUnit]
+    counts_per_turn: float | Sequence[float] | None = None
+    sign: Sequence[float] | None = None
+    zero: Sequence[float] | None = None
+
+    def units(self, n_joints: int) -> list[str]:
+        """List the unit of each joint."""
+        units = [self.unit] if isinstance(self.unit, str) else list(self.unit)
+        if bad := [u for u in units if u not in get_args(JointUnit)]:
+            raise InputError(f"unknown unit of angles {shown(bad[0])}", hint=f"one of {', '.join(get_args(JointUnit))}")
+        return [str(u) for u in _for_each(units, n_joints, "angle unit")]
+
+    def to_angles(self, values: FloatArray) -> FloatArray:
+        """Scale (n, n_joints) values of a table to angles [rad], or displacements of sliding joints [mm]."""
+        n = values.shape[1]
+        factor = np.array([{"deg": np.pi / 180, "rad": 1.0, "mm": 1.0}.get(u, 2 * np.pi) for u in self.units(n)])
+        counted = np.array([unit == "counts" for unit in self.units(n)])
+        if counted.any():
+            factor = factor / np.where(counted, self._per_turn(n), 1.0)
+        sign = np.ones(n) if self.sign is None else np.array(_each(self.sign, n, "sign"), dtype=float)
+        if not np.isin(sign, (1, -1)).all():
+            raise InputError(f"signs must be + or - for each joint, got {shown(self.sign)}")
+        zero = np.zeros(n) if self.zero is None else np.array(_each(self.zero, n, "zero"), dtype=float)
+        if not np.isfinite(zero).all():
+            raise InputError(f"zeros must be finite numbers, got {shown(self.zero)}")
+        return np.asarray(sign * (values - zero) * factor)
+
+    def _per_turn(self, n: int) -> FloatArray:
+        if self.counts_per_turn is None:
+            raise InputError("encoder counts need the counts of a full turn", hint="--counts-per-turn 65536")
+        given = np.atleast_1d(np.asarray(self.counts_per_turn, dtype=float)).tolist()
+        counts = np.array(_for_each(given, n, "counts per turn"))
+        if not (np.isfinite(counts) & (counts > 0)).all():
+            raise InputError(f"counts per turn must be positive, got {shown(self.counts_per_turn)}")
+        return counts
+
+
+def import_table(
+    path: str | Path,
+    columns: TableColumns,
+    scale: JointScale,
+    *,
+    point_unit: PointUnit = "mm",
+    separator: str = ",",
+    decimal: str = ".",
+    header: bool = True,
+    skip_lines: int = 0,
+    encoding: str = "utf-8",
+    session_name: str | None = None,
+) -> Readings:
+    """Read a table that is no session file.
+
+    Parameters
+    ----------
+    path : path
+        Delimited text.
+    columns : TableColumns
+        Where it holds what.
+    scale : JointScale
+        What its joint values mean.
+    point_unit : {"mm", "m", "um", "in"}
+        Unit of the points and their uncertainties.
+    separator, decimal : str
+        One character each.
+    header : bool
+        Whether the first line names the columns; without, columns go by number.
+    skip_lines : int
+        Lines above the header, or above the first row, that do not belong to the table.
+    encoding : str
+        Any text encoding that Python knows.
+    session_name : str, optional
+        Name of the session of all readings, where no column holds it.
+
+    Returns
+    -------
+    Readings
+        Angles in rad (sliding joints in mm), points in mm.
+
+    Raises
+    ------
+    InputError
+        If the table does not hold what `columns` and `scale` say: file, line and column, and what to try.
+    """
+    if point_unit not in _TO_MM:
+        raise InputError(f"unknown unit of points {shown(point_unit)}", hint=f"one of {', '.join(_TO_MM)}")
+    if columns.session and session_name is not None:
+        raise InputError("the session is given twice, by a column and by a name")
+    scale.to_angles(np.zeros((1, len(columns.angles))))  # wrong numbers of signs or zeros before the file is read
+    sheet = read_sheet(
+        path, separator=separator, decimal=decimal, encoding=encoding, header=header, skip_lines=skip_lines
+    )
+    temperature = () if columns.temperature is None else (columns.temperature,)
+    groups = [[_index(sheet, c) for c in g] for g in (columns.angles, columns.points, columns.point_std, temperature)]
+    _check_once(sheet, [i for group in groups for i in group])
+    numbers, _ = read_columns(sheet, [i for group in groups for i in group])
+    values, points, std, degC = np.split(numbers, np.cumsum([len(g) for g in groups])[:-1], axis=1)
+    sessions = _words(sheet, columns.session)
+    if session_name is not None:
+        sessions = np.full(len(numbers), session_name)
+    return Readings(
+        scale.to_angles(values),
+        points * _TO_MM[point_unit] if columns.points else None,
+        point_std=std * _TO_MM[point_unit] if columns.point_std else None,
+        seat=_words(sheet, columns.seat),
+        position=_positions(sheet, columns.position),
+        session=sessions,
+        temperature_degC=degC[:, 0] if temperature else None,
+        file=sheet.file,
+        angle_columns=tuple(sheet.names[i] for i in groups[0]),
+        first_line=sheet.first_line,
+    )
+
+
+def _index(sheet: Sheet, column: str) -> int:
+    """Find a column by its header's name, or by its number counted from 1."""
+    name = column.strip()
+    line = sheet.first_line - 1 or None
+    found = [i for i, n in enumerate(sheet.names) if n == name]
+    if len(found) > 1:
+        numbers = " and ".join(str(i + 1) for i in found)
+        raise InputError(f"{shown(name)} names columns {numbers}", file=sheet.file, line=line, hint="give its number")
+    if found:
+        return found[0]
+    if name.isdecimal() and 1 <= int(name) <= len(sheet.names):
+        return int(name) - 1
+    raise InputError(
+        f"there is no column {shown(name)}; the columns are {_listed(sheet.names)}",
+        file=sheet.file,
+        line=line,
+        hint=_other_separator(sheet),
+    )
+
+
+def _listed(names: Sequence[str], most: int = 30) -> str:
+    if names[0] == "1":
+        return f"1 .. {len(names)}"
+    listed = ", ".join(name or "''" for name in names[:most])
+    shortened = listed if len(listed) <= 600 else f"{listed[:600]}.."
+    return shortened + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _other_separator(sheet: Sheet) -> str | None:
+    if len(sheet.names) > 1:
+        return "give a column by its number if its name is hard to type"
+    text = sheet.names[0] if sheet.names[0] != "1" else sheet.rows.split(b"\n", 1)[0].decode()
+    best = max(";,\t ", key=text.count)
+    return f"--separator {'TAB' if best == chr(9) else repr(best)}" if best in text else None
+
+
+def _check_once(sheet: Sheet, indices: Sequence[int]) -> None:
+    for i in indices:
+        if indices.count(i) > 1:
+            raise InputError("the column is used for two things", file=sheet.file, column=sheet.names[i])
+
+
+def _words(sheet: Sheet, column: str | None) -> NameArray | None:
+    return None if column is None else read_columns(sheet, [], [_index(sheet, column)])[1][0]
+
+
+def _positions(sheet: Sheet, columns: Sequence[str]) -> NameArray | None:
+    """Join columns to one name; numbers are rounded first, so that 0.8 and 0.80000001 name one position."""
+    if not columns:
+        return None
+    indices = [_index(sheet, c) for c in columns]
+    parts = [_name_of_numbers(sheet, i) for i in indices]
+    return np.array([" ".join(row) for row in zip(*parts, strict=True)], dtype=np.str_)
+
+
+def _name_of_numbers(sheet: Sheet, index: int) -> list[str]:
+    try:
+        numbers = read_columns(sheet, [index])[0][:, 0]
+    except InputError:
+        words: list[str] = read_columns(sheet, [], [index])[1][0].tolist()
+        return words
+    return [f"{v:.15g}" for v in (np.round(numbers, _POSITION_DECIMALS) + 0.0).tolist()]  # + 0.0: no "-0"
+
+
+def _for_each(given: Sequence[_T], n: int, what: str) -> list[_T]:
+    """Repeat one value for all joints, or take one each."""
+    return list(given) * n if len(given) == 1 else _each(given, n, what)
+
+
+def _each(given: Sequence[_T], n: int, what: str) -> list[_T]:
+    if len(given) != n:
+        raise InputError(f"expected one {what} for each of the {n} joints, got {len(given)}")
+    return list(given)
