@@ -1,0 +1,237 @@
+"""Magnitudes of the errors of a virtual arm, each with its unit and where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from truearm.errors import InputError
+
+# Where a magnitude comes from, in the words printed beside it.
+GAO_2018 = "identified minus nominal parameters of a 6-axis arm: Gao et al. 2018, Math. Probl. Eng. 1760190, table 2"
+GRATING = "encoder makers: 412.5 e/D arcsec; raw arms 20 to 80 arcsec, compensated 1 to 4"
+HARMONICS = "order of magnitude: raw 2 to 10 and 0.5 to 2 arcsec (orders 2 and 4), compensated 0.5 to 2"
+BEARING = "order of magnitude for preloaded pairs: run-out 1 to 5 um, tilt 2 to 20 arcsec"
+STIFFNESS = "estimated: a bearing pair of 1e5 N m/rad"
+TUBE = "computed: carbon fibre tube 60 x 3 mm, E 70 GPa, G about 50 GPa"
+EXPANSION = "order of magnitude: carbon fibre -0.5e-6 to 2e-6 /K, aluminium 23e-6 /K"
+LAG = "order of magnitude: 5 to 20 min a link"
+ENCODER = "computed: step 1 296 000 arcsec / counts; noise of good heads 0.1 to 0.5 arcsec, of a joint about 1"
+FORCE = "order of magnitude: 1 to 10 N by hand; steel stylus 4 x 50 mm 15.8 um/N, tungsten carbide 5.3 um/N (computed)"
+REFERENCE = "order of magnitude: laser tracker or calibrated gauge in a laboratory"
+SEAT = "order of magnitude: three-ball seat 2 to 8 um"
+CAGE = "geometry of ball bearings: the cage turns at about 0.4 of the shaft"
+CHOICE = "chosen: kept small beside the noise, since no linear term describes it"
+PAPER = "Gao et al. 2017, Complexity 5156264, section 4: 0.4492 mm mean, 0.8978 mm maximum over 200 poses"
+
+
+def _magnitude(unit: str, source: str, *, default: float = 0.0) -> Any:
+    return field(default=default, metadata={"unit": unit, "source": source})
+
+
+@dataclass(frozen=True)
+class Preset:
+    """How large the errors of a virtual arm are. Everything is zero unless stated: a perfect arm.
+
+    Magnitudes of *systematic* errors are standard deviations of one draw per arm; those of noise are standard
+    deviations of one draw per reading. `magnitudes` lists every one with its unit and source.
+    """
+
+    name: str = "custom"
+    about: str = ""
+
+    # Geometry: constants of all places.
+    length_std_mm: float = _magnitude("mm", GAO_2018)
+    angle_std_deg: float = _magnitude("deg", GAO_2018)
+
+    # Encoders: systematic, own axis.
+    eccentricity_std_um: float = _magnitude("um, each direction", GRATING)
+    grating_diameter_mm: float = _magnitude("mm", GRATING, default=60.0)
+    encoder_order2_std_arcsec: float = _magnitude("arcsec, cos and sin each", HARMONICS)
+    encoder_order4_std_arcsec: float = _magnitude("arcsec, cos and sin each", HARMONICS)
+
+    # Bearings: systematic, five other axes; the second order is half of the first unless stated.
+    bearing_runout_std_um: float = _magnitude("um, cos and sin each, order 1", BEARING)
+    bearing_tilt_std_arcsec: float = _magnitude("arcsec, cos and sin each, order 1", BEARING)
+    bearing_order2_ratio: float = _magnitude("order 2 over order 1", BEARING, default=0.5)
+
+    # Gravity: systematic.
+    link_kg_per_m: float = _magnitude(
+        "kg/m", "estimated: 20 N beyond the elbow of an arm with 1.3 m reach", default=3.0
+    )
+    joint_tilt_arcsec_per_Nm: float = _magnitude("arcsec/(N m), normal to the axis", STIFFNESS)
+    joint_drive_arcsec_per_Nm: float = _magnitude(
+        "arcsec/(N m), about the axis", "zero: a joint turned by hand bears no torque about its axis"
+    )
+    link_bending_stiffness_Nm2: float = _magnitude("N m^2 (E I); inf is stiff", TUBE, default=np.inf)
+    link_torsion_stiffness_Nm2: float = _magnitude("N m^2 (G J); inf is stiff", TUBE, default=np.inf)
+    stiffness_spread: float = _magnitude("relative, from joint to joint", "chosen")
+
+    # Temperature: systematic coefficients, and the air of a session.
+    expansion_per_K: float = _magnitude("1/K", EXPANSION)
+    expansion_spread_per_K: float = _magnitude("1/K, from link to link", EXPANSION)
+    temperature_degC: float = _magnitude("degC, mean of the air", "chosen", default=20.0)
+    temperature_swing_K: float = _magnitude("K, amplitude of the air", "chosen")
+    temperature_period_s: float = _magnitude("s, of the air", "chosen", default=7200.0)
+    reading_interval_s: float = _magnitude("s, between readings", "chosen", default=5.0)
+    lag_s: float = _magnitude("s, time constant of the links behind the air", LAG)
+
+    # Force of the operator, at the tip.
+    tip_compliance_um_per_N: float = _magnitude("um/N", FORCE)
+    force_mean_N: float = _magnitude("N", FORCE)
+    force_std_N: float = _magnitude("N, per reading", FORCE)
+    force_tilt_deg: float = _magnitude("deg, contact normal about the probe axis, per reading", "chosen")
+
+    # Effects that no linear term describes: systematic magnitudes.
+    hysteresis_std_arcsec: float = _magnitude("arcsec, half the gap between the two directions", CHOICE)
+    cage_tilt_std_arcsec: float = _magnitude("arcsec, cos and sin each", CHOICE)
+    cage_runout_std_um: float = _magnitude("um, cos and sin each", CHOICE)
+    cage_ratio: float = _magnitude("turns of the cage in a turn of the joint", CAGE, default=0.4)
+
+    # Noise: random, per reading.
+    encoder_counts: float = _magnitude("counts a turn; 0 reads continuously", ENCODER)
+    encoder_noise_arcsec: float = _magnitude("arcsec", ENCODER)
+    reference_std_mm: float = _magnitude("mm, each coordinate", REFERENCE)
+    seat_std_mm: float = _magnitude("mm, each coordinate, tip in its seat", SEAT)
+
+    # Constrained draw: keep only arms whose nominal model errs as a known arm's does.
+    nominal_mean_mm: float = _magnitude("mm, mean absolute coordinate error of the nominal model; 0 is free", PAPER)
+    nominal_max_mm: float = _magnitude("mm, its maximum over `constraint_poses` poses", PAPER)
+    nominal_max_tolerance_mm: float = _magnitude(
+        "mm, on the maximum of each of thirty such tests", "chosen", default=0.04
+    )
+    constraint_poses: int = field(default=200, metadata={"unit": "poses in one test", "source": PAPER})
+    constraint_half_width_deg: float = _magnitude(
+        "deg about the working pose", "the box in which the paper's network errs as the paper says", default=20.0
+    )
+
+    def __post_init__(self) -> None:
+        for magnitude in magnitudes(self):
+            value = magnitude.value
+            if not (isinstance(value, int | float) and value >= 0 and magnitude.may_be(value)):
+                raise InputError(
+                    f"preset {self.name!r}: {magnitude.name} must be a number >= 0 [{magnitude.unit}], got {value!r}"
+                )
+        if self.nominal_mean_mm > 0 and self.length_std_mm == self.angle_std_deg == 0:
+            raise InputError(
+                f"preset {self.name!r}: a constrained nominal error needs geometry to draw, but it has none"
+            )
+        if (self.nominal_mean_mm > 0) != (self.nominal_max_mm > self.nominal_mean_mm):
+            raise InputError(
+                f"preset {self.name!r}: nominal_mean_mm and the larger nominal_max_mm go together, "
+                f"got {self.nominal_mean_mm} and {self.nominal_max_mm} mm"
+            )
+
+
+@dataclass(frozen=True)
+class Magnitude:
+    """One magnitude of a preset: what the table in the documentation prints."""
+
+    name: str
+    value: float
+    unit: str
+    source: str
+
+    def may_be(self, value: float) -> bool:
+        """Whether a value is in the range of this magnitude."""
+        if self.name.endswith("stiffness_Nm2"):
+            return value > 0
+        if self.name in ("grating_diameter_mm", "temperature_period_s", "constraint_poses"):
+            return 0 < value < np.inf
+        return bool(value < np.inf)
+
+
+def magnitudes(preset: Preset) -> list[Magnitude]:
+    """Every magnitude of a preset with its unit and source, in reading order."""
+    return [_as_magnitude(preset, f) for f in fields(preset) if f.metadata]
+
+
+def _as_magnitude(preset: Preset, entry: Field[Any]) -> Magnitude:
+    assert entry.default is not MISSING
+    return Magnitude(entry.name, getattr(preset, entry.name), entry.metadata["unit"], entry.metadata["source"])
+
+
+PERFECT = Preset(name="perfect", about="no errors and no noise: the nominal arm itself")
+
+RESEARCH = Preset(
+    name="research",
+    about="a research arm before identification: the nominal model errs as the arm of Gao et al. 2017 did",
+    length_std_mm=0.3,
+    angle_std_deg=0.03,
+    eccentricity_std_um=2.0,
+    encoder_order2_std_arcsec=3.0,
+    encoder_order4_std_arcsec=0.7,
+    bearing_runout_std_um=1.5,
+    bearing_tilt_std_arcsec=2.0,
+    joint_tilt_arcsec_per_Nm=2.0,
+    link_bending_stiffness_Nm2=15.3e3,
+    link_torsion_stiffness_Nm2=10.8e3,
+    stiffness_spread=0.2,
+    expansion_per_K=2e-6,
+    expansion_spread_per_K=1e-6,
+    temperature_swing_K=1.5,
+    lag_s=600.0,
+    tip_compliance_um_per_N=5.3,
+    force_mean_N=2.0,
+    force_std_N=0.4,
+    force_tilt_deg=20.0,
+    hysteresis_std_arcsec=0.4,
+    cage_tilt_std_arcsec=0.15,
+    cage_runout_std_um=0.3,
+    encoder_counts=2**20,
+    encoder_noise_arcsec=1.0,
+    reference_std_mm=0.006,
+    seat_std_mm=0.003,
+    nominal_mean_mm=0.449,
+    nominal_max_mm=0.898,
+)
+
+SHOP = Preset(
+    name="shop",
+    about="a good 2.5 m measuring arm in a workshop: compensated by its maker, temperature varying",
+    length_std_mm=0.01,
+    angle_std_deg=1.0 / 3600,
+    eccentricity_std_um=0.1,
+    encoder_order2_std_arcsec=0.5,
+    encoder_order4_std_arcsec=0.3,
+    bearing_runout_std_um=1.0,
+    bearing_tilt_std_arcsec=0.5,
+    joint_tilt_arcsec_per_Nm=0.05,
+    link_bending_stiffness_Nm2=15.3e5,
+    link_torsion_stiffness_Nm2=10.8e5,
+    stiffness_spread=0.5,
+    expansion_per_K=1e-6,
+    expansion_spread_per_K=1e-6,
+    temperature_degC=22.0,
+    temperature_swing_K=3.0,
+    lag_s=600.0,
+    tip_compliance_um_per_N=5.3,
+    force_mean_N=2.0,
+    force_std_N=0.7,
+    force_tilt_deg=20.0,
+    hysteresis_std_arcsec=0.3,
+    cage_tilt_std_arcsec=0.3,
+    cage_runout_std_um=0.5,
+    encoder_counts=2**20,
+    encoder_noise_arcsec=0.5,
+    reference_std_mm=0.003,
+    seat_std_mm=0.003,
+)
+
+PRESETS: Mapping[str, Preset] = {preset.name: preset for preset in (PERFECT, RESEARCH, SHOP)}
+
+
+def load_preset(name: str) -> Preset:
+    """Give a preset by its name.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if name not in PRESETS:
+        raise InputError(f"expected a preset out of {', '.join(PRESETS)}, got {name!r}")
+    return PRESETS[name]
