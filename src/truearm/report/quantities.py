@@ -1,0 +1,121 @@
+"""Numbers as metrology writes them: no more digits than their uncertainty supports, and a unit beside each."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from truearm.errors import InputError
+
+THIN_SPACE = "\u202f"  # narrow, and never broken at the end of a line
+MINUS = "\u2212"
+TIMES = "\u00d7"
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_PLAIN_EXPONENTS = range(-5, 7)  # outside, a power of ten reads better than a row of zeros
+
+
+def format_quantity(value: float, *, unit: str = "", uncertainty: float | None = None, digits: int = 3) -> str:
+    """Give a number with its unit and, where known, its standard uncertainty.
+
+    Parameters
+    ----------
+    value : float or int
+        The value, in `unit`. An int is a count and is given in full.
+    unit : str
+        The unit of `value` and `uncertainty`; empty for a pure number.
+    uncertainty : float, optional
+        Standard uncertainty, in `unit`. It is given to two significant digits, and the value to the same decimal.
+    digits : int
+        Significant digits of a value without uncertainty.
+
+    Returns
+    -------
+    str
+        For example ``12.345 mm, u = 0.012 mm``.
+
+    Raises
+    ------
+    InputError
+        If `value` is not finite, or `uncertainty` is not finite or is negative.
+
+    Notes
+    -----
+    Digits after JCGM 100:2008 (GUM), 7.2.6: two digits of the uncertainty are enough, and the value is rounded
+    to be consistent with it. Thousands are parted by a thin space from five digits on, ISO 80000-1, 7.3.1.
+    """
+    after = f"{THIN_SPACE}{unit}" if unit else ""
+    text = f"{format_number(value, uncertainty=uncertainty, digits=digits)}{after}"
+    return f"{text}, u = {format_uncertainty(uncertainty)}{after}" if uncertainty else text
+
+
+def format_number(value: float, *, uncertainty: float | None = None, digits: int = 3) -> str:
+    """Give a number alone, to the decimal its standard uncertainty supports, else to `digits` significant digits.
+
+    Digits before the decimal point are rounded away only if the uncertainty asks for it.
+    """
+    value = _finite(value)
+    if isinstance(value, int):
+        return _grouped(str(abs(value)), negative=value < 0)
+    if uncertainty:
+        return _fixed(value, 1 - _exponent(_not_negative(uncertainty), 2))
+    if value == 0.0:
+        return "0"
+    exponent = _exponent(value, digits)
+    if exponent not in _PLAIN_EXPONENTS:
+        return _scientific(value, digits)
+    return _fixed(value, max(digits - 1 - exponent, 0))
+
+
+def format_uncertainty(uncertainty: float) -> str:
+    """Give a standard uncertainty to two significant digits."""
+    uncertainty = _not_negative(uncertainty)
+    return _fixed(uncertainty, 1 - _exponent(uncertainty, 2)) if uncertainty else "0"
+
+
+def format_given(value: float) -> str:
+    """Give a number that somebody chose, such as a limit, as it was chosen: 0.05 stays 0.05."""
+    value = _finite(value)
+    size = abs(value)
+    text = str(size) if isinstance(size, int) else np.format_float_positional(size, trim="-")
+    return _grouped(text, negative=value < 0)
+
+
+def _exponent(value: float, digits: int) -> int:
+    """Power of ten of the leading digit after rounding: 0.0996 to two digits is 0.10, thus -1."""
+    return int(f"{value:.{digits - 1}e}".partition("e")[2])
+
+
+def _fixed(value: float, decimals: int) -> str:
+    rounded = round(value, decimals)
+    text = f"{abs(rounded):.{max(decimals, 0)}f}"
+    return _grouped(text, negative=rounded < 0)
+
+
+def _scientific(value: float, digits: int) -> str:
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    power = str(int(exponent)).translate(_RAISED)
+    return f"{mantissa.replace('-', MINUS)}{THIN_SPACE}{TIMES}{THIN_SPACE}10{power}"
+
+
+def _grouped(text: str, *, negative: bool) -> str:
+    whole, point, fraction = text.partition(".")
+    if len(whole) > 4:
+        whole = f"{int(whole):,}".replace(",", THIN_SPACE)
+    return f"{MINUS if negative else ''}{whole}{point}{fraction}"
+
+
+def _finite(value: object) -> int | float:
+    if not isinstance(value, bool | np.bool_):
+        if isinstance(value, int | np.integer):
+            return int(value)
+        if isinstance(value, float | np.floating) and math.isfinite(value):
+            return float(value)
+    raise InputError(f"expected a finite number, got {value!r}", hint="None where there is no value")
+
+
+def _not_negative(uncertainty: object) -> float:
+    u = float(_finite(uncertainty))
+    if u < 0:
+        raise InputError(f"expected a standard uncertainty of zero or more, got {u:g}")
+    return u
