@@ -1,0 +1,112 @@
+"""``truearm import``: a foreign table becomes a session file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from truearm.cli.console import say, say_table
+
+if TYPE_CHECKING:
+    from truearm.readings import JointScale, Readings
+
+_ONE_EACH = "one, or one a joint, separated by commas"
+
+
+def import_table(
+    table: Annotated[Path, typer.Argument(help="Delimited text: CSV, TSV, ..")],
+    out: Annotated[Path, typer.Option("--out", help="Session file to write, .csv or .parquet.")],
+    angles: Annotated[str, typer.Option("--angles", help="Columns of the joints, base to tip: names or numbers.")],
+    angle_unit: Annotated[str, typer.Option("--angle-unit", help=f"deg, rad, counts, or mm (sliding): {_ONE_EACH}.")],
+    counts_per_turn: Annotated[str, typer.Option("--counts-per-turn", help=f"Of the encoders: {_ONE_EACH}.")] = "",
+    sign: Annotated[str, typer.Option("--sign", help="Signs of the joints, as +,-,+")] = "",
+    zero: Annotated[str, typer.Option("--zero", help="Values where the angles are zero, in the table's unit.")] = "",
+    points: Annotated[str, typer.Option("--points", help="Columns x,y,z of the reference point.")] = "",
+    point_std: Annotated[str, typer.Option("--point-std", help="Columns of its standard uncertainties.")] = "",
+    point_unit: Annotated[str, typer.Option("--point-unit", help="mm, m, um or in.")] = "mm",
+    temperature: Annotated[str, typer.Option("--temperature", help="Column of the temperature [degC].")] = "",
+    seat: Annotated[str, typer.Option("--seat", help="Column that names the seat.")] = "",
+    position: Annotated[str, typer.Option("--position", help="Columns that name the position aimed at.")] = "",
+    session: Annotated[str, typer.Option("--session", help="Column that names the session.")] = "",
+    session_name: Annotated[str, typer.Option("--session-name", help="Name of the session of all readings.")] = "",
+    separator: Annotated[str, typer.Option("--separator", help="One character, or TAB.")] = ",",
+    decimal: Annotated[str, typer.Option("--decimal", help="Decimal sign, . or ,")] = ".",
+    no_header: Annotated[bool, typer.Option("--no-header", help="The first line is a reading.")] = False,
+    skip_lines: Annotated[int, typer.Option("--skip-lines", min=0, help="Lines above the header to skip.")] = 0,
+    encoding: Annotated[str, typer.Option("--encoding", help="utf-8, cp1252, utf-16, ..")] = "utf-8",
+) -> None:
+    """Turn a foreign table into a session file: its columns, units, signs, zeros and separators are settled here."""
+    from truearm import readings as room
+
+    scale = room.JointScale(
+        unit=cast(Any, _listed(angle_unit)),
+        counts_per_turn=_numbers(counts_per_turn, "--counts-per-turn"),
+        sign=_signs(sign),
+        zero=_numbers(zero, "--zero"),
+    )
+    columns = room.TableColumns(
+        _listed(angles), _listed(points), _listed(point_std), seat or None, session or None, temperature or None,
+        _listed(position),
+    )  # fmt: skip
+    readings = room.import_table(
+        table,
+        columns,
+        scale,
+        point_unit=cast(Any, point_unit),
+        separator="\t" if separator in ("TAB", "\\t") else separator,
+        decimal=decimal,
+        header=not no_header,
+        skip_lines=skip_lines,
+        encoding=encoding,
+        session_name=session_name or None,
+    )
+    units = scale.units(readings.n_joints)
+    unit = "rad" if "rad" in units else "deg"
+    room.write_session(readings, out, prismatic=[u == "mm" for u in units], angle_unit=cast(Any, unit))
+    say(f"{out}: {len(readings)} readings of {readings.n_joints} joints from {table.name}")
+    _say_ranges(readings, scale)
+
+
+def _say_ranges(readings: Readings, scale: JointScale) -> None:
+    """Print what came out, so that a wrong unit or sign is seen at once."""
+    rows = []
+    for i, unit in enumerate(scale.units(readings.n_joints)):
+        values = readings.angles[:, i] if unit == "mm" else readings.angles[:, i] * 57.29577951308232
+        name = readings.angle_columns[i] if readings.angle_columns else ""
+        rows.append([f"q{i + 1}", name, f"{values.min():.3f}", f"{values.max():.3f}", "mm" if unit == "mm" else "deg"])
+    if readings.points is not None:
+        for axis, values in zip("xyz", readings.points.T, strict=True):
+            rows.append([axis, "reference", f"{values.min():.3f}", f"{values.max():.3f}", "mm"])
+    if readings.temperature_degC is not None:
+        degC = readings.temperature_degC
+        rows.append(["temperature", "", f"{degC.min():.2f}", f"{degC.max():.2f}", "degC"])
+    say_table(["", "from", "least", "most", "unit"], rows)
+    for name in ("position", "seat", "session"):
+        if (words := getattr(readings, name)) is not None:
+            say(f"{name}s: {len(set(words.tolist()))}")
+
+
+def _listed(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(",")) if text.strip() else ()
+
+
+def _numbers(text: str, option: str) -> tuple[float, ...] | None:
+    from truearm.errors import InputError
+
+    try:
+        return tuple(float(part) for part in _listed(text)) or None
+    except ValueError:
+        raise InputError(
+            f"{option} expects numbers separated by commas, got {text!r}", hint=f"{option} 1.5,-2,0"
+        ) from None
+
+
+def _signs(text: str) -> tuple[float, ...] | None:
+    from truearm.errors import InputError
+
+    known = {"+": 1.0, "-": -1.0, "+1": 1.0, "-1": -1.0, "1": 1.0}
+    if bad := [part for part in _listed(text) if part not in known]:
+        raise InputError(f"--sign expects + or - for each joint, got {bad[0]!r}", hint="--sign +,-,+")
+    return tuple(known[part] for part in _listed(text)) or None
