@@ -209,7 +209,7 @@ class VirtualArm:
         )
 
     def noise_floor(self, measurement: Measurement) -> dict[str, float]:
-        """Give what no model can beat: the error of the true function at the measured angles against the reference points.
+        """Give what no model can beat: the true function at the measured angles against the reference points.
 
         The true function knows how each joint came and how warm each link was, and takes the mean force.
 

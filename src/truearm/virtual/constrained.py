@@ -1,7 +1,7 @@
 """Draw only arms that err as a known arm does.
 
 NIST's constrained Monte Carlo (Phillips and others) keeps, out of many virtual machines, those whose simulated test
-gives the results of the real one. Here the test is the founding paper's: the nominal model's errors over poses of a box.
+gives the results of the real one. The test here is the founding paper's: errors of the nominal model in a box of poses.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a reading depends on besides its angles: where joints came from, how warm links are, how hard the hand presses."""
+"""What a reading depends on besides its angles: where joints came from, how warm links are, how the hand presses."""
 
 from __future__ import annotations
 
