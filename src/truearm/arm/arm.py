@@ -66,7 +66,12 @@ class Arm:
             raise InputError(f"arm {self.name!r}: the lower limit of {joint} must be below the upper one")
         inside = (self.working >= lower) & (self.working <= upper)
         if not inside.all():
-            raise InputError(f"arm {self.name!r}: the working pose of {names[int(np.argmin(inside))]} is outside its limits")
+            raise InputError(
+                f"arm {self.name!r}: the working pose of {names[int(np.argmin(inside))]} is outside its limits"
+            )
+
+    def __repr__(self) -> str:
+        return f"Arm({self.name!r}, {self.n_joints} joints)"
 
     @property
     def n_joints(self) -> int:
@@ -76,7 +81,8 @@ class Arm:
     @property
     def limits(self) -> FloatArray:
         """(n_joints, 2) lower and upper limits [rad, or mm for sliding joints]."""
-        assert self.lower is not None and self.upper is not None  # set in __post_init__
+        assert self.lower is not None  # set in __post_init__
+        assert self.upper is not None
         return np.stack([self.lower, self.upper], axis=1)
 
     @property
@@ -89,8 +95,9 @@ class Arm:
         """(n, n_joints) True where an angle lies outside its joint's limits by more than `tolerance` [rad or mm]."""
         angles = np.asarray(angles, dtype=float)
         lower, upper = self.limits.T
-        return (angles < lower - tolerance) | (angles > upper + tolerance)
+        outside: npt.NDArray[np.bool_] = (angles < lower - tolerance) | (angles > upper + tolerance)
+        return outside
 
     def with_chain(self, chain: Chain) -> Arm:
-        """The same arm with other kinematics."""
+        """Give the same arm other kinematics."""
         return replace(self, chain=chain)

@@ -37,7 +37,15 @@ CHUNK = 4096
 
 
 class Pose(NamedTuple):
-    """Tip poses: `R_base_tip` (n, 3, 3), columns are the flange's axes in the base frame, and `tip_in_base` (n, 3) [mm]."""
+    """Tip poses.
+
+    Attributes
+    ----------
+    R_base_tip : (n, 3, 3) array
+        Orientations of the flange: its axes in the base frame are the columns.
+    tip_in_base : (n, 3) array
+        [mm].
+    """
 
     R_base_tip: FloatArray
     tip_in_base: FloatArray
@@ -86,7 +94,9 @@ class Chain:
         fixed = np.array(self.fixed, dtype=float)
         tip = np.array(self.tip_in_flange, dtype=float)
         if fixed.ndim != 3 or fixed.shape[1:] != (4, 4) or len(fixed) < 2:
-            raise InputError(f"a chain needs (n_joints + 1, 4, 4) fixed motions and at least one joint, got {fixed.shape}")
+            raise InputError(
+                f"a chain needs (n_joints + 1, 4, 4) fixed motions and at least one joint, got {fixed.shape}"
+            )
         if tip.shape != (3,):
             raise InputError(f"the tip must be three coordinates in mm, got shape {tip.shape}")
         prismatic = np.zeros(len(fixed) - 1, bool) if self.prismatic is None else np.array(self.prismatic, dtype=bool)
@@ -110,6 +120,12 @@ class Chain:
     def n_joints(self) -> int:
         """Number of joints."""
         return len(self.fixed) - 1
+
+    @property
+    def slides(self) -> npt.NDArray[np.bool_]:
+        """(n_joints,) True for the joints that slide along their z axis instead of turning about it."""
+        assert self.prismatic is not None  # set in __post_init__
+        return self.prismatic
 
     @property
     def n_places(self) -> int:
@@ -187,7 +203,12 @@ class Chain:
         return SmallMotions(tip.T, by_motion.transpose(3, 0, 1, 2))
 
     def small_motions_by_chunk(self, angles: npt.ArrayLike) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
-        """The same in cache-sized pieces laid out by component, for sums over many poses.
+        """Give the same in cache-sized pieces laid out by component, for sums over many poses.
+
+        Parameters
+        ----------
+        angles : (n, n_joints) array
+            Joint angles [rad], or displacements of sliding joints [mm].
 
         Yields
         ------
@@ -202,10 +223,12 @@ class Chain:
         work = np.empty((self.n_places, 6, 3, min(CHUNK, len(angles))))
         for rows in _chunks(len(angles)):
             q = _by_component(angles[rows])
-            yield rows, *self._small_motions_into(q, work if q.shape[1] == work.shape[3] else work[..., : q.shape[1]].copy())
+            if q.shape[1] < work.shape[3]:  # the last piece
+                work = np.empty((*work.shape[:3], q.shape[1]))
+            yield rows, *self._small_motions_into(q, work)
 
     def with_motions(self, motions: npt.ArrayLike) -> Chain:
-        """The chain with a constant finite motion composed at every place.
+        """Build the chain with a constant finite motion composed at every place.
 
         Parameters
         ----------
@@ -222,7 +245,7 @@ class Chain:
         return Chain(fixed, self.tip_in_flange + motions[-1, 3:], self.prismatic)
 
     def placed(self, T_reference_base: npt.ArrayLike) -> Chain:
-        """The chain seen from another frame: its tips come out in the reference frame.
+        """Build the chain as seen from another frame: its tips come out in the reference frame.
 
         Parameters
         ----------
@@ -234,11 +257,11 @@ class Chain:
         return Chain(fixed, self.tip_in_flange, self.prismatic)
 
     def with_tip(self, tip_in_flange: npt.ArrayLike) -> Chain:
-        """The chain with another tip [mm]."""
+        """Build the chain with another tip (3,) [mm]."""
         return Chain(self.fixed, np.asarray(tip_in_flange, dtype=float), self.prismatic)
 
     # One pass from the tip to the base carries the tip through every frame; one pass from the base to the flange
-    # carries the frames' axes. Everything above is one or both of them. Arrays are laid out by component: (..., m poses).
+    # carries the frames' axes. Everything above is one or both of them. Arrays are laid out by component, poses last.
 
     def _turns(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         return np.cos(q), np.sin(q)
@@ -267,9 +290,9 @@ class Chain:
         yield -1, v
 
     def _joint(self, i: int, q: FloatArray, cos: FloatArray, sin: FloatArray, v: FloatArray) -> FloatArray:
-        """The vectors `v` (3, m) of joint i's moving frame in its fixed frame."""
+        """Turn or shift the vectors `v` (3, m) from joint i's moving frame to its fixed one."""
         out = np.empty_like(v)
-        if self._slides(i):
+        if self.slides[i - 1]:
             out[:2] = v[:2]
             np.add(v[2], q[i - 1], out=out[2])
             return out
@@ -281,10 +304,6 @@ class Chain:
         out[2] = v[2]
         return out
 
-    def _slides(self, i: int) -> bool:
-        assert self.prismatic is not None  # set in __post_init__
-        return bool(self.prismatic[i - 1])
-
     def _inward(self, turns: tuple[FloatArray, FloatArray]) -> Iterator[tuple[int, FloatArray]]:
         """Yield (place, R_base_place (3 rows, 3 columns, m)) from the base to the last joint."""
         cos, sin = turns
@@ -294,7 +313,7 @@ class Chain:
         for i in range(1, self.n_joints + 1):
             if i > 1:
                 R = np.matmul(self.fixed[i - 1, :3, :3].T, R)
-            if not self._slides(i):
+            if not self.slides[i - 1]:
                 c, s = cos[i - 1], sin[i - 1]
                 turned = np.empty_like(R)
                 np.multiply(c, R[:, 0], out=turned[:, 0])
@@ -382,7 +401,8 @@ def _moved(v: FloatArray, motion: FloatArray) -> FloatArray:
     sinc = np.sinc(angle / np.pi)
     half = np.sinc(angle / (2 * np.pi))  # (1 - cos a) / a^2 = half^2 / 2 without cancellation
     rv = np.cross(r, v, axis=0)
-    return v + sinc * rv + (0.5 * half * half) * np.cross(r, rv, axis=0) + t
+    moved: FloatArray = v + sinc * rv + (0.5 * half * half) * np.cross(r, rv, axis=0) + t
+    return moved
 
 
 def _by_component(angles: FloatArray) -> FloatArray:
