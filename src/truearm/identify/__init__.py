@@ -1,0 +1,1 @@
+"""What an arm really is, identified from readings."""

@@ -1,0 +1,15 @@
+"""Models of an arm: scikit-learn regressors from joint angles [rad] to tip coordinates [mm]."""
+
+from truearm.models.compensator import Compensator
+from truearm.models.evaluation import compared_errors, errors_of
+from truearm.models.kinematic import KinematicModel
+from truearm.models.network import NetworkModel
+from truearm.models.nominal import NominalModel
+
+MODELS: dict[str, type[Compensator]] = {
+    "nominal": NominalModel,
+    "kinematic": KinematicModel,
+    "network": NetworkModel,
+}
+
+__all__ = ["MODELS", "Compensator", "KinematicModel", "NetworkModel", "NominalModel", "compared_errors", "errors_of"]

@@ -16,6 +16,7 @@ from truearm.solve import (
     Epochs,
     Goal,
     Gradient,
+    Result,
     Seconds,
     State,
     Stop,
@@ -143,12 +144,17 @@ def trainlm(
         stops=stops if watch is None else [*stops, watch],
         callback=keep_test_error,
     )
-    n = len(result.history)
     kept = result.x if watch is None or watch.best_x is None else watch.best_x
-    return kept, TrainingRecord(
+    return kept, training_record(result, training.n_errors, watch, np.array(tests))
+
+
+def training_record(result: Result, n_errors: int, watch: Validation | None, tperf: FloatArray) -> TrainingRecord:
+    """The record of a minimisation of `n_errors` residuals, with `watch` the validation data's rule if there was one."""
+    half, n = n_errors / 2, len(result.history)
+    return TrainingRecord(
         perf=np.array([state.cost for state in result.history]) / half,
         vperf=np.full(n, np.nan) if watch is None else np.array(watch.errors),
-        tperf=np.array(tests),
+        tperf=tperf,
         mu=np.array([state.mu for state in result.history]),
         gradient=np.array([state.gradient_norm for state in result.history]) / half,
         val_fail=np.zeros(n, dtype=np.intp) if watch is None else np.array(watch.failures, dtype=np.intp),

@@ -1,0 +1,33 @@
+"""The rigid motion between two sets of corresponding points."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def align(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
+    """The rigid motion ``T_a_b`` that brings points nearest, in least squares, to where they stand in frame a.
+
+    Source: K. S. Arun, T. S. Huang, S. D. Blostein, IEEE PAMI 9 (1987) 698; S. Umeyama, IEEE PAMI 13 (1991) 376 (the
+    sign that keeps the result a rotation). Where the points lie on a line the turn about it is arbitrary.
+
+    Parameters
+    ----------
+    points_in_b, points_in_a : (n, 3) array
+        The same points in both frames [mm].
+
+    Returns
+    -------
+    (4, 4) array
+        Translation in mm.
+    """
+    centre_b, centre_a = points_in_b.mean(axis=0), points_in_a.mean(axis=0)
+    U, _, Vt = np.linalg.svd((points_in_a - centre_a).T @ (points_in_b - centre_b))
+    U[:, -1] *= np.sign(np.linalg.det(U @ Vt))
+    T = np.eye(4)
+    T[:3, :3] = U @ Vt
+    T[:3, 3] = centre_a - T[:3, :3] @ centre_b
+    return T

@@ -1,0 +1,291 @@
+"""The model file: JSON and arrays in a zip, checked before a number of it is used. Never a pickle.
+
+A zip archive (stored, not compressed) with ``model.json`` and one ``NAME.npy`` (format 1.0, no objects) for each array that the
+JSON lists with its shape and SHA-256. Nothing else may be in it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+import zipfile
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from truearm import __version__
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.errors import InputError, TruearmError
+from truearm.identify.points import PointFit
+from truearm.models import MODELS
+from truearm.models.compensator import Compensator
+from truearm.nets.perceptron import Perceptron
+from truearm.nets.scaling import MinMax
+from truearm.writing import whole_file
+
+FloatArray = npt.NDArray[np.float64]
+
+FORMAT = 1
+# A 50-50 network and a 7-axis chain need well under a megabyte; what is larger was not written by this program.
+MAX_BYTES = 64 * 2**20
+MAX_ARRAYS = 100
+
+
+class _ArrayEntry(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    shape: list[int]
+    sha256: str = Field(pattern="^[0-9a-f]{64}$")
+
+
+class _ArmEntry(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    name: str
+    title: str
+    joint_names: list[str]
+    source: str
+
+
+class _Header(BaseModel):
+    """What stands in ``model.json``."""
+
+    model_config = ConfigDict(extra="forbid")
+    format: Literal[1]
+    truearm: str
+    model: Literal["nominal", "kinematic", "network"]
+    options: dict[str, Any]
+    arm: _ArmEntry
+    n_train: int = Field(ge=1)
+    data_fingerprint: str = Field(pattern="^[0-9a-f]{64}$")
+    fit_seconds: float = Field(ge=0)
+    facts: dict[str, float | bool]
+    arrays: dict[str, _ArrayEntry] = Field(max_length=MAX_ARRAYS)
+
+
+def save_model(model: Compensator, path: str | Path) -> None:
+    """Write a fitted model to one file, whole or not at all.
+
+    Parameters
+    ----------
+    model : Compensator
+        Fitted.
+    path : path
+        Any name; ``.truearm`` by custom.
+
+    Raises
+    ------
+    TruearmError
+        If the model is not fitted or not one of `truearm.models.MODELS`.
+    """
+    kind = next((name for name, cls in MODELS.items() if type(model) is cls), None)
+    if kind is None or not hasattr(model, "nominal_"):
+        raise TruearmError(f"expected a fitted model ({', '.join(MODELS)}), got {type(model).__name__}, fitted or not")
+    arrays, facts = _taken_apart(model)
+    header = _Header(
+        format=FORMAT,
+        truearm=__version__,
+        model=kind,  # type: ignore[arg-type]
+        options={name: value for name, value in model.get_params(deep=False).items() if name != "arm"},
+        arm=_ArmEntry(
+            name=model.arm.name, title=model.arm.title, joint_names=list(model.arm.joint_names), source=model.arm.source
+        ),
+        n_train=model.n_train_,
+        data_fingerprint=model.data_fingerprint_,
+        fit_seconds=model.fit_seconds_,
+        facts=facts,
+        arrays={
+            name: _ArrayEntry(shape=list(array.shape), sha256=hashlib.sha256(_bytes(array)).hexdigest())
+            for name, array in arrays.items()
+        },
+    )
+    with whole_file(path) as beside, zipfile.ZipFile(beside, "w") as archive:
+        _put(archive, "model.json", header.model_dump_json(indent=1).encode())
+        for name, array in arrays.items():
+            _put(archive, f"{name}.npy", _bytes(array))
+
+
+def load_model(path: str | Path) -> Compensator:
+    """Read a model file.
+
+    Returns
+    -------
+    Compensator
+        Fitted, predicting the same numbers to the last bit.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, too large, damaged, foreign, or of a newer format.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"expected a model file of at most {MAX_BYTES >> 20} MiB, got {path.stat().st_size >> 20} MiB")
+        with zipfile.ZipFile(path) as archive:
+            header = _header(archive)
+            arrays = {name: _array(archive, name, entry) for name, entry in header.arrays.items()}
+            foreign = set(archive.namelist()) - {"model.json", *(f"{name}.npy" for name in arrays)}
+            if foreign:
+                raise InputError(f"expected only what model.json lists, got also {sorted(foreign)[:3]}")
+        return _put_together(header, arrays)
+    except FileNotFoundError:
+        raise InputError("there is no such file", file=path, hint="truearm fit ... --out MODEL writes one") from None
+    except (zipfile.BadZipFile, EOFError, OSError, RuntimeError, NotImplementedError) as error:
+        raise InputError(f"expected a model file, got something else or a damaged one ({error})", file=path) from None
+    except InputError as error:
+        raise error.in_file(path) from None
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(f"the model file does not hold what its kind of model needs ({error})", file=path) from None
+
+
+def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, float | bool]]:
+    arm = model.arm
+    assert arm.chain.prismatic is not None  # set when made
+    arrays: dict[str, FloatArray] = {
+        "arm_limits": arm.limits,
+        "arm_working_pose": arm.working,
+        "arm_prismatic": arm.chain.prismatic.astype(float),
+        "angle_ranges": model.angle_ranges_,
+        **_chain_arrays("arm", arm.chain),
+    }
+    facts: dict[str, float | bool] = {}
+    for name in ("nominal_", "fit_"):
+        if hasattr(model, name):
+            fit: PointFit = getattr(model, name)
+            arrays |= _chain_arrays(name + "chain", fit.chain)
+            arrays |= {name + "motions": fit.motions, name + "covariance": fit.covariance, name + "weights": fit.weights}
+            facts |= {name + "noise_std_mm": fit.noise_std, name + "converged": fit.converged}
+    if hasattr(model, "network_"):
+        arrays |= {
+            "network_weights": model.weights_,
+            "network_residual_covariance": model.residual_covariance_,
+            "network_basis_covariance": model.basis_covariance_,
+        }
+        for name in ("angle_scale_", "point_scale_"):
+            scale: MinMax = getattr(model, name)
+            arrays[name + "range"] = np.stack([scale.lower, scale.upper])
+    return arrays, facts
+
+
+def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator:
+    prismatic = arrays["arm_prismatic"] > 0.5
+    arm = Arm(
+        header.arm.name,
+        _chain("arm", arrays, prismatic),
+        title=header.arm.title,
+        joint_names=tuple(header.arm.joint_names),
+        lower=arrays["arm_limits"][:, 0],
+        upper=arrays["arm_limits"][:, 1],
+        working_pose=arrays["arm_working_pose"],
+        source=header.arm.source,
+    )
+    options = {name: tuple(value) if isinstance(value, list) else value for name, value in header.options.items()}
+    model = MODELS[header.model](arm, **options)
+    model.n_features_in_ = arm.n_joints
+    model.n_train_, model.fit_seconds_ = header.n_train, header.fit_seconds
+    model.data_fingerprint_ = header.data_fingerprint
+    model.angle_ranges_ = _shaped(arrays["angle_ranges"], (arm.n_joints, 2), "angle_ranges")
+    for name in ("nominal_", "fit_") if header.model == "kinematic" else ("nominal_",):
+        size = arm.chain.n_places * 6
+        fit = PointFit(
+            chain=_chain(name + "chain", arrays, prismatic),
+            motions=_shaped(arrays[name + "motions"], (arm.chain.n_places, 6), name + "motions"),
+            covariance=_shaped(arrays[name + "covariance"], (size, size), name + "covariance"),
+            noise_std=float(header.facts[name + "noise_std_mm"]),
+            weights=arrays[name + "weights"],
+            converged=bool(header.facts[name + "converged"]),
+        )
+        setattr(model, name, fit)
+    if header.model == "network":
+        _put_network(model, arm, arrays)
+    return model
+
+
+def _put_network(model: Any, arm: Arm, arrays: dict[str, FloatArray]) -> None:
+    network = Perceptron.with_layers(arm.n_joints, model.hidden, 3, activation=model.activation)
+    units = network.sizes[-2] + 1
+    model.network_ = network
+    model.weights_ = _shaped(arrays["network_weights"], (network.n_weights,), "network_weights")
+    model.residual_covariance_ = _shaped(arrays["network_residual_covariance"], (3, 3), "network_residual_covariance")
+    model.basis_covariance_ = _shaped(arrays["network_basis_covariance"], (units, units), "network_basis_covariance")
+    for name, k in (("angle_scale_", arm.n_joints), ("point_scale_", 3)):
+        lower, upper = _shaped(arrays[name + "range"], (2, k), name + "range")
+        setattr(model, name, MinMax(lower, upper))
+
+
+def _chain_arrays(name: str, chain: Chain) -> dict[str, FloatArray]:
+    return {f"{name}_fixed": chain.fixed, f"{name}_tip": chain.tip_in_flange}
+
+
+def _chain(name: str, arrays: dict[str, FloatArray], prismatic: npt.NDArray[np.bool_]) -> Chain:
+    return Chain(arrays[f"{name}_fixed"], arrays[f"{name}_tip"], prismatic)
+
+
+def _shaped(array: FloatArray, shape: tuple[int, ...], name: str) -> FloatArray:
+    if array.shape != shape:
+        raise InputError(f"expected the array {name} of shape {shape}, got {array.shape}")
+    return array
+
+
+def _put(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
+    # A fixed date: the same model gives the same file.
+    archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), data)
+
+
+def _bytes(array: FloatArray) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array(stream, np.ascontiguousarray(array, dtype="<f8"), version=(1, 0), allow_pickle=False)
+    return stream.getvalue()
+
+
+def _read(archive: zipfile.ZipFile, name: str) -> bytes:
+    info = archive.getinfo(name)
+    if info.file_size > MAX_BYTES or info.compress_type != zipfile.ZIP_STORED:
+        raise InputError(f"{name} is compressed or larger than a model needs")
+    return archive.read(name)
+
+
+def _header(archive: zipfile.ZipFile) -> _Header:
+    if "model.json" not in archive.namelist():
+        raise InputError("expected a model file, got a zip archive without model.json")
+    if len(archive.namelist()) > MAX_ARRAYS + 1 or len(set(archive.namelist())) != len(archive.namelist()):
+        raise InputError("the archive holds more files than a model file may, or one twice")
+    try:
+        found = json.loads(_read(archive, "model.json"))
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError):
+        raise InputError("model.json is not JSON") from None
+    given = found.get("format") if isinstance(found, dict) else None
+    if isinstance(given, int) and given > FORMAT:
+        raise InputError(
+            f"expected a model file of format {FORMAT} or older, got format {given}", hint="update truearm to read it"
+        )
+    try:
+        return _Header.model_validate(found)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"model.json, {where or 'as a whole'}: {first['msg']}") from None
+
+
+def _array(archive: zipfile.ZipFile, name: str, entry: _ArrayEntry) -> FloatArray:
+    data = _read(archive, f"{name}.npy")
+    if hashlib.sha256(data).hexdigest() != entry.sha256:
+        raise InputError(f"the array {name} is not the one that was saved (its SHA-256 differs): the file is damaged")
+    stream = io.BytesIO(data)
+    # The header is checked before memory is taken: it might promise any size.
+    version = np.lib.format.read_magic(stream)
+    if version != (1, 0):
+        raise InputError(f"expected the array {name} in format 1.0, got {version}")
+    shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+    rest = data[stream.tell() :]
+    if dtype != np.dtype("<f8") or fortran or list(shape) != entry.shape or len(rest) != 8 * math.prod(shape):
+        raise InputError(f"expected the array {name} as doubles of shape {entry.shape}, got {dtype}, {shape}")
+    array = np.frombuffer(rest, dtype="<f8").reshape(shape).astype(float)
+    if name != "arm_limits" and not np.isfinite(array).all():
+        raise InputError(f"the array {name} holds numbers that are not finite")
+    return array

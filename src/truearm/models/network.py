@@ -1,0 +1,147 @@
+"""The network model of the founding paper: straight from joint angles to coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.models.compensator import Compensator
+from truearm.nets.lm import train_lm
+from truearm.nets.nguyen_widrow import nguyen_widrow
+from truearm.nets.normal_equations import FitProblem
+from truearm.nets.perceptron import Perceptron
+from truearm.nets.scaling import MinMax
+from truearm.nets.trainlm import dividerand, trainlm
+from truearm.readings.readings import Readings
+from truearm.solve import State
+
+FloatArray = npt.NDArray[np.float64]
+TRAINERS = ("lm", "trainlm")
+
+
+class NetworkModel(Compensator):
+    """A multilayer perceptron from joint angles to coordinates, as Gao et al. (2017) train it.
+
+    It knows nothing of kinematics: it needs thousands of readings and holds only within their joint ranges.
+
+    Parameters
+    ----------
+    arm : Arm
+        Serves the comparison with the nominal arm only.
+    hidden : tuple of int
+        Units of the hidden layers.
+    activation : str
+        ``"tansig"``, ``"logsig"`` or ``"purelin"``.
+    trainer : str
+        ``"lm"`` (variable projection and Nielsen's damping) or ``"trainlm"`` (as MATLAB's).
+    epochs : int
+        At most so many.
+    goal : float
+        Mean squared error of scaled outputs at which to stop.
+    validation : float
+        Share of the readings set aside; training stops when the error on them grows, and the best weights are kept.
+    max_fail : int
+        Epochs in a row without a better validation error that stop it.
+    seed : int
+        Of the start weights and the division.
+    free : tuple of str
+        Of the nominal arm to compare with, as in `NominalModel`.
+
+    Attributes
+    ----------
+    network_ : Perceptron
+    weights_ : (n_weights,) array
+    angle_scale_, point_scale_ : MinMax
+        Angles [rad] and points [mm] onto [-1, 1].
+    record_ : TrainingRecord
+    residual_covariance_ : (3, 3) array
+        Mean product of residuals, on validation data where there are any [mm^2].
+    basis_covariance_ : (units + 1, units + 1) array
+        Inverse Gram matrix of the last hidden layer on the training data.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        hidden: tuple[int, ...] = (30, 30),
+        activation: str = "tansig",
+        trainer: str = "lm",
+        epochs: int = 150,
+        goal: float = 0.0,
+        validation: float = 0.15,
+        max_fail: int = 10,
+        seed: int = 0,
+        free: tuple[str, ...] = ("base", "tip"),
+    ) -> None:
+        self.arm = arm
+        self.hidden = hidden
+        self.activation = activation
+        self.trainer = trainer
+        self.epochs = epochs
+        self.goal = goal
+        self.validation = validation
+        self.max_fail = max_fail
+        self.seed = seed
+        self.free = free
+
+    def _identify(self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None]) -> None:
+        if self.trainer not in TRAINERS:
+            raise InputError(f"expected a trainer among {list(TRAINERS)}, got {self.trainer!r}")
+        self.network_ = Perceptron.with_layers(readings.n_joints, self.hidden, 3, activation=self.activation)
+        self.angle_scale_ = MinMax.of(readings.angles.T, what="the angle of joint")
+        self.point_scale_ = MinMax.of(points.T, what="coordinate")
+        inputs, targets = self.angle_scale_.scaled(readings.angles.T), self.point_scale_.scaled(points.T)
+        train, validation, _ = dividerand(
+            len(points), train=1 - self.validation, validation=self.validation, test=0, seed=self.seed
+        )
+        training = FitProblem(self.network_, inputs[:, train], targets[:, train])
+        aside = FitProblem(self.network_, inputs[:, validation], targets[:, validation]) if len(validation) else None
+        scale = float(np.sqrt(np.mean(self.point_scale_.half_range**2)))
+
+        def tell(state: State) -> None:
+            rms = scale * np.sqrt(2 * state.cost / training.n_errors)
+            progress(state.epoch, f"epoch {state.epoch}, rms error {rms:.4g} mm, damping {state.mu:.1e}")
+
+        train_with = train_lm if self.trainer == "lm" else trainlm
+        self.weights_, self.record_ = train_with(
+            training,
+            nguyen_widrow(self.network_, seed=self.seed),
+            validation=aside,
+            epochs=self.epochs,
+            goal=self.goal,
+            max_fail=self.max_fail,
+            callback=tell,
+        )
+        self._measure_uncertainty(readings.angles, points, train, validation if len(validation) else train)
+
+    def _measure_uncertainty(
+        self, angles: FloatArray, points: FloatArray, train: npt.NDArray[np.intp], judge: npt.NDArray[np.intp]
+    ) -> None:
+        residuals = self._tips(angles[judge]) - points[judge]
+        self.residual_covariance_ = residuals.T @ residuals / len(residuals)
+        basis = self._basis(angles[train])
+        gram = basis.T @ basis
+        # A thousandth of a reading in every direction keeps the inverse finite where hidden units have become alike.
+        self.basis_covariance_ = np.linalg.inv(gram + 1e-3 * np.eye(len(gram)))
+
+    def _tips(self, angles: FloatArray) -> FloatArray:
+        inputs = self.angle_scale_.scaled(angles.T)
+        return np.asarray(self.point_scale_.restored(self.network_.outputs(self.weights_, inputs)).T)
+
+    def _basis(self, angles: FloatArray) -> FloatArray:
+        last_hidden = self.network_.forward(self.weights_, self.angle_scale_.scaled(angles.T))[-2]
+        return np.concatenate([last_hidden, np.ones((1, last_hidden.shape[1]))]).T
+
+    def _covariance(self, angles: FloatArray) -> FloatArray:
+        """Residual covariance, grown by the leverage of the last hidden layer (a Bayesian linear output layer).
+
+        Hidden units saturate, so that it does not grow without bound far outside: such rows are flagged instead.
+        """
+        basis = self._basis(angles)
+        leverage = np.einsum("ni,ij,nj->n", basis, self.basis_covariance_, basis)
+        return (1 + leverage)[:, None, None] * self.residual_covariance_

@@ -1,0 +1,159 @@
+"""Model files: the same numbers back, and nothing from a file that is not sound."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+
+import numpy as np
+import pytest
+
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.errors import InputError, TruearmError
+from truearm.models import MODELS, KinematicModel
+from truearm.models.file import load_model, save_model
+
+
+@pytest.fixture
+def arm():
+    fixed = np.tile(np.eye(4), (4, 1, 1))
+    fixed[1:, :3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    fixed[1:, :3, 3] = [20, 0, 100]
+    chain = Chain(fixed, np.array([0, 0, 50.0]), np.array([False, True, False]))
+    return Arm("mixed", chain, title="Two turn, one slides", upper=np.array([np.inf, 50, 2]), source="made for a test")
+
+
+@pytest.fixture
+def fitted(arm, rng):
+    def fit(name):
+        angles = rng.uniform(-1, 1, (40, 3)) * [1, 40, 1]
+        points = arm.chain.tip_in_base(angles) + [1.0, 2.0, 3.0] + rng.normal(0, 0.01, (40, 3))
+        model = MODELS[name](arm)
+        if name == "network":
+            model.set_params(hidden=(4, 3), epochs=5)
+        return model.fit(angles, points), angles
+
+    return fit
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_comes_back_to_the_last_bit(name, fitted, tmp_path):
+    model, angles = fitted(name)
+    save_model(model, tmp_path / "m.truearm")
+    again = load_model(tmp_path / "m.truearm")
+    for expected, got in zip(
+        model.predict(angles, return_cov=True), again.predict(angles, return_cov=True), strict=True
+    ):
+        np.testing.assert_array_equal(got, expected)
+    np.testing.assert_array_equal(again.predict_nominal(angles), model.predict_nominal(angles))
+    np.testing.assert_array_equal(again.outside_training(2 * angles), model.outside_training(2 * angles))
+    assert again.data_fingerprint_ == model.data_fingerprint_
+    assert {k: v for k, v in again.get_params().items() if k != "arm"} == {
+        k: v for k, v in model.get_params().items() if k != "arm"
+    }
+    np.testing.assert_array_equal(again.arm.limits, model.arm.limits)
+
+
+def test_the_same_model_gives_the_same_file(fitted, tmp_path):
+    model, _ = fitted("kinematic")
+    save_model(model, tmp_path / "a")
+    save_model(model, tmp_path / "b")
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_an_unfitted_model_is_not_saved(arm, tmp_path):
+    with pytest.raises(TruearmError, match="fitted"):
+        save_model(KinematicModel(arm), tmp_path / "m")
+    assert list(tmp_path.iterdir()) == []
+
+
+def rewritten(path, change):
+    """The zip at `path` with `change` made to its {name: bytes}."""
+    with zipfile.ZipFile(path) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    files = change(files) or files
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+
+
+def edit_header(**changes):
+    def change(files):
+        header = json.loads(files["model.json"])
+        header.update(changes)
+        files["model.json"] = json.dumps(header).encode()
+
+    return change
+
+
+def flip_a_bit(files):
+    data = bytearray(files["fit_motions.npy"])
+    data[-1] ^= 1
+    files["fit_motions.npy"] = bytes(data)
+
+
+def promise_a_terabyte(files):
+    data = files["fit_motions.npy"].replace(b"(5, 6)", b"(99999999999, 6)")
+    end = data.index(b"\n")
+    data = data[: end - 10] + data[end:]
+    files["fit_motions.npy"] = data
+    header = json.loads(files["model.json"])
+    header["arrays"]["fit_motions"] = {"shape": [99999999999, 6], "sha256": hashlib.sha256(data).hexdigest()}
+    files["model.json"] = json.dumps(header).encode()
+
+
+def hide_a_pickle(files):
+    files["evil.npy"] = np.lib.format.magic(1, 0) + b"..."
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (edit_header(format=2), "format 2.*update truearm"),
+        (edit_header(format="one"), "model.json, format"),
+        (edit_header(model="oracle"), "model.json, model"),
+        (edit_header(options={"colour": "red"}), "does not hold what its kind of model needs"),
+        (edit_header(surprise=1), "surprise"),
+        (edit_header(facts={}), "does not hold what its kind"),
+        (edit_header(arrays={}), "only what model.json lists"),
+        (flip_a_bit, "SHA-256 differs"),
+        (promise_a_terabyte, "expected the array fit_motions"),
+        (hide_a_pickle, "only what model.json lists, got also .'evil.npy'"),
+        (lambda files: {"model.json": b"{"}, "not JSON"),
+        (lambda files: {"model.json": b"[]"}, "as a whole"),
+        (lambda files: {"other": b""}, "without model.json"),
+        (lambda files: files.pop("fit_motions.npy") and None, "does not hold what its kind"),
+    ],
+)
+def test_an_unsound_file_is_refused_with_the_reason(change, message, fitted, tmp_path):
+    model, _ = fitted("kinematic")
+    path = tmp_path / "m.truearm"
+    save_model(model, path)
+    rewritten(path, change)
+    with pytest.raises(InputError, match=message) as caught:
+        load_model(path)
+    assert str(path) in str(caught.value)
+
+
+def test_what_is_no_model_file_is_refused(tmp_path):
+    path = tmp_path / "m.truearm"
+    with pytest.raises(InputError, match="no such file"):
+        load_model(path)
+    path.write_text("q1_deg,q2_deg\n")
+    with pytest.raises(InputError, match="expected a model file"):
+        load_model(path)
+    path.write_bytes(b"")
+    with pytest.raises(InputError, match="expected a model file"):
+        load_model(path)
+    with pytest.raises(InputError, match="expected a model file"):
+        load_model(tmp_path)
+
+
+def test_a_compressed_bomb_is_refused(fitted, tmp_path):
+    path = tmp_path / "m.truearm"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("model.json", b" " * (80 << 20))
+    with pytest.raises(InputError, match="compressed or larger"):
+        load_model(path)
