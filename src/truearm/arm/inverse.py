@@ -1,0 +1,268 @@
+"""Inverse kinematics for many targets at once, by damped least squares.
+
+Near a singularity an exact step runs away; damping trades exactness for bounded steps (Nakamura and Hanafusa, "Inverse
+kinematic solutions with singularity robustness for robot manipulator control", ASME J. Dyn. Syst. Meas. Control 108,
+1986; Wampler, "Manipulator inverse kinematic solutions based on vector formulations and damped least-squares methods",
+IEEE Trans. Syst. Man Cybern. 16, 1986). Each row has its own damping, which falls when a step brings its tip closer
+and rises when it does not (Levenberg, Marquardt), so that the last steps are Newton's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.chain import Chain, FloatArray
+from truearm.errors import InputError
+
+# Rows that go through together: the derivatives by all six motions at all places take 144 bytes a place each.
+_ROWS = 4096
+_LONGEST_STEP = 0.5  # [rad]; sliding joints: that times the length scale [mm]
+_DRAWN = 25  # steps with a pull to the posture, before the steps that only close in
+_STUCK = 1e6  # damping at which a row is given up: its steps no longer bring it closer
+_PULL = 0.3  # share of the way to the posture that the first of them asks for
+
+
+@dataclass(frozen=True, eq=False)
+class InverseResult:
+    """Joint angles that bring the tip to its targets, row by row, and how well they do.
+
+    Attributes
+    ----------
+    angles : (n, n_joints) array
+        Within the limits in any case [rad, or mm for sliding joints].
+    reached : (n,) bool array
+        True where both errors are within the tolerances.
+    distance_mm : (n,) array
+        From the tip to the target [mm].
+    axis_error_rad : (n,) array
+        Between the probe axis and its target [rad]; zeros where no axis was asked for.
+    """
+
+    angles: FloatArray
+    reached: npt.NDArray[np.bool_]
+    distance_mm: FloatArray
+    axis_error_rad: FloatArray
+
+
+def solve_inverse(
+    chain: Chain,
+    tips_in_base: npt.ArrayLike,
+    *,
+    start: npt.ArrayLike,
+    probe_axis_in_base: npt.ArrayLike | None = None,
+    posture: npt.ArrayLike | None = None,
+    lower: npt.ArrayLike | None = None,
+    upper: npt.ArrayLike | None = None,
+    tolerance_mm: float = 1e-6,
+    tolerance_rad: float = 1e-8,
+    max_steps: int = 100,
+) -> InverseResult:
+    """Find joint angles that put the tip on each target.
+
+    A local method: it follows the slope from `start` and may stop at a limit or in a fold of the arm although another
+    arrangement of the joints would reach the target. Such rows are told as not reached; start them elsewhere.
+
+    Parameters
+    ----------
+    chain : Chain
+    tips_in_base : (n, 3) array
+        Targets [mm].
+    start : (n_joints,) or (n, n_joints) array
+        Where to start [rad, or mm].
+    probe_axis_in_base : (3,) or (n, 3) array, optional
+        Where the probe axis, the flange's z axis, must point. Any by default.
+    posture : (n_joints,) or (n, n_joints) array, optional
+        Joint angles to stay near, as far as the targets leave freedom. The pull fades out before the tip closes in.
+    lower, upper : (n_joints,) array, optional
+        Limits [rad, or mm]; none by default. `start` is clipped to them.
+    tolerance_mm, tolerance_rad : float
+        A row is reached if its tip and its axis are as near.
+    max_steps : int
+        Steps at most.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, a number is not finite, an axis is zero, or limits are crossed.
+    """
+    problem = _problem(chain, tips_in_base, start, probe_axis_in_base, posture, lower, upper)
+    angles = np.empty_like(problem.start)
+    distance, axis_error = np.empty(len(angles)), np.empty(len(angles))
+    for first in range(0, len(angles), _ROWS):
+        rows = slice(first, first + _ROWS)
+        part = problem.rows(rows)
+        q = part.start if part.posture is None else _drawn(part)
+        angles[rows], distance[rows], axis_error[rows] = _closed_in(part, q, tolerance_mm, tolerance_rad, max_steps)
+    reached = (distance <= tolerance_mm) & (axis_error <= tolerance_rad)
+    return InverseResult(angles, reached, distance, axis_error)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Targets and what binds the joints. Inside, all is in mm: radians count as arcs at the radius `scale`."""
+
+    chain: Chain
+    targets: FloatArray
+    axes: FloatArray | None
+    start: FloatArray
+    posture: FloatArray | None
+    lower: FloatArray
+    upper: FloatArray
+
+    @property
+    def scale(self) -> float:
+        """Arc in mm that counts as one radian: a third of the reach, the usual lever of a joint."""
+        return max(self.chain.reach / 3, 1.0)
+
+    @property
+    def mm_per_unit(self) -> FloatArray:
+        """(n_joints,) `scale` for joints that turn, 1 for joints that slide."""
+        return np.where(self.chain.slides, 1.0, self.scale)
+
+    def rows(self, which: slice | npt.NDArray[np.intp]) -> _Problem:
+        axes = None if self.axes is None else self.axes[which]
+        posture = None if self.posture is None else self.posture[which]
+        return replace(self, targets=self.targets[which], axes=axes, start=self.start[which], posture=posture)
+
+    def linearised(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Give what is missing (n, 3 or 5) [mm] and how the joints make up for it (n, 3 or 5, n_joints) [mm/mm]."""
+        tips, by_motion = self.chain.small_motions(q)
+        joints = by_motion[:, 1:-1]
+        own = np.where(self.chain.slides[:, None], joints[:, :, 5], joints[:, :, 2])
+        missing, J = self.targets - tips, own.transpose(0, 2, 1)
+        if self.axes is not None:
+            x, y, z = by_motion[:, -1, 3:].transpose(1, 0, 2)
+            joint_axes = np.where(self.chain.slides[:, None], 0.0, joints[:, :, 5])
+            turn = _turn_between(z, self.axes)
+            about = np.stack([x, y], axis=1)  # a turn about z itself does not move the probe axis
+            missing = np.concatenate([missing, self.scale * np.einsum("nkc,nc->nk", about, turn)], axis=1)
+            J = np.concatenate([J, self.scale * np.einsum("nkc,njc->nkj", about, joint_axes)], axis=1)
+        return missing, J / self.mm_per_unit
+
+    def errors(self, missing: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distance [mm] and angle between axes [rad]."""
+        return np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1) / self.scale
+
+    def moved(
+        self, q: FloatArray, missing: FloatArray, J: FloatArray, damping: FloatArray, pull: FloatArray
+    ) -> FloatArray:
+        """Take one damped step within the limits; `pull` (n, n_joints) [mm] acts where the task leaves freedom."""
+        free = np.ones(q.shape, dtype=bool)
+        for _ in range(3):  # a joint that a limit stops hands its share to the others
+            step = _damped_step(missing, J * free[:, None], damping, pull * free)
+            free &= ~(((q <= self.lower) & (step < 0)) | ((q >= self.upper) & (step > 0)))
+        step = step * free
+        longest = np.abs(step).max(axis=1, keepdims=True)
+        step *= np.minimum(1.0, _LONGEST_STEP * self.scale / np.maximum(longest, 1e-300))
+        return np.clip(q + step / self.mm_per_unit, self.lower, self.upper)
+
+
+def _damped_step(missing: FloatArray, J: FloatArray, damping: FloatArray, pull: FloatArray) -> FloatArray:
+    """``pull + J^T (J J^T + damping)^-1 (missing - J pull)``: the pull's part in the null space of J stays."""
+    JT = J.transpose(0, 2, 1)
+    A = J @ JT + damping[:, None, None] * np.eye(J.shape[1])
+    rest = missing - np.einsum("nkj,nj->nk", J, pull)
+    step: FloatArray = pull + (JT @ np.linalg.solve(A, rest[:, :, None]))[:, :, 0]
+    return step
+
+
+def _drawn(problem: _Problem) -> FloatArray:
+    """Joint angles near the targets and near the posture: steps with a pull that fades out."""
+    assert problem.posture is not None
+    q = problem.start
+    for k in range(_DRAWN):
+        missing, J = problem.linearised(q)
+        # The step to a far target is damped more, as its linearisation is worth less (Chan and Lawrence 1988).
+        damping = 1e-3 + 0.1 * ((missing / problem.scale) ** 2).sum(axis=1)
+        pull = _PULL * (1 - k / _DRAWN) * (problem.posture - q) * problem.mm_per_unit
+        q = problem.moved(q, missing, J, damping, pull)
+    return q
+
+
+def _closed_in(
+    problem: _Problem, q: FloatArray, tolerance_mm: float, tolerance_rad: float, max_steps: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Joint angles as near to the targets as they come from `q`, and both errors."""
+    best = q.copy()
+    missing, J = problem.linearised(best)
+    damping = np.full(len(q), 1e-2)
+    distance, axis_error = problem.errors(missing)
+    live = np.arange(len(q))
+    for _ in range(max_steps):
+        done = (distance[live] <= tolerance_mm) & (axis_error[live] <= tolerance_rad)
+        live = live[~done & (damping[live] < _STUCK)]
+        if not live.size:
+            break
+        part = problem.rows(live)
+        tried = part.moved(best[live], missing[live], J[live], damping[live], np.zeros((live.size, q.shape[1])))
+        missing_there, J_there = part.linearised(tried)
+        better = (missing_there**2).sum(axis=1) < (missing[live] ** 2).sum(axis=1)
+        taken = live[better]
+        best[taken], missing[taken], J[taken] = tried[better], missing_there[better], J_there[better]
+        distance[taken], axis_error[taken] = problem.errors(missing[taken])
+        damping[live] = np.where(better, np.maximum(damping[live] / 10, 1e-12), damping[live] * 10)
+    return best, distance, axis_error
+
+
+def _turn_between(axis: FloatArray, target: FloatArray) -> FloatArray:
+    """(n, 3) rotation vectors that bring unit vectors to others the short way [rad]."""
+    cross = np.cross(axis, target)
+    sin = np.linalg.norm(cross, axis=1)
+    angle = np.arctan2(sin, (axis * target).sum(axis=1))
+    # Opposite vectors have no short way: any turn across them will do for a start.
+    across = np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=1)])
+    opposite = (sin < 1e-12) & (angle > 1)
+    cross = np.where(opposite[:, None], across, cross)
+    length = np.linalg.norm(cross, axis=1)
+    turn: FloatArray = cross * (angle / np.where(length > 0, length, 1.0))[:, None]
+    return turn
+
+
+def _problem(
+    chain: Chain,
+    targets: npt.ArrayLike,
+    start: npt.ArrayLike,
+    axes: npt.ArrayLike | None,
+    posture: npt.ArrayLike | None,
+    lower: npt.ArrayLike | None,
+    upper: npt.ArrayLike | None,
+) -> _Problem:
+    targets = np.asarray(targets, dtype=float)
+    if targets.ndim != 2 or targets.shape[1] != 3:
+        raise InputError(f"expected targets of shape (n, 3), got {targets.shape}")
+    if not np.isfinite(targets).all():
+        raise InputError(f"targets must be finite, got {targets[~np.isfinite(targets).all(axis=1)][0]}")
+    n, joints = len(targets), chain.n_joints
+    low = _rows_of("lower", -np.full(joints, np.inf) if lower is None else lower, (joints,), bounded=False)
+    high = _rows_of("upper", np.full(joints, np.inf) if upper is None else upper, (joints,), bounded=False)
+    if not (low <= high).all():
+        raise InputError(f"the lower limits {low.tolist()} must not be above the upper ones {high.tolist()}")
+    return _Problem(
+        chain=chain,
+        targets=targets,
+        axes=None if axes is None else _unit(_rows_of("probe_axis_in_base", axes, (n, 3))),
+        start=np.clip(_rows_of("start", start, (n, joints)), low, high),
+        posture=None if posture is None else _rows_of("posture", posture, (n, joints)),
+        lower=low,
+        upper=high,
+    )
+
+
+def _unit(axes: FloatArray) -> FloatArray:
+    length = np.linalg.norm(axes, axis=1, keepdims=True)
+    if not (length > 1e-9).all():
+        raise InputError("probe_axis_in_base must not be zero")
+    return axes / length
+
+
+def _rows_of(name: str, value: npt.ArrayLike, shape: tuple[int, ...], *, bounded: bool = True) -> FloatArray:
+    """One row for all, or one for each."""
+    array = np.asarray(value, dtype=float)
+    if array.shape not in (shape, shape[-1:]):
+        raise InputError(f"expected {name} of shape {shape[-1:]} or {shape}, got {array.shape}")
+    if not (np.isfinite(array).all() if bounded else not np.isnan(array).any()):
+        raise InputError(f"{name} must hold numbers, got {array[~np.isfinite(array)][0]}")
+    return np.broadcast_to(array, shape).copy()
