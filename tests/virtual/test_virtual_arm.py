@@ -244,15 +244,14 @@ def test_a_lag_follows_a_step_of_the_air_to_63_per_cent_in_its_time_constant():
 
 def test_the_measuring_force_pushes_the_tip_back_along_the_stylus():
     arm = VirtualArm.draw(one_hinge(), Preset(tip_compliance_um_per_N=5.0, force_mean_N=2.0), seed=0)
-    assert arm.true_tip([[0.0]])[0] == pytest.approx([1000 - 0.010, 0, 0], abs=1e-9)
+    assert arm.true_tip([[0.0]])[0] == pytest.approx([1000, 0, -0.010], abs=1e-9)
 
 
 def test_the_mean_force_is_the_mean_of_the_drawn_forces():
-    chain = paper_arm().chain
     preset = Preset(force_mean_N=2.0, force_std_N=0.3, force_tilt_deg=25.0)
-    forces = hand_forces(chain, preset, 200_000, np.random.default_rng(0))
+    forces = hand_forces(preset, 200_000, np.random.default_rng(0))
     # Scatter 0.9 N across 200 000 draws: 0.002 N; 4 sigma.
-    assert forces.mean(axis=0) == pytest.approx(mean_hand_force(chain, preset), abs=0.008)
+    assert forces.mean(axis=0) == pytest.approx(mean_hand_force(preset), abs=0.008)
 
 
 def test_encoders_read_whole_counts():

@@ -112,7 +112,7 @@ class VirtualArm:
     def resting(self, n: int) -> State:
         """State of n readings with the mean force, at the preset's mean temperature, between the two directions."""
         state = at_rest(self.nominal.chain, n, temperature_degC=self.preset.temperature_degC)
-        return state.with_force(mean_hand_force(self.nominal.chain, self.preset))
+        return state.with_force(mean_hand_force(self.preset))
 
     def state(self, angles: npt.ArrayLike, *, seed: int, temperature_degC: npt.ArrayLike | None = None) -> State:
         """State at each of a sequence of readings, as `measure` with the same seed meets it."""
@@ -223,7 +223,7 @@ class VirtualArm:
             raise InputError(
                 "the noise floor needs reference points, and these readings have none", hint="reference=True"
             )
-        expected = measurement.state.with_force(mean_hand_force(self.nominal.chain, self.preset))
+        expected = measurement.state.with_force(mean_hand_force(self.preset))
         return coordinate_errors(self.true_tip(readings.angles, expected) - readings.points)
 
     def nominal_error(self, measurement: Measurement) -> dict[str, float]:
@@ -245,7 +245,7 @@ class VirtualArm:
         return air, State(
             direction=directions(angles),
             link_temperature_degC=link_temperatures(air, self.systematic.lag_s, interval_s=preset.reading_interval_s),
-            force_in_flange_N=hand_forces(chain, preset, n, _stream(seed, "force")),
+            force_in_flange_N=hand_forces(preset, n, _stream(seed, "force")),
             cage_phase=_stream(seed, "cage").uniform(0, 2 * np.pi, chain.n_joints),
         )
 

@@ -81,9 +81,7 @@ def box_sample(arm: Arm, n: int, *, half_width_rad: float) -> FloatArray:
 def _prepare(arm: Arm, systematic: Systematic, preset: Preset) -> _Test:
     n = TESTS * preset.constraint_poses
     angles = box_sample(arm, n, half_width_rad=np.radians(preset.constraint_half_width_deg))
-    state = at_rest(arm.chain, n, temperature_degC=preset.temperature_degC).with_force(
-        mean_hand_force(arm.chain, preset)
-    )
+    state = at_rest(arm.chain, n, temperature_degC=preset.temperature_degC).with_force(mean_hand_force(preset))
     small = arm.chain.small_motions(angles)
     without_geometry = systematic.with_constants(np.zeros_like(systematic.constants))
     errors = true_tips(arm.chain, without_geometry, angles, state) - small.tip_in_base

@@ -115,25 +115,17 @@ def given_temperatures(temperature_degC: npt.ArrayLike, n: int) -> FloatArray:
     return np.broadcast_to(air, (n,)).copy()
 
 
-def probe_axis_in_flange(chain: Chain) -> FloatArray:
-    """Direction in which the stylus points, from the flange's origin to the tip; z if the tip is that origin."""
-    length = np.linalg.norm(chain.tip_in_flange)
-    return chain.tip_in_flange / length if length > 0 else np.array([0.0, 0.0, 1.0])
-
-
-def hand_forces(chain: Chain, preset: Preset, n: int, stream: np.random.Generator) -> FloatArray:
-    """Draw forces of the part on the tip, (n, 3) [N]: back along the stylus, tilted at random."""
+def hand_forces(preset: Preset, n: int, stream: np.random.Generator) -> FloatArray:
+    """Draw forces of the part on the tip, (n, 3) [N]: back along the stylus (the flange's z axis), tilted."""
     size = np.maximum(0.0, preset.force_mean_N + preset.force_std_N * stream.standard_normal(n))
     tilt = np.radians(preset.force_tilt_deg) * stream.standard_normal((n, 2))
     angle = np.linalg.norm(tilt, axis=1)
-    axis = probe_axis_in_flange(chain)
-    across = _normals_to(axis)
-    normal = -np.cos(angle)[:, None] * axis + np.sinc(angle / np.pi)[:, None] * (tilt @ across)
+    normal = np.column_stack([np.sinc(angle / np.pi)[:, None] * tilt, -np.cos(angle)])
     force: FloatArray = size[:, None] * normal
     return force
 
 
-def mean_hand_force(chain: Chain, preset: Preset) -> FloatArray:
+def mean_hand_force(preset: Preset) -> FloatArray:
     """Mean of `hand_forces`, (3,) [N]; forces below zero, which it cuts off, are taken as rare.
 
     The tilt's angle has a Rayleigh distribution, whose mean cosine is ``1 - sqrt(2) s D(s / sqrt(2))`` with Dawson's
@@ -141,11 +133,4 @@ def mean_hand_force(chain: Chain, preset: Preset) -> FloatArray:
     """
     s = np.radians(preset.force_tilt_deg)
     mean_cosine = float(1 - np.sqrt(2) * s * dawsn(s / np.sqrt(2)))
-    return -preset.force_mean_N * mean_cosine * probe_axis_in_flange(chain)
-
-
-def _normals_to(axis: FloatArray) -> FloatArray:
-    """Two unit vectors normal to `axis` and to each other, (2, 3)."""
-    first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(axis, first)])
+    return np.array([0.0, 0.0, -preset.force_mean_N * mean_cosine])
