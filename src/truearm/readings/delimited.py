@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -143,8 +144,8 @@ def read_columns(sheet: Sheet, numbers: Sequence[int], words: Sequence[int] = ()
             index_col=False,
             skip_blank_lines=False,
             engine="c",
-            float_precision="round_trip",
             encoding="utf-8",
+            **_exactly(pd.__version__),
         )
     except (ValueError, OverflowError):
         raise _first_fault(sheet, numbers) or _unreadable(sheet) from None
@@ -156,6 +157,12 @@ def read_columns(sheet: Sheet, numbers: Sequence[int], words: Sequence[int] = ()
     if suspect and (fault := _first_fault(sheet, numbers)):
         raise fault
     return found, [table[i].to_numpy(dtype=np.str_) for i in words]
+
+
+def _exactly(pandas_version: str) -> dict[str, Any]:
+    """Make pandas read every number to the last bit; since 3.1 it does so by itself and warns of the option."""
+    major, minor = (int(part) for part in pandas_version.split(".")[:2])
+    return {} if (major, minor) >= (3, 1) else {"float_precision": "round_trip"}
 
 
 def shown(cell: object) -> str:

@@ -98,7 +98,7 @@ class JointScale:
         zero = np.zeros(n) if self.zero is None else np.array(_each(self.zero, n, "zero"), dtype=float)
         if not np.isfinite(zero).all():
             raise InputError(f"zeros must be finite numbers, got {shown(self.zero)}")
-        return np.asarray(sign * (values - zero) * factor)
+        return np.asarray(sign * (values - zero) * factor + 0.0)  # + 0.0: no minus nought
 
     def _per_turn(self, n: int) -> FloatArray:
         if self.counts_per_turn is None:

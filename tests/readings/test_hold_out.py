@@ -1,0 +1,70 @@
+"""A fair split: groups stay whole, every reading goes somewhere, the same seed gives the same split."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truearm.errors import InputError
+from truearm.readings import Readings, hold_out, read_session
+
+
+def readings_of(names, by="position"):
+    return Readings(np.arange(len(names), dtype=float)[:, None], **{by: np.array(names, dtype=np.str_)})
+
+
+@given(
+    names=st.lists(st.sampled_from("abcdefg"), min_size=2, max_size=40).filter(lambda names: len(set(names)) > 1),
+    by=st.sampled_from(["position", "seat", "session"]),
+    fraction=st.floats(0.01, 0.99),
+    seed=st.integers(0, 2**32),
+)
+def test_groups_stay_whole_and_nothing_is_lost(names, by, fraction, seed):
+    train, test = hold_out(readings_of(names, by), by=by, fraction=fraction, seed=seed)
+    assert not set(getattr(train, by)) & set(getattr(test, by))
+    assert sorted([*train.angles[:, 0], *test.angles[:, 0]]) == list(range(len(names)))
+    assert (np.diff(train.angles[:, 0]) > 0).all()
+    assert len(train)
+    assert len(test)
+    # The nearest whole number of groups, but one at least on either side.
+    n_groups = len(set(names))
+    assert len(set(getattr(test, by))) == min(max(round(fraction * n_groups), 1), n_groups - 1)
+
+
+def test_the_seed_decides():
+    readings = readings_of([str(i) for i in range(100)])
+    one, same, other = (hold_out(readings, fraction=0.3, seed=s)[1].angles for s in (1, 1, 2))
+    np.testing.assert_array_equal(one, same)
+    assert not np.array_equal(one, other)
+    assert len(one) == 30
+
+
+def test_rows_are_their_own_groups():
+    train, test = hold_out(Readings(np.arange(10.0)[:, None]), by="row", fraction=0.2, seed=0)
+    assert (len(train), len(test)) == (8, 2)
+
+
+def test_a_missing_column_is_said_with_those_that_are_there(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text("q1_deg,seat\n1,A\n2,B\n")
+    with pytest.raises(InputError, match="no column 'position' to split by") as caught:
+        hold_out(read_session(path), fraction=0.3, seed=0)
+    assert caught.value.file == path
+    assert "by seat or row" in caught.value.hint
+
+
+def test_a_reading_without_a_name_belongs_nowhere(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text("q1_deg,position\n1,A\n2,\n3,B\n")
+    with pytest.raises(InputError, match="line 3 names no position") as caught:
+        hold_out(read_session(path), fraction=0.3, seed=0)
+    assert (caught.value.line, caught.value.column) == (3, "position")
+
+
+def test_splits_that_make_no_sense_are_refused():
+    with pytest.raises(InputError, match="at least two positions"):
+        hold_out(readings_of(["a", "a"]), fraction=0.5, seed=0)
+    with pytest.raises(InputError, match="between 0 and 1"):
+        hold_out(readings_of(["a", "b"]), fraction=30, seed=0)
+    with pytest.raises(InputError, match="expected a split by position"):
+        hold_out(readings_of(["a", "b"]), by="colour", fraction=0.5, seed=0)

@@ -1,0 +1,114 @@
+"""What a fit demands: a sentence that names the joint, the line, the column and the remedy."""
+
+import numpy as np
+import pytest
+
+from truearm.errors import InputError
+from truearm.readings import Readings, check_angles, check_fit, read_session
+
+NAMES = ("waist", "elbow")
+LOWER, UPPER = np.radians([-180.0, -90.0]), np.radians([180.0, 90.0])
+HEADER = "q1_deg,q2_deg,x_mm,y_mm,z_mm\n"
+ROWS = ["10,20,1,2,3", "30,-40,4,5,6", "50,60,7,8,9"]
+
+
+def session(folder, rows, header=HEADER):
+    path = folder / "s.csv"
+    path.write_text(header + "\n".join(rows) + "\n")
+    return read_session(path)
+
+
+def check(readings, *, min_rows=3, upper=UPPER, **options):
+    check_fit(readings, joint_names=NAMES, lower=LOWER, upper=upper, min_rows=min_rows, **options)
+
+
+def refusal(readings, **options):
+    with pytest.raises(InputError) as caught:
+        check(readings, **options)
+    assert caught.value.file == readings.file
+    return caught.value
+
+
+def test_good_readings_pass(tmp_path):
+    check(session(tmp_path, ROWS))
+    check_angles(session(tmp_path, ROWS), joint_names=NAMES, lower=LOWER, upper=UPPER)
+
+
+def test_a_wrong_number_of_joints_is_refused(tmp_path):
+    readings = session(tmp_path, ["1", "2"], header="q1_deg\n")
+    assert "expected 2 joints (waist, elbow), got 1" in refusal(readings).problem
+    with pytest.raises(InputError, match="expected 2 joints"):
+        check_angles(readings, joint_names=NAMES, lower=LOWER, upper=UPPER)
+
+
+def test_missing_reference_points_are_said(tmp_path):
+    error = refusal(session(tmp_path, ["1,2", "3,4"], header="q1_deg,q2_deg\n"))
+    assert "no reference points" in error.problem
+    assert "x_mm, y_mm, z_mm" in error.hint
+
+
+def test_too_few_poses_are_refused(tmp_path):
+    error = refusal(session(tmp_path, ROWS), min_rows=8)
+    assert "expected at least 8 readings, got 3" in error.problem
+    assert "measure more poses" in error.hint
+
+
+def test_an_angle_outside_its_limits_is_named_in_degrees(tmp_path):
+    error = refusal(session(tmp_path, [*ROWS, "0,-100,1,1,1", "200,95,1,1,2"]))
+    assert (error.line, error.column) == (5, "q2_deg")
+    assert "elbow is at -100 deg, outside its limits -90 .. 90 deg" in error.problem
+    assert "2 of 5 readings" in error.problem
+    assert "unit, sign and zero" in error.hint
+
+
+def test_prediction_keeps_to_the_limits_too(tmp_path):
+    readings = session(tmp_path, ["10,95"], header="q1_deg,q2_deg\n")
+    with pytest.raises(InputError, match="elbow is at 95 deg") as caught:
+        check_angles(readings, joint_names=NAMES, lower=LOWER, upper=UPPER)
+    assert caught.value.line == 2
+
+
+def test_limits_of_a_sliding_joint_are_said_in_mm():
+    readings = Readings([[0.0, 120.0], [1.0, 2.0]], np.eye(3)[:2])
+    error = refusal(readings, min_rows=2, upper=np.array([np.pi, 100.0]), prismatic=[False, True])
+    assert "elbow is at 120 mm in reading 1, outside its limits" in error.problem
+    assert ".. 100 mm" in error.problem
+
+
+def test_rounding_does_not_pass_a_limit():
+    readings = Readings([[np.pi * (1 + 1e-9), 0.1], [0.0, 0.2]], np.eye(3)[:2])
+    check(readings, min_rows=2)
+
+
+def test_infinite_limits_are_no_limits():
+    check(Readings([[900.0, 0.1], [0.0, 0.2]], np.eye(3)[:2]), min_rows=2, upper=np.array([np.inf, 2.0]))
+
+
+def test_a_joint_that_never_moves_is_named(tmp_path):
+    error = refusal(session(tmp_path, ["10,20,1,2,3", "30,20,4,5,6", "50,20,7,8,9"]))
+    assert error.column == "q2_deg"
+    assert "elbow never moves in the 3 readings" in error.problem
+    assert 'type = "fixed"' in error.hint
+
+
+def test_readings_of_one_pose_are_refused(tmp_path):
+    error = refusal(session(tmp_path, ["10,20,1,2,3", "10,20,4,5,6", "10,20,7,8,9"]))
+    assert "all 3 readings have the same angles" in error.problem
+
+
+def test_copies_of_a_reading_are_named(tmp_path):
+    error = refusal(session(tmp_path, [*ROWS, ROWS[1], ROWS[0]]))
+    assert error.line == 5
+    assert "line 3 and line 5 are the same reading" in error.problem
+    assert "2 readings are such copies" in error.problem
+    assert "delete the copies" in error.hint
+
+
+def test_the_same_angles_may_be_measured_twice(tmp_path):
+    check(session(tmp_path, [*ROWS, "10,20,1.001,2,3"]))
+
+
+def test_readings_without_a_file_go_by_number():
+    error = refusal(Readings([[0.1, 0.2], [0.3, 0.4], [0.1, 0.2]], [[1, 2, 3], [4, 5, 6], [1, 2, 3]]))
+    assert "reading 1 and reading 3" in error.problem
+    assert error.line is None
