@@ -134,7 +134,7 @@ def _loads_into(
     torque: FloatArray,
     force: FloatArray,
 ) -> None:
-    """Loads from the places' axes in the base frame, (n_places, 3 axes, 3 components, m)."""
+    """Fill in the loads, from the axes of the places in the base frame, (n_places, 3 axes, 3 components, m)."""
     vectors = link_vectors(chain)
     by_gravity = np.cross(np.eye(3), gravity).T  # v -> v x g as a matrix
     mass_outward = 0.0

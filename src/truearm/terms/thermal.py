@@ -15,7 +15,7 @@ REFERENCE_TEMPERATURE_DEGC = 20.0
 
 
 def link_vectors(chain: Chain) -> FloatArray:
-    """The chain's links as vectors in the places they start from.
+    """Give the chain's links as vectors in the places they start from.
 
     Link 0 is the stand, from the base frame's origin to joint 1 along the axes of place 0; link i goes from joint i to
     joint i + 1 along the axes of place i; the last one ends at the tip.
@@ -32,7 +32,7 @@ def link_vectors(chain: Chain) -> FloatArray:
 
 
 def growth_motions(chain: Chain, temperature_degC: npt.ArrayLike) -> FloatArray:
-    """Translations by which links of unit expansion coefficient grow: ``(T - 20 degC)`` times the link's vector.
+    """Give the translations of links with unit expansion coefficient: ``(T - 20 degC)`` times the link's vector.
 
     Multiply link i by its coefficient [1/K] and insert at place i.
 
