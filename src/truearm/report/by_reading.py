@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -79,13 +80,14 @@ def coordinates_by_reading(
 
 
 def _error_panel(errors: Mapping[str, FloatArray], pens: Mapping[str, Style], coordinate: int) -> Drawing:
-    two = len(errors) > 1
-    drawing, rows = panel(3.6, 3.5 if two else 2.4, rows=2 if two else 1)
+    two, room = len(errors) > 1, _key_room(errors)
+    drawing, rows = panel(3.0, (3.1 if two else 2.1) + room, rows=2 if two else 1, top_in=0.26 + room)
     _error_rows(rows[0], errors, pens, coordinate)
     if two:
         _error_rows(rows[1], dict(list(errors.items())[1:]), pens, coordinate)
     rows[0].set_title("xyz"[coordinate])
     rows[-1].set_xlabel("reading")
+    rows[-1].locator_params(axis="x", nbins=5, integer=True)
     if coordinate == 0:
         _key(rows[0], errors, pens)
     return drawing
@@ -119,20 +121,28 @@ def _marks(axes: Axes, values: FloatArray, pen: Style) -> None:
 def _coordinate_panel(
     truth: FloatArray, measured: Mapping[str, FloatArray], pens: Mapping[str, Style], coordinate: int
 ) -> Drawing:
-    drawing, (axes,) = panel(3.6, 2.5)
+    room = _key_room(measured)
+    drawing, (axes,) = panel(3.0, 2.2 + room, top_in=0.26 + room)
     drawn = slice(None, _MOST_COORDINATES)
     values = truth[drawn, coordinate]
     axes.plot(np.arange(1, len(values) + 1), values, color=LIMIT, linewidth=0.9, zorder=1)
     for name, points in measured.items():
         _marks(axes, points[drawn, coordinate], pens[name])
     axes.set(title="xyz"[coordinate], xlabel="reading", ylabel=f"{'xyz'[coordinate]} [mm]")
+    axes.locator_params(axis="x", nbins=5, integer=True)
     if coordinate == 0:
         _key(axes, measured, pens)
     return drawing
 
 
+def _key_room(names: Mapping[str, FloatArray]) -> float:
+    """Give the height [in] that the names of the models need beyond the line of the title."""
+    letters = sum(len(short(name, longest=14)) + 3 for name in names)
+    return 0.0 if letters <= 36 else 0.17 * math.ceil(len(names) / 2)
+
+
 def _key(axes: Axes, names: Mapping[str, FloatArray], pens: Mapping[str, Style]) -> None:
-    """Name the models, above the axes and to the right, where no dot is."""
+    """Name the models above the axes, where no dot is: beside the title if they fit there, else below it."""
     handles = [
         axes.plot([], [], color=pens[name].colour, marker=pens[name].marker, linestyle="none", markersize=4)[0]
         for name in names
@@ -144,9 +154,11 @@ def _key(axes: Axes, names: Mapping[str, FloatArray], pens: Mapping[str, Style])
         labels,
         loc="lower right",
         bbox_to_anchor=(1.02, 0.985),
-        ncols=min(len(labels), 3),
-        handletextpad=0,
-        columnspacing=0.8,
+        ncols=2 if _key_room(names) else len(labels),
+        handlelength=1.0,
+        handletextpad=0.1,
+        fontsize=7.5,
+        columnspacing=0.6,
         borderpad=0.2,
         labelcolor=INK,
     )

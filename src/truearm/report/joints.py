@@ -144,9 +144,9 @@ def running_median(x: FloatArray, y: FloatArray, *, windows: int = 60) -> tuple[
 
 def _ranges_panel(shown: FloatArray, names: Sequence[str], low: FloatArray, high: FloatArray, slides: bool) -> Drawing:
     joints, unit = len(names), "mm" if slides else "deg"
-    drawing, (axes,) = panel(5.6, 0.75 + 0.42 * joints)
+    drawing, (axes,) = panel(4.6, 0.75 + 0.36 * joints)
     names = [short(name, longest=14) for name in names]
-    drawing.subplots_adjust(left=(0.25 + 0.08 * max(map(len, names))) / 5.6, right=1 - 1.35 / 5.6)
+    drawing.subplots_adjust(left=(0.25 + 0.08 * max(map(len, names))) / 4.6, right=1 - 1.35 / 4.6)
     left, right = _view(shown, low, high, usual=_FULL_TURN_DEG / 2 if not slides else 0.0)
     for i in range(joints):
         base = joints - 1 - i
@@ -185,7 +185,7 @@ def _view(shown: FloatArray, low: FloatArray, high: FloatArray, *, usual: float)
 def _error_panel(
     x: FloatArray, errors: Mapping[str, FloatArray], pens: Mapping[str, Style], name: str, slides: bool
 ) -> Drawing:
-    drawing, rows = panel(3.6, 0.9 + 0.95 * len(errors), rows=len(errors))
+    drawing, rows = panel(3.0, 0.9 + 0.85 * len(errors), rows=len(errors))
     many = len(x) > MANY
     for axes, (model, values) in zip(rows, errors.items(), strict=True):
         pen = pens[model]
@@ -203,6 +203,7 @@ def _error_panel(
         axes.set_ylabel("error [mm]")
         axes.text(0.985, 0.97, short(model), transform=axes.transAxes, ha="right", va="top", color=pen.colour)
     rows[0].set_title(short(name))
+    rows[-1].locator_params(axis="x", nbins=6)
     rows[-1].set_xlabel("joint position [mm]" if slides else "joint angle [deg]")
     return drawing
 

@@ -68,14 +68,14 @@ def before_after(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[str, St
 
 
 def _clouds(errors: Mapping[str, FloatArray], pens: Mapping[str, Style]) -> Drawing:
-    drawing, (axes,) = panel(5.6, 0.72 + 0.72 * len(errors))
-    drawing.subplots_adjust(left=0.16 / 5.6, right=1 - 0.16 / 5.6)
+    drawing, (axes,) = panel(4.6, 0.72 + 0.66 * len(errors))
+    drawing.subplots_adjust(left=0.12 / 4.6, right=1 - 0.16 / 4.6)
     largest = max(float(values.max()) for values in errors.values()) or 1e-6
     for i, (name, values) in enumerate(errors.items()):
         base = float(len(errors) - 1 - i)
         _cloud(axes, values, base, largest, pens[name])
-        axes.text(0.0, base + 0.4, short(name), weight="bold", color=pens[name].colour, va="bottom")
-        axes.text(largest, base + 0.4, f"mean {_mean(values)} mm,  95 % below {_p95(values)} mm", ha="right")
+        axes.text(0.0, base + 0.43, short(name), weight="bold", color=pens[name].colour, va="bottom")
+        axes.text(largest, base + 0.43, f"mean {_mean(values)} mm,  95 % below {_p95(values)} mm", ha="right")
     axes.set(xlim=(-0.012 * largest, 1.02 * largest), ylim=(-0.45, len(errors) - 0.2), xlabel="error [mm]")
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
@@ -98,7 +98,7 @@ def _cloud(axes: Axes, values: FloatArray, base: float, largest: float, pen: Sty
         linewidths=0,
         rasterized=many,
     )
-    axes.plot([values.mean()] * 2, [base - 0.36, base + 0.36], color=INK, linewidth=1.4)
+    axes.plot([values.mean()] * 2, [base - 0.34, base + 0.34], color=INK, linewidth=1.4)
 
 
 def _cumulative(errors: Mapping[str, FloatArray], pens: Mapping[str, Style], logarithmic: bool) -> Drawing:
