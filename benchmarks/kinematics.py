@@ -1,0 +1,132 @@
+"""Forward kinematics and derivatives, us a pose, beside Pinocchio's own loop. One thread, one run.
+
+    python benchmarks/kinematics.py [--json] [--poses N]
+
+Pinocchio works pose by pose, so its loop runs in Python; the time of an empty loop over the same rows is taken off.
+"""
+
+import os
+
+os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")  # before NumPy is loaded
+
+import argparse
+import json
+import platform
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from truearm.arm import Chain, load, write_urdf
+
+ARM = "ur10"
+
+
+def best_us(work: Callable[[], object], n: int, *, repeats: int = 7) -> float:
+    """Shortest of some runs [us a pose]: what the machine can do when nothing else disturbs it."""
+    work()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return min(times) / n * 1e6
+
+
+def ours(chain: Chain, angles: np.ndarray) -> dict[str, float]:
+    """Time each of our four ways through the chain [us a pose]."""
+    n = len(angles)
+
+    def all_chunks() -> None:
+        for _ in chain.small_motions_by_chunk(angles):
+            pass
+
+    return {
+        "tip_in_base": best_us(lambda: chain.tip_in_base(angles), n),
+        "pose": best_us(lambda: chain.pose(angles), n),
+        "small_motions_by_chunk": best_us(all_chunks, n),
+        "small_motions": best_us(lambda: chain.small_motions(angles), n),
+    }
+
+
+def pinocchios(angles: np.ndarray) -> dict[str, float]:
+    """Time Pinocchio on the same arm [us a pose]; nothing where it is not installed."""
+    try:
+        import pinocchio
+    except ImportError:
+        return {}
+    with tempfile.TemporaryDirectory() as folder:
+        write_urdf(load(ARM), Path(folder) / "arm.urdf")
+        model = pinocchio.buildModelFromUrdf(str(Path(folder) / "arm.urdf"))
+    data = model.createData()
+    tip = model.getFrameId("tip")
+    n = len(angles)
+    rows = list(angles)
+
+    def empty() -> None:
+        for _ in rows:
+            pass
+
+    def forward() -> None:
+        step = pinocchio.forwardKinematics
+        for q in rows:
+            step(model, data, q)
+
+    def placed() -> None:
+        step = pinocchio.framesForwardKinematics
+        for q in rows:
+            step(model, data, q)
+
+    def regressor() -> None:
+        step, then = pinocchio.forwardKinematics, pinocchio.computeFrameKinematicRegressor
+        frame = pinocchio.LOCAL_WORLD_ALIGNED
+        for q in rows:
+            step(model, data, q)
+            then(model, data, tip, frame)
+
+    loop = best_us(empty, n, repeats=3)
+    timed = {
+        "pinocchio forwardKinematics": forward,
+        "pinocchio framesForwardKinematics": placed,
+        "pinocchio with computeFrameKinematicRegressor": regressor,
+    }
+    return {name: best_us(work, n, repeats=3) - loop for name, work in timed.items()}
+
+
+def machine() -> dict[str, str]:
+    """Say what the times were taken on."""
+    cpu = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        cpu = next((line.split(":")[1].strip() for line in info.read_text().splitlines() if "model name" in line), cpu)
+    return {"cpu": cpu, "python": platform.python_version(), "numpy": np.__version__}
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--poses", type=int, default=100_000)
+    options = parser.parse_args()
+    arm = load(ARM)
+    angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (options.poses, arm.n_joints))
+    us = ours(arm.chain, angles) | pinocchios(angles)
+    if options.json:
+        print(json.dumps({"machine": machine(), "arm": ARM, "poses": options.poses, "us_per_pose": us}))
+        return
+    print(", ".join(f"{name} {value}" for name, value in machine().items()))
+    print(f"{options.poses} poses of {ARM}, one thread\n")
+    print(f"{'':46} us/pose")
+    for name, value in us.items():
+        print(f"{name:46} {value:7.3f}")
+    if "pinocchio forwardKinematics" in us:
+        forward = us["pinocchio forwardKinematics"] / us["pose"]
+        derivative = us["pinocchio with computeFrameKinematicRegressor"] / us["small_motions"]
+        print(f"\npose is {forward:.1f} times as fast as pinocchio's forward kinematics in its own loop,")
+        print(f"small_motions {derivative:.1f} times as fast as forward kinematics with its kinematic regressor")
+
+
+if __name__ == "__main__":
+    main()
