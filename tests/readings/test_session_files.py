@@ -215,6 +215,15 @@ def test_a_cell_that_is_no_number_is_found(tmp_path, cell, said, hint, line):
     assert len(str(error)) < 400 + len(str(tmp_path))
 
 
+@pytest.mark.parametrize("fault", [2, 500, 999, 1001])
+def test_a_fault_is_found_in_every_block_of_a_large_file(tmp_path, monkeypatch, fault):
+    monkeypatch.setattr(delimited, "_BLOCK", 100)
+    rows = ["1,2"] * 1000
+    rows[fault - 2] = "1,two"
+    error = refusal(tmp_path, "q1_deg,q2_deg\n" + "\n".join(rows))
+    assert (error.line, error.column) == (fault, "q2_deg")
+
+
 def test_a_column_of_nothing_but_true_is_no_column_of_ones(tmp_path):
     error = refusal(tmp_path, "q1_deg\nTrue\nFalse\n")
     assert (error.line, error.column) == (2, "q1_deg")
@@ -393,3 +402,13 @@ def test_names_with_line_breaks_and_unknown_file_types_are_not_written(tmp_path)
 def test_csv_needs_no_pyarrow(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert len(read_session(text_file(tmp_path, GOOD))) == 2
+
+
+def test_the_example_in_the_manual_is_a_session_file(tmp_path):
+    manual = Path(__file__).parents[2] / "docs" / "session-file.md"
+    example = manual.read_text().split("```csv\n")[1].split("```")[0]
+    readings = read_session(text_file(tmp_path, example), n_joints=3)
+    assert len(readings) == 3
+    assert readings.seat.tolist() == ["", "", "cone A"]
+    assert readings.point_std is not None
+    assert f"At most {delimited.MAX_BYTES // 2**20} MiB" in manual.read_text()

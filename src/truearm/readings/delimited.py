@@ -6,7 +6,7 @@ import codecs
 import csv
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,9 @@ NameArray = npt.NDArray[np.str_]
 
 # About three million readings: more than anybody took, and reading them (five times the size) fits a small machine.
 MAX_BYTES = 2**29
+
+# Bytes that are searched for a fault together.
+_BLOCK = 2**20
 
 # Files that people offer instead of text, by how they begin.
 _FOREIGN = {
@@ -127,35 +130,42 @@ def read_columns(sheet: Sheet, numbers: Sequence[int], words: Sequence[int] = ()
     InputError
         If a cell of `numbers` is not a finite number: the first such cell in the file, with what to try.
     """
+    try:
+        return _read(sheet, numbers, words)
+    except (ValueError, OverflowError):
+        raise _first_fault(sheet, numbers) from None
+
+
+def _read(sheet: Sheet, numbers: Sequence[int], words: Sequence[int]) -> tuple[FloatArray, list[NameArray]]:
+    """Do the work of `read_columns`; a ValueError does not say where the fault is."""
     import io
 
     import pandas as pd
 
     wanted = sorted({*numbers, *words})
-    try:
-        table = pd.read_csv(
-            io.BytesIO(sheet.rows),
-            sep=sheet.separator,
-            decimal=sheet.decimal,
-            header=None,
-            usecols=wanted,
-            dtype={i: str if i in words else float for i in wanted},
-            na_filter=False,
-            index_col=False,
-            skip_blank_lines=False,
-            engine="c",
-            encoding="utf-8",
-            **_exactly(pd.__version__),
-        )
-    except (ValueError, OverflowError):
-        raise _first_fault(sheet, numbers) or _unreadable(sheet) from None
+    table = pd.read_csv(
+        io.BytesIO(sheet.rows),
+        sep=sheet.separator,
+        decimal=sheet.decimal,
+        header=None,
+        usecols=wanted,
+        dtype={i: str if i in words else float for i in wanted},
+        na_filter=False,
+        index_col=False,
+        skip_blank_lines=False,
+        engine="c",
+        encoding="utf-8",
+        **_exactly(pd.__version__),
+    )
     found = np.empty((len(table), len(numbers)))
     for k, i in enumerate(numbers):
         found[:, k] = table[i].to_numpy()
-    # pandas takes a column of nothing but True and False for numbers, so noughts and ones are looked at again.
-    suspect = not np.isfinite(found).all() or bool(((found == 0) | (found == 1)).all(axis=0).any())
-    if suspect and (fault := _first_fault(sheet, numbers)):
-        raise fault
+    if not np.isfinite(found).all():
+        raise ValueError("a number is not finite")
+    # pandas takes a column of nothing but True and False for noughts and ones.
+    truth = any(word in sheet.rows for word in (b"rue", b"RUE", b"alse", b"ALSE"))
+    if truth and ((found == 0) | (found == 1)).all(axis=0).any() and _fault_in(sheet, numbers):
+        raise ValueError("a truth value is no number")
     return found, [table[i].to_numpy(dtype=np.str_) for i in words]
 
 
@@ -285,8 +295,23 @@ def _ragged(sheet: Sheet, line: int, cells: list[str]) -> InputError:
     return InputError(problem, file=sheet.file, line=line, hint=hint)
 
 
-def _first_fault(sheet: Sheet, numbers: Sequence[int]) -> InputError | None:
-    """Find the first cell of the columns `numbers` that is no finite number."""
+def _first_fault(sheet: Sheet, numbers: Sequence[int]) -> InputError:
+    """Find the first cell of the columns `numbers` that is no finite number: the faulty block fast, then its cells."""
+    start, line = 0, sheet.first_line
+    while start < len(sheet.rows):
+        end = sheet.rows.find(b"\n", start + _BLOCK) + 1 or len(sheet.rows)
+        block = replace(sheet, rows=sheet.rows[start:end], first_line=line)
+        try:
+            _read(block, numbers, ())
+        except (ValueError, OverflowError):
+            if fault := _fault_in(block, numbers):
+                return fault
+        start, line = end, line + block.rows.count(b"\n")
+    return InputError("expected numbers, got cells that cannot be read as numbers", file=sheet.file)
+
+
+def _fault_in(sheet: Sheet, numbers: Sequence[int]) -> InputError | None:
+    """Look at every cell of the columns `numbers`, slowly, for the first that is no finite number."""
     sign = re.escape(sheet.decimal)
     number = re.compile(rf"[+-]?(\d+{sign}?\d*|{sign}\d+)([eE][+-]?\d+)?", re.ASCII)
     for line, cells in sheet.cells():
@@ -296,10 +321,6 @@ def _first_fault(sheet: Sheet, numbers: Sequence[int]) -> InputError | None:
                 problem, hint = _said_of(cells[i], sheet)
                 return InputError(problem, file=sheet.file, line=line, column=sheet.names[i], hint=hint)
     return None
-
-
-def _unreadable(sheet: Sheet) -> InputError:
-    return InputError("expected numbers, got cells that cannot be read as numbers", file=sheet.file)
 
 
 def _said_of(cell: str, sheet: Sheet) -> tuple[str, str | None]:
