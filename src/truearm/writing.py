@@ -34,11 +34,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         If the folder does not exist, is not writable, or `path` is a folder.
     """
     path = Path(path)
-    folder = path.parent
-    if not folder.is_dir():
-        raise InputError(f"the folder {folder} does not exist", file=path, hint=f"mkdir -p {folder}")
-    if path.is_dir():
-        raise InputError("expected the name of a file to write, got a folder", file=path, hint=f"{path / 'NAME'}")
+    folder = check_writable(path)
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=folder)
     except PermissionError:
@@ -54,3 +50,20 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def check_writable(path: str | Path) -> Path:
+    """Check, before long work, that a file can be written; give its folder.
+
+    Raises
+    ------
+    InputError
+        If the folder does not exist or `path` is a folder.
+    """
+    path = Path(path)
+    folder = path.parent
+    if not folder.is_dir():
+        raise InputError(f"the folder {folder} does not exist", file=path, hint=f"mkdir -p {folder}")
+    if path.is_dir():
+        raise InputError("expected the name of a file to write, got a folder", file=path, hint=f"{path / 'NAME'}")
+    return folder

@@ -248,3 +248,14 @@ def test_a_missing_folder_is_told(tmp_path):
     _, _, _, lengths = made_up(5)
     with pytest.raises(InputError, match="does not exist"):
         figures.save_png(figures.before_after(lengths), tmp_path / "none" / "a.png")
+
+
+def test_a_few_readings_have_a_largest_error_and_no_95th_percentile():
+    assert "largest 0.30 mm" in figures.error_distribution({"m": np.full(19, 0.3)}).caption
+    assert "95 % below 0.30 mm" in figures.error_distribution({"m": np.full(20, 0.3)}).caption
+
+
+def test_captions_stay_short_with_many_models_and_speak_of_one_reading():
+    lengths = {f"m{i}": np.full(30, 0.1 * (i + 1)) for i in range(9)}
+    assert "m3 0.40 mm; and 5 more" in figures.before_after(lengths).caption
+    assert "1 reading," in figures.workspace([[1.0, 2.0, 3.0]]).caption

@@ -23,11 +23,14 @@ def say_json(result: Mapping[str, Any]) -> None:
     typer.echo(json.dumps(result, indent=2, allow_nan=False))
 
 
-def say_table(columns: list[str], rows: list[list[str]]) -> None:
-    """Print rows under column heads: the first column to the left, the others to the right."""
+def say_table(columns: list[str], rows: list[list[str]], *, left: tuple[int, ...] = (0,)) -> None:
+    """Print rows under column heads: the columns numbered in `left` to the left, the others to the right."""
     widths = [max(len(row[i]) for row in [columns, *rows]) for i in range(len(columns))]
     for row in [columns, *rows]:
-        cells = [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
+        cells = [
+            cell.ljust(width) if i in left else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
         typer.echo("  ".join(cells).rstrip())
 
 

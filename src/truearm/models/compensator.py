@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable
-from typing import Any, Self
+from typing import Any, Literal, Self, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -107,6 +107,12 @@ class Compensator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.data_fingerprint_ = fingerprint(readings.angles, readings.points)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
+
+    @overload
+    def predict(self, X: npt.ArrayLike, *, return_cov: Literal[False] = False) -> FloatArray: ...
+
+    @overload
+    def predict(self, X: npt.ArrayLike, *, return_cov: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
 
     def predict(self, X: npt.ArrayLike, *, return_cov: bool = False) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Corrected coordinates.

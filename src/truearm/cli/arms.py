@@ -1,0 +1,82 @@
+"""``truearm arms``: the arms of the catalogue, one arm's drawing, or an arm file to start one's own from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from truearm.cli.console import Json, say, say_json, say_table
+
+if TYPE_CHECKING:
+    from truearm.arm import Arm
+
+
+def arms(
+    arm: Annotated[str, typer.Argument(help="A name, or an arm (.toml) or URDF file, to show.", show_default=False)] = "",
+    out: Annotated[Path | None, typer.Option("--out", help="Write it as an arm file, .toml or .urdf.")] = None,
+    convention: Annotated[Literal["dh", "mdh"], typer.Option("--convention", help="Of the table.")] = "dh",
+    as_json: Json = False,
+) -> None:
+    """List the arms that are known by name; show one, or write it to a file to edit."""
+    from truearm.arm import arm_from, load, names, write_arm
+    from truearm.errors import InputError
+
+    if not arm:
+        if out is not None:
+            raise InputError("--out needs the name of an arm", hint="truearm arms gao2017 --out my-arm.toml")
+        listed = [load(name) for name in names()]
+        if as_json:
+            say_json({a.name: {"title": a.title, "n_joints": a.n_joints, "reach_mm": a.chain.reach} for a in listed})
+        else:
+            rows = [[a.name, str(a.n_joints), f"{a.chain.reach:.0f}", a.title] for a in listed]
+            say_table(["name", "joints", "reach mm", "what it is"], rows, left=(0, 3))
+        return
+    chosen = arm_from(arm)
+    if out is not None:
+        write_arm(chosen, out, convention=convention)
+        say(f"{out}: {chosen.name}, {chosen.n_joints} joints")
+    elif as_json:
+        say_json(_facts(chosen, convention))
+    else:
+        _show(chosen, convention)
+
+
+def _facts(arm: Arm, convention: Literal["dh", "mdh"]) -> dict[str, object]:
+    import numpy as np
+
+    from truearm.arm import dh_table, mdh_table
+
+    table = (dh_table if convention == "dh" else mdh_table)(arm.chain)
+    return {
+        "name": arm.name,
+        "title": arm.title,
+        "source": arm.source,
+        "convention": convention,
+        "joint_names": list(arm.joint_names),
+        "a_mm": table.a.tolist(),
+        "d_mm": table.d.tolist(),
+        "alpha_deg": np.degrees(table.alpha).tolist(),
+        "theta_deg": np.degrees(table.theta).tolist(),
+        "tip_mm": table.tip.tolist(),
+        "reach_mm": arm.chain.reach,
+    }
+
+
+def _show(arm: Arm, convention: Literal["dh", "mdh"]) -> None:
+    import numpy as np
+
+    facts = _facts(arm, convention)
+    say(f"{arm.name}: {arm.title}")
+    columns = ["a_mm", "d_mm", "alpha_deg", "theta_deg"]
+    rows = []
+    for i, name in enumerate(arm.joint_names):
+        slides = bool(arm.chain.prismatic is not None and arm.chain.prismatic[i])
+        limits = arm.limits[i] if slides else np.degrees(arm.limits[i])
+        rows.append(
+            [name, *(f"{facts[column][i]:.4f}" for column in columns), *(f"{limit:.1f}" for limit in limits)]  # type: ignore[index]
+        )
+    say_table(["joint", *columns, "least", "most"], rows)
+    say(f"tip_mm: {', '.join(f'{x:.4f}' for x in facts['tip_mm'])}")  # type: ignore[attr-defined]
+    say(f"source: {arm.source}")

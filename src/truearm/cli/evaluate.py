@@ -1,0 +1,42 @@
+"""``truearm evaluate``: how far a model's points are from the reference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truearm.cli.console import Json, say, say_json, say_table
+
+
+def evaluate(
+    model: Annotated[Path, typer.Argument(help="Model file.")],
+    session: Annotated[Path, typer.Argument(help="Session file with reference points the model has not seen.")],
+    as_json: Json = False,
+) -> None:
+    """Print the errors of a model on a session, beside those of the nominal arm.
+
+    The nominal arm is the drawing, its base and tip (where they were free) fitted to the model's own training readings.
+    """
+    from truearm.cli.predict import load_for
+    from truearm.models import compared_errors, errors_of
+    from truearm.models.compensator import fingerprint
+
+    fitted, readings = load_for(model, session)
+    if readings.points is None:
+        raise readings.error("expected reference points to evaluate against, the session has none")
+    nominal = fitted.predict_nominal(readings.angles)
+    errors = compared_errors(fitted.predict(readings.angles), nominal, readings.points)
+    if as_json:
+        say_json(dict(errors))
+        return
+    before = errors_of(nominal, readings.points)
+    rows = [[name, f"{before[name]:.4f}", f"{errors[name]:.4f}"] for name in errors if name.endswith("_mm")]  # type: ignore[literal-required]
+    say_table([f"{errors['n']} readings", "nominal", "model"], rows)
+    say(f"{errors['removed_percent']:.1f} % of the mean absolute coordinate error removed")
+    outside = int(fitted.outside_training(readings.angles).sum())
+    if outside:
+        say(f"{outside} of {len(readings)} readings have a joint beyond the training angles.")
+    if fingerprint(readings.angles, readings.points) == fitted.data_fingerprint_:
+        say("These are the readings it learned from: an honest test needs others (truearm split).")

@@ -1,0 +1,133 @@
+"""The factored normal equations against the dense Jacobian, and that against difference quotients."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truearm.nets import normal_equations
+from truearm.nets.nguyen_widrow import nguyen_widrow
+from truearm.nets.normal_equations import FitProblem
+from truearm.nets.perceptron import Perceptron
+from truearm.nets.variable_projection import ProjectedProblem
+
+
+def dense_jacobian(network, weights, inputs):
+    """(n_outputs * n, n_weights) by backpropagation of every output: the plain form."""
+    values = network.forward(weights, inputs)
+    layers, activations = network.layers(weights), network.activations
+    n_outputs, n = values[-1].shape
+    blocks = []
+    D = np.broadcast_to(np.eye(n_outputs)[:, :, None], (n_outputs, n_outputs, n))  # by net input of the output layer
+    for layer in range(len(layers) - 1, -1, -1):
+        a = np.concatenate([values[layer], np.ones((1, n))])
+        blocks.insert(0, np.einsum("in,okn->onik", a, D).reshape(n_outputs * n, -1))
+        if layer:
+            slope = activations[layer - 1].derivative(values[layer])
+            D = np.einsum("kr,orn->okn", layers[layer][:-1], D) * slope
+    return np.concatenate(blocks, axis=1)
+
+
+def problem(sizes, activation, *, n=30, seed=0):
+    network = Perceptron.with_layers(sizes[0], sizes[1:-1], sizes[-1], activation=activation)
+    rng = np.random.default_rng(seed)
+    weights = nguyen_widrow(network, seed=seed)
+    return FitProblem(network, rng.uniform(-1, 1, (sizes[0], n)), rng.normal(size=(sizes[-1], n))), weights
+
+
+sizes = st.lists(st.integers(1, 6), min_size=3, max_size=6)
+activations = st.sampled_from(["tansig", "logsig", "purelin"])
+
+
+@settings(deadline=None, max_examples=60)
+@given(sizes, activations, st.integers(0, 1000))
+def test_factored_equals_dense(sizes, activation, seed):
+    fit, weights = problem(tuple(sizes), activation, seed=seed)
+    J = dense_jacobian(fit.network, weights, fit.inputs)
+    errors = (fit.network.outputs(weights, fit.inputs) - fit.targets).ravel()
+    found = fit.normal_equations(weights)
+    assert np.abs(found.gram - J.T @ J).max() <= 1e-10 * np.abs(J.T @ J).max()
+    assert np.abs(found.gradient - J.T @ errors).max() <= 1e-10 * np.abs(J).max() * np.abs(errors).sum()
+    assert found.cost == pytest.approx(0.5 * errors @ errors, rel=1e-12)
+    assert found.cost == pytest.approx(fit.cost(weights), rel=1e-12)
+    np.testing.assert_array_equal(found.gram, found.gram.T)
+
+
+@pytest.mark.parametrize("activation", ["tansig", "logsig", "purelin"])
+@pytest.mark.parametrize("sizes", [(2, 5, 3), (3, 4, 5, 2), (1, 3, 2, 4, 1)])
+def test_dense_equals_difference_quotient(sizes, activation):
+    fit, weights = problem(sizes, activation, n=5)
+    J = dense_jacobian(fit.network, weights, fit.inputs)
+    h = 1e-6  # central: truncation h^2 ~ 1e-12, rounding 1e-16 / h ~ 1e-10
+    for p in range(len(weights)):
+        step = np.zeros_like(weights)
+        step[p] = h
+        up, down = (fit.network.outputs(weights + sign * step, fit.inputs) for sign in (1, -1))
+        np.testing.assert_allclose(J[:, p], ((up - down) / (2 * h)).ravel(), atol=2e-8)
+
+
+def test_sums_do_not_depend_on_the_chunks(monkeypatch):
+    fit, weights = problem((4, 7, 6, 3), "tansig", n=700)
+    whole = fit.normal_equations(weights)
+    monkeypatch.setattr(normal_equations, "CHUNK", 64)
+    pieces = fit.normal_equations(weights)
+    np.testing.assert_allclose(pieces.gram, whole.gram, atol=1e-12 * np.abs(whole.gram).max())
+    np.testing.assert_allclose(pieces.gradient, whole.gradient, atol=1e-11 * np.abs(whole.gradient).max())
+
+
+def test_one_hand_made_neuron():
+    """y = v tanh(w x + b) + c: J = [v s x, v s, t, 1] with t = tanh, s = 1 - t^2."""
+    network = Perceptron.with_layers(1, (1,), 1)
+    w, b, v, c, x, target = 0.7, -0.2, 1.5, 0.3, 0.9, 0.1
+    t = np.tanh(w * x + b)
+    row = np.array([v * (1 - t**2) * x, v * (1 - t**2), t, 1.0])
+    found = FitProblem(network, np.array([[x]]), np.array([[target]])).normal_equations(np.array([w, b, v, c]))
+    np.testing.assert_allclose(found.gram, np.outer(row, row), rtol=1e-14)
+    np.testing.assert_allclose(found.gradient, row * (v * t + c - target), rtol=1e-14)
+
+
+def test_projection_is_the_minimum_over_the_output_layer():
+    fit, weights = problem((3, 5, 4, 2), "tansig", n=200)
+    projected = ProjectedProblem(fit)
+    hidden = weights[: projected.n_hidden_weights]
+    completed = projected.completed(hidden)
+    assert np.abs(fit.normal_equations(completed).gradient[len(hidden) :]).max() < 1e-10
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        other = completed.copy()
+        other[len(hidden) :] += 0.01 * rng.normal(size=len(completed) - len(hidden))
+        assert fit.cost(other) > projected.cost(hidden)
+
+
+def test_projected_gradient_equals_difference_quotient():
+    fit, weights = problem((2, 4, 3, 2), "tansig", n=60)
+    projected = ProjectedProblem(fit)
+    hidden = weights[: projected.n_hidden_weights]
+    gradient = projected.normal_equations(hidden).gradient
+    h = 1e-5  # central: truncation h^2 = 1e-10, rounding 1e-16 cost / h ~ 1e-10
+    for p in range(len(hidden)):
+        step = np.zeros_like(hidden)
+        step[p] = h
+        quotient = (projected.cost(hidden + step) - projected.cost(hidden - step)) / (2 * h)
+        assert gradient[p] == pytest.approx(quotient, abs=2e-7 * np.abs(gradient).max())
+
+
+def test_projected_matrix_is_the_schur_complement():
+    fit, weights = problem((3, 4, 3, 2), "logsig", n=100)
+    projected = ProjectedProblem(fit)
+    p = projected.n_hidden_weights
+    J = dense_jacobian(fit.network, projected.completed(weights[:p]), fit.inputs)
+    hidden, output = J[:, :p], J[:, p:]
+    off = hidden - output @ np.linalg.lstsq(output, hidden)[0]  # columns with the output layer's space taken away
+    gram = projected.normal_equations(weights[:p]).gram
+    np.testing.assert_allclose(gram, off.T @ off, atol=1e-8 * np.abs(gram).max())
+
+
+def test_projection_survives_hidden_units_that_are_alike():
+    fit, weights = problem((2, 3, 1), "tansig", n=50)
+    alike = weights.reshape(-1).copy()
+    first = alike[:9].reshape(3, 3)
+    first[:] = first[:, :1]
+    assert np.isfinite(ProjectedProblem(fit).normal_equations(alike[:9]).gram).all()

@@ -1,0 +1,191 @@
+"""Training: MATLAB's stops one by one, its record, scaling, start and division."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truearm.errors import InputError
+from truearm.nets.activations import ACTIVATIONS
+from truearm.nets.lm import train_lm
+from truearm.nets.nguyen_widrow import nguyen_widrow
+from truearm.nets.normal_equations import FitProblem
+from truearm.nets.perceptron import Perceptron
+from truearm.nets.scaling import MinMax
+from truearm.nets.trainlm import dividerand, trainlm
+
+
+@pytest.fixture
+def wave():
+    """y = sin(3 x) on [-1, 1], a 1-8-1 network and its start."""
+    x = np.linspace(-1, 1, 120)[None]
+    network = Perceptron.with_layers(1, (8,), 1)
+    return FitProblem(network, x, np.sin(3 * x)), nguyen_widrow(network, seed=0)
+
+
+def halves(problem):
+    def part(start):
+        columns = slice(start, None, 2)
+        return FitProblem(
+            problem.network,
+            np.ascontiguousarray(problem.inputs[:, columns]),
+            np.ascontiguousarray(problem.targets[:, columns]),
+        )
+
+    return part(0), part(1)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"goal": 1e-6}, "Performance goal met."),
+        ({"epochs": 4}, "Maximum epoch reached."),
+        ({"epochs": 0}, "Maximum epoch reached."),
+        ({"time": 0.0}, "Maximum time elapsed."),
+        ({"min_grad": 1e3}, "Minimum gradient reached."),
+        ({"mu": 1e11}, "Maximum MU reached."),
+    ],
+)
+def test_each_stop_of_matlab(wave, options, sentence):
+    problem, start = wave
+    weights, record = trainlm(problem, start, **options)
+    assert record.stop == sentence
+    assert record.best_epoch == len(record.perf) - 1
+    assert problem.mean_square(weights) == pytest.approx(record.perf[-1], rel=1e-12)
+
+
+def test_validation_stop_restores_the_best_weights(wave):
+    problem, start = wave
+    rng = np.random.default_rng(0)
+    noisy = FitProblem(problem.network, problem.inputs, problem.targets + rng.normal(0, 0.2, problem.targets.shape))
+    training, validation = halves(noisy)
+    weights, record = trainlm(training, start, validation=validation, test=validation, max_fail=6)
+    assert record.stop == "Validation stop."
+    assert record.val_fail[-1] == 6
+    assert validation.mean_square(weights) == pytest.approx(record.vperf.min(), rel=1e-12)
+    assert record.best_epoch == int(record.vperf.argmin())
+    np.testing.assert_allclose(record.tperf, record.vperf)
+    assert (np.diff(record.perf) < 0).all()
+
+
+def test_the_record_has_an_entry_for_every_epoch(wave):
+    problem, start = wave
+    _, record = trainlm(problem, start, epochs=5)
+    lengths = {len(getattr(record, n)) for n in ("perf", "vperf", "tperf", "mu", "gradient", "val_fail", "time")}
+    assert lengths == {6}
+    assert record.mu[0] == 1e-3
+    assert np.isnan(record.vperf).all()
+    # each epoch's damping is the last one's times a whole power of ten
+    powers = np.log10(record.mu[1:] / record.mu[:-1])
+    np.testing.assert_allclose(powers, np.round(powers), atol=1e-9)
+
+
+def test_the_gradient_is_that_of_the_mean_square(wave):
+    problem, start = wave
+    _, record = trainlm(problem, start, epochs=0)
+    h = 1e-6
+    numeric = [
+        (problem.mean_square(start + h * e) - problem.mean_square(start - h * e)) / (2 * h) for e in np.eye(len(start))
+    ]
+    assert record.gradient[0] == pytest.approx(np.linalg.norm(numeric), rel=1e-6)
+
+
+def test_projection_needs_fewer_epochs(wave):
+    problem, start = wave
+    _, faithful = trainlm(problem, start, goal=1e-6, epochs=500)
+    weights, ours = train_lm(problem, start, goal=1e-6, epochs=500)
+    assert ours.stop == faithful.stop == "Performance goal met."
+    assert len(ours.perf) < len(faithful.perf)
+    assert problem.mean_square(weights) <= 1e-6
+
+
+def test_projection_with_validation_keeps_the_best(wave):
+    problem, start = wave
+    rng = np.random.default_rng(0)
+    noisy = FitProblem(problem.network, problem.inputs, problem.targets + rng.normal(0, 0.2, problem.targets.shape))
+    training, validation = halves(noisy)
+    weights, record = train_lm(training, start, validation=validation, max_fail=5)
+    assert validation.mean_square(weights) == pytest.approx(record.vperf.min(), rel=1e-9)
+
+
+def test_training_is_repeatable(wave):
+    problem, start = wave
+    once, twice = (trainlm(problem, start, epochs=10)[0] for _ in range(2))
+    np.testing.assert_array_equal(once, twice)
+
+
+def test_mapminmax_maps_the_range_and_back():
+    data = np.array([[1.0, 3, 2], [-5, 5, 0]])
+    scale = MinMax.of(data, what="input")
+    np.testing.assert_array_equal(scale.scaled(data), [[-1, 1, 0], [-1, 1, 0]])
+    np.testing.assert_allclose(scale.restored(scale.scaled(data)), data, rtol=1e-15)
+    with pytest.raises(InputError, match="input 2 is 7 in all 3 samples"):
+        MinMax.of(np.array([[1.0, 2, 3], [7, 7, 7]]), what="input")
+
+
+@pytest.mark.parametrize("name", ["tansig", "logsig", "purelin"])
+def test_activations_against_difference_quotients_and_matlabs_values(name):
+    activation = ACTIVATIONS[name]
+    net = np.array([-700.0, -2, -0.5, 0, 0.5, 2, 700])
+    h = 1e-6  # central: truncation 1e-12, rounding 1e-10
+    quotient = (activation.value(net + h) - activation.value(net - h)) / (2 * h)
+    np.testing.assert_allclose(activation.derivative(activation.value(net)), quotient, atol=1e-7)
+    # MATLAB's documented formulas: 2/(1+exp(-2n))-1 and 1/(1+exp(-n))
+    at_half = {"tansig": 2 / (1 + np.exp(-1)) - 1, "logsig": 1 / (1 + np.exp(-0.5)), "purelin": 0.5}[name]
+    assert activation.value(np.array([0.5]))[0] == pytest.approx(at_half, rel=1e-14)
+
+
+def test_start_spreads_active_regions_over_the_input_range():
+    network = Perceptron.with_layers(2, (40, 10), 3)
+    first, second, last = network.layers(nguyen_widrow(network, seed=3))
+    # tansig is active for |net| < 2: weight length 0.7 S^(1/R) per unit of half the active range.
+    np.testing.assert_allclose(np.linalg.norm(first[:-1], axis=0), 2 * 0.7 * 40**0.5, rtol=1e-12)
+    assert np.abs(first[-1]).max() <= 2 * 0.7 * 40**0.5 + 1e-9
+    # every unit's centre, where the net input is 0, is no further from the origin than the range's end
+    distance = np.abs(first[-1]) / np.linalg.norm(first[:-1], axis=0)
+    assert distance.max() <= 1 + 1e-12
+    np.testing.assert_allclose(np.linalg.norm(second[:-1], axis=0), 2 * 0.7 * 10 ** (1 / 40), rtol=1e-12)
+    assert np.abs(last).max() <= 1
+
+
+def test_start_for_logsig_is_centred_on_its_outputs():
+    """Inputs of the second layer lie in [0, 1]: at their middle the net inputs are those of an input of 0 in [-1, 1]."""
+    network = Perceptron.with_layers(1, (5, 4), 1, activation="logsig")
+    _, second, _ = network.layers(nguyen_widrow(network, seed=1))
+    middle = second[:-1].sum(axis=0) * 0.5 + second[-1]
+    length = 0.7 * 4 ** (1 / 5)
+    np.testing.assert_allclose(np.sort(np.abs(middle)), np.sort(np.abs(4 * length * np.linspace(-1, 1, 4))), rtol=1e-9)
+
+
+def test_dividerand_divides_everything_once():
+    train, validation, test = dividerand(101, seed=5)
+    assert sorted([*train, *validation, *test]) == list(range(101))
+    assert (len(validation), len(test)) == (15, 15)
+    everything, none, none_too = dividerand(10, train=1, validation=0, test=0, seed=5)
+    assert len(everything) == 10
+    assert len(none) == len(none_too) == 0
+    with pytest.raises(InputError, match="no samples left"):
+        dividerand(3, train=0, validation=1, test=0, seed=0)
+    with pytest.raises(InputError, match="shares"):
+        dividerand(3, train=-1, seed=0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Perceptron((6, 3), ()), "hidden layer"),
+        (lambda: Perceptron((6, 0, 3), ("tansig",)), "sizes"),
+        (lambda: Perceptron((6, 5, 3), ("relu",)), "unknown activation 'relu'. Try: tansig, logsig, purelin"),
+        (lambda: Perceptron((6, 5, 3), ("tansig", "tansig")), "as many activations"),
+    ],
+)
+def test_impossible_networks_are_refused(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+def test_weights_travel_as_one_vector():
+    network = Perceptron.with_layers(6, (30, 30), 3)
+    assert network.n_weights == 7 * 30 + 31 * 30 + 31 * 3 == 1233
+    weights = np.arange(1233.0)
+    assert np.concatenate([W.ravel() for W in network.layers(weights)]).tolist() == weights.tolist()

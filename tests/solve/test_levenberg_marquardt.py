@@ -1,0 +1,192 @@
+"""The solver against problems with known answers, and each part against its formula."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truearm.errors import TruearmError
+from truearm.solve import (
+    Classical,
+    DampingLimit,
+    Epochs,
+    Goal,
+    Gradient,
+    Nielsen,
+    NormalEquations,
+    Seconds,
+    Settled,
+    State,
+    Validation,
+    levenberg_marquardt,
+)
+
+
+class Residuals:
+    """A problem from a residual function and its Jacobian."""
+
+    def __init__(self, residuals, jacobian):
+        self.residuals, self.jacobian = residuals, jacobian
+        self.built = 0
+
+    def cost(self, x):
+        r = self.residuals(x)
+        return 0.5 * float(r @ r)
+
+    def normal_equations(self, x):
+        self.built += 1
+        r, J = self.residuals(x), self.jacobian(x)
+        return NormalEquations(0.5 * float(r @ r), J.T @ r, J.T @ J)
+
+
+def rosenbrock():
+    return Residuals(
+        lambda x: np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]),
+        lambda x: np.array([[-20 * x[0], 10.0], [-1.0, 0.0]]),
+    )
+
+
+# NIST Statistical Reference Datasets, Misra1a (Misra, D., 1978: dental research monomolecular adsorption), lower
+# difficulty; certified values as printed, to 11 digits.
+MISRA1A_Y = [10.07, 14.73, 17.94, 23.93, 29.61, 35.18, 40.02, 44.82, 50.76, 55.05, 61.01, 66.40, 75.47, 81.78]
+MISRA1A_X = [77.6, 114.9, 141.1, 190.8, 239.9, 289.0, 332.8, 378.4, 434.8, 477.3, 536.8, 593.1, 689.1, 760.0]
+MISRA1A_B = [2.3894212918e02, 5.5015643181e-04]
+MISRA1A_STD = [2.7070075241e00, 7.2668688436e-06]
+MISRA1A_SQUARES = 1.2455138894e-01
+
+
+def misra1a():
+    x, y = np.array(MISRA1A_X), np.array(MISRA1A_Y)
+    # The second parameter in units of 1e-3: damping by the unit matrix needs parameters of like size.
+    return Residuals(
+        lambda b: b[0] * (1 - np.exp(-b[1] * 1e-3 * x)) - y,
+        lambda b: np.stack([1 - np.exp(-b[1] * 1e-3 * x), b[0] * x * 1e-3 * np.exp(-b[1] * 1e-3 * x)], axis=1),
+    )
+
+
+@pytest.mark.parametrize("damping", [Nielsen(), Classical()])
+@pytest.mark.parametrize("start", [[500.0, 0.1], [250.0, 0.5]])
+def test_certified_values_of_misra1a(damping, start):
+    result = levenberg_marquardt(misra1a(), start, damping=damping, stops=[Settled(1e-14), Epochs(500)])
+    assert result.reason.converged
+    np.testing.assert_allclose(result.x * [1, 1e-3], MISRA1A_B, rtol=1e-7)
+    assert 2 * result.cost == pytest.approx(MISRA1A_SQUARES, rel=1e-9)
+    std = np.sqrt(np.diag(result.covariance()) * 2 * result.cost / (14 - 2))
+    np.testing.assert_allclose(std * [1, 1e-3], MISRA1A_STD, rtol=1e-6)
+
+
+@pytest.mark.parametrize("damping", [Nielsen(), Classical()])
+def test_rosenbrock_is_found_from_the_usual_start(damping):
+    result = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], damping=damping, stops=[Goal(1e-20), Epochs(300)])
+    np.testing.assert_allclose(result.x, [1, 1], atol=1e-9)
+    assert result.reason.text == "Performance goal met."
+
+
+def test_the_cost_never_rises_and_the_history_tells_every_epoch():
+    told = []
+    result = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], stops=[Goal(1e-20), Epochs(300)], callback=told.append)
+    costs = [state.cost for state in result.history]
+    assert all(after < before for before, after in zip(costs, costs[1:], strict=False))
+    assert told == list(result.history)
+    assert [state.epoch for state in result.history] == list(range(result.epochs + 1))
+
+
+def test_a_rejected_step_uses_the_same_equations_again():
+    problem = rosenbrock()
+    result = levenberg_marquardt(problem, [-1.2, 1.0], stops=[Goal(1e-20), Epochs(300)])
+    assert result.evaluations > problem.built  # some steps were rejected
+    assert problem.built == result.epochs + 1
+
+
+def test_a_linear_problem_takes_two_epochs_without_damping():
+    A = np.array([[2.0, 1], [1, 3], [0, 1]])
+    b = np.array([1.0, 2, 3])
+    problem = Residuals(lambda x: A @ x - b, lambda x: A)
+    result = levenberg_marquardt(problem, [0, 0], damping=Classical(mu=1e-12), stops=[Gradient(1e-9), Epochs(50)])
+    np.testing.assert_allclose(result.x, np.linalg.lstsq(A, b)[0], rtol=1e-9)
+    assert result.epochs <= 2
+
+
+def test_it_ends_where_no_step_helps():
+    problem = Residuals(lambda x: np.array([1.0 + 0 * x[0]]), lambda x: np.array([[1.0]]))  # a wrong derivative
+    result = levenberg_marquardt(problem, [0.0], damping=Classical(), stops=[DampingLimit()])
+    assert result.reason.text == "Maximum MU reached."
+    without_that_rule = levenberg_marquardt(problem, [0.0], stops=[])
+    assert "No step lowers" in without_that_rule.reason.text
+
+
+def test_a_start_that_is_no_number_is_an_error():
+    problem = Residuals(lambda x: np.array([np.nan]), lambda x: np.array([[1.0]]))
+    with pytest.raises(TruearmError, match="not a finite number"):
+        levenberg_marquardt(problem, [0.0])
+
+
+def test_no_covariance_of_what_the_data_do_not_tell():
+    problem = Residuals(lambda x: np.array([x[0] + x[1]]), lambda x: np.array([[1.0, 1.0]]))
+    result = levenberg_marquardt(problem, [1.0, 0.0])
+    with pytest.raises(TruearmError, match="singular"):
+        result.covariance()
+
+
+def test_an_interrupt_passes_through():
+    def interrupt(state):
+        if state.epoch == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        levenberg_marquardt(rosenbrock(), [-1.2, 1.0], callback=interrupt)
+
+
+def test_nielsens_rule_by_hand():
+    start = Nielsen(relative_start=1e-3).started(NormalEquations(1.0, np.zeros(2), np.diag([4.0, 50.0])))
+    assert start.mu == pytest.approx(0.05)
+    assert start.succeeded(0.5).mu == pytest.approx(0.05)  # 1 - 0
+    assert start.succeeded(1.0).mu == pytest.approx(0.05 / 3)  # 1 - 1 = 0, held at 1/3
+    assert start.succeeded(0.25).mu == pytest.approx(0.05 * 1.125)  # 1 + 1/8
+    assert start.failed().mu == pytest.approx(0.1)
+    assert start.failed().failed().failed().mu == pytest.approx(0.05 * 2 * 4 * 8)
+    assert start.failed().succeeded(1.0).growth == 2
+
+
+def test_marquardts_rule_by_hand():
+    rule = Classical()
+    assert (rule.mu, rule.maximum) == (1e-3, 1e10)
+    assert rule.succeeded(0.9).mu == pytest.approx(1e-4)
+    assert rule.failed().failed().mu == pytest.approx(0.1)
+
+
+def state(**changes):
+    given = {
+        "epoch": 3, "x": np.zeros(1), "cost": 1.0, "previous_cost": 2.0, "gradient_norm": 1.0, "mu": 1.0,
+        "mu_maximum": 10.0, "seconds": 5.0,
+    }  # fmt: skip
+    return State(**{**given, **changes})
+
+
+@pytest.mark.parametrize(
+    ("stop", "ends", "goes_on"),
+    [
+        (Goal(1.0), {"cost": 1.0}, {"cost": 1.1}),
+        (Epochs(3), {"epoch": 3}, {"epoch": 2}),
+        (Seconds(5.0), {"seconds": 5.0}, {"seconds": 4.9}),
+        (Gradient(0.1), {"gradient_norm": 0.1}, {"gradient_norm": 0.2}),
+        (DampingLimit(), {"mu": 10.0}, {"mu": 9.0}),
+        (Settled(0.1), {"cost": 1.85}, {"cost": 1.75}),
+        (Settled(0.1), {"cost": 1.0, "moved": False}, {"epoch": 0, "previous_cost": np.inf}),
+    ],
+)
+def test_each_stop_at_its_threshold(stop, ends, goes_on):
+    assert stop(state(**ends)) is not None
+    assert stop(state(**goes_on)) is None
+
+
+def test_validation_stops_after_so_many_failures_in_a_row_and_keeps_the_best():
+    errors = iter([5.0, 4.0, 3.0, 3.5, 3.0, 3.6, 3.7, 2.9])
+    watch = Validation(lambda x: next(errors), max_fail=3)
+    reasons = [watch(state(epoch=i, x=np.array([float(i)]))) for i in range(7)]
+    # 3.5, 3.6 and 3.7 are worse than 3.0; the equal 3.0 neither counts nor clears, as in MATLAB.
+    assert watch.failures == [0, 0, 0, 1, 1, 2, 3]
+    assert [reason is not None for reason in reasons] == [False] * 6 + [True]
+    assert reasons[-1].text == "Validation stop."
+    assert watch.best_epoch == 2
+    assert watch.best_x.tolist() == [2.0]
