@@ -12,7 +12,19 @@ from matplotlib.figure import Figure as Drawing
 
 from truearm.errors import InputError
 from truearm.report.arrays import FloatArray, finite, finite_by_name
-from truearm.report.canvas import INK, LIMIT, MANY, Figure, Style, drawing_rules, panel, short, styles_of
+from truearm.report.canvas import (
+    INK,
+    LIMIT,
+    MANY,
+    Figure,
+    Style,
+    drawing_rules,
+    listed,
+    panel,
+    readings,
+    short,
+    styles_of,
+)
 from truearm.report.quantities import format_number
 
 _MOST_COORDINATES = 100  # more cannot be told apart
@@ -30,20 +42,20 @@ def errors_by_reading(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[st
     """
     by_name = finite_by_name(errors, "errors", width=3, same_length=True)
     pens = styles_of(by_name, styles)
-    readings = len(next(iter(by_name.values())))
+    count = len(next(iter(by_name.values())))
     with drawing_rules():
         panels = tuple(_error_panel(by_name, pens, coordinate) for coordinate in range(3))
     before, *after = (short(name) for name in by_name)
-    told = "; ".join(
+    told = listed(
         f"{short(name)} {format_number(float(np.abs(values).mean()), digits=2)} mm on average and "
         f"{format_number(float(np.abs(values).max()), digits=2)} mm at most"
         for name, values in by_name.items()
     )
-    closer = f" Above, all on one scale; below, {' and '.join(after)} alone on a larger one." if after else ""
+    closer = f" Above, all on one scale; below, the same without {before} on a larger one." if after else ""
     return Figure(
         panels,
         caption=f"Error of x, y and z, reading by reading.{closer} Error of a single coordinate: {told}.",
-        alt=f"Errors of the coordinates x, y and z of {readings} readings for {', '.join([before, *after])}. {told}.",
+        alt=f"Errors of the coordinates x, y and z of {readings(count)}. {told}.",
         columns=3,
     )
 
@@ -62,14 +74,14 @@ def coordinates_by_reading(
     """
     truth = finite(truth, "truth", width=3)
     by_name = finite_by_name(measured, "measured points", width=3, same_length=True)
-    readings = len(next(iter(by_name.values())))
-    if len(truth) != readings:
-        raise InputError(f"expected measured points of the same {len(truth)} readings as the truth, got {readings}")
+    count = len(next(iter(by_name.values())))
+    if len(truth) != count:
+        raise InputError(f"expected measured points of the same {len(truth)} readings as the truth, got {count}")
     pens = styles_of(by_name, styles)
     with drawing_rules():
         panels = tuple(_coordinate_panel(truth, by_name, pens, coordinate) for coordinate in range(3))
-    drawn = min(readings, _MOST_COORDINATES)
-    which = f"the first {drawn} of {format_number(readings)} readings" if drawn < readings else f"{drawn} readings"
+    drawn = min(count, _MOST_COORDINATES)
+    which = f"the first {drawn} of {readings(count)}" if drawn < count else readings(count)
     return Figure(
         panels,
         caption=f"Coordinates of {which}: the reference as a line, the models as marks. On this scale a mark beside "

@@ -27,6 +27,7 @@ from matplotlib.image import imsave
 from matplotlib.transforms import blended_transform_factory
 
 from truearm.errors import InputError
+from truearm.report.quantities import format_number
 from truearm.writing import whole_file
 
 INK, FAINT, LIMIT = "#1a1a1a", "#d9dce0", "#8a9099"
@@ -159,6 +160,18 @@ def short(name: object, *, longest: int = 26) -> str:
     """Give a name fit for a figure: one line, printable, not too long."""
     text = "".join(sign if sign.isprintable() else "\ufffd" for sign in str(name)) or "(no name)"
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
+
+
+def listed(told: Iterable[str], *, most: int = 4) -> str:
+    """Join what is told of each model; of a long list the first ones."""
+    told = list(told)
+    more = f"; and {len(told) - most} more" if len(told) > most else ""
+    return "; ".join(told[:most]) + more
+
+
+def readings(count: int) -> str:
+    """Give a number of readings in words fit for a caption."""
+    return f"{format_number(count)} reading{'' if count == 1 else 's'}"
 
 
 def svg(drawing: Drawing, prefix: str) -> str:

@@ -20,7 +20,9 @@ from truearm.report.canvas import (
     Figure,
     Style,
     drawing_rules,
+    listed,
     panel,
+    readings,
     short,
     styles_of,
 )
@@ -71,7 +73,7 @@ def joint_ranges(
     limits = "the grey bar is what its limits permit" if np.isfinite([low, high]).any() else "no limits are given"
     return Figure(
         panels,
-        caption=f"Range of each joint over {format_number(len(angles))} readings. The hill shows how often the joint "
+        caption=f"Range of each joint over {readings(len(angles))}. The hill shows how often the joint "
         f"was where; {limits}. What lies outside the hills has not been tested.",
         alt=f"Histogram of the position of each joint. {used}.",
         columns=1 if len(panels) == 1 else 2,
@@ -103,8 +105,8 @@ def error_against_joint(
         What the errors are, without the unit.
     """
     by_name = finite_by_name(errors, "errors", same_length=True)
-    readings = len(next(iter(by_name.values())))
-    angles = joint_matrix(angles, readings=readings)
+    count = len(next(iter(by_name.values())))
+    angles = joint_matrix(angles, readings=count)
     names = joint_names(names, angles.shape[1])
     slides = _slides(sliding, angles.shape[1])
     pens = styles_of(by_name, styles)
@@ -113,13 +115,13 @@ def error_against_joint(
             _error_panel(angles[:, i] if slides[i] else np.degrees(angles[:, i]), by_name, pens, names[i], slides[i])
             for i in range(len(names))
         )
-    told = ", ".join(short(name) for name in by_name)
+    told = listed(short(name) for name in by_name).replace(";", ",")
     return Figure(
         panels,
-        caption=f"{quantity.capitalize()} against the position of each joint ({told}; each on its own scale). The line "
+        caption=f"{quantity.capitalize()} against the position of each joint ({told}, each on its own scale). The line "
         "is the running median. A level line means that this joint explains nothing more; a wave means an eccentric "
         "encoder or gear, a slope or bow a wrong length or zero.",
-        alt=f"For each of {len(names)} joints the {quantity} of {readings} readings against the joint's position, "
+        alt=f"For each of {len(names)} joints the {quantity} of {readings(count)} against the joint's position, "
         f"with a running median, for {told}.",
         columns=3,
     )

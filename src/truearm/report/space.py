@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from truearm.errors import InputError
 from truearm.report.arrays import FloatArray, distances, finite
-from truearm.report.canvas import FAINT, INK, LIMIT, MANY, Figure, drawing_rules
+from truearm.report.canvas import FAINT, INK, LIMIT, MANY, Figure, drawing_rules, readings
 from truearm.report.quantities import format_number
 
 _WIDTH_IN, _HEIGHT_IN = 4.6, 3.7
@@ -43,7 +43,7 @@ def workspace(points: npt.ArrayLike) -> Figure:
         panels = _four_views(points, {"color": _DOT})
     return Figure(
         panels,
-        caption=f"Where the tip was, {_count(points)} readings, in the frame of the arm's base. {_extent(points)}. "
+        caption=f"Where the tip was, {readings(len(points))}, in the frame of the arm's base. {_extent(points)}. "
         "A cross marks the origin where it is in sight. A model is only tested where there are dots.",
         alt=f"Four scatter plots of {len(points)} tip positions: in space, from the front, the side and above. "
         f"{_extent(points)}.",
@@ -189,10 +189,6 @@ def _dots(n: int, *, opaque: bool) -> dict[str, Any]:
         "linewidths": 0,
         "rasterized": n > MANY,
     }
-
-
-def _count(points: FloatArray) -> str:
-    return format_number(len(points))
 
 
 def _extent(points: FloatArray) -> str:

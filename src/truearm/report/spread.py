@@ -12,9 +12,22 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from truearm.report.arrays import FloatArray, distances
-from truearm.report.canvas import INK, LEFT_IN, LIMIT, MANY, Figure, Style, drawing_rules, panel, short, styles_of
+from truearm.report.canvas import (
+    INK,
+    LEFT_IN,
+    LIMIT,
+    MANY,
+    Figure,
+    Style,
+    drawing_rules,
+    listed,
+    panel,
+    short,
+    styles_of,
+)
 from truearm.report.quantities import format_number
 
+_FEW = 20  # one in twenty is beyond the 95th percentile
 _FAR_APART = 5.0  # from this ratio of medians on, a linear scale would hide the smaller errors
 
 
@@ -33,14 +46,13 @@ def error_distribution(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[s
     logarithmic = _needs_log(by_name)
     with drawing_rules():
         panels = (_cumulative(by_name, pens, logarithmic), _histogram(by_name, pens, logarithmic))
-    told = "; ".join(f"{short(name)} {_p95(values)} mm" for name, values in by_name.items())
+    told = listed(f"{short(name)} {_most(values)}" for name, values in by_name.items())
     scale = " The lower scale is logarithmic." if logarithmic else ""
     return Figure(
         panels,
         caption=f"Distribution of the distance between measured and true point. Left: the share of readings with an "
-        f"error below the value on the lower scale; right: how many readings err by how much.{scale} "
-        f"95 % of the readings err by less than: {told}.",
-        alt=f"Cumulative distribution and histogram of the error. 95 % lie below: {told}.",
+        f"error below the value on the lower scale; right: how many readings err by how much.{scale} Errors: {told}.",
+        alt=f"Cumulative distribution and histogram of the error. Errors: {told}.",
         columns=2,
     )
 
@@ -59,7 +71,7 @@ def before_after(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[str, St
     pens = styles_of(by_name, styles)
     with drawing_rules():
         drawing = _clouds(by_name, pens)
-    told = "; ".join(f"{short(name)} {_mean(values)} mm" for name, values in by_name.items())
+    told = listed(f"{short(name)} {_mean(values)} mm" for name, values in by_name.items())
     return Figure(
         (drawing,),
         caption=f"Every dot is one reading; the further right, the larger its error. Mean error: {told}.",
@@ -74,8 +86,8 @@ def _clouds(errors: Mapping[str, FloatArray], pens: Mapping[str, Style]) -> Draw
     for i, (name, values) in enumerate(errors.items()):
         base = float(len(errors) - 1 - i)
         _cloud(axes, values, base, largest, pens[name])
-        axes.text(0.0, base + 0.43, short(name), weight="bold", color=pens[name].colour, va="bottom")
-        axes.text(largest, base + 0.43, f"mean {_mean(values)} mm,  95 % below {_p95(values)} mm", ha="right")
+        axes.text(0.0, base + 0.43, short(name, longest=18), weight="bold", color=pens[name].colour)
+        axes.text(largest, base + 0.43, f"mean {_mean(values)} mm,  {_most(values)}", ha="right")
     axes.set(xlim=(-0.012 * largest, 1.02 * largest), ylim=(-0.45, len(errors) - 0.2), xlabel="error [mm]")
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
@@ -102,9 +114,7 @@ def _cloud(axes: Axes, values: FloatArray, base: float, largest: float, pen: Sty
 
 
 def _cumulative(errors: Mapping[str, FloatArray], pens: Mapping[str, Style], logarithmic: bool) -> Drawing:
-    drawing, axes = _with_key(
-        errors, pens, "share of readings below an error", lambda values: f"95 % below {_p95(values)} mm"
-    )
+    drawing, axes = _with_key(errors, pens, "share of readings below an error", _most)
     floor = _floor(errors)
     for name, values in errors.items():
         pen = pens[name]
@@ -112,8 +122,8 @@ def _cumulative(errors: Mapping[str, FloatArray], pens: Mapping[str, Style], log
         share = np.arange(1, len(x) + 1) / len(x) * 100
         keep = np.unique(np.linspace(0, len(x) - 1, 500).round().astype(int))  # more steps cannot be seen
         axes.plot(x[keep], share[keep], color=pen.colour, linestyle=pen.dash, linewidth=1.6)
-        p95 = max(float(np.percentile(values, 95)), floor)
-        axes.plot([p95], [95], marker=pen.marker, color=pen.colour, markersize=5, markeredgecolor="white")
+        p95 = [max(float(np.percentile(values, 95)), floor)] if len(values) >= _FEW else []
+        axes.plot(p95, [95] * len(p95), marker=pen.marker, color=pen.colour, markersize=5, markeredgecolor="white")
     axes.axhline(95, color=LIMIT, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
     axes.set(ylim=(0, 101.5), ylabel="share of readings [%]")
     axes.set_yticks([0, 25, 50, 75, 95])
@@ -162,6 +172,8 @@ def _error_axis(axes: Axes, errors: Mapping[str, FloatArray], logarithmic: bool)
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 400 * low else (1,), numticks=20))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
+    else:
+        axes.locator_params(axis="x", nbins=6)
     axes.set_xlim(*_ends(errors, logarithmic))
 
 
@@ -188,5 +200,8 @@ def _median(values: FloatArray) -> str:
     return format_number(float(np.median(values)), digits=2)
 
 
-def _p95(values: FloatArray) -> str:
-    return format_number(float(np.percentile(values, 95)), digits=2)
+def _most(values: FloatArray) -> str:
+    """Give how large errors get: the 95th percentile, or the largest where there are too few to have one."""
+    if len(values) < _FEW:
+        return f"largest {format_number(float(values.max()), digits=2)} mm"
+    return f"95 % below {format_number(float(np.percentile(values, 95)), digits=2)} mm"
