@@ -126,7 +126,8 @@ def _check_motion(readings: Readings, joint_names: Sequence[str]) -> None:
         raise readings.error(
             f"{joint_names[joint]} never moves in the {len(readings)} readings, so its errors cannot be identified",
             column=_column(readings, joint),
-            hint='move it; if the joint is locked by design, describe it as type = "fixed" in the arm file',
+            hint='move it; if the joint is locked by design, describe it as type = "fixed" in the arm file'
+            " and leave its column out",
         )
 
 

@@ -207,20 +207,28 @@ def _read_parquet(path: Path, n_joints: int | None) -> Readings:
         raise InputError("the file does not exist" if not path.exists() else "expected a file, got a folder", file=path)
     arrow, parquet = _pyarrow(path)
     try:
-        with parquet.ParquetFile(path) as file:
-            names = file.schema_arrow.names
-            columns = recognise(names, file=path, line=None, n_joints=n_joints)
-            if file.metadata.num_rows * len(names) > MAX_CELLS:
-                raise InputError(f"expected at most {MAX_CELLS} cells, got {file.metadata.num_rows} rows", file=path)
-            table = file.read([*columns.numbers, *columns.words])
-    except (arrow.ArrowException, OSError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"expected a Parquet file, got one that cannot be read ({reason})", file=path) from None
-    if not table.num_rows:
-        raise InputError("expected at least one reading, got none", file=path)
-    numbers = np.stack([_parquet_numbers(arrow, table[c], c, path) for c in columns.numbers], axis=1)
-    words = [_parquet_words(arrow, table[c], c, path) for c in columns.words]
+        columns, table = _parquet_table(parquet, path, n_joints)
+        numbers = np.stack([_parquet_numbers(arrow, table[c], c, path) for c in columns.numbers], axis=1)
+        words = [_parquet_words(arrow, table[c], c, path) for c in columns.words]
+    except InputError:
+        raise
+    except (arrow.ArrowException, OSError, ValueError) as error:  # a damaged file fails in many ways
+        reason = (str(error).splitlines() or [""])[0]
+        raise InputError(f"expected a Parquet file, got one that cannot be read ({reason[:200]})", file=path) from None
     return _readings(columns, numbers, words, file=path, first_line=None)
+
+
+def _parquet_table(parquet: Any, path: Path, n_joints: int | None) -> tuple[Columns, Any]:
+    """Read the known columns, after a look at what they would unpack to."""
+    with parquet.ParquetFile(path) as file:
+        names = file.schema_arrow.names
+        columns = recognise(names, file=path, line=None, n_joints=n_joints)
+        n_rows = file.metadata.num_rows
+        if n_rows * len(names) > MAX_CELLS:
+            raise InputError(f"expected at most {MAX_CELLS} cells, got {n_rows} rows", file=path)
+        if not n_rows:
+            raise InputError("expected at least one reading, got none", file=path)
+        return columns, file.read([*columns.numbers, *columns.words])
 
 
 def _parquet_numbers(arrow: Any, column: Any, name: str, path: Path) -> FloatArray:
