@@ -1,0 +1,22 @@
+"""Where to put the joints: sampling strategies, each a function of an arm, a number of poses and a seed."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+from truearm.poses.measuring import measuring
+from truearm.poses.poses import Poses
+from truearm.poses.seat import seat
+from truearm.poses.spread import HALF_WIDTH_RAD, box, uniform
+from truearm.poses.workspace import Sector
+
+STRATEGIES: Mapping[str, Callable[..., Poses]] = {
+    "box": box,
+    "uniform": uniform,
+    "sobol-box": partial(box, sobol=True),
+    "sobol": partial(uniform, sobol=True),
+    "measuring": measuring,
+    "seat": seat,
+}
+"""Strategies by the names that the command line knows: ``STRATEGIES[name](arm, n, seed=seed)``."""
+
+__all__ = ["HALF_WIDTH_RAD", "STRATEGIES", "Poses", "Sector", "box", "measuring", "seat", "uniform"]

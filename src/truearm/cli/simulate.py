@@ -1,0 +1,111 @@
+"""``truearm simulate``: readings of a virtual arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from truearm.cli.console import Json, say, say_json
+
+if TYPE_CHECKING:
+    from truearm.arm.arm import Arm
+    from truearm.poses import Poses
+    from truearm.virtual import Measurement, VirtualArm
+
+
+def simulate(
+    arm: Annotated[str, typer.Argument(help="A name from `truearm arms`, or an arm (.toml) or URDF file.")],
+    out: Annotated[Path, typer.Option("--out", help="Session file to write (.csv or .parquet).")],
+    poses: Annotated[int, typer.Option("--poses", help="Number of readings.")] = 200,
+    strategy: Annotated[
+        str,
+        typer.Option("--strategy", help="Where to put the joints: box, sobol-box, uniform, sobol, measuring or seat."),
+    ] = "box",
+    preset: Annotated[
+        str, typer.Option("--preset", help="How wrong the arm is: research, shop or perfect.")
+    ] = "research",
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the poses and of the noise.")] = 0,
+    arm_seed: Annotated[
+        int, typer.Option("--arm-seed", min=0, help="Of the arm's own errors: same seed, same arm.")
+    ] = 0,
+    seats: Annotated[int | None, typer.Option("--seats", help="Number of seats; strategy seat only (3).")] = None,
+    half_width_deg: Annotated[
+        float | None, typer.Option("--half-width-deg", help="Of the box about the working pose (20).")
+    ] = None,
+    reference: Annotated[
+        bool, typer.Option("--reference/--no-reference", help="Whether a reference instrument saw the tip (x, y, z).")
+    ] = True,
+    as_json: Json = False,
+) -> None:
+    """Measure with a virtual arm, whose errors are known, and write the readings as a session file.
+
+    Two sessions of one arm have the same --arm-seed and different --seed.
+    """
+    from truearm.arm.catalogue import arm_from
+    from truearm.readings.files import write_session
+    from truearm.virtual import VirtualArm, load_preset
+
+    nominal, magnitudes = arm_from(arm), load_preset(preset)
+    taken = _poses(nominal, strategy, poses, seed=seed, seats=seats, half_width_deg=half_width_deg)
+    virtual = VirtualArm.draw(nominal, magnitudes, seed=arm_seed)
+    measured = virtual.measure(
+        taken.angles, seed=seed, seat=taken.seat, seat_points=taken.seat_points, reference=reference
+    )
+    write_session(measured.readings, out)
+    result = _result(virtual, measured, taken, out=out, strategy=strategy, seed=seed)
+    if as_json:
+        say_json(result)
+    else:
+        _tell(result, taken)
+
+
+def _poses(nominal: Arm, strategy: str, n: int, *, seed: int, seats: int | None, half_width_deg: float | None) -> Poses:
+    from math import radians
+
+    from truearm.errors import InputError
+    from truearm.poses import STRATEGIES
+
+    if strategy not in STRATEGIES:
+        raise InputError(f"expected a strategy out of {', '.join(STRATEGIES)}, got {strategy!r}")
+    options: dict[str, Any] = {}
+    if half_width_deg is not None:
+        if not strategy.endswith("box"):
+            raise InputError(f"--half-width-deg is for the strategies box and sobol-box, not for {strategy}")
+        options["half_width"] = radians(half_width_deg)
+    if seats is not None:
+        if strategy != "seat":
+            raise InputError(f"--seats is for the strategy seat, not for {strategy}", hint="--strategy seat")
+        options["seats"] = seats
+    return STRATEGIES[strategy](nominal, n, seed=seed, **options)
+
+
+def _result(
+    virtual: VirtualArm, measured: Measurement, taken: Poses, *, out: Path, strategy: str, seed: int
+) -> dict[str, Any]:
+    return {
+        "session": str(out),
+        "arm": virtual.nominal.name,
+        "preset": virtual.preset.name,
+        "arm_seed": virtual.seed,
+        "strategy": strategy,
+        "seed": seed,
+        "n": len(measured),
+        "rejected": dict(taken.rejected),
+        "nominal": virtual.nominal_error(measured),
+        "noise_floor": None if measured.readings.points is None else virtual.noise_floor(measured),
+    }
+
+
+def _tell(result: dict[str, Any], taken: Poses) -> None:
+    from truearm.poses.measuring import told
+
+    say(
+        f"{result['session']}: {result['n']} readings of arm {result['arm']} ({result['preset']}, {result['arm_seed']})"
+    )
+    say(f"rejected: {told(taken.rejected)}")
+    for label, key in (("nominal error", "nominal"), ("noise floor", "noise_floor")):
+        if result[key] is not None:
+            mean, largest = result[key]["mean_abs_coordinate_mm"], result[key]["max_abs_coordinate_mm"]
+            say(f"{label} of a coordinate: {mean:.4f} mm on average, {largest:.4f} mm at most")

@@ -1,0 +1,80 @@
+"""What a sampling strategy returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+
+FloatArray = npt.NDArray[np.float64]
+NameArray = npt.NDArray[np.str_]
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Poses to take, in order.
+
+    Attributes
+    ----------
+    angles : (n, n_joints) array
+        Inside the arm's limits [rad, or mm for sliding joints].
+    rejected : mapping of str to int
+        How many candidates were not taken, by reason. Empty if the strategy rejects nothing.
+    seat : (n,) array of str, optional
+        The seat that holds the tip.
+    seat_points : (n, 3) array, optional
+        Where that seat is in the base frame [mm]; the nominal tip is in it.
+    """
+
+    angles: FloatArray
+    rejected: Mapping[str, int] = field(default_factory=dict)
+    seat: NameArray | None = None
+    seat_points: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.angles)
+
+
+def checked_count(n: int, what: str = "poses") -> int:
+    """Check a number of things to make."""
+    if n < 1:
+        raise InputError(f"expected at least one of {what}, got {n}")
+    return n
+
+
+def checked_seed(seed: int) -> int:
+    """Check a seed."""
+    if seed < 0:
+        raise InputError(f"a seed must be a whole number >= 0, got {seed}")
+    return seed
+
+
+def range_of(arm: Arm) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper ends of what the joints can do [rad, or mm].
+
+    A turning joint without limits gets one full turn about its working pose; with one limit, a full turn from it.
+
+    Raises
+    ------
+    InputError
+        If a sliding joint has no limits.
+    """
+    lower, upper = arm.limits.T.copy()
+    open_slide = arm.chain.slides & ~(np.isfinite(lower) & np.isfinite(upper))
+    if open_slide.any():
+        joint = arm.joint_names[int(np.argmax(open_slide))]
+        raise InputError(
+            f"sliding joint {joint} of arm {arm.name!r} has no limits to spread poses over",
+            hint="limits in the arm file",
+        )
+    free_below, free_above = np.isinf(lower), np.isinf(upper)
+    both = free_below & free_above
+    lower[both], upper[both] = arm.working[both] - np.pi, arm.working[both] + np.pi
+    lower = np.where(free_below & ~both, upper - 2 * np.pi, lower)
+    upper = np.where(free_above & ~both, lower + 2 * np.pi, upper)
+    return lower, upper
