@@ -129,7 +129,9 @@ def postures(
     out[:, 0] += azimuth_of(tips, where)
     if arm.n_joints > 6:
         out[:, -1] += np.radians(roll_std_deg) * rng.standard_normal(len(tips))
-    return np.clip(out, *inner_limits(arm))
+    lower, upper = inner_limits(arm)
+    inside: FloatArray = np.clip(out, lower, upper)
+    return inside
 
 
 def inner_limits(arm: Arm) -> tuple[FloatArray, FloatArray]:
