@@ -53,9 +53,9 @@ def test_two_links_in_a_plane_as_school_has_it():
 
 
 def test_the_arm_of_gao_2017_by_hand():
-    # All joints at zero. Frame by frame, with every alpha but the last -90 deg: z1 = +y, z2 = -z, z3 = -y, z4 = z,
-    # z5 = y, x always along the base's x. So 376 up, 62 along x, 751 along z2 (down), 62 along x, 500 along z4 (up),
-    # 15 along z5 (y), then alpha6 = +90 deg turns z to z6 = -(-z) ... = z and the tip goes 98 along it.
+    # All joints at zero: x stays the base's x, and every alpha of -90 deg turns z on: z1 = y, z2 = -z, z3 = -y, z4 = z,
+    # z5 = y; alpha6 = +90 deg turns it back to z6 = z. So 376 up, 62 along x, 751 along z2 (down), 62 along x,
+    # 500 along z4 (up), 15 along z5 (y) and the tip 98 along z6 (up).
     chain = load("gao2017").chain
     np.testing.assert_allclose(
         chain.tip_in_base(np.zeros((1, 6)))[0], [62 + 62, 15, 376 - 751 + 500 + 98], atol=ROUNDING_MM
@@ -203,7 +203,7 @@ def test_another_tip_goes_along_the_flanges_axes():
     chain = random_chain(1)
     q = random_joints(chain, 4, 1)
     pose = chain.pose(q)
-    longer = chain.with_tip(chain.tip_in_flange + [0, 0, 10.0])
+    longer = chain.with_tip(chain.tip_in_flange + np.array([0, 0, 10.0]))
     np.testing.assert_allclose(
         longer.tip_in_base(q), pose.tip_in_base + 10.0 * pose.R_base_tip[:, :, 2], atol=ROUNDING_MM
     )

@@ -28,6 +28,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from truearm.arm.motions import exponential_derivative as exponential_derivative
+from truearm.arm.motions import moved_by
 from truearm.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
@@ -276,11 +278,11 @@ class Chain:
             v = np.matmul(self.fixed[i, :3, :3], v)
             v += self.fixed[i, :3, 3, None]
             if motions is not None:
-                v = _moved(v, motions[i])
+                v = moved_by(v, motions[i])
             yield i, v
             v = self._joint(i, q, cos, sin, v)
         if motions is not None:
-            v = _moved(v, motions[0])
+            v = moved_by(v, motions[0])
         yield 0, v
         v = np.matmul(self.fixed[0, :3, :3], v)
         v += self.fixed[0, :3, 3, None]
@@ -350,56 +352,6 @@ class Chain:
         if motions.shape != (n, self.n_places, 6):
             raise InputError(f"expected motions of shape {(n, self.n_places, 6)}, got {motions.shape}")
         return motions
-
-
-def exponential_derivative(motions: npt.ArrayLike) -> FloatArray:
-    """Small motion that a change of a finite motion's components amounts to.
-
-    Changing ``(r, t)`` to ``(r + dr, t + dt)`` composes on the left the small motion with rotation ``J dr`` and
-    translation ``dt - (J dr) x t``, where ``J`` is the left Jacobian of the rotation group (Sola, Deray, Atchuthan,
-    "A micro Lie theory for state estimation in robotics", arXiv 1812.01537, eq. 145).
-
-    Parameters
-    ----------
-    motions : (..., 6) array
-        Rotation vectors [rad], shorter than pi, and translations [mm].
-
-    Returns
-    -------
-    (..., 6, 6) array
-        Column k is the small motion by component k.
-    """
-    motions = np.asarray(motions, dtype=float)
-    r, t = motions[..., :3], motions[..., 3:]
-    angle = np.linalg.norm(r, axis=-1)[..., None, None]
-    K = _cross_matrix(r)
-    small = angle < 1e-4  # the series' next term is angle^4/720: below rounding
-    safe = np.where(small, 1.0, angle)
-    a = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
-    b = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
-    J = np.eye(3) + a * K + b * (K @ K)
-    out = np.zeros((*motions.shape[:-1], 6, 6))
-    out[..., :3, :3] = J
-    out[..., 3:, :3] = _cross_matrix(t) @ J
-    out[..., 3:, 3:] = np.eye(3)
-    return out
-
-
-def _cross_matrix(v: FloatArray) -> FloatArray:
-    K = np.zeros((*v.shape, 3))
-    K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    return K - np.swapaxes(K, -1, -2)
-
-
-def _moved(v: FloatArray, motion: FloatArray) -> FloatArray:
-    """Apply finite motions (6, m) to vectors (3, m) by Rodrigues' formula."""
-    r, t = motion[:3], motion[3:]
-    angle = np.sqrt((r * r).sum(axis=0))
-    sinc = np.sinc(angle / np.pi)
-    half = np.sinc(angle / (2 * np.pi))  # (1 - cos a) / a^2 = half^2 / 2 without cancellation
-    rv = np.cross(r, v, axis=0)
-    moved: FloatArray = v + sinc * rv + (0.5 * half * half) * np.cross(r, rv, axis=0) + t
-    return moved
 
 
 def _cos_sin(q: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -102,7 +102,7 @@ def solve_inverse(
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Targets and what binds the joints. Inside, all is in mm: radians count as arcs at the radius `scale`."""
+    """Targets and what binds the joints. Inside, all is in mm: radians count as arcs at the radius `scale` (n,)."""
 
     chain: Chain
     targets: FloatArray
@@ -111,21 +111,22 @@ class _Problem:
     posture: FloatArray | None
     lower: FloatArray
     upper: FloatArray
-
-    @property
-    def scale(self) -> float:
-        """Arc in mm that counts as one radian: a third of the reach, the usual lever of a joint."""
-        return max(self.chain.reach / 3, 1.0)
+    scale: FloatArray
 
     @property
     def mm_per_unit(self) -> FloatArray:
-        """(n_joints,) `scale` for joints that turn, 1 for joints that slide."""
-        return np.where(self.chain.slides, 1.0, self.scale)
+        """(n, n_joints) `scale` for joints that turn, 1 for joints that slide."""
+        return np.where(self.chain.slides, 1.0, self.scale[:, None])
 
     def rows(self, which: slice | npt.NDArray[np.intp]) -> _Problem:
-        axes = None if self.axes is None else self.axes[which]
-        posture = None if self.posture is None else self.posture[which]
-        return replace(self, targets=self.targets[which], axes=axes, start=self.start[which], posture=posture)
+        return replace(
+            self,
+            targets=self.targets[which],
+            axes=None if self.axes is None else self.axes[which],
+            start=self.start[which],
+            posture=None if self.posture is None else self.posture[which],
+            scale=self.scale[which],
+        )
 
     def linearised(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Give what is missing (n, 3 or 5) [mm] and how the joints make up for it (n, 3 or 5, n_joints) [mm/mm]."""
@@ -138,9 +139,10 @@ class _Problem:
             joint_axes = np.where(self.chain.slides[:, None], 0.0, joints[:, :, 5])
             turn = _turn_between(z, self.axes)
             about = np.stack([x, y], axis=1)  # a turn about z itself does not move the probe axis
-            missing = np.concatenate([missing, self.scale * np.einsum("nkc,nc->nk", about, turn)], axis=1)
-            J = np.concatenate([J, self.scale * np.einsum("nkc,njc->nkj", about, joint_axes)], axis=1)
-        return missing, J / self.mm_per_unit
+            about *= self.scale[:, None, None]
+            missing = np.concatenate([missing, np.einsum("nkc,nc->nk", about, turn)], axis=1)
+            J = np.concatenate([J, np.einsum("nkc,njc->nkj", about, joint_axes)], axis=1)
+        return missing, J / self.mm_per_unit[:, None]
 
     def errors(self, missing: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distance [mm] and angle between axes [rad]."""
@@ -155,8 +157,8 @@ class _Problem:
             step = _damped_step(missing, J * free[:, None], damping, pull * free)
             free &= ~(((q <= self.lower) & (step < 0)) | ((q >= self.upper) & (step > 0)))
         step = step * free
-        longest = np.abs(step).max(axis=1, keepdims=True)
-        step *= np.minimum(1.0, _LONGEST_STEP * self.scale / np.maximum(longest, 1e-300))
+        longest = np.maximum(np.abs(step).max(axis=1), 1e-300)
+        step *= np.minimum(1.0, _LONGEST_STEP * self.scale / longest)[:, None]
         return np.clip(q + step / self.mm_per_unit, self.lower, self.upper)
 
 
@@ -176,7 +178,7 @@ def _drawn(problem: _Problem) -> FloatArray:
     for k in range(_DRAWN):
         missing, J = problem.linearised(q)
         # The step to a far target is damped more, as its linearisation is worth less (Chan and Lawrence 1988).
-        damping = 1e-3 + 0.1 * ((missing / problem.scale) ** 2).sum(axis=1)
+        damping = 1e-3 + 0.1 * (missing**2).sum(axis=1) / problem.scale**2
         pull = _PULL * (1 - k / _DRAWN) * (problem.posture - q) * problem.mm_per_unit
         q = problem.moved(q, missing, J, damping, pull)
     return q
@@ -202,7 +204,7 @@ def _closed_in(
         better = (missing_there**2).sum(axis=1) < (missing[live] ** 2).sum(axis=1)
         taken = live[better]
         best[taken], missing[taken], J[taken] = tried[better], missing_there[better], J_there[better]
-        distance[taken], axis_error[taken] = problem.errors(missing[taken])
+        distance[taken], axis_error[taken] = problem.rows(taken).errors(missing[taken])
         damping[live] = np.where(better, np.maximum(damping[live] / 10, 1e-12), damping[live] * 10)
     return best, distance, axis_error
 
@@ -236,6 +238,7 @@ def _problem(
     if not np.isfinite(targets).all():
         raise InputError(f"targets must be finite, got {targets[~np.isfinite(targets).all(axis=1)][0]}")
     n, joints = len(targets), chain.n_joints
+    far = np.linalg.norm(targets - chain.fixed[0, :3, 3], axis=1)
     low = _rows_of("lower", -np.full(joints, np.inf) if lower is None else lower, (joints,), bounded=False)
     high = _rows_of("upper", np.full(joints, np.inf) if upper is None else upper, (joints,), bounded=False)
     if not (low <= high).all():
@@ -248,6 +251,7 @@ def _problem(
         posture=None if posture is None else _rows_of("posture", posture, (n, joints)),
         lower=low,
         upper=high,
+        scale=np.maximum(np.maximum(chain.reach, far) / 3, 1.0),  # a third of the reach: the usual lever of a joint
     )
 
 

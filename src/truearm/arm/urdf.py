@@ -7,9 +7,9 @@ are passed over.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from xml.parsers import expat
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.arm.bounded import read_bounded
 from truearm.arm.chain import Chain
+from truearm.arm.documents import Element, attribute, child, children, numbers, parsed
 from truearm.arm.frames import FloatArray, frame_from_xyz_rpy, turn_of_z_to, xyz_rpy_of
 from truearm.errors import InputError
 from truearm.writing import whole_file
@@ -50,47 +51,11 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
         unique, has no moving joint, or has one that a serial chain cannot hold (floating, planar, mimic).
     """
     try:
-        tree = _Tree(_parsed(read_bounded(path, limit_bytes=MAX_BYTES)))
+        tree = _Tree(parsed(read_bounded(path, limit_bytes=MAX_BYTES)))
         joints = tree.path(base, tip)
         return _arm_of(tree.robot, joints)
     except InputError as error:
         raise error.in_file(path) from None
-
-
-class _Element(ET.Element):
-    """An element that knows its line."""
-
-    line: int
-
-
-def _parsed(content: bytes) -> _Element:
-    """Parse XML without document types, so that no entity can expand or reach another file."""
-    parser = expat.ParserCreate()
-
-    def element(tag: str, attributes: dict[str, str]) -> _Element:
-        made = _Element(tag, attributes)
-        made.line = parser.CurrentLineNumber
-        return made
-
-    def refuse(*_: object) -> None:
-        raise InputError("a URDF needs no DOCTYPE or ENTITY, and none is read here", line=parser.CurrentLineNumber)
-
-    builder = ET.TreeBuilder(element_factory=element)
-    parser.StartElementHandler = builder.start
-    parser.EndElementHandler = builder.end
-    parser.StartDoctypeDeclHandler = refuse
-    parser.EntityDeclHandler = refuse
-    try:
-        parser.Parse(content, True)
-    except expat.ExpatError as error:
-        raise InputError(f"not valid XML: {expat.errors.messages[error.code]}", line=error.lineno) from None
-    except (LookupError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"not valid XML: {error}") from None
-    root = builder.close()
-    assert isinstance(root, _Element)
-    return root
 
 
 @dataclass(frozen=True)
@@ -99,18 +64,19 @@ class _Joint:
     kind: str
     parent: str
     child: str
-    element: _Element
+    element: Element
 
 
 class _Tree:
     """The links and joints of a robot."""
 
-    def __init__(self, robot: _Element) -> None:
+    def __init__(self, robot: Element) -> None:
         if robot.tag != "robot":
             raise InputError(f"a URDF starts with <robot>, got <{robot.tag}>", line=robot.line)
         self.robot = robot
-        self.links = _unique([_attribute(link, "name") for link in _children(robot, "link")], "links")
-        self.joints = [_joint_of(element) for element in _children(robot, "joint")]
+        links = _unique([attribute(link, "name") for link in children(robot, "link")], "links")
+        self.links = dict.fromkeys(links)  # in the order of the file, and quickly found
+        self.joints = [_joint_of(element) for element in children(robot, "joint")]
         _unique([joint.name for joint in self.joints], "joints")
         self.joint_above: dict[str, _Joint] = {}
         for joint in self.joints:
@@ -149,7 +115,7 @@ class _Tree:
     def _only(self, asked: str | None, candidates: list[str], end: str) -> str:
         if asked is not None:
             if asked not in self.links:
-                raise InputError(f"there is no link {asked!r}", hint=f"one of {_named(self.links)}")
+                raise InputError(f"there is no link {asked!r}", hint=f"one of {_named(list(self.links))}")
             return asked
         if not candidates:
             raise InputError(f"no link can be the {end}: the joints go round in a circle")
@@ -158,7 +124,7 @@ class _Tree:
         return candidates[0]
 
 
-def _arm_of(robot: _Element, joints: list[_Joint]) -> Arm:
+def _arm_of(robot: Element, joints: list[_Joint]) -> Arm:
     fixed, prismatic, names, limits = [np.eye(4)], [], [], []
     for joint in joints:
         fixed[-1] = fixed[-1] @ _origin_of(joint)
@@ -176,7 +142,7 @@ def _arm_of(robot: _Element, joints: list[_Joint]) -> Arm:
     lower, upper = np.array(limits).T
     extra = robot.find("truearm")
     return Arm(
-        name=_attribute(robot, "name"),
+        name=attribute(robot, "name"),
         chain=Chain(np.array(fixed), np.zeros(3), np.array(prismatic)),
         title="" if extra is None else extra.get("title", ""),
         joint_names=tuple(names),
@@ -191,28 +157,28 @@ def _working_pose(
     extra: ET.Element | None, names: list[str], prismatic: npt.NDArray[np.bool_], default: FloatArray
 ) -> FloatArray:
     pose = default.copy()
-    for working in [] if extra is None else _children(extra, "working"):
-        joint = _attribute(working, "joint")
+    for working in [] if extra is None else children(extra, "working"):
+        joint = attribute(working, "joint")
         if joint not in names:
             raise InputError(f"the working pose names a joint {joint!r} that is not in the chain", line=working.line)
         i = names.index(joint)
-        pose[i] = _numbers(working, "position", "a working pose", 1)[0] * (MM_PER_M if prismatic[i] else 1.0)
+        pose[i] = numbers(working, "position", "a working pose", 1)[0] * (MM_PER_M if prismatic[i] else 1.0)
     return pose
 
 
-def _joint_of(element: _Element) -> _Joint:
-    name = _attribute(element, "name")
-    kind = _attribute(element, "type")
+def _joint_of(element: Element) -> _Joint:
+    name = attribute(element, "name")
+    kind = attribute(element, "type")
     if kind not in KNOWN:
         raise InputError(f"joint {name!r} has the unknown type {kind!r}", line=element.line, hint=", ".join(KNOWN))
     return _Joint(name, kind, _link_of(element, "parent"), _link_of(element, "child"), element)
 
 
-def _link_of(joint: _Element, end: str) -> str:
-    found = _child(joint, end)
+def _link_of(joint: Element, end: str) -> str:
+    found = child(joint, end)
     if found is None:
         raise InputError(f"joint {joint.get('name')!r} has no <{end}>", line=joint.line)
-    return _attribute(found, "link")
+    return attribute(found, "link")
 
 
 def _origin_of(joint: _Joint) -> FloatArray:
@@ -222,22 +188,22 @@ def _origin_of(joint: _Joint) -> FloatArray:
             f"joint {joint.name!r} is {joint.kind}: a chain holds {', '.join(MOVING)} and fixed joints",
             line=joint.element.line,
         )
-    if _child(joint.element, "mimic") is not None:
+    if child(joint.element, "mimic") is not None:
         raise InputError(f"joint {joint.name!r} mimics another: coupled joints are not read", line=joint.element.line)
-    origin = _child(joint.element, "origin")
+    origin = child(joint.element, "origin")
     if origin is None:
         return np.eye(4)
     what = f"the origin of joint {joint.name!r}"
-    xyz = _numbers(origin, "xyz", what, 3) if "xyz" in origin.attrib else np.zeros(3)
-    rpy = _numbers(origin, "rpy", what, 3) if "rpy" in origin.attrib else np.zeros(3)
+    xyz = numbers(origin, "xyz", what, 3) if "xyz" in origin.attrib else np.zeros(3)
+    rpy = numbers(origin, "rpy", what, 3) if "rpy" in origin.attrib else np.zeros(3)
     return frame_from_xyz_rpy(MM_PER_M * xyz, rpy)
 
 
 def _axis_of(joint: _Joint) -> FloatArray:
-    axis_element = _child(joint.element, "axis")
+    axis_element = child(joint.element, "axis")
     if axis_element is None:
         return np.array([1.0, 0.0, 0.0])  # URDF's default
-    axis = _numbers(axis_element, "xyz", f"the axis of joint {joint.name!r}", 3)
+    axis = numbers(axis_element, "xyz", f"the axis of joint {joint.name!r}", 3)
     length = float(np.linalg.norm(axis))
     if length < 1e-9:
         raise InputError(f"the axis of joint {joint.name!r} is zero", line=axis_element.line)
@@ -246,51 +212,21 @@ def _axis_of(joint: _Joint) -> FloatArray:
 
 def _limits_of(joint: _Joint) -> tuple[float, float]:
     """Lower and upper limit [rad, or mm]."""
-    limit = _child(joint.element, "limit")
+    limit = child(joint.element, "limit")
     if joint.kind == "continuous" or limit is None or not {"lower", "upper"} & set(limit.attrib):
         return -np.inf, np.inf
     what = f"the limit of joint {joint.name!r}"
     unit = MM_PER_M if joint.kind == "prismatic" else 1.0
     lower, upper = (
-        unit * float(_numbers(limit, end, what, 1)[0]) if end in limit.attrib else 0.0 for end in ("lower", "upper")
+        unit * float(numbers(limit, end, what, 1)[0]) if end in limit.attrib else 0.0 for end in ("lower", "upper")
     )
     return lower, upper
 
 
-def _children(element: ET.Element, tag: str) -> list[_Element]:
-    return [child for child in element if child.tag == tag and isinstance(child, _Element)]
-
-
-def _child(element: _Element, tag: str) -> _Element | None:
-    found = _children(element, tag)
-    if len(found) > 1:
-        raise InputError(f"expected one <{tag}>, got {len(found)}", line=found[1].line)
-    return found[0] if found else None
-
-
-def _attribute(element: _Element, name: str) -> str:
-    value = element.get(name, "")
-    if not value:
-        raise InputError(f"<{element.tag}> has no {name!r}", line=element.line)
-    return value
-
-
-def _numbers(element: _Element, name: str, what: str, count: int) -> FloatArray:
-    text = _attribute(element, name)
-    try:
-        numbers = np.array([float(word) for word in text.split()])
-    except ValueError:
-        numbers = np.empty(0)
-    if numbers.shape != (count,) or not np.isfinite(numbers).all():
-        expected = f"{count} finite numbers" if count > 1 else "a finite number"
-        raise InputError(f"{what}: expected {expected} in {name}, got {text[:80]!r}", line=element.line)
-    return numbers
-
-
 def _unique(names: list[str], what: str) -> list[str]:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError(f"two {what} have the name {twice[0]!r}")
+    name, count = Counter(names).most_common(1)[0] if names else ("", 0)
+    if count > 1:
+        raise InputError(f"{count} {what} have the name {name!r}")
     return names
 
 
@@ -307,7 +243,8 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
     Raises
     ------
     InputError
-        If a joint has one limit only, which URDF cannot say, or the file cannot be written.
+        If a joint has one limit only, which URDF cannot say, a text holds a control character, or the file
+        cannot be written.
     """
     robot = ET.Element("robot", name=arm.name)
     n = arm.n_joints
@@ -325,8 +262,10 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
     for name, position in zip(arm.joint_names, arm.working / _unit_of(arm), strict=True):
         ET.SubElement(extra, "working", joint=name, position=repr(float(position)))
     ET.indent(robot)
+    content: bytes = ET.tostring(robot, encoding="utf-8", xml_declaration=True)
+    parsed(content)  # a control character in a name would make a file that nobody can read
     with whole_file(path) as beside:
-        ET.ElementTree(robot).write(beside, encoding="utf-8", xml_declaration=True)
+        beside.write_bytes(content)
 
 
 def _unit_of(arm: Arm) -> FloatArray:
@@ -338,7 +277,7 @@ def _kind_of(arm: Arm, i: int) -> str:
     limited = np.isfinite(arm.limits[i])
     if limited.any() and not limited.all():
         raise InputError(f"joint {arm.joint_names[i]} has one limit only, which a URDF cannot say", hint="a .toml file")
-    if _unit_of(arm)[i] == MM_PER_M:
+    if arm.chain.slides[i]:
         return "prismatic"
     return "revolute" if limited.all() else "continuous"
 
@@ -353,11 +292,13 @@ def _joint_element(robot: ET.Element, name: str, kind: str, links: list[str], fr
 
 
 def _add_limit(joint: ET.Element, arm: Arm, i: int) -> None:
+    """Say the limits; effort and velocity are compulsory and unknown here: zero says nothing is claimed."""
     limits = arm.limits[i] / _unit_of(arm)[i]
     if np.isfinite(limits).all():
         lower, upper = map(repr, limits.tolist())
-        # Effort and velocity are compulsory in URDF and unknown here: zero says nothing is claimed.
         ET.SubElement(joint, "limit", lower=lower, upper=upper, effort="0", velocity="0")
+    elif arm.chain.slides[i]:
+        ET.SubElement(joint, "limit", effort="0", velocity="0")  # only a turning joint can be called continuous
 
 
 def _free_name(name: str, taken: tuple[str, ...]) -> str:

@@ -1,0 +1,83 @@
+"""XML from others: parsed without document types, read with the line of whatever is wrong."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from xml.parsers import expat
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Element(ET.Element):
+    """An element that knows its line."""
+
+    line: int
+
+
+def parsed(content: bytes) -> Element:
+    """Parse XML without document types, so that no entity can expand or reach another file."""
+    parser = expat.ParserCreate()
+
+    def element(tag: str, attributes: dict[str, str]) -> Element:
+        made = Element(tag, attributes)
+        made.line = parser.CurrentLineNumber
+        return made
+
+    def refuse(*_: object) -> None:
+        raise InputError("a URDF needs no DOCTYPE or ENTITY, and none is read here", line=parser.CurrentLineNumber)
+
+    builder = ET.TreeBuilder(element_factory=element)
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.StartDoctypeDeclHandler = refuse
+    parser.EntityDeclHandler = refuse
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        raise InputError(f"not valid XML: {expat.errors.messages[error.code]}", line=error.lineno) from None
+    except (LookupError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"not valid XML: {error}") from None
+    root = builder.close()
+    assert isinstance(root, Element)
+    return root
+
+
+def children(element: ET.Element, tag: str) -> list[Element]:
+    """List the element's own children with a tag."""
+    return [found for found in element if found.tag == tag and isinstance(found, Element)]
+
+
+def child(element: Element, tag: str) -> Element | None:
+    """Give the element's only child with a tag, or None; refuse a second one."""
+    found = children(element, tag)
+    if len(found) > 1:
+        raise InputError(f"expected one <{tag}>, got {len(found)}", line=found[1].line)
+    return found[0] if found else None
+
+
+def attribute(element: Element, name: str) -> str:
+    """Give an attribute that must be there and not empty."""
+    value = element.get(name, "")
+    if not value:
+        raise InputError(f"<{element.tag}> has no {name!r}", line=element.line)
+    return value
+
+
+def numbers(element: Element, name: str, what: str, count: int) -> FloatArray:
+    """Give `count` finite numbers out of an attribute; `what` they belong to stands in the message."""
+    text = attribute(element, name)
+    try:
+        array = np.array([float(word) for word in text.split()])
+    except ValueError:
+        array = np.empty(0)
+    if array.shape != (count,) or not np.isfinite(array).all():
+        expected = f"{count} finite numbers" if count > 1 else "a finite number"
+        raise InputError(f"{what}: expected {expected} in {name}, got {text[:80]!r}", line=element.line)
+    return array

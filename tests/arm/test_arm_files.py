@@ -1,0 +1,269 @@
+"""Arm files in TOML: units in the names, there and back without loss, every broken rule named with its key."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truearm.arm import Arm, Chain, chain_from_dh, chain_from_mdh, load, names, read_arm, write_arm
+from truearm.arm.frames import frame_from_xyz_rpy
+from truearm.errors import InputError
+
+GOOD = """
+name = "two"
+convention = "dh"
+tip_mm = [0, 0, 50]
+
+[[joints]]
+type = "revolute"
+a_mm = 400
+d_mm = 10.0
+alpha_deg = 90
+theta_deg = 5
+min_deg = -170
+max_deg = 170
+working_deg = 30
+
+[[joints]]
+name = "slide"
+type = "prismatic"
+a_mm = 0
+d_mm = 0
+alpha_deg = 0
+min_mm = -5
+max_mm = 300
+working_mm = 20
+"""
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "arm.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def changed(old: str, new: str) -> str:
+    assert old in GOOD
+    return GOOD.replace(old, new, 1)
+
+
+def test_a_file_is_what_it_says(tmp_path):
+    arm = read_arm(write(tmp_path, GOOD))
+    chain = chain_from_dh(
+        a=[400, 0],
+        d=[10, 0],
+        alpha=[np.pi / 2, 0],
+        theta=np.deg2rad([5, 0]),
+        kinds=["revolute", "prismatic"],
+        tip_in_flange=[0, 0, 50],
+    )
+    assert arm.name == "two"
+    assert arm.joint_names == ("J1", "slide")
+    q = np.array([[0.3, 70.0]])
+    np.testing.assert_allclose(arm.chain.tip_in_base(q), chain.tip_in_base(q), atol=1e-12)
+    np.testing.assert_allclose(arm.limits, [[np.deg2rad(-170), np.deg2rad(170)], [-5, 300]], rtol=1e-15)
+    np.testing.assert_allclose(arm.working, [np.deg2rad(30), 20], rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("millimetres", "other"),
+    [
+        ("a_mm = 400", "a_m = 0.4"),
+        ("alpha_deg = 90", f"alpha_rad = {np.pi / 2}"),
+        ("theta_deg = 5", f"theta_rad = {np.deg2rad(5)}"),
+        ("tip_mm = [0, 0, 50]", "tip_m = [0, 0, 0.05]"),
+        ("max_mm = 300", "max_m = 0.3"),
+        ("min_deg = -170", f"min_rad = {np.deg2rad(-170)}"),
+        ("working_mm = 20", "working_m = 0.02"),
+    ],
+)
+def test_the_unit_is_what_the_key_says(tmp_path, millimetres, other):
+    one, two = read_arm(write(tmp_path, GOOD)), read_arm(write(tmp_path, changed(millimetres, other)))
+    q = np.array([[0.3, 70.0]])
+    np.testing.assert_allclose(two.chain.tip_in_base(q), one.chain.tip_in_base(q), atol=1e-12)
+    np.testing.assert_allclose(two.limits, one.limits, rtol=1e-14)
+    np.testing.assert_allclose(two.working, one.working, rtol=1e-14)
+
+
+def test_base_and_flange_are_frames(tmp_path):
+    text = GOOD + "[base]\nxyz_m = [0.1, 0, 0]\nrpy_deg = [0, 0, 90]\n[flange]\nxyz_mm = [0, 0, 5]\n"
+    plain, framed = read_arm(write(tmp_path, GOOD)), read_arm(write(tmp_path, text))
+    q = np.array([[0.3, 70.0]])
+    x, y, z = plain.chain.with_tip([0, 0, 55]).tip_in_base(q)[0]
+    np.testing.assert_allclose(framed.chain.tip_in_base(q)[0], [100 - y, x, z], atol=1e-11)
+
+
+def test_a_fixed_joint_is_folded_in(tmp_path):
+    fixed = '[[joints]]\ntype = "fixed"\na_mm = 0\nd_mm = 0\nalpha_deg = 0\ntheta_deg = 90\n'
+    arm = read_arm(write(tmp_path, GOOD + fixed))
+    assert arm.joint_names == ("J1", "slide")
+    q = np.array([[0.3, 70.0]])
+    plain = read_arm(write(tmp_path, GOOD))
+    np.testing.assert_allclose(arm.chain.tip_in_base(q), plain.chain.tip_in_base(q), atol=1e-12)
+
+
+def test_modified_rows_hold_what_comes_before_the_joint(tmp_path):
+    arm = read_arm(write(tmp_path, changed('"dh"', '"mdh"')))
+    chain = chain_from_mdh(
+        a=[400, 0],
+        d=[10, 0],
+        alpha=[np.pi / 2, 0],
+        theta=np.deg2rad([5, 0]),
+        kinds=["revolute", "prismatic"],
+        tip_in_flange=[0, 0, 50],
+    )
+    q = np.array([[0.3, 70.0]])
+    np.testing.assert_allclose(arm.chain.tip_in_base(q), chain.tip_in_base(q), atol=1e-12)
+
+
+def test_without_a_working_pose_it_is_zero_or_the_limit_next_to_it(tmp_path):
+    text = changed("working_deg = 30\n", "").replace("working_mm = 20\n", "").replace("min_mm = -5", "min_mm = 7")
+    np.testing.assert_array_equal(read_arm(write(tmp_path, text)).working, [0, 7])
+
+
+# There and back
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["dh", "mdh", "urdf"]))
+def test_any_arm_goes_there_and_back(tmp_path_factory, seed, form):
+    arm = random_arm(seed)
+    path = tmp_path_factory.mktemp("arm") / ("arm.urdf" if form == "urdf" else "arm.toml")
+    write_arm(arm, path, **({} if form == "urdf" else {"convention": form}))
+    assert_same_arm(arm, read_arm(path))
+
+
+@pytest.mark.parametrize("convention", ["dh", "mdh"])
+@pytest.mark.parametrize("name", [name for name in names() if name != "gen3lite"])
+def test_every_arm_of_the_catalogue_goes_there_and_back(tmp_path, name, convention):
+    write_arm(load(name), tmp_path / "arm.toml", convention=convention)
+    assert_same_arm(load(name), read_arm(tmp_path / "arm.toml"))
+
+
+def random_arm(seed: int) -> Arm:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 7))
+    fixed = np.array([frame_from_xyz_rpy(rng.uniform(-500, 500, 3), rng.uniform(-3, 3, 3)) for _ in range(n + 1)])
+    # Axes at least 6 deg off parallel, so that a table exists.
+    for frame in fixed:
+        if abs(frame[2, 2]) > 0.995:
+            frame[:3, :3] = frame_from_xyz_rpy([0, 0, 0], [1.0, 0.2, 0.3])[:3, :3]
+    chain = Chain(fixed, rng.uniform(-100, 100, 3), rng.random(n) < 0.3)
+    limited = rng.random(n) < 0.5
+    lower, upper = np.where(limited, rng.uniform(-3, -1, n), -np.inf), np.where(limited, rng.uniform(1, 3, n), np.inf)
+    title = 'quotes " and \\ and \t tab, ä, 测量臂, \x7f, 😀'
+    return Arm(
+        "any", chain, title=title.replace("\x7f", ""), lower=lower, upper=upper, working_pose=rng.uniform(-1, 1, n)
+    )
+
+
+def assert_same_arm(one: Arm, other: Arm) -> None:
+    assert (one.name, one.title, one.source, one.joint_names) == (
+        other.name,
+        other.title,
+        other.source,
+        other.joint_names,
+    )
+    np.testing.assert_array_equal(one.chain.slides, other.chain.slides)
+    # degrees and back: two roundings
+    np.testing.assert_allclose(one.limits, other.limits, rtol=1e-15)
+    np.testing.assert_allclose(one.working, other.working, rtol=1e-15)
+    q = np.random.default_rng(0).uniform(-3, 3, (10, one.n_joints)) * np.where(one.chain.slides, 100, 1)
+    first, second = one.chain.pose(q), other.chain.pose(q)
+    np.testing.assert_allclose(first.tip_in_base, second.tip_in_base, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(first.R_base_tip, second.R_base_tip, atol=1e-12, rtol=0)
+
+
+def test_text_with_any_sign_survives(tmp_path):
+    title = 'quotes " and \\ and \t tab, \x7f, \x01, ä, 测量臂, 😀\nsecond line'
+    arm = Arm("any", load("ur5").chain, title=title)
+    write_arm(arm, tmp_path / "arm.toml")
+    assert read_arm(tmp_path / "arm.toml").title == title
+
+
+def test_nothing_is_left_of_an_arm_that_has_no_table(tmp_path):
+    with pytest.raises(InputError, match="URDF"):
+        write_arm(load("gen3lite"), tmp_path / "arm.toml")
+    assert list(tmp_path.iterdir()) == []
+
+
+# What it refuses
+
+BROKEN = {
+    "syntax": (GOOD + "x ==\n", r"line 25: not valid TOML"),
+    "key twice": (changed('name = "two"', 'name = "two"\nname = "three"'), "line 3: not valid TOML"),
+    "nesting": ("a = " + "[" * 5000, "not valid TOML|nested too deeply"),
+    "no name": (changed('name = "two"\n', ""), "the key name is missing"),
+    "empty name": (changed('"two"', '""'), "name: string should have at least 1 character"),
+    "no convention": (changed('convention = "dh"\n', ""), "the key convention is missing"),
+    "convention": (changed('"dh"', '"hayati"'), "convention: input should be 'dh' or 'mdh', got 'hayati'"),
+    "no joints": ('name = "x"\nconvention = "dh"\n', "the key joints is missing"),
+    "empty joints": ('name = "x"\nconvention = "dh"\njoints = []\n', "joints: list should have at least 1 item"),
+    "unknown key": (changed("convention", 'colour = "red"\nconvention'), "unknown key colour. Try: one of name, title"),
+    "unknown unit": (changed("a_mm = 400", "a_inch = 15.7"), r"unknown key joints\[1\].a_inch.* a_mm, a_m,"),
+    "no unit": (changed("alpha_deg = 0", "alpha = 0"), r"unknown key joints\[2\].alpha"),
+    "two units": (
+        changed("a_mm = 400", "a_mm = 400\na_m = 0.4"),
+        r"joints\[1\]: expected one of a_m and a_mm, got both",
+    ),
+    "two units of tip": (changed("tip_mm", "tip_m = [0, 0, 1]\ntip_mm"), "expected one of tip_m and tip_mm, got both"),
+    "two units of base": (
+        GOOD + "[base]\nrpy_deg = [0, 0, 0]\nrpy_rad = [0, 0, 0]",
+        "base: expected one of rpy_deg and rpy_",
+    ),
+    "missing a": (changed("a_mm = 400\n", ""), r"joints\[1\]: the key a_mm or a_m is missing"),
+    "missing alpha": (changed("alpha_deg = 0\n", ""), r"joints\[2\]: the key alpha_deg or alpha_rad is missing"),
+    "text": (changed("a_mm = 400", 'a_mm = "400"'), r"joints\[1\].a_mm: input should be a valid number, got '400'"),
+    "yes": (changed("a_mm = 400", "a_mm = true"), r"joints\[1\].a_mm: input should be a valid number"),
+    "nan": (changed("a_mm = 400", "a_mm = nan"), r"joints\[1\].a_mm: input should be a finite number"),
+    "inf": (changed("max_deg = 170", "max_deg = inf"), r"joints\[1\].max_deg: input should be a finite number"),
+    "tip of two": (changed("[0, 0, 50]", "[0, 50]"), "tip_mm: list should have at least 3 items"),
+    "type": (changed('"revolute"', '"hinge"'), r"joints\[1\].type: input should be 'revolute', 'prismatic' or 'fixed'"),
+    "angle of a slide": (
+        changed("min_mm = -5", "min_deg = -5"),
+        r"joints\[2\]: a prismatic joint needs min_mm or min_m",
+    ),
+    "length of a hinge": (
+        changed("max_deg = 170", "max_mm = 1"),
+        r"joints\[1\]: a revolute joint needs max_deg or max_rad",
+    ),
+    "limits of a fixed joint": (
+        changed('"revolute"', '"fixed"'),
+        r"joints\[1\]: a fixed joint has no (min|max|working)_deg",
+    ),
+    "crossed limits": (changed("min_deg = -170", "min_deg = 175"), "lower limit of J1 must be below"),
+    "pose outside": (changed("working_deg = 30", "working_deg = 171"), "working pose of J1 is outside its limits"),
+    "one name twice": (changed('"slide"', '"J1"'), "different names"),
+    "only fixed": (
+        'name = "x"\nconvention = "dh"\n[[joints]]\ntype = "fixed"\na_mm = 0\nd_mm = 0\nalpha_deg = 0\n',
+        "at least one joint that moves",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_file_is_refused_with_its_name_and_the_key(tmp_path, case):
+    text, message = BROKEN[case]
+    path = write(tmp_path, text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_arm(path)
+    assert caught.value.file == path
+
+
+def test_other_files_are_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_arm(tmp_path / "none.toml")
+    with pytest.raises(InputError, match=r"ends in .toml or .urdf, got '.xacro'"):
+        read_arm(tmp_path / "arm.xacro")
+    with pytest.raises(InputError, match=r"ends in .toml or .urdf, got '.csv'"):
+        write_arm(load("ur5"), tmp_path / "arm.csv")
+    (tmp_path / "latin.toml").write_bytes(b'name = "x"\ntitle = "\xe4"\n')
+    with pytest.raises(InputError, match="line 2: expected UTF-8"):
+        read_arm(tmp_path / "latin.toml")
+    (tmp_path / "big.toml").write_bytes(b"#" * 1_000_001)
+    with pytest.raises(InputError, match="at most 1 MB"):
+        read_arm(tmp_path / "big.toml")
+    with pytest.raises(InputError, match="does not exist"):
+        write_arm(load("ur5"), tmp_path / "none" / "arm.toml")

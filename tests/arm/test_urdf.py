@@ -1,0 +1,311 @@
+"""URDF: the same tips as Pinocchio gives, there and back without loss, and hostile or broken files refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from truearm.arm import Arm, Chain, load, names, read_urdf, write_urdf
+from truearm.arm.urdf import MAX_BYTES
+from truearm.errors import InputError
+
+JOINT = '<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{more}</joint>'
+
+
+def joint(name: str, kind: str, parent: str, child: str, more: str = "") -> str:
+    return JOINT.format(name=name, kind=kind, parent=parent, child=child, more=more)
+
+
+def robot(*parts: str, links: str = "a b c") -> str:
+    return f'<robot name="r">{"".join(f"<link name={link!r}/>" for link in links.split())}{"".join(parts)}</robot>'
+
+
+def write(folder: Path, text: str | bytes) -> Path:
+    path = folder / "arm.urdf"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def random_urdf(seed: int) -> str:
+    """A robot with all kinds of joints about any axes, fixed links between and a side branch."""
+    rng = np.random.default_rng(seed)
+    kinds = ["revolute", "continuous", "prismatic", "fixed", *rng.choice(["revolute", "fixed", "prismatic"], 4)]
+    rng.shuffle(kinds)
+    parts = []
+    for i, kind in enumerate(kinds):
+        axis = rng.normal(size=3) if rng.random() < 0.6 else rng.choice([-1, 1]) * np.eye(3)[rng.integers(3)]
+        xyz, rpy = rng.normal(0, 0.4, 3), rng.uniform(-3, 3, 3)
+        more = f'<origin xyz="{fmt(xyz)}" rpy="{fmt(rpy)}"/><axis xyz="{fmt(axis)}"/>'
+        more += '<limit lower="-2" upper="2" effort="1" velocity="1"/>' if kind in ("revolute", "prismatic") else ""
+        parts.append(joint(f"j{i}", kind, f"l{i}", f"l{i + 1}", more))
+    parts.append(joint("side", "revolute", "l2", "branch", '<limit lower="-1" upper="1" effort="1" velocity="1"/>'))
+    return robot(*parts, links=" ".join(f"l{i}" for i in range(len(kinds) + 1)) + " branch")
+
+
+def fmt(numbers: np.ndarray) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_tips_and_axes_agree_with_pinocchio(tmp_path, seed):
+    pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
+    path = write(tmp_path, random_urdf(seed))
+    arm = read_urdf(path, tip="l8")
+    model = pinocchio.buildModelFromUrdf(str(path))
+    data = model.createData()
+    frame = model.getFrameId("l8")
+    rng = np.random.default_rng(seed)
+    for q in rng.uniform(-2, 2, (4, arm.n_joints)):
+        state = pinocchio.neutral(model)
+        for name, value, slides in zip(arm.joint_names, q, arm.chain.slides, strict=True):
+            joint = model.joints[model.getJointId(name)]
+            # Pinocchio keeps a continuous joint as cosine and sine.
+            state[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else [np.cos(value), np.sin(value)]
+            assert slides == ("P" in joint.shortname())
+        pinocchio.framesForwardKinematics(model, data, state)
+        ours = arm.chain.pose([np.where(arm.chain.slides, 1000 * q, q)])
+        theirs = data.oMf[frame]
+        np.testing.assert_allclose(ours.tip_in_base[0], 1000 * theirs.translation, atol=1e-9, rtol=0)
+        np.testing.assert_allclose(ours.R_base_tip[0], theirs.rotation, atol=1e-12, rtol=0)
+
+
+def test_derivatives_agree_with_pinocchios_regressor(tmp_path):
+    pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
+    write_urdf(load("panda"), tmp_path / "panda.urdf")
+    model = pinocchio.buildModelFromUrdf(str(tmp_path / "panda.urdf"))
+    data = model.createData()
+    tip = model.getFrameId("tip")
+    arm = load("panda")
+    q = arm.working
+    pinocchio.computeJointJacobians(model, data, q)
+    pinocchio.updateFramePlacements(model, data)
+    J = pinocchio.getFrameJacobian(model, data, tip, pinocchio.LOCAL_WORLD_ALIGNED)[:3]
+    ours = arm.chain.small_motions([q]).by_motion[0, 1:-1, 2]
+    np.testing.assert_allclose(ours, 1000 * J.T, atol=1e-9, rtol=0)
+
+
+# There and back
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_arm_of_the_catalogue_goes_there_and_back(tmp_path, name):
+    arm = load(name)
+    write_urdf(arm, tmp_path / "arm.urdf")
+    assert_same_arm(arm, read_urdf(tmp_path / "arm.urdf"))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_any_arm_goes_there_and_back(tmp_path, seed):
+    arm = read_urdf(write(tmp_path, random_urdf(seed)), tip="l8")
+    write_urdf(arm, tmp_path / "back.urdf")
+    assert_same_arm(arm, read_urdf(tmp_path / "back.urdf"))
+
+
+def assert_same_arm(one: Arm, other: Arm) -> None:
+    assert (one.name, one.title, one.source, one.joint_names) == (
+        other.name,
+        other.title,
+        other.source,
+        other.joint_names,
+    )
+    np.testing.assert_array_equal(one.chain.slides, other.chain.slides)
+    np.testing.assert_allclose(one.limits, other.limits, rtol=1e-15)
+    np.testing.assert_allclose(one.working, other.working, rtol=1e-15)
+    q = np.random.default_rng(0).uniform(-3, 3, (20, one.n_joints)) * np.where(one.chain.slides, 100, 1)
+    first, second = one.chain.pose(q), other.chain.pose(q)
+    np.testing.assert_allclose(first.tip_in_base, second.tip_in_base, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(first.R_base_tip, second.R_base_tip, atol=1e-12, rtol=0)
+
+
+def test_names_with_signs_of_xml_survive(tmp_path):
+    arm = Arm('a<b & "c"', load("ur5").chain, title="größer > kleiner", joint_names=tuple("<>&'ab"))
+    write_urdf(arm, tmp_path / "arm.urdf")
+    assert_same_arm(arm, read_urdf(tmp_path / "arm.urdf"))
+
+
+def test_one_limit_only_cannot_be_written(tmp_path):
+    arm = Arm("half", load("ur5").chain, upper=np.full(6, 1.0))
+    with pytest.raises(InputError, match=r"joint J1 has one limit only.*\.toml"):
+        write_urdf(arm, tmp_path / "arm.urdf")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_control_character_is_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(InputError, match="not valid XML"):
+        write_urdf(Arm("a\x01b", load("ur5").chain), tmp_path / "arm.urdf")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pinocchio_reads_what_we_write(tmp_path):
+    pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
+    slide = Chain(np.tile(np.eye(4), (3, 1, 1)), [0, 0, 7], [True, False])
+    write_urdf(Arm("slide", slide), tmp_path / "arm.urdf")
+    model = pinocchio.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
+    assert [joint.shortname() for joint in model.joints][1:] == ["JointModelPZ", "JointModelRUBZ"]
+
+
+# What it reads
+
+
+def test_metres_become_millimetres_and_limits_too(tmp_path):
+    slide = '<origin xyz="0.1 0 0"/><axis xyz="0 0 2"/><limit lower="-0.05" upper="0.2"/>'
+    arm = read_urdf(write(tmp_path, robot(joint("s", "prismatic", "a", "b", slide), links="a b")))
+    np.testing.assert_allclose(arm.limits, [[-50, 200]])
+    np.testing.assert_allclose(arm.chain.tip_in_base([[30.0]]), [[100, 0, 30]], atol=1e-12)
+
+
+def test_defaults_are_those_of_urdf(tmp_path):
+    # no origin: none; no axis: x; no limits: none here; one of two: the other is zero
+    text = robot(joint("p", "prismatic", "a", "b"), joint("q", "revolute", "b", "c", '<limit upper="1"/>'))
+    arm = read_urdf(write(tmp_path, text))
+    np.testing.assert_allclose(arm.chain.tip_in_base([[7.0, 0.0]]), [[7, 0, 0]], atol=1e-12)
+    np.testing.assert_array_equal(arm.limits, [[-np.inf, np.inf], [0, 1]])
+
+
+def test_the_working_pose_is_zero_or_the_limit_next_to_it(tmp_path):
+    arm = read_urdf(
+        write(tmp_path, robot(joint("q", "revolute", "a", "b", '<limit lower="-3" upper="-1"/>'), links="a b"))
+    )
+    np.testing.assert_array_equal(arm.working, [-1])
+
+
+def test_a_floating_or_mimicking_joint_beside_the_chain_does_not_matter(tmp_path):
+    text = robot(
+        joint("q", "continuous", "a", "b"),
+        joint("loose", "floating", "a", "c"),
+        joint("finger", "revolute", "b", "d", '<mimic joint="q"/>'),
+        links="a b c d",
+    )
+    assert read_urdf(write(tmp_path, text), tip="b").joint_names == ("q",)
+
+
+def test_base_and_tip_choose_a_part(tmp_path):
+    text = robot(joint("q", "continuous", "a", "b"), joint("r", "continuous", "b", "c"))
+    path = write(tmp_path, text)
+    assert read_urdf(path).joint_names == ("q", "r")
+    assert read_urdf(path, base="b").joint_names == ("r",)
+    assert read_urdf(path, tip="b").joint_names == ("q",)
+
+
+# What it refuses
+
+TURN = joint("q", "continuous", "a", "b")
+BROKEN = {
+    "doctype": ('<!DOCTYPE r [<!ENTITY x "y">]><robot name="r"/>', "line 1: a URDF needs no DOCTYPE or ENTITY"),
+    "bomb": (
+        '<?xml version="1.0"?>\n<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>\n<robot name="&b;"/>',
+        "line 2: a URDF needs no DOCTYPE or ENTITY",
+    ),
+    "outside file": ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot name="r"/>', "DOCTYPE"),
+    "utf-16 doctype": ('<?xml version="1.0" encoding="utf-16"?><!DOCTYPE r><robot/>'.encode("utf-16"), "DOCTYPE"),
+    "no xml": ("name = 'r'", "line 1: not valid XML"),
+    "cut off": ('<robot name="r">\n<link name="a"/>\n', "line 3: not valid XML: no element found"),
+    "empty": ("", "not valid XML: no element found"),
+    "unknown encoding": ('<?xml version="1.0" encoding="klingon"?><robot/>', "not valid XML: unknown encoding"),
+    "other root": ("<sdf/>", "starts with <robot>, got <sdf>"),
+    "no name": (f"<robot><link name='a'/><link name='b'/>{TURN}</robot>", "<robot> has no 'name'"),
+    "link without name": ('<robot name="r"><link/></robot>', "<link> has no 'name'"),
+    "joint without type": ('<robot name="r"><joint name="q"/></robot>', "<joint> has no 'type'"),
+    "two links": (robot(links="a a"), "2 links have the name 'a'"),
+    "two joints": (robot(TURN, joint("q", "fixed", "b", "c")), "2 joints have the name 'q'"),
+    "unknown type": (robot(joint("q", "hinge", "a", "b")), "unknown type 'hinge'.*revolute, continuous, prismatic"),
+    "floating": (robot(joint("q", "floating", "a", "b"), links="a b"), "joint 'q' is floating"),
+    "planar": (robot(joint("q", "planar", "a", "b"), links="a b"), "joint 'q' is planar"),
+    "mimic": (robot(joint("q", "continuous", "a", "b", '<mimic joint="x"/>'), links="a b"), "joint 'q' mimics"),
+    "no parent": (
+        '<robot name="r"><link name="a"/><joint name="q" type="fixed"><child link="a"/></joint></robot>',
+        "joint 'q' has no <parent>",
+    ),
+    "unknown link": (robot(joint("q", "fixed", "a", "x")), "has the child 'x', but there is no such link"),
+    "two parents": (
+        robot(joint("q", "fixed", "a", "c"), joint("p", "fixed", "b", "c")),
+        "child of two joints, 'q' and 'p'",
+    ),
+    "circle": (robot(joint("q", "fixed", "a", "b"), joint("p", "fixed", "b", "a"), links="a b"), "round in a circle"),
+    "circle beside": (
+        robot(
+            joint("q", "fixed", "a", "b"), joint("p", "fixed", "b", "a"), joint("s", "fixed", "b", "c"), links="a b c d"
+        ),
+        "2 links could be the tip",
+    ),
+    "two tips": (robot(joint("q", "fixed", "a", "b"), joint("p", "fixed", "a", "c")), "2 links could be the tip.*b, c"),
+    "two bases": (robot(TURN), "2 links could be the base.*a, c"),
+    "nothing moves": (robot(joint("q", "fixed", "a", "b"), links="a b"), "no moving joint"),
+    "zero axis": (
+        robot(joint("q", "continuous", "a", "b", '<axis xyz="0 0 0"/>'), links="a b"),
+        "axis of joint 'q' is zero",
+    ),
+    "text": (
+        robot(joint("q", "continuous", "a", "b", '<origin xyz="0 zero 0"/>'), links="a b"),
+        "origin of joint 'q': expected 3 finite numbers in xyz, got '0 zero 0'",
+    ),
+    "two numbers": (robot(joint("q", "continuous", "a", "b", '<axis xyz="0 1"/>'), links="a b"), "expected 3 finite"),
+    "nan": (robot(joint("q", "continuous", "a", "b", '<origin rpy="nan 0 0"/>'), links="a b"), "expected 3 finite"),
+    "limit": (
+        robot(joint("q", "revolute", "a", "b", '<limit lower="1" upper="0"/>'), links="a b"),
+        "lower limit of q must be below",
+    ),
+    "limit text": (
+        robot(joint("q", "revolute", "a", "b", '<limit lower="x"/>'), links="a b"),
+        "limit of joint 'q': expected a finite number in lower, got 'x'",
+    ),
+    "two origins": (
+        robot(joint("q", "continuous", "a", "b", "<origin/><origin/>"), links="a b"),
+        "expected one <origin>",
+    ),
+    "working": (
+        robot(TURN, '<truearm><working joint="x" position="0"/></truearm>', links="a b"),
+        "joint 'x' that is not",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_file_is_refused_with_its_name_and_the_reason(tmp_path, case):
+    text, message = BROKEN[case]
+    path = write(tmp_path, text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_urdf(path)
+    assert caught.value.file == path
+
+
+def test_the_line_of_a_wrong_number_is_told(tmp_path):
+    text = robot(joint("q", "continuous", "a", "b", '\n\n<origin xyz="1 2"/>'), links="a b")
+    with pytest.raises(InputError, match="line 3: the origin"):
+        read_urdf(write(tmp_path, text))
+
+
+def test_a_circle_is_told_when_base_and_tip_are_given(tmp_path):
+    text = robot(joint("q", "fixed", "a", "b"), joint("p", "fixed", "b", "a"))
+    with pytest.raises(InputError, match="round in a circle"):
+        read_urdf(write(tmp_path, text), base="c", tip="a")
+
+
+def test_links_that_are_not_there_or_not_in_line_are_told(tmp_path):
+    path = write(tmp_path, robot(TURN, joint("p", "fixed", "a", "c")))
+    with pytest.raises(InputError, match=r"no link 'x'\. Try: one of a, b, c"):
+        read_urdf(path, tip="x")
+    with pytest.raises(InputError, match="'c' does not hang on 'b', but on 'a'"):
+        read_urdf(path, base="b", tip="c")
+
+
+def test_missing_and_oversized_files_and_folders_are_told(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_urdf(tmp_path / "none.urdf")
+    with pytest.raises(InputError, match="got a folder"):
+        read_urdf(tmp_path)
+    with pytest.raises(InputError, match="at most 5 MB"):
+        read_urdf(write(tmp_path, b" " * (MAX_BYTES + 1)))
+
+
+def test_many_links_take_no_longer_than_their_number(tmp_path):
+    # 20,000 joints in a row: anything quadratic would take minutes.
+    n = 20_000
+    rows = (joint(f"j{i}", "fixed", f"l{i}", f"l{i + 1}") for i in range(n))
+    with pytest.raises(InputError, match="no moving joint"):
+        read_urdf(write(tmp_path, robot(*rows, links=" ".join(f"l{i}" for i in range(n + 1)))))
+
+
+def test_deep_nesting_does_no_harm(tmp_path):
+    with pytest.raises(InputError, match="starts with <robot>"):
+        read_urdf(write(tmp_path, "<a>" * 200_000 + "</a>" * 200_000))
