@@ -124,8 +124,10 @@ def main() -> None:
     if "pinocchio forwardKinematics" in us:
         forward = us["pinocchio forwardKinematics"] / us["pose"]
         derivative = us["pinocchio with computeFrameKinematicRegressor"] / us["small_motions"]
-        print(f"\npose is {forward:.1f} times as fast as pinocchio's forward kinematics in its own loop,")
-        print(f"small_motions {derivative:.1f} times as fast as forward kinematics with its kinematic regressor")
+        print(
+            f"\npose is {forward:.1f} times as fast as pinocchio's forward kinematics, called pose by pose from Python,"
+        )
+        print(f"small_motions {derivative:.1f} times as fast as forward kinematics and the tip's kinematic regressor")
 
 
 if __name__ == "__main__":
