@@ -27,7 +27,7 @@ def fit(
     trainer: Annotated[
         Literal["lm", "trainlm"], typer.Option("--trainer", help="Network: ours, or as MATLAB's.")
     ] = "lm",
-    epochs: Annotated[int, typer.Option("--epochs", min=1, help="Network: at most so many.")] = 150,
+    epochs: Annotated[int, typer.Option("--epochs", min=1, help="Network: at most so many.")] = 200,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Network: of the start and the validation split.")] = 0,
     as_json: Json = False,
 ) -> None:

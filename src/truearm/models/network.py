@@ -71,7 +71,7 @@ class NetworkModel(Compensator):
         hidden: tuple[int, ...] = (30, 30),
         activation: str = "tansig",
         trainer: str = "lm",
-        epochs: int = 150,
+        epochs: int = 200,
         goal: float = 0.0,
         validation: float = 0.15,
         max_fail: int = 10,

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.nets.normal_equations import FitProblem
+from truearm.nets.threads import one_blas_thread
 from truearm.nets.trainlm import TrainingRecord, training_record
 from truearm.nets.variable_projection import ProjectedProblem
 from truearm.solve import Epochs, Goal, Nielsen, Seconds, Settled, State, Stop, Validation, levenberg_marquardt
@@ -51,9 +52,10 @@ def train_lm(
     if validation is not None:
         watch = Validation(lambda x: validation.mean_square(problem.completed(x)), max_fail)
         stops.append(watch)
-    result = levenberg_marquardt(
-        problem, weights[: problem.n_hidden_weights], damping=Nielsen(), stops=stops, callback=callback
-    )
+    with one_blas_thread():
+        result = levenberg_marquardt(
+            problem, weights[: problem.n_hidden_weights], damping=Nielsen(), stops=stops, callback=callback
+        )
     kept = result.x if watch is None or watch.best_x is None else watch.best_x
     tests = np.full(len(result.history), np.nan)
     return problem.completed(kept), training_record(result, training.n_errors, watch, tests)

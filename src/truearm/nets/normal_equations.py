@@ -9,17 +9,21 @@ of pairs,
 in which the outputs are summed before the samples. Diagonal blocks are symmetric in (i, j) and in (k, r): only the
 upper triangles of both are multiplied. Samples go in chunks; the sums over chunks are exact, so that memory does not
 grow with the data.
+
+Chunks are dealt to a fixed number of groups, which threads work off while the BLAS keeps to one thread each: the result does
+not depend on how many threads there are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-
 from truearm.nets.perceptron import Perceptron
+from truearm.nets.threads import cores, one_blas_thread
 from truearm.solve import NormalEquations
 
 FloatArray = npt.NDArray[np.float64]
@@ -27,6 +31,8 @@ FloatArray = npt.NDArray[np.float64]
 # Samples multiplied together: the pairs of a 50-50 block then fill about 10 MB, which a cache of a few MB a core streams
 # well, while the matrix products are long enough to run at full speed.
 CHUNK = 512
+# Each group holds sums as large as the matrix itself.
+GROUPS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +71,20 @@ class FitProblem:
 
     def normal_equations(self, x: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton matrix at weights `x` (n_weights,)."""
-        sums = _Sums(self.network)
-        layers = self.network.layers(x)
-        for columns in _chunks(self.inputs.shape[1], CHUNK):
+        chunks = list(_chunks(self.inputs.shape[1], CHUNK))
+        groups = [chunks[start::GROUPS] for start in range(min(GROUPS, len(chunks)))]
+        with one_blas_thread(), ThreadPoolExecutor(min(cores(), len(groups))) as pool:
+            first, *others = pool.map(lambda group: self._sums(x, group), groups)
+        for other in others:
+            first.merge(other)
+        return first.equations()
+
+    def _sums(self, x: FloatArray, chunks: list[slice]) -> _Sums:
+        sums, layers = _Sums(self.network), self.network.layers(x)
+        for columns in chunks:
             values = self.network.forward(x, np.ascontiguousarray(self.inputs[:, columns]))
             sums.add(layers, values, values[-1] - self.targets[:, columns])
-        return sums.equations()
+        return sums
 
 
 class _Sums:
@@ -149,6 +163,14 @@ class _Sums:
                 pairs = (with_bias[low][:, None, :] * with_bias[high][None, :, :]).reshape(-1, m)
                 self.blocks[low, high] += pairs @ across.reshape(-1, m).T
 
+    def merge(self, other: _Sums) -> None:
+        """Add what another group of chunks came to."""
+        self.cost += other.cost
+        for gradient, more in zip(self.gradients, other.gradients, strict=True):
+            gradient += more
+        for block, sums in other.blocks.items():
+            self.blocks[block] += sums
+
     def equations(self) -> NormalEquations:
         """The normal equations of all that was added."""
         shapes = self.network.shapes
@@ -209,3 +231,4 @@ def _symmetric_index(k: int) -> npt.NDArray[np.intp]:
 def _chunks(n: int, size: int) -> Iterator[slice]:
     for start in range(0, n, size):
         yield slice(start, min(start + size, n))
+

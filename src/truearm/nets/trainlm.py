@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.nets.normal_equations import FitProblem
+from truearm.nets.threads import one_blas_thread
 from truearm.solve import (
     Classical,
     DampingLimit,
@@ -137,13 +138,14 @@ def trainlm(
         Gradient(min_grad * half),
         DampingLimit(),
     ]
-    result = levenberg_marquardt(
-        training,
-        weights,
-        damping=Classical(mu, mu_dec, mu_inc, mu_max),
-        stops=stops if watch is None else [*stops, watch],
-        callback=keep_test_error,
-    )
+    with one_blas_thread():
+        result = levenberg_marquardt(
+            training,
+            weights,
+            damping=Classical(mu, mu_dec, mu_inc, mu_max),
+            stops=stops if watch is None else [*stops, watch],
+            callback=keep_test_error,
+        )
     kept = result.x if watch is None or watch.best_x is None else watch.best_x
     return kept, training_record(result, training.n_errors, watch, np.array(tests))
 

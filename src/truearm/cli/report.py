@@ -1,0 +1,103 @@
+"""``truearm report``: models of an arm compared on a session, as a page to show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truearm.cli.console import progress, say
+
+if TYPE_CHECKING:
+    from truearm.models import Compensator
+    from truearm.readings import Readings
+    from truearm.report.comparison import Compared
+
+
+def report(
+    files: Annotated[list[Path], typer.Argument(metavar="MODEL... SESSION", help="Model files, then a session file.")],
+    out: Annotated[Path, typer.Option("--out", help="Page to write, .html.")],
+    title: Annotated[str, typer.Option("--title", help="Title of the page.")] = "",
+) -> None:
+    """Compare models on readings with reference points: one HTML page that holds all it needs."""
+    from truearm.cli.predict import load_for
+    from truearm.errors import InputError
+    from truearm.report.comparison import comparison_page
+    from truearm.report.html import write_page
+    from truearm.writing import check_writable
+
+    *paths, session = files
+    if not paths:
+        raise InputError("expected one or more model files, then a session file", hint="truearm report MODEL SESSION --out FILE")
+    check_writable(out)
+    with progress("drawing the report"):
+        loaded = [load_for(path, session) for path in paths]
+        readings = loaded[0][1]
+        if readings.points is None:
+            raise readings.error("expected reference points to compare with, the session has none")
+        models = dict(zip(_names(paths), (fitted for fitted, _ in loaded), strict=True))
+        page = comparison_page(
+            compared(models, readings),
+            title=title or f"{loaded[0][0].arm.name}: error before and after compensation",
+            subtitle=f"{len(readings)} readings of {session.name}",
+            facts=facts(models, readings),
+        )
+        write_page(page, out)
+    say(f"{out}: {len(models)} model{'s' * (len(models) > 1)} compared on {len(readings)} readings")
+
+
+def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
+    """What the models, and the nominal arm of the first, make of the readings."""
+    from truearm.errors import InputError
+    from truearm.models import NominalModel, compared_errors
+    from truearm.report.comparison import Compared
+
+    first = next(iter(models.values()))
+    arm, points = first.arm, readings.points
+    assert points is not None  # checked by the caller
+    for name, model in models.items():
+        if model.arm.joint_names != arm.joint_names:
+            raise InputError(f"expected models of one arm, but {name!r} is of {model.arm.name!r}, not {arm.name!r}")
+    nominal = first.predict_nominal(readings.angles)
+    predicted = {"nominal": nominal}
+    predicted |= {
+        name: model.predict(readings.angles) for name, model in models.items() if not isinstance(model, NominalModel)
+    }
+    lower, upper = arm.limits.T
+    return Compared(
+        angles=readings.angles,
+        points=points,
+        predicted=predicted,
+        errors={name: dict(compared_errors(p, nominal, points)) for name, p in predicted.items()},  # type: ignore[arg-type]
+        joint_names=arm.joint_names,
+        lower=lower,
+        upper=upper,
+        sliding=arm.chain.slides.tolist(),
+    )
+
+
+def facts(models: dict[str, Compensator], readings: Readings) -> list[tuple[str, str]]:
+    """What a page about models rests on."""
+    import numpy
+    import scipy
+
+    from truearm import __version__
+    from truearm.models.compensator import fingerprint
+
+    assert readings.points is not None  # checked by the caller
+    rows = [
+        (f"model {name}", f"{model.n_train_} training readings, SHA-256 {model.data_fingerprint_}")
+        for name, model in models.items()
+    ]
+    rows.append(("readings of this page", f"SHA-256 {fingerprint(readings.angles, readings.points)}"))
+    arm = next(iter(models.values())).arm
+    rows.append(("arm", f"{arm.name}: {arm.title}. {arm.source}"))
+    rows.append(("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"))
+    return rows
+
+
+def _names(paths: list[Path]) -> list[str]:
+    """A short, different name for each model: its file's stem, or its path where stems are alike."""
+    stems = [path.stem for path in paths]
+    return stems if len(set(stems)) == len(stems) else [str(path) for path in paths]
