@@ -1,8 +1,9 @@
 """scikit-learn's own estimator checks over all models.
 
-The checks feed tables of any width and targets of one column. A model of a six-axis arm must refuse those, so each model is
-worn inside an estimator that builds a chain with as many joints as the table has columns, and pads or cuts the targets to
-three coordinates. All else (checking, cloning, repeating, not changing what it is given) is the model's own.
+The checks feed tables of any width and targets of one column. A model of a six-axis arm must refuse those, so each
+model is worn inside an estimator that builds a chain with as many joints as the table has columns, and pads or cuts
+the targets to three coordinates. All else (checking, cloning, repeating, not changing what it is given) is the
+model's own.
 """
 
 from __future__ import annotations

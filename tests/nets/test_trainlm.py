@@ -149,7 +149,7 @@ def test_start_spreads_active_regions_over_the_input_range():
 
 
 def test_start_for_logsig_is_centred_on_its_outputs():
-    """Inputs of the second layer lie in [0, 1]: at their middle the net inputs are those of an input of 0 in [-1, 1]."""
+    """Inputs of the second layer lie in [0, 1]: their middle is to it what 0 is in [-1, 1]."""
     network = Perceptron.with_layers(1, (5, 4), 1, activation="logsig")
     _, second, _ = network.layers(nguyen_widrow(network, seed=1))
     middle = second[:-1].sum(axis=0) * 0.5 + second[-1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -86,7 +88,7 @@ def test_the_cost_never_rises_and_the_history_tells_every_epoch():
     told = []
     result = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], stops=[Goal(1e-20), Epochs(300)], callback=told.append)
     costs = [state.cost for state in result.history]
-    assert all(after < before for before, after in zip(costs, costs[1:], strict=False))
+    assert all(after < before for before, after in itertools.pairwise(costs))
     assert told == list(result.history)
     assert [state.epoch for state in result.history] == list(range(result.epochs + 1))
 

@@ -4,14 +4,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.virtual import PRESETS, Preset, VirtualArm, coordinate_errors, load_preset, magnitudes
+from truearm.virtual import PRESETS, Preset, VirtualArm, load_preset, magnitudes
 from truearm.virtual.state import at_rest, directions, hand_forces, link_temperatures, mean_hand_force
 from truearm.virtual.systematic import ARCSEC, beam, eccentric_reading
 
@@ -324,30 +322,6 @@ def test_every_magnitude_has_a_unit_and_a_source():
     for magnitude in magnitudes(PRESETS["research"]):
         assert magnitude.unit
         assert magnitude.source
-
-
-def test_coordinate_errors_by_hand():
-    summary = coordinate_errors([[3.0, 0, 4.0], [0, 0, 0]])
-    assert summary["mean_mm"] == 2.5
-    assert summary["rms_mm"] == pytest.approx(np.sqrt(12.5))
-    assert summary["max_mm"] == 5.0
-    assert summary["mean_abs_coordinate_mm"] == pytest.approx(7 / 6)
-    assert summary["max_abs_coordinate_mm"] == 4.0
-    assert summary["n"] == 2
-
-
-# --- seats ---
-
-
-@settings(max_examples=10, deadline=None)
-@given(st.integers(0, 10_000))
-def test_settled_tips_lie_in_their_seats(research, seed):
-    rng = np.random.default_rng(seed)
-    angles = box(research.nominal, 20, seed)
-    # Seats up to 5 mm from the nominal tips: more than any error of the arm.
-    seats = research.nominal.chain.tip_in_base(angles) + rng.uniform(-5, 5, (20, 3))
-    settled = research.settle(angles, seats)
-    assert np.abs(research.true_tip(settled) - seats).max() < 1e-6  # mm
 
 
 def test_a_session_in_seats_has_its_tips_there_but_for_the_seats_scatter(research):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from truearm.arm.catalogue import load
-from truearm.virtual import PRESETS, VirtualArm, coordinate_errors
+from truearm.readings import errors_of
+from truearm.virtual import PRESETS, VirtualArm
 
 RESEARCH = PRESETS["research"]
 
@@ -41,7 +42,7 @@ def test_a_perfect_model_of_linear_terms_comes_within_3_per_cent_of_the_floor(ar
     state = arm.resting(3000)
     air = np.repeat(taken.readings.temperature_degC[:, None], 7, axis=1)
     tips = perfect.true_tip(taken.readings.angles, replace(state, link_temperature_degC=air))
-    error = coordinate_errors(tips - taken.readings.points)["mean_abs_coordinate_mm"]
+    error = errors_of(tips, taken.readings.points)["mean_abs_coordinate_mm"]
     floor = arm.noise_floor(taken)["mean_abs_coordinate_mm"]
     assert floor < error < 1.03 * floor
     # What it misses is real: at the true angles, some tenths of um, below 2 um.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 
 def arms(
-    arm: Annotated[str, typer.Argument(help="A name, or an arm (.toml) or URDF file, to show.", show_default=False)] = "",
+    arm: Annotated[
+        str, typer.Argument(help="A name, or an arm (.toml) or URDF file, to show.", show_default=False)
+    ] = "",
     out: Annotated[Path | None, typer.Option("--out", help="Write it as an arm file, .toml or .urdf.")] = None,
     convention: Annotated[Literal["dh", "mdh"], typer.Option("--convention", help="Of the table.")] = "dh",
     as_json: Json = False,
@@ -43,40 +45,52 @@ def arms(
         _show(chosen, convention)
 
 
-def _facts(arm: Arm, convention: Literal["dh", "mdh"]) -> dict[str, object]:
+def _facts(arm: Arm, convention: Literal["dh", "mdh"]) -> dict[str, Any]:
+    """The drawing: a D-H table where the arm has one, the fixed motions between its joints anyway."""
     import numpy as np
 
     from truearm.arm import dh_table, mdh_table
+    from truearm.arm.frames import xyz_rpy_of
+    from truearm.errors import InputError
 
-    table = (dh_table if convention == "dh" else mdh_table)(arm.chain)
-    return {
+    frames = [xyz_rpy_of(frame) for frame in arm.chain.fixed]
+    facts: dict[str, Any] = {
         "name": arm.name,
         "title": arm.title,
         "source": arm.source,
-        "convention": convention,
         "joint_names": list(arm.joint_names),
+        "fixed_xyz_mm": [xyz.tolist() for xyz, _ in frames],
+        "fixed_rpy_deg": [np.degrees(rpy).tolist() for _, rpy in frames],
+        "tip_in_flange_mm": arm.chain.tip_in_flange.tolist(),
+        "reach_mm": arm.chain.reach,
+    }
+    try:
+        table = (dh_table if convention == "dh" else mdh_table)(arm.chain)
+    except InputError:  # axes that miss being parallel by little have no bounded table
+        return facts
+    facts[convention] = {
         "a_mm": table.a.tolist(),
         "d_mm": table.d.tolist(),
         "alpha_deg": np.degrees(table.alpha).tolist(),
         "theta_deg": np.degrees(table.theta).tolist(),
-        "tip_mm": table.tip.tolist(),
-        "reach_mm": arm.chain.reach,
     }
+    return facts
 
 
 def _show(arm: Arm, convention: Literal["dh", "mdh"]) -> None:
     import numpy as np
 
     facts = _facts(arm, convention)
-    say(f"{arm.name}: {arm.title}")
-    columns = ["a_mm", "d_mm", "alpha_deg", "theta_deg"]
+    columns = facts.get(convention)
+    if columns is None:
+        frames = np.hstack([facts["fixed_xyz_mm"], facts["fixed_rpy_deg"]])[1:]
+        heads = ["x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg"]
+        columns = dict(zip(heads, frames.T.tolist(), strict=True))
     rows = []
     for i, name in enumerate(arm.joint_names):
-        slides = bool(arm.chain.prismatic is not None and arm.chain.prismatic[i])
-        limits = arm.limits[i] if slides else np.degrees(arm.limits[i])
-        rows.append(
-            [name, *(f"{facts[column][i]:.4f}" for column in columns), *(f"{limit:.1f}" for limit in limits)]  # type: ignore[index]
-        )
+        limits = arm.limits[i] if arm.chain.slides[i] else np.degrees(arm.limits[i])
+        rows.append([name, *(f"{column[i]:.4f}" for column in columns.values()), *(f"{end:.1f}" for end in limits)])
+    say(f"{arm.name}: {arm.title}")
     say_table(["joint", *columns, "least", "most"], rows)
-    say(f"tip_mm: {', '.join(f'{x:.4f}' for x in facts['tip_mm'])}")  # type: ignore[attr-defined]
+    say(f"tip in the flange: {', '.join(f'{x:.4f}' for x in facts['tip_in_flange_mm'])} mm")
     say(f"source: {arm.source}")

@@ -64,9 +64,19 @@ def _say(summary: dict[str, Any], out: Path) -> None:
         ]
         for name, m in summary["models"].items()
     ]
-    rows.append(["noise floor", f"{floor['mean_abs_coordinate_mm']:.4f}", f"{floor['max_abs_coordinate_mm']:.4f}", "", "", "", ""])
+    rows.append(
+        [
+            "noise floor",
+            f"{floor['mean_abs_coordinate_mm']:.4f}",
+            f"{floor['max_abs_coordinate_mm']:.4f}",
+            "",
+            "",
+            "",
+            "",
+        ]
+    )
     n_train, n = summary["models"]["network"]["n_train"], summary["models"]["network"]["n"]
-    say(f"Virtual arm {summary['arm']}, seed {summary['seed']}: {n_train} poses to learn from, {n} + {n} others to test on.")
+    say(f"Virtual arm {summary['arm']}, seed {summary['seed']}: {n_train} poses to learn from, {n} + {n} to test on.")
     say("Absolute error of a coordinate [mm], in the box of joint angles learned from, and in everyday measuring:")
     say_table(["model", "mean", "max", "removed %", "outside mean", "outside max", "fit s"], rows)
     say(f"The paper's network, on its own arm: mean {PAPER_NETWORK_MM[0]}, max {PAPER_NETWORK_MM[1]}, 97 % removed.")
@@ -84,9 +94,9 @@ def demo_page(done: Experiment, *, quick: bool) -> Page:
     floor = done.arm.noise_floor(done.tests["box"])["mean_abs_coordinate_mm"]
     outside = Section(
         "Outside what was learned",
-        "Poses of everyday measuring reach far beyond the box of joint angles that the models learned from. A network knows "
-        "nothing there. The kinematic model describes the arm itself: its constants hold everywhere, and what it leaves over "
-        "(encoder harmonics, bending) is what its kind of model does not describe.",
+        "Poses of everyday measuring reach far beyond the box of joint angles that the models learned from. A network "
+        "knows nothing there. The kinematic model describes the arm itself: its constants hold everywhere, and what it "
+        "leaves over (encoder harmonics, bending) is what its kind of model does not describe.",
         tables=(
             error_table(
                 {name: dict(errors) for name, errors in done.errors("measuring").items()},  # type: ignore[arg-type]

@@ -20,8 +20,8 @@ def evaluate(
     The nominal arm is the drawing, its base and tip (where they were free) fitted to the model's own training readings.
     """
     from truearm.cli.predict import load_for
-    from truearm.models import compared_errors, errors_of
     from truearm.models.compensator import fingerprint
+    from truearm.readings import compared_errors, errors_of
 
     fitted, readings = load_for(model, session)
     if readings.points is None:

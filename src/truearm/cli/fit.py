@@ -11,8 +11,7 @@ from truearm.cli.console import ArmName, Json, progress, say, say_json
 
 if TYPE_CHECKING:
     from truearm.models import Compensator
-    from truearm.models.evaluation import ComparedErrors
-    from truearm.readings import Readings
+    from truearm.readings import ComparedErrors, Readings
 
 
 def fit(
@@ -33,8 +32,8 @@ def fit(
 ) -> None:
     """Identify an arm: fit a model to readings with reference points.
 
-    --free base,tip: the reference has a frame of its own and the tip's place on the flange is not known (a laser tracker).
-    --free none: points are in the arm's base frame and the tip is as drawn.
+    --free base,tip: the reference has a frame of its own and the tip's place on the flange is not known (a laser
+    tracker). --free none: points are in the arm's base frame and the tip is as drawn.
     """
     from truearm.arm import arm_from
     from truearm.models import MODELS
@@ -77,16 +76,16 @@ def layer_sizes(text: str) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in text.split(","))
     except ValueError:
-        raise InputError(f"--hidden expects whole numbers separated by commas, got {text!r}", hint="--hidden 30,30") from None
+        raise InputError(
+            f"--hidden expects whole numbers separated by commas, got {text!r}", hint="--hidden 30,30"
+        ) from None
 
 
 def _say_result(fitted: Compensator, readings: Readings, model: str, out: Path, *, as_json: bool) -> None:
-    from truearm.models import compared_errors
+    from truearm.readings import compared_errors
 
     assert readings.points is not None  # checked before the fit
-    errors = compared_errors(
-        fitted.predict(readings.angles), fitted.predict_nominal(readings.angles), readings.points
-    )
+    errors = compared_errors(fitted.predict(readings.angles), fitted.predict_nominal(readings.angles), readings.points)
     if as_json:
         say_json({"model": model, "file": str(out), "fit_seconds": fitted.fit_seconds_, "training": errors})
         return

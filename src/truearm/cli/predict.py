@@ -43,7 +43,10 @@ def predict(
         pd.DataFrame(columns).to_csv(beside, index=False)
     say(f"{out}: {len(points)} points, standard uncertainty of a coordinate {np.median(std):.4f} mm (median)")
     if outside.any():
-        say(f"{int(outside.sum())} of {len(points)} readings have a joint beyond the training angles: do not rely on them.")
+        say(
+            f"{int(outside.sum())} of {len(points)} readings have a joint beyond the training angles: "
+            "do not rely on them."
+        )
 
 
 def load_for(model: Path, session: Path) -> tuple[Compensator, Readings]:

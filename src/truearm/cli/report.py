@@ -29,7 +29,9 @@ def report(
 
     *paths, session = files
     if not paths:
-        raise InputError("expected one or more model files, then a session file", hint="truearm report MODEL SESSION --out FILE")
+        raise InputError(
+            "expected one or more model files, then a session file", hint="truearm report MODEL SESSION --out FILE"
+        )
     check_writable(out)
     with progress("drawing the report"):
         loaded = [load_for(path, session) for path in paths]
@@ -50,7 +52,8 @@ def report(
 def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
     """What the models, and the nominal arm of the first, make of the readings."""
     from truearm.errors import InputError
-    from truearm.models import NominalModel, compared_errors
+    from truearm.models import NominalModel
+    from truearm.readings import compared_errors
     from truearm.report.comparison import Compared
 
     first = next(iter(models.values()))

@@ -142,8 +142,9 @@ def fit_points(
 ) -> PointFit:
     """Identify constant motions from tip positions.
 
-    The variance of a coordinate is that of the reference plus an unexplained part, which is estimated from the residuals
-    together with robust weights (Huber, Ann. Math. Stat. 35 (1964) 73, on the residuals' length) in a few rounds.
+    The variance of a coordinate is that of the reference plus an unexplained part, which is estimated from the
+    residuals together with robust weights (Huber, Ann. Math. Stat. 35 (1964) 73, on the residuals' length) in a few
+    rounds.
 
     Parameters
     ----------
@@ -196,10 +197,12 @@ def fit_points(
 
 
 def huber_weights(residuals: FloatArray) -> FloatArray:
-    """(n,) Huber weights of residuals (n, 3): 1 up to `HUBER_MEDIANS` medians of their lengths, falling as one over beyond."""
+    """(n,) Huber weights of residuals (n, 3): 1 up to `HUBER_MEDIANS` median lengths, as one over the length beyond."""
     lengths = np.linalg.norm(residuals, axis=1)
     threshold = HUBER_MEDIANS * np.median(lengths)
-    return np.asarray(np.minimum(1.0, threshold / np.maximum(lengths, np.finfo(float).tiny)) if threshold else lengths * 0 + 1)
+    if threshold == 0:  # more than half the residuals are exactly zero
+        return np.ones(len(lengths))
+    return np.asarray(threshold / np.maximum(lengths, threshold))
 
 
 def _unexplained_variance(

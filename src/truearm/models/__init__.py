@@ -1,7 +1,6 @@
 """Models of an arm: scikit-learn regressors from joint angles [rad] to tip coordinates [mm]."""
 
 from truearm.models.compensator import Compensator
-from truearm.models.evaluation import compared_errors, errors_of
 from truearm.models.kinematic import KinematicModel
 from truearm.models.network import NetworkModel
 from truearm.models.nominal import NominalModel
@@ -12,4 +11,4 @@ MODELS: dict[str, type[Compensator]] = {
     "network": NetworkModel,
 }
 
-__all__ = ["MODELS", "Compensator", "KinematicModel", "NetworkModel", "NominalModel", "compared_errors", "errors_of"]
+__all__ = ["MODELS", "Compensator", "KinematicModel", "NetworkModel", "NominalModel"]

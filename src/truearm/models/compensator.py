@@ -21,8 +21,8 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 FREE_PARTS = ("base", "tip")
-# What is free still has a prior, wide beyond any workshop: on an arm of few joints a shift of the base may look like one
-# of the tip, and then it decides.
+# What is free still has a prior, wide beyond any workshop: on an arm of few joints a shift of the base may look like
+# one of the tip, and then it decides.
 FREE_BASE = (1.0, 1.0, 1.0, 1e4, 1e4, 1e4)  # rad, mm
 FREE_TIP = 1e3  # mm
 # Rows that determine base (6) and tip (3): 3 coordinates each, and one row to spare.
@@ -32,8 +32,8 @@ MIN_ROWS = 4
 class Compensator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     """Base of the models: from joint angles to the tip's coordinates.
 
-    A model says how it learns (`_identify`), predicts (`_tips`) and how sure it is (`_covariance`); checking, book-keeping
-    and the nominal arm to compare with are the same for all.
+    A model says how it learns (`_identify`), predicts (`_tips`) and how sure it is (`_covariance`); checking,
+    book-keeping and the nominal arm to compare with are the same for all.
 
     Attributes
     ----------
@@ -90,7 +90,9 @@ class Compensator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """
         arm = self._checked_arm()
         if readings.n_joints != arm.n_joints:
-            raise InputError(f"expected readings of {arm.n_joints} joints for arm {arm.name!r}, got {readings.n_joints}")
+            raise InputError(
+                f"expected readings of {arm.n_joints} joints for arm {arm.name!r}, got {readings.n_joints}"
+            )
         if readings.points is None:
             raise InputError(
                 "expected reference points (x_mm, y_mm, z_mm) to learn from, the readings have none",
@@ -101,7 +103,7 @@ class Compensator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         begun = time.perf_counter()
         self.n_features_in_ = readings.n_joints
         self.nominal_ = self._fit_nominal(readings)
-        self._identify(readings, readings.points, progress or (lambda done, note: None))
+        self._identify(readings, readings.points, progress or _silent)
         self.angle_ranges_ = np.stack([readings.angles.min(axis=0), readings.angles.max(axis=0)], axis=1)
         self.n_train_ = len(readings)
         self.data_fingerprint_ = fingerprint(readings.angles, readings.points)
@@ -192,6 +194,10 @@ def with_free_parts(prior_std: FloatArray, free: tuple[str, ...]) -> FloatArray:
     if "tip" in free:
         prior_std[-1, 3:] = FREE_TIP
     return prior_std
+
+
+def _silent(done: int, note: str) -> None:
+    """Tell nobody."""
 
 
 def fingerprint(angles: FloatArray, points: FloatArray) -> str:

@@ -1,7 +1,7 @@
 """The model file: JSON and arrays in a zip, checked before a number of it is used. Never a pickle.
 
-A zip archive (stored, not compressed) with ``model.json`` and one ``NAME.npy`` (format 1.0, no objects) for each array that the
-JSON lists with its shape and SHA-256. Nothing else may be in it.
+A zip archive (stored, not compressed) with ``model.json`` and one ``NAME.npy`` (format 1.0, no objects) for each
+array that the JSON lists with its shape and SHA-256. Nothing else may be in it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from truearm.writing import whole_file
 
 FloatArray = npt.NDArray[np.float64]
 
-FORMAT = 1
+FORMAT: Literal[1] = 1
 # A 50-50 network and a 7-axis chain need well under a megabyte; what is larger was not written by this program.
 MAX_BYTES = 64 * 2**20
 MAX_ARRAYS = 100
@@ -125,7 +125,9 @@ def load_model(path: str | Path) -> Compensator:
     path = Path(path)
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"expected a model file of at most {MAX_BYTES >> 20} MiB, got {path.stat().st_size >> 20} MiB")
+            raise InputError(
+                f"expected a model file of at most {MAX_BYTES >> 20} MiB, got {path.stat().st_size >> 20} MiB"
+            )
         with zipfile.ZipFile(path) as archive:
             header = _header(archive)
             arrays = {name: _array(archive, name, entry) for name, entry in header.arrays.items()}
@@ -145,11 +147,10 @@ def load_model(path: str | Path) -> Compensator:
 
 def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, float | bool]]:
     arm = model.arm
-    assert arm.chain.prismatic is not None  # set when made
     arrays: dict[str, FloatArray] = {
         "arm_limits": arm.limits,
         "arm_working_pose": arm.working,
-        "arm_prismatic": arm.chain.prismatic.astype(float),
+        "arm_prismatic": arm.chain.slides.astype(float),
         "angle_ranges": model.angle_ranges_,
         **_chain_arrays("arm", arm.chain),
     }
@@ -158,7 +159,11 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
         if hasattr(model, name):
             fit: PointFit = getattr(model, name)
             arrays |= _chain_arrays(name + "chain", fit.chain)
-            arrays |= {name + "motions": fit.motions, name + "covariance": fit.covariance, name + "weights": fit.weights}
+            arrays |= {
+                name + "motions": fit.motions,
+                name + "covariance": fit.covariance,
+                name + "weights": fit.weights,
+            }
             facts |= {name + "noise_std_mm": fit.noise_std, name + "converged": fit.converged}
     if hasattr(model, "network_"):
         arrays |= {

@@ -19,14 +19,15 @@ FloatArray = npt.NDArray[np.float64]
 class KinematicModel(Compensator):
     """The arm's true constants: six small motions after every joint, the base and the tip.
 
-    More constants than any minimal parametrisation; what the readings cannot tell apart is held by a Gaussian prior about
-    the nominal arm, so that no list of fixed parameters is needed and near-parallel axes need no special form.
+    More constants than any minimal parametrisation; what the readings cannot tell apart is held by a Gaussian prior
+    about the nominal arm, so that no list of fixed parameters is needed and near-parallel axes need no special form.
 
     Parameters
     ----------
     arm : Arm
     free : tuple of str
-        Which of ``"base"`` and ``"tip"`` are unknown altogether; the others are known as well as any constant of the arm.
+        Which of ``"base"`` and ``"tip"`` are unknown altogether; the others are known as well as any constant of the
+        arm.
     prior_angle : float
         Prior standard deviation of a rotation [rad]: how well axes and zeros are known beforehand.
     prior_length : float

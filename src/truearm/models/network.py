@@ -144,4 +144,4 @@ class NetworkModel(Compensator):
         """
         basis = self._basis(angles)
         leverage = np.einsum("ni,ij,nj->n", basis, self.basis_covariance_, basis)
-        return (1 + leverage)[:, None, None] * self.residual_covariance_
+        return np.asarray((1 + leverage)[:, None, None] * self.residual_covariance_)

@@ -21,8 +21,8 @@ class NominalModel(Compensator):
     ----------
     arm : Arm
     free : tuple of str
-        Which of ``"base"`` (where the arm stands in the reference's frame) and ``"tip"`` (where the tip sits on the flange)
-        are unknown. With none, points are in the arm's own base frame and the tip is as drawn.
+        Which of ``"base"`` (where the arm stands in the reference's frame) and ``"tip"`` (where the tip sits on the
+        flange) are unknown. With none, points are in the arm's own base frame and the tip is as drawn.
     """
 
     def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip")) -> None:

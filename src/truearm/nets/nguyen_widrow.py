@@ -13,9 +13,9 @@ FloatArray = npt.NDArray[np.float64]
 def nguyen_widrow(network: Perceptron, *, seed: int) -> FloatArray:
     """Start weights for inputs in [-1, 1].
 
-    A hidden layer of S units with R inputs gets weight vectors of random direction and length ``0.7 S^(1/R)`` and biases
-    spread evenly over plus or minus that length, scaled to the activation's unsaturated range; the output layer gets
-    uniform random numbers in [-1, 1]. As MATLAB's ``initnw``, whose random stream it does not share.
+    A hidden layer of S units with R inputs gets weight vectors of random direction and length ``0.7 S^(1/R)`` and
+    biases spread evenly over plus or minus that length, scaled to the activation's unsaturated range; the output
+    layer gets uniform random numbers in [-1, 1]. As MATLAB's ``initnw``, whose random stream it does not share.
 
     Source: D. Nguyen, B. Widrow, "Improving the learning speed of 2-layer neural networks by choosing initial values of
     the adaptive weights", IJCNN 1990, vol. 3, 21-26.

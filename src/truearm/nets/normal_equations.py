@@ -10,8 +10,8 @@ in which the outputs are summed before the samples. Diagonal blocks are symmetri
 upper triangles of both are multiplied. Samples go in chunks; the sums over chunks are exact, so that memory does not
 grow with the data.
 
-Chunks are dealt to a fixed number of groups, which threads work off while the BLAS keeps to one thread each: the result does
-not depend on how many threads there are.
+Chunks are dealt to a fixed number of groups, which threads work off while the BLAS keeps to one thread each: the
+result does not depend on how many threads there are.
 """
 
 from __future__ import annotations
@@ -22,14 +22,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.threads import cores, one_blas_thread
 from truearm.solve import NormalEquations
 
 FloatArray = npt.NDArray[np.float64]
 
-# Samples multiplied together: the pairs of a 50-50 block then fill about 10 MB, which a cache of a few MB a core streams
-# well, while the matrix products are long enough to run at full speed.
+# Samples multiplied together: the pairs of a 50-50 block then fill about 10 MB, which a cache of a few MB a core
+# streams well, while the matrix products are long enough to run at full speed.
 CHUNK = 512
 # Each group holds sums as large as the matrix itself.
 GROUPS = 4
@@ -190,12 +191,12 @@ class _Sums:
         (n_i, n_k), (n_j, n_r) = self.network.shapes[low], self.network.shapes[high]
         last = len(self.network.shapes) - 1
         if low == high == last:
-            return np.kron(sums, np.eye(n_k))
+            return np.asarray(np.kron(sums, np.eye(n_k)), dtype=float)
         if low == high:
             full = sums[_symmetric_index(n_i).ravel()[:, None], _symmetric_index(n_k).ravel()[None, :]]
         else:
             full = sums
-        return full.reshape(n_i, n_j, n_k, n_r).transpose(0, 2, 1, 3).reshape(n_i * n_k, n_j * n_r)
+        return np.asarray(full.reshape(n_i, n_j, n_k, n_r).transpose(0, 2, 1, 3).reshape(n_i * n_k, n_j * n_r))
 
 
 def _upper_products(a: FloatArray) -> FloatArray:
@@ -231,4 +232,3 @@ def _symmetric_index(k: int) -> npt.NDArray[np.intp]:
 def _chunks(n: int, size: int) -> Iterator[slice]:
     for start in range(0, n, size):
         yield slice(start, min(start + size, n))
-

@@ -18,8 +18,8 @@ FloatArray = npt.NDArray[np.float64]
 class Perceptron:
     """The shape of a network: ``h_0`` the inputs, ``h_{l+1} = phi_l(W_l^T [h_l; 1])``, the last layer is linear.
 
-    Weights travel as one vector: the layers' ``W_l`` ``(n_l + 1, n_{l+1})`` one after the other, row by row, the bias in
-    the last row.
+    Weights travel as one vector: the layers' ``W_l`` ``(n_l + 1, n_{l+1})`` one after the other, row by row, the bias
+    in the last row.
 
     Parameters
     ----------
@@ -47,7 +47,9 @@ class Perceptron:
                 raise InputError(f"unknown activation {name!r}", hint=", ".join(ACTIVATIONS))
 
     @classmethod
-    def with_layers(cls, n_inputs: int, hidden: Sequence[int], n_outputs: int, *, activation: str = "tansig") -> Perceptron:
+    def with_layers(
+        cls, n_inputs: int, hidden: Sequence[int], n_outputs: int, *, activation: str = "tansig"
+    ) -> Perceptron:
         """A network with one activation in all hidden layers."""
         return cls((n_inputs, *hidden, n_outputs), (activation,) * len(hidden))
 
@@ -69,9 +71,7 @@ class Perceptron:
     def layers(self, weights: FloatArray) -> list[FloatArray]:
         """The layers' ``W_l`` as views into the vector `weights` (n_weights,)."""
         ends = np.cumsum([m * n for m, n in self.shapes])
-        return [
-            part.reshape(shape) for part, shape in zip(np.split(weights, ends[:-1]), self.shapes, strict=True)
-        ]
+        return [part.reshape(shape) for part, shape in zip(np.split(weights, ends[:-1]), self.shapes, strict=True)]
 
     def forward(self, weights: FloatArray, inputs: FloatArray) -> list[FloatArray]:
         """Values of every layer, laid out (units, samples): the inputs first, the outputs last.

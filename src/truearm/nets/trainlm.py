@@ -77,7 +77,7 @@ def dividerand(
     shares = np.array([train, validation, test], dtype=float)
     if (shares < 0).any() or not np.isfinite(shares).all() or shares.sum() <= 0:
         raise InputError(f"expected shares of training, validation and test data of 0 or more, got {shares.tolist()}")
-    n_validation, n_test = (int(round(n * share)) for share in shares[1:] / shares.sum())
+    n_validation, n_test = (round(n * float(share)) for share in shares[1:] / shares.sum())
     if n - n_validation - n_test < 1:
         raise InputError(f"no samples left to train on: {n} in all, {n_validation} to validate, {n_test} to test")
     order = np.random.default_rng(seed).permutation(n)
@@ -151,7 +151,7 @@ def trainlm(
 
 
 def training_record(result: Result, n_errors: int, watch: Validation | None, tperf: FloatArray) -> TrainingRecord:
-    """The record of a minimisation of `n_errors` residuals, with `watch` the validation data's rule if there was one."""
+    """The record of a minimisation of `n_errors` residuals; `watch` is the validation data's rule, if there was one."""
     half, n = n_errors / 2, len(result.history)
     return TrainingRecord(
         perf=np.array([state.cost for state in result.history]) / half,

@@ -22,8 +22,8 @@ RIDGE = 1e-14
 class ProjectedProblem:
     """A network's fit as a problem in its hidden weights alone.
 
-    At hidden weights theta the output layer takes its least-squares value; the Gauss-Newton matrix is the Schur complement
-    of the full one, and the gradient by the output layer is zero.
+    At hidden weights theta the output layer takes its least-squares value; the Gauss-Newton matrix is the Schur
+    complement of the full one, and the gradient by the output layer is zero.
 
     Source: G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413; L. Kaufman, BIT 15 (1975) 49 (the approximation
     that drops the projector's second derivative); J. Sjoberg, M. Viberg, "Separable non-linear least-squares

@@ -1,9 +1,9 @@
 """The experiment of the founding paper, on a virtual arm.
 
-Gao, Zhang, San, Wu, Wang, "Modeling and Error Compensation of Robotic Articulated Arm Coordinate Measuring Machines Using BP
-Neural Network", Complexity 2017, article 5156264, section 4: 3000 poses train a network of 30 and 30 neurons, 200
-further poses test it. The paper's arm is not described beyond its nominal parameters (Table 1) and the error of its nominal
-model; the virtual arm ``research`` errs as much.
+Gao, Zhang, San, Wu, Wang, "Modeling and Error Compensation of Robotic Articulated Arm Coordinate Measuring Machines
+Using BP Neural Network", Complexity 2017, article 5156264, section 4: 3000 poses train a network of 30 and 30
+neurons, 200 further poses test it. The paper's arm is not described beyond its nominal parameters (Table 1) and the
+error of its nominal model; the virtual arm ``research`` errs as much.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from typing import Any
 import numpy.typing as npt
 
 from truearm.arm import load
-from truearm.models import Compensator, KinematicModel, NetworkModel, NominalModel, compared_errors
-from truearm.models.evaluation import ComparedErrors
+from truearm.models import Compensator, KinematicModel, NetworkModel, NominalModel
 from truearm.poses import STRATEGIES
+from truearm.readings import ComparedErrors, compared_errors
 from truearm.virtual import Measurement, VirtualArm, load_preset
 
-# Mean and maximum absolute error of a coordinate [mm]: nominal parameters, and the network of setting 4 on 200 further poses.
+# Mean and maximum absolute error of a coordinate [mm]: nominal parameters, and the network of setting 4 on 200
+# further poses.
 PAPER_NOMINAL_MM = (0.4492, 0.8978)
 PAPER_NETWORK_MM = (0.0136, 0.0873)
 
@@ -109,7 +110,8 @@ def experiment(
 ) -> Experiment:
     """Measure with a virtual arm, fit three models, keep test readings.
 
-    The reference sees points in the arm's own base frame, as the paper's gauge does: nothing is fitted to the nominal model.
+    The reference sees points in the arm's own base frame, as the paper's gauge does: nothing is fitted to the nominal
+    model.
 
     Parameters
     ----------
@@ -131,7 +133,9 @@ def experiment(
     tests = {"box": measured("box", settings.n_test, 1), "measuring": measured("measuring", settings.n_test, 2)}
     models: dict[str, Compensator] = {
         "nominal": NominalModel(nominal, free=()),
-        "network": NetworkModel(nominal, free=(), hidden=settings.hidden, epochs=settings.epochs, validation=0.0, seed=seed),
+        "network": NetworkModel(
+            nominal, free=(), hidden=settings.hidden, epochs=settings.epochs, validation=0.0, seed=seed
+        ),
         "kinematic": KinematicModel(nominal, free=()),
     }
     for name, model in models.items():

@@ -137,9 +137,9 @@ def _result(compared: Compared) -> Section:
     styles = figures.styles_of(distances)
     return Section(
         "Error before and after",
-        "Every reading has a point by the reference and one by each model; an error is what lies between them. Distances "
-        "are in space, a coordinate is one of x, y, z. Removed is the share of the first model's mean absolute coordinate "
-        "error that is gone.",
+        "Every reading has a point by the reference and one by each model; an error is what lies between them. "
+        "Distances are in space, a coordinate is one of x, y, z. Removed is the share of the first model's mean "
+        "absolute coordinate error that is gone.",
         figures=(figures.before_after(distances, styles=styles), figures.error_distribution(distances, styles=styles)),
         tables=(error_table(compared.errors, caption="Errors on the readings of this page"),),
     )

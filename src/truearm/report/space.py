@@ -43,7 +43,7 @@ def workspace(points: npt.ArrayLike) -> Figure:
         panels = _four_views(points, {"color": _DOT})
     return Figure(
         panels,
-        caption=f"Where the tip was, {readings(len(points))}, in the frame of the arm's base. {_extent(points)}. "
+        caption=f"Where the tip was, {readings(len(points))}, in the frame of the reference. {_extent(points)}. "
         "A cross marks the origin where it is in sight. A model is only tested where there are dots.",
         alt=f"Four scatter plots of {len(points)} tip positions: in space, from the front, the side and above. "
         f"{_extent(points)}.",

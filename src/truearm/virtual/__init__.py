@@ -1,7 +1,7 @@
 """Virtual arms: nominal arms with drawn errors, whose truth is known."""
 
-from truearm.virtual.arm import Measurement, VirtualArm, coordinate_errors
+from truearm.virtual.arm import Measurement, VirtualArm
 from truearm.virtual.presets import PRESETS, Preset, load_preset, magnitudes
 from truearm.virtual.state import State
 
-__all__ = ["PRESETS", "Measurement", "Preset", "State", "VirtualArm", "coordinate_errors", "load_preset", "magnitudes"]
+__all__ = ["PRESETS", "Measurement", "Preset", "State", "VirtualArm", "load_preset", "magnitudes"]

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
+from truearm.readings.deviations import Errors, errors_of
 from truearm.readings.readings import Readings
 from truearm.virtual.constrained import constrain_geometry
 from truearm.virtual.motions import motions, true_tips
@@ -208,7 +209,7 @@ class VirtualArm:
             hint="a pose whose nominal tip is nearer to the seat, and not with the arm stretched out",
         )
 
-    def noise_floor(self, measurement: Measurement) -> dict[str, float]:
+    def noise_floor(self, measurement: Measurement) -> Errors:
         """Give what no model can beat: the true function at the measured angles against the reference points.
 
         The true function knows how each joint came and how warm each link was, and takes the mean force.
@@ -224,12 +225,12 @@ class VirtualArm:
                 "the noise floor needs reference points, and these readings have none", hint="reference=True"
             )
         expected = measurement.state.with_force(mean_hand_force(self.preset))
-        return coordinate_errors(self.true_tip(readings.angles, expected) - readings.points)
+        return errors_of(self.true_tip(readings.angles, expected), readings.points)
 
-    def nominal_error(self, measurement: Measurement) -> dict[str, float]:
+    def nominal_error(self, measurement: Measurement) -> Errors:
         """Error of the nominal model at the measured angles against the true tips."""
         tips = self.nominal.chain.tip_in_base(measurement.readings.angles)
-        return coordinate_errors(tips - measurement.true_tips)
+        return errors_of(tips, measurement.true_tips)
 
     def _session(
         self, angles: FloatArray, seed: int, temperature_degC: npt.ArrayLike | None
@@ -273,28 +274,6 @@ class VirtualArm:
         if len(state) != n:
             raise InputError(f"expected the state of {n} readings, got that of {len(state)}")
         return state
-
-
-def coordinate_errors(errors: npt.ArrayLike) -> dict[str, float]:
-    """Sum up position errors (n, 3) [mm].
-
-    Returns
-    -------
-    dict
-        ``mean_mm, rms_mm, p95_mm, max_mm`` of the distance, ``mean_abs_coordinate_mm, max_abs_coordinate_mm`` of single
-        coordinates, and ``n``.
-    """
-    errors = np.asarray(errors, dtype=float)
-    distance = np.linalg.norm(errors, axis=1)
-    return {
-        "mean_mm": float(distance.mean()),
-        "rms_mm": float(np.sqrt((distance**2).mean())),
-        "p95_mm": float(np.percentile(distance, 95)),
-        "max_mm": float(distance.max()),
-        "mean_abs_coordinate_mm": float(np.abs(errors).mean()),
-        "max_abs_coordinate_mm": float(np.abs(errors).max()),
-        "n": len(errors),
-    }
 
 
 def _checked_seed(seed: int) -> int:

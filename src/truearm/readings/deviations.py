@@ -1,4 +1,4 @@
-"""How far predicted points are from reference points, in the paper's measure and in the everyday one."""
+"""How far points are from reference points, in the paper's measure and in the everyday one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class Errors(TypedDict):
-    """Errors of predicted points [mm]."""
+    """Errors of points [mm]."""
 
     mean_mm: float
     rms_mm: float
@@ -30,12 +30,12 @@ class ComparedErrors(Errors):
     removed_percent: float
 
 
-def errors_of(predicted: FloatArray, points: FloatArray) -> Errors:
-    """Errors of predicted against reference points.
+def errors_of(found: FloatArray, points: FloatArray) -> Errors:
+    """Errors of found points against reference points.
 
     Parameters
     ----------
-    predicted, points : (n, 3) array
+    found, points : (n, 3) array
         [mm].
 
     Returns
@@ -46,7 +46,7 @@ def errors_of(predicted: FloatArray, points: FloatArray) -> Errors:
     """
     if len(points) < 1:
         raise InputError("expected one or more readings to evaluate, got none")
-    residuals = predicted - points
+    residuals = found - points
     distances = np.linalg.norm(residuals, axis=1)
     return Errors(
         mean_mm=float(distances.mean()),
