@@ -11,15 +11,22 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Chain, exponential_derivative
 from truearm.identify.alignment import align
-from truearm.solve import NormalEquations, Settled, levenberg_marquardt
+from truearm.solve import Nielsen, NormalEquations, Settled, levenberg_marquardt
+from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-# Rounds of reweighting: the weights of the UR10 sets change by less than a percent after the third.
+# Rounds of reweighting, at most: the weights of the UR10 sets change by less than a percent after the third.
 ROUNDS = 4
+# Rounds end when no weight changes by a larger share: the motions then move by less than that of their uncertainty.
+SETTLED_WEIGHTS = 1e-4
 # Residuals longer than this many medians weigh less, by Huber's rule; of Gaussian residuals 0.5 % are longer than 2.5.
 HUBER_MEDIANS = 3.0
+# The first damping, as a share of the matrix's largest diagonal element. Priors keep the matrix definite, and a chain
+# is nearly linear in its small motions: the first steps are Gauss-Newton's. Damping that a radian's column (a metre of
+# lever) hardly feels would hold a millimetre's fast: their squares differ by a million.
+FIRST_DAMPING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +79,7 @@ class PointProblem:
         for rows, tips, by_motion in moved.small_motions_by_chunk(self.angles):
             weights = self.weights[rows].T
             residuals = (weights * (tips - self.points[rows].T)).ravel()
-            columns = (by_motion * weights).reshape(size, -1)
+            columns = np.multiply(by_motion, weights, out=by_motion).reshape(size, -1)
             cost += 0.5 * float(residuals @ residuals)
             gradient += columns @ residuals
             gram += columns @ columns.T
@@ -172,16 +179,20 @@ def fit_points(
     x = np.zeros(int(problem.free.sum()))
     if not len(x):
         return _nothing_free(problem, reference_variance)
-    robust_weights, noise_variance, converged = np.ones(n), np.nan, False
+    robust_weights, noise_variance, result = np.ones(n), np.nan, None
     for _ in range(ROUNDS):
         residuals = problem.chain.with_motions(problem.motions(x)).tip_in_base(angles) - points
         if robust and np.isfinite(noise_variance):
             robust_weights = huber_weights(residuals)
         noise_variance = _unexplained_variance(residuals, reference_variance, robust_weights, len(x))
         weights = np.sqrt(robust_weights[:, None] / (reference_variance + noise_variance))
+        if np.allclose(weights, problem.weights, rtol=SETTLED_WEIGHTS, atol=0) and result is not None:
+            break
         problem = replace(problem, weights=weights)
-        result = levenberg_marquardt(problem, x, stops=(Settled(1e-6),))
-        x, converged = result.x, result.reason.converged
+        with one_blas_thread():
+            result = levenberg_marquardt(problem, x, damping=Nielsen(FIRST_DAMPING), stops=(Settled(1e-6),))
+        x = result.x
+    assert result is not None
     residuals = problem.chain.with_motions(problem.motions(x)).tip_in_base(angles) - points
     noise_variance = _unexplained_variance(residuals, reference_variance, robust_weights, len(x))
     motions = problem.motions(x)
@@ -192,7 +203,7 @@ def fit_points(
         covariance=to_small @ _covariance(result.equations.gram) @ to_small.T,
         noise_std=float(np.sqrt(noise_variance)),
         weights=robust_weights,
-        converged=converged,
+        converged=result.reason.converged,
     )
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.threads import one_blas_thread
 from truearm.nets.trainlm import TrainingRecord, training_record
 from truearm.nets.variable_projection import ProjectedProblem
 from truearm.solve import Epochs, Goal, Nielsen, Seconds, Settled, State, Stop, Validation, levenberg_marquardt
+from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -24,8 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.nets.perceptron import Perceptron
-from truearm.nets.threads import cores, one_blas_thread
 from truearm.solve import NormalEquations
+from truearm.solve.threads import cores, one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
 

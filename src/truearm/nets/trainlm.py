@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.threads import one_blas_thread
 from truearm.solve import (
     Classical,
     DampingLimit,
@@ -24,6 +23,7 @@ from truearm.solve import (
     Validation,
     levenberg_marquardt,
 )
+from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
