@@ -29,9 +29,9 @@ from truearm.solve.threads import cores, one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
 
-# Samples multiplied together: the pairs of a 50-50 block then fill about 10 MB, which a cache of a few MB a core
+# Samples multiplied together: the pairs of a 50-50 block then fill about 5 MB, which a cache of a few MB a core
 # streams well, while the matrix products are long enough to run at full speed.
-CHUNK = 512
+CHUNK = 256
 # Each group holds sums as large as the matrix itself.
 GROUPS = 4
 
