@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from truearm.errors import InputError
+from truearm.errors import InputError, TruearmError
 
 
 @contextmanager
@@ -16,7 +16,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """Give a path beside `path` to write to; rename it to `path` only if the block ends without an exception.
 
     A reader never sees half a file, and an interrupted run (Ctrl-C, kill, full disk) leaves what stood
-    there before.
+    there before. Where `path` is a symbolic link, the file it points to is written.
 
     Parameters
     ----------
@@ -31,39 +31,51 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        If the folder does not exist, is not writable, or `path` is a folder.
+        As `check_writable`.
+    TruearmError
+        If the system refuses: no permission, disk full.
     """
-    path = Path(path)
-    folder = check_writable(path)
+    check_writable(path)
+    target = Path(os.path.realpath(path))
+    beside: Path | None = None
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=folder)
-    except PermissionError:
-        raise InputError(f"no permission to write in the folder {folder}", file=path) from None
-    os.close(handle)
-    beside = Path(name)
-    try:
+        # A short prefix: a name of the longest length that a file may have stays possible.
+        handle, name = tempfile.mkstemp(prefix=f".{target.stem[:40]}-", suffix=target.suffix, dir=target.parent)
+        beside = Path(name)
+        os.close(handle)
         yield beside
         # mkstemp makes files only their owner may read; a new file gets what the umask says instead.
         umask = os.umask(0)
         os.umask(umask)
         beside.chmod(0o666 & ~umask)
-        beside.replace(path)
+        beside.replace(target)
+    except OSError as error:
+        raise TruearmError(f"{path}: the file cannot be written ({error.strerror or error})") from error
     finally:
-        beside.unlink(missing_ok=True)
+        if beside is not None:
+            beside.unlink(missing_ok=True)
 
 
-def check_writable(path: str | Path) -> Path:
-    """Check, before long work, that a file can be written; give its folder.
+def check_writable(path: str | Path) -> None:
+    """Check, before long work, that a file can be written.
 
     Raises
     ------
     InputError
-        If the folder does not exist or `path` is a folder.
+        If the folder does not exist or is not writable, or `path` is a folder, a device or a protected file.
     """
     path = Path(path)
     folder = path.parent
     if not folder.is_dir():
+        if folder.exists():
+            raise InputError(f"{folder} is a file, not a folder", file=path)
         raise InputError(f"the folder {folder} does not exist", file=path, hint=f"mkdir -p {folder}")
     if path.is_dir():
         raise InputError("expected the name of a file to write, got a folder", file=path, hint=f"{path / 'NAME'}")
-    return folder
+    if path.exists() and not path.is_file():
+        raise InputError("expected the name of a file to write, got a device or a pipe", file=path)
+    if path.exists() and not os.access(path, os.W_OK):
+        raise InputError("the file is protected against writing", file=path, hint="another name")
+    real_folder = Path(os.path.realpath(path)).parent
+    if not os.access(real_folder, os.W_OK):
+        raise InputError(f"no permission to write in the folder {real_folder}", file=path)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from truearm.errors import InputError
+from truearm.errors import InputError, TruearmError
 from truearm.readings import Readings, delimited, files, read_session, write_session
 
 HEADER = "q1_deg,q2_deg,x_mm,y_mm,z_mm\n"
@@ -380,7 +380,7 @@ def test_a_failure_while_writing_leaves_what_was_there(tmp_path, monkeypatch, su
         monkeypatch.setattr(files, "_write_csv", full)
     else:
         monkeypatch.setattr(importlib.import_module("pyarrow.parquet"), "write_table", full)
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(TruearmError, match=f"{path.name}: the file cannot be written .No space left on device."):
         write_session(Readings([[1.0]]), path)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
     assert path.read_text() == "before"
