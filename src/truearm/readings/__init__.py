@@ -2,7 +2,7 @@
 
 from truearm.readings.checks import check_angles, check_fit
 from truearm.readings.deviations import ComparedErrors, Errors, compared_errors, errors_of
-from truearm.readings.files import read_session, write_session
+from truearm.readings.files import check_session_path, read_session, write_session
 from truearm.readings.readings import Readings
 from truearm.readings.split import hold_out
 from truearm.readings.tables import JointScale, TableColumns, import_table
@@ -15,6 +15,7 @@ __all__ = [
     "TableColumns",
     "check_angles",
     "check_fit",
+    "check_session_path",
     "compared_errors",
     "errors_of",
     "hold_out",

@@ -40,8 +40,8 @@ def check_fit(
     Raises
     ------
     InputError
-        If the number of joints is wrong, reference points are missing, there are too few readings, a joint or the
-        whole arm never moves, an angle is outside its limits, or a reading stands twice.
+        If the number of joints is wrong, reference points are missing, there are too few readings, a joint, the
+        whole arm or the reference never moves, an angle is outside its limits, or a reading stands twice.
     """
     _check_joints(readings, joint_names)
     if readings.points is None:
@@ -56,6 +56,7 @@ def check_fit(
         )
     _check_limits(readings, joint_names, lower, upper, prismatic)
     _check_motion(readings, joint_names)
+    _check_reference(readings)
     _check_copies(readings)
 
 
@@ -128,6 +129,15 @@ def _check_motion(readings: Readings, joint_names: Sequence[str]) -> None:
             column=_column(readings, joint),
             hint='move it; if the joint is locked by design, describe it as type = "fixed" in the arm file'
             " and leave its column out",
+        )
+
+
+def _check_reference(readings: Readings) -> None:
+    assert readings.points is not None  # checked by the caller
+    if len(readings) > 1 and (np.ptp(readings.points, axis=0) == 0).all():
+        raise readings.error(
+            f"all {len(readings)} readings have the same reference point, though the joints move",
+            hint="check the columns of the reference; readings of one seat need another seat beside it",
         )
 
 

@@ -15,7 +15,7 @@ from truearm.errors import InputError
 from truearm.readings.columns import ANGLE, FACTOR, TEMPERATURE, Columns, recognise, unit_of
 from truearm.readings.delimited import FloatArray, NameArray, Sheet, read_columns, read_sheet, shown
 from truearm.readings.readings import NAMED, Readings
-from truearm.writing import whole_file
+from truearm.writing import check_writable, whole_file
 
 AngleUnit = Literal["deg", "rad"]
 
@@ -87,8 +87,7 @@ def write_session(
         If the file cannot be written, or a name holds a line break.
     """
     path = Path(path)
-    if path.suffix not in (".csv", ".parquet"):
-        raise InputError(f"expected a file name that ends in .csv or .parquet, got {path.name!r}", file=path)
+    check_session_path(path)
     for name in NAMED:
         words = getattr(readings, name)
         if words is not None and (broken := _first_broken(words)) is not None:
@@ -102,6 +101,22 @@ def write_session(
             )
         else:
             _write_csv(columns, beside)
+
+
+def check_session_path(path: str | Path) -> None:
+    """Check, before long work, that a session file can be written to `path`.
+
+    Raises
+    ------
+    InputError
+        If the name ends in neither ``.csv`` nor ``.parquet``, its folder does not exist, or pyarrow is missing.
+    """
+    path = Path(path)
+    if path.suffix not in (".csv", ".parquet"):
+        raise InputError(f"expected a file name that ends in .csv or .parquet, got {path.name!r}", file=path)
+    check_writable(path)
+    if path.suffix == ".parquet":
+        _pyarrow(path)
 
 
 def _readings(
