@@ -138,7 +138,11 @@ def load_model(path: str | Path) -> Compensator:
     except FileNotFoundError:
         raise InputError("there is no such file", file=path, hint="truearm fit ... --out MODEL writes one") from None
     except (zipfile.BadZipFile, EOFError, OSError, RuntimeError, NotImplementedError) as error:
-        raise InputError(f"expected a model file, got something else or a damaged one ({error})", file=path) from None
+        raise InputError(
+            f"expected a model file, got something else or a damaged one ({error})",
+            file=path,
+            hint="truearm fit ... --out MODEL writes one",
+        ) from None
     except InputError as error:
         raise error.in_file(path) from None
     except (KeyError, ValueError, TypeError) as error:

@@ -105,7 +105,7 @@ class NetworkModel(Compensator):
 
         def tell(state: State) -> None:
             rms = scale * np.sqrt(2 * state.cost / training.n_errors)
-            progress(state.epoch, f"epoch {state.epoch}, rms error {rms:.4g} mm, damping {state.mu:.1e}")
+            progress(state.epoch, f"epoch {state.epoch}, rms error {rms:.4g} mm")
 
         train_with = train_lm if self.trainer == "lm" else trainlm
         self.weights_, self.record_ = train_with(
