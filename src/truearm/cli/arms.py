@@ -15,13 +15,19 @@ if TYPE_CHECKING:
 
 def arms(
     arm: Annotated[
-        str, typer.Argument(help="A name, or an arm (.toml) or URDF file, to show.", show_default=False)
+        str,
+        typer.Argument(metavar="[ARM]", help="A name, or an arm (.toml) or URDF file, to show.", show_default=False),
     ] = "",
     out: Annotated[Path | None, typer.Option("--out", help="Write it as an arm file, .toml or .urdf.")] = None,
-    convention: Annotated[Literal["dh", "mdh"], typer.Option("--convention", help="Of the table.")] = "dh",
+    convention: Annotated[
+        Literal["dh", "mdh"], typer.Option("--convention", help="Of the table that is shown or written.")
+    ] = "dh",
     as_json: Json = False,
 ) -> None:
-    """List the arms that are known by name; show one, or write it to a file to edit."""
+    """List the arms known by name, or show or write one.
+
+    Without a name: the list. With a name: its drawing. With --out as well: an arm file, to edit into your own arm's.
+    """
     from truearm.arm import arm_from, load, names, write_arm
     from truearm.errors import InputError
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -13,9 +15,21 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON for
 ArmName = Annotated[str, typer.Option("--arm", help="A name from `truearm arms`, or an arm (.toml) or URDF file.")]
 
 
+SessionFile = Annotated[Path, typer.Argument(metavar="SESSION", help="Session file, .csv or .parquet.")]
+
+
 def say(text: str) -> None:
     """Print a line of the result."""
-    typer.echo(text)
+    typer.echo(printable(text))
+
+
+def printable(text: str) -> str:
+    """The text with bytes of a file name that are no UTF-8 (lone surrogates) spelt out: no terminal shows them."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def _silent(done: int, note: str) -> None:
+    """Tell nobody: nobody watches."""
 
 
 def say_json(result: Mapping[str, Any]) -> None:
@@ -31,7 +45,21 @@ def say_table(columns: list[str], rows: list[list[str]], *, left: tuple[int, ...
             cell.ljust(width) if i in left else cell.rjust(width)
             for i, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
-        typer.echo("  ".join(cells).rstrip())
+        say("  ".join(cells).rstrip())
+
+
+def check_apart(out: Path, *inputs: Path) -> None:
+    """Check that a file to write is none of those that are read: readings cannot be measured again.
+
+    Raises
+    ------
+    InputError
+        If `out` is one of `inputs`.
+    """
+    from truearm.errors import InputError
+
+    if out.resolve() in [path.resolve() for path in inputs]:
+        raise InputError("the file to write is the file to read, and would be lost", file=out, hint="another name")
 
 
 @contextmanager
@@ -50,20 +78,24 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, str
     callable
         ``tell(done, note)``: the steps done so far, and a few words on how it stands.
     """
+    if not sys.stderr.isatty():
+        yield _silent
+        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.table import Column
 
     bar = Progress(
         SpinnerColumn(),
         TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[note]}"),
+        BarColumn(bar_width=16),
+        TextColumn("{task.fields[note]}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
+        expand=True,
     )
-    bar.disable = not bar.console.is_terminal
     with bar:
         task = bar.add_task(what, total=total, note="")
         yield lambda done, note: bar.update(task, completed=done, note=note)

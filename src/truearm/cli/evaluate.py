@@ -7,34 +7,44 @@ from typing import Annotated
 
 import typer
 
-from truearm.cli.console import Json, say, say_json, say_table
+from truearm.cli.console import Json, progress, say, say_json, say_table
 
 
 def evaluate(
-    model: Annotated[Path, typer.Argument(help="Model file.")],
-    session: Annotated[Path, typer.Argument(help="Session file with reference points the model has not seen.")],
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
+    session: Annotated[
+        Path, typer.Argument(metavar="SESSION", help="Session file with reference points the model has not seen.")
+    ],
     as_json: Json = False,
 ) -> None:
-    """Print the errors of a model on a session, beside those of the nominal arm.
+    """Test a model on readings it has not seen.
 
-    The nominal arm is the drawing, its base and tip (where they were free) fitted to the model's own training readings.
+    Its errors are printed beside those of the nominal arm: the drawing, its base and tip (where they were free) fitted
+    to the model's own training readings.
     """
     from truearm.cli.predict import load_for
+    from truearm.models import NominalModel
     from truearm.models.compensator import fingerprint
     from truearm.readings import compared_errors, errors_of
 
-    fitted, readings = load_for(model, session)
+    with progress(f"reading {session.name}"):
+        fitted, readings = load_for(model, session)
     if readings.points is None:
-        raise readings.error("expected reference points to evaluate against, the session has none")
+        raise readings.error(
+            "expected reference points to evaluate against, the session has none", hint="truearm predict"
+        )
     nominal = fitted.predict_nominal(readings.angles)
     errors = compared_errors(fitted.predict(readings.angles), nominal, readings.points)
     if as_json:
         say_json(dict(errors))
         return
-    before = errors_of(nominal, readings.points)
-    rows = [[name, f"{before[name]:.4f}", f"{errors[name]:.4f}"] for name in errors if name.endswith("_mm")]  # type: ignore[literal-required]
-    say_table([f"{errors['n']} readings", "nominal", "model"], rows)
-    say(f"{errors['removed_percent']:.1f} % of the mean absolute coordinate error removed")
+    columns = {"nominal": errors_of(nominal, readings.points)}
+    if not isinstance(fitted, NominalModel):
+        columns["model"] = errors
+    rows = [[name, *(f"{c[name]:.4f}" for c in columns.values())] for name in errors if name.endswith("_mm")]  # type: ignore[literal-required]
+    say_table([f"{errors['n']} readings", *columns], rows)
+    if "model" in columns:
+        say(f"{errors['removed_percent']:.1f} % of the mean absolute coordinate error removed")
     outside = int(fitted.outside_training(readings.angles).sum())
     if outside:
         say(f"{outside} of {len(readings)} readings have a joint beyond the training angles.")

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from truearm.cli.console import ArmName, Json, progress, say, say_json
+from truearm.cli.console import ArmName, Json, check_apart, progress, say, say_json
 
 if TYPE_CHECKING:
     from truearm.models import Compensator
     from truearm.readings import ComparedErrors, Readings
 
+# Share of the reach by which an arm as drawn may miss its readings. Ten times what the kinematic model expects of its
+# constants (3 mrad, 3 mm) stays below; another arm, a wrong unit or a wrong sign does not.
+MOST_NOMINAL_ERROR = 0.05
+
 
 def fit(
-    session: Annotated[Path, typer.Argument(help="Session file with reference points.")],
+    session: Annotated[Path, typer.Argument(metavar="SESSION", help="Session file with reference points.")],
     arm: ArmName,
-    model: Annotated[Literal["nominal", "kinematic", "network"], typer.Option("--model", help="What to fit.")],
-    out: Annotated[Path, typer.Option("--out", help="Model file to write.")],
+    model: Annotated[
+        Literal["nominal", "kinematic", "network"], typer.Option("--model", help="What to fit: see above.")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Model file to write; .truearm by custom.")],
     free: Annotated[
         str, typer.Option("--free", help="What is unknown of the nominal arm's place: base,tip or none.")
     ] = "base,tip",
@@ -30,55 +37,99 @@ def fit(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Network: of the start and the validation split.")] = 0,
     as_json: Json = False,
 ) -> None:
-    """Identify an arm: fit a model to readings with reference points.
+    """Identify an arm: fit a model to its readings.
+
+    nominal: the arm as drawn; only where its base stands and its tip sits is fitted. kinematic: the true constants of
+    every joint, base and tip as well; the one to use. network: the founding paper's, straight from angles to
+    coordinates; needs thousands of readings and holds only among them.
 
     --free base,tip: the reference has a frame of its own and the tip's place on the flange is not known (a laser
     tracker). --free none: points are in the arm's base frame and the tip is as drawn.
     """
     from truearm.arm import arm_from
-    from truearm.models import MODELS
+    from truearm.models import MODELS, NominalModel
     from truearm.models.compensator import MIN_ROWS
     from truearm.models.file import save_model
     from truearm.readings import check_fit, read_session
     from truearm.writing import check_writable
 
     nominal = arm_from(arm)
+    check_apart(out, session)
     check_writable(out)
-    readings = read_session(session, n_joints=nominal.n_joints)
-    lower, upper = nominal.limits.T
-    check_fit(
-        readings,
-        joint_names=nominal.joint_names,
-        lower=lower,
-        upper=upper,
-        min_rows=MIN_ROWS,
-        prismatic=nominal.chain.prismatic,
-    )
-    options: dict[str, object] = {"free": free_parts(free)}
+    known: dict[str, Any] = {"free": free_parts(free)}
+    options: dict[str, Any] = {}
     if model == "network":
-        options |= {"hidden": layer_sizes(hidden), "trainer": trainer, "epochs": epochs, "seed": seed}
-    fitted = MODELS[model](nominal, **options)
-    with progress(f"fitting the {model} model", total=epochs if model == "network" else None) as tell:
+        options = {"hidden": layer_sizes(hidden), "trainer": trainer, "epochs": epochs, "seed": seed}
+    fitted = MODELS[model](nominal, **known, **options)
+    with progress(f"reading {session.name}"):
+        readings = read_session(session, n_joints=nominal.n_joints)
+        lower, upper = nominal.limits.T
+        check_fit(
+            readings,
+            joint_names=nominal.joint_names,
+            lower=lower,
+            upper=upper,
+            min_rows=MIN_ROWS,
+            prismatic=nominal.chain.prismatic,
+        )
+        if model == "network":
+            _check_enough(readings, options["hidden"])
+    with progress(f"fitting {model}", total=epochs if model == "network" else None) as tell:
+        as_drawn = NominalModel(nominal, **known).fit_readings(readings)
+        _check_same_arm(as_drawn, readings)
         fitted.fit_readings(readings, progress=tell)
     save_model(fitted, out)
     _say_result(fitted, readings, model, out, as_json=as_json)
 
 
+def _check_enough(readings: Readings, hidden: tuple[int, ...]) -> None:
+    """Refuse a network with more weights than numbers to learn from: it would remember and know nothing."""
+    from truearm.nets.perceptron import Perceptron
+
+    n_weights = Perceptron.with_layers(readings.n_joints, hidden, 3).n_weights
+    if 3 * len(readings) < n_weights:
+        raise readings.error(
+            f"a network of {n_weights} weights needs at least {ceil(n_weights / 3)} readings, got {len(readings)}",
+            hint="more readings, a smaller --hidden, or --model kinematic, which some 50 readings serve",
+        )
+
+
+def _check_same_arm(as_drawn: Compensator, readings: Readings) -> None:
+    """Refuse readings that no arm of this drawing can have made."""
+    from truearm.readings import errors_of
+
+    assert readings.points is not None  # checked before the fit
+    mean = errors_of(as_drawn.predict(readings.angles), readings.points)["mean_mm"]
+    arm = as_drawn.arm
+    if not mean < MOST_NOMINAL_ERROR * arm.chain.reach:
+        raise readings.error(
+            f"the arm {arm.name!r} as drawn misses the reference points by {mean:.4g} mm on average"
+            f" at a reach of {arm.chain.reach:.4g} mm: they are not of this arm, or it is described wrongly",
+            hint="check --arm, the units, signs and zeros of the angles, the unit of the points, and --free",
+        )
+
+
 def free_parts(text: str) -> tuple[str, ...]:
     """The free parts that --free names."""
-    return () if text.strip() == "none" else tuple(part.strip() for part in text.split(",") if part.strip())
+    from truearm.errors import InputError
+
+    parts = () if text.strip() == "none" else tuple(part.strip() for part in text.split(","))
+    if not set(parts) <= {"base", "tip"}:
+        raise InputError(f"--free expects base, tip, base,tip or none, got {text!r}", hint="--free base,tip")
+    return parts
 
 
 def layer_sizes(text: str) -> tuple[int, ...]:
     """The hidden layers that --hidden names."""
     from truearm.errors import InputError
 
-    try:
-        return tuple(int(part) for part in text.split(","))
-    except ValueError:
+    parts = text.split(",")
+    if not all(part.strip().isascii() and part.strip().isdecimal() and 0 < int(part) < 10_000 for part in parts):
         raise InputError(
-            f"--hidden expects whole numbers separated by commas, got {text!r}", hint="--hidden 30,30"
-        ) from None
+            f"--hidden expects numbers of units from 1 to 9999, separated by commas, got {text!r}",
+            hint="--hidden 30,30",
+        )
+    return tuple(int(part) for part in parts)
 
 
 def _say_result(fitted: Compensator, readings: Readings, model: str, out: Path, *, as_json: bool) -> None:
@@ -90,12 +141,10 @@ def _say_result(fitted: Compensator, readings: Readings, model: str, out: Path, 
         say_json({"model": model, "file": str(out), "fit_seconds": fitted.fit_seconds_, "training": errors})
         return
     say(f"{out}: {model} model of {fitted.arm.name} from {len(readings)} readings in {fitted.fit_seconds_:.1f} s")
-    say(_sentence(errors))
+    say(_sentence(errors, compare=model != "nominal"))
     say("These are the readings it learned from: judge it on others, with truearm evaluate.")
 
 
-def _sentence(errors: ComparedErrors) -> str:
-    return (
-        f"training error: mean {errors['mean_mm']:.4f} mm, maximum {errors['max_mm']:.4f} mm "
-        f"({errors['removed_percent']:.1f} % of the nominal error removed)"
-    )
+def _sentence(errors: ComparedErrors, *, compare: bool) -> str:
+    said = f"training error: mean {errors['mean_mm']:.4f} mm, maximum {errors['max_mm']:.4f} mm"
+    return f"{said} ({errors['removed_percent']:.1f} % of the nominal error removed)" if compare else said

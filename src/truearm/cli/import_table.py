@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from truearm.cli.console import say, say_table
+from truearm.cli.console import check_apart, progress, say, say_table
 
 if TYPE_CHECKING:
     from truearm.readings import JointScale, Readings
@@ -16,16 +16,23 @@ _ONE_EACH = "one, or one a joint, separated by commas"
 
 
 def import_table(
-    table: Annotated[Path, typer.Argument(help="Delimited text: CSV, TSV, ..")],
+    table: Annotated[Path, typer.Argument(metavar="TABLE", help="Delimited text: CSV, TSV, ..")],
     out: Annotated[Path, typer.Option("--out", help="Session file to write, .csv or .parquet.")],
     angles: Annotated[str, typer.Option("--angles", help="Columns of the joints, base to tip: names or numbers.")],
     angle_unit: Annotated[str, typer.Option("--angle-unit", help=f"deg, rad, counts, or mm (sliding): {_ONE_EACH}.")],
-    counts_per_turn: Annotated[str, typer.Option("--counts-per-turn", help=f"Of the encoders: {_ONE_EACH}.")] = "",
-    sign: Annotated[str, typer.Option("--sign", help="Signs of the joints, as +,-,+")] = "",
-    zero: Annotated[str, typer.Option("--zero", help="Values where the angles are zero, in the table's unit.")] = "",
+    counts_per_turn: Annotated[
+        str, typer.Option("--counts-per-turn", help=f"Counts of an encoder in a full turn: {_ONE_EACH}.")
+    ] = "",
+    sign: Annotated[str, typer.Option("--sign", help="+ or - for each joint, as +,-,+; all + by default.")] = "",
+    zero: Annotated[
+        str,
+        typer.Option("--zero", help="Each joint's value where its angle is zero, in the table's unit; 0 by default."),
+    ] = "",
     points: Annotated[str, typer.Option("--points", help="Columns x,y,z of the reference point.")] = "",
-    point_std: Annotated[str, typer.Option("--point-std", help="Columns of its standard uncertainties.")] = "",
-    point_unit: Annotated[str, typer.Option("--point-unit", help="mm, m, um or in.")] = "mm",
+    point_std: Annotated[str, typer.Option("--point-std", help="Columns of its three standard uncertainties.")] = "",
+    point_unit: Annotated[
+        str, typer.Option("--point-unit", help="Of the point and its uncertainties: mm, m, um or in.")
+    ] = "mm",
     temperature: Annotated[str, typer.Option("--temperature", help="Column of the temperature [degC].")] = "",
     seat: Annotated[str, typer.Option("--seat", help="Column that names the seat.")] = "",
     position: Annotated[str, typer.Option("--position", help="Columns that name the position aimed at.")] = "",
@@ -37,8 +44,15 @@ def import_table(
     skip_lines: Annotated[int, typer.Option("--skip-lines", min=0, help="Lines above the header to skip.")] = 0,
     encoding: Annotated[str, typer.Option("--encoding", help="utf-8, cp1252, utf-16, ..")] = "utf-8",
 ) -> None:
-    """Turn a foreign table into a session file: its columns, units, signs, zeros and separators are settled here."""
+    """Turn a table from elsewhere into a session file.
+
+    Its columns, units, signs, zeros and separators are settled here, once. Columns go by name, or by number from 1.
+    The ranges that come out are printed: a wrong unit or sign is seen at once.
+    """
     from truearm import readings as room
+
+    check_apart(out, table)
+    room.check_session_path(out)
 
     scale = room.JointScale(
         unit=cast(Any, _listed(angle_unit)),
@@ -50,21 +64,22 @@ def import_table(
         _listed(angles), _listed(points), _listed(point_std), seat or None, session or None, temperature or None,
         _listed(position),
     )  # fmt: skip
-    readings = room.import_table(
-        table,
-        columns,
-        scale,
-        point_unit=cast(Any, point_unit),
-        separator="\t" if separator in ("TAB", "\\t") else separator,
-        decimal=decimal,
-        header=not no_header,
-        skip_lines=skip_lines,
-        encoding=encoding,
-        session_name=session_name or None,
-    )
-    units = scale.units(readings.n_joints)
-    unit = "rad" if "rad" in units else "deg"
-    room.write_session(readings, out, prismatic=[u == "mm" for u in units], angle_unit=cast(Any, unit))
+    with progress(f"importing {table.name}"):
+        readings = room.import_table(
+            table,
+            columns,
+            scale,
+            point_unit=cast(Any, point_unit),
+            separator="\t" if separator in ("TAB", "\\t") else separator,
+            decimal=decimal,
+            header=not no_header,
+            skip_lines=skip_lines,
+            encoding=encoding,
+            session_name=session_name or None,
+        )
+        units = scale.units(readings.n_joints)
+        unit = "rad" if "rad" in units else "deg"
+        room.write_session(readings, out, prismatic=[u == "mm" for u in units], angle_unit=cast(Any, unit))
     say(f"{out}: {len(readings)} readings of {readings.n_joints} joints from {table.name}")
     _say_ranges(readings, scale)
 

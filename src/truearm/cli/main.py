@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import importlib
+import os
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NoReturn, Protocol, runtime_checkable
 
 import typer
 
 from truearm import __version__
+from truearm.cli.console import printable
 from truearm.errors import TruearmError
 
 # The order in which a newcomer meets them.
@@ -23,6 +30,14 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("evaluate", "evaluate"),
     ("report", "report"),
 )
+
+
+@runtime_checkable
+class SupportsMessage(Protocol):
+    """What errors of click and of Typer have in common."""
+
+    def format_message(self) -> str:
+        """The message, with the name of the option at fault."""
 
 
 def _version(wanted: bool) -> None:
@@ -42,7 +57,13 @@ def _about(
 
 def make_app() -> typer.Typer:
     """The command line with its verbs; a verb is the function of its module's name."""
-    app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+    # Plain help and messages: they wrap anywhere, go through pipes, and "[mm]" stays what it is.
+    app = typer.Typer(
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
     app.callback()(_about)
     for verb, module in VERBS:
         function = getattr(importlib.import_module(f"truearm.cli.{module}"), module)
@@ -50,10 +71,72 @@ def make_app() -> typer.Typer:
     return app
 
 
-def run(arguments: list[str] | None = None) -> None:
-    """Run the command line: exit code 0 done, 2 wrong input (one line on standard error), 130 interrupted."""
+# The parent of all errors in how a command is typed. Typer brings its own or click's, by its version.
+_UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+
+INTERRUPTED = 130  # 128 + SIGINT, as a shell has it
+CLOSED_PIPE = 141  # 128 + SIGPIPE
+
+
+def run(arguments: list[str] | None = None) -> NoReturn:
+    """Run the command line and end the program.
+
+    Exit code 0: done; 2: wrong input, or the system refuses (one message on standard error); 130: interrupted.
+    An exception that comes through is a fault of this program.
+    """
+    arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        make_app()(arguments)
-    except TruearmError as error:
-        typer.echo(f"truearm: {error}", err=True)
-        sys.exit(2)
+        with _ended_tidily():
+            code = make_app()(arguments or ["--help"], standalone_mode=False, prog_name="truearm")
+    except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
+    except BrokenPipeError:
+        # The reader of the results has gone (| head). What is still to be flushed at the end goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = CLOSED_PIPE
+    except (TruearmError, _UsageError, OSError, MemoryError) as error:
+        _complain(_message(error))
+        code = 2
+    if code == INTERRUPTED:
+        _complain("interrupted; files are as they were before")
+    sys.exit(code or 0)
+
+
+def _message(error: Exception) -> str:
+    """One line on what was wrong, and what to try."""
+    if isinstance(error, TruearmError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return f"not enough memory{f' ({error})' if str(error) else ''}. Try: fewer readings at a time"
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return f"{where}{error.strerror or error}"
+    said = error.format_message() if isinstance(error, SupportsMessage) else str(error)
+    said = " ".join(said.split()).replace("Value error, ", "").removesuffix(".")
+    context = getattr(error, "ctx", None)
+    stop = "" if said.endswith("?") else "."
+    return f"{said}{stop} Try: {context.command_path if context else 'truearm'} --help"
+
+
+def _complain(message: str) -> None:
+    typer.echo(printable(f"truearm: {message}"), err=True)
+
+
+@contextmanager
+def _ended_tidily() -> Iterator[None]:
+    """Let a request to end (kill, a closed terminal) unwind as Ctrl-C does, so that no file is left beside."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    wanted = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.signal(number, _end) for number in wanted if signal.getsignal(number) == signal.SIG_DFL}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _end(number: int, frame: object) -> NoReturn:
+    del frame
+    sys.exit(128 + number)

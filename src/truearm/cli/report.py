@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truearm.cli.console import progress, say
+from truearm.cli.console import check_apart, progress, say
 
 if TYPE_CHECKING:
     from truearm.models import Compensator
@@ -20,7 +20,10 @@ def report(
     out: Annotated[Path, typer.Option("--out", help="Page to write, .html.")],
     title: Annotated[str, typer.Option("--title", help="Title of the page.")] = "",
 ) -> None:
-    """Compare models on readings with reference points: one HTML page that holds all it needs."""
+    """Compare models on readings, as a page to show.
+
+    The page is one HTML file that needs nothing beside it. The readings must have reference points.
+    """
     from truearm.cli.predict import load_for
     from truearm.errors import InputError
     from truearm.report.comparison import comparison_page
@@ -32,6 +35,9 @@ def report(
         raise InputError(
             "expected one or more model files, then a session file", hint="truearm report MODEL SESSION --out FILE"
         )
+    if out.suffix not in (".html", ".htm"):
+        raise InputError(f"expected a file name that ends in .html, got {out.name!r}", file=out)
+    check_apart(out, *files)
     check_writable(out)
     with progress("drawing the report"):
         loaded = [load_for(path, session) for path in paths]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, say, say_json
+from truearm.cli.console import Json, progress, say, say_json
 
 if TYPE_CHECKING:
     from truearm.arm.arm import Arm
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    arm: Annotated[str, typer.Argument(help="A name from `truearm arms`, or an arm (.toml) or URDF file.")],
+    arm: Annotated[
+        str, typer.Argument(metavar="ARM", help="A name from `truearm arms`, or an arm (.toml) or URDF file.")
+    ],
     out: Annotated[Path, typer.Option("--out", help="Session file to write (.csv or .parquet).")],
     poses: Annotated[int, typer.Option("--poses", help="Number of readings.")] = 200,
     strategy: Annotated[
@@ -26,35 +28,40 @@ def simulate(
     preset: Annotated[
         str, typer.Option("--preset", help="How wrong the arm is: research, shop or perfect.")
     ] = "research",
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the poses and of the noise.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the poses and the noise.")] = 0,
     arm_seed: Annotated[
         int, typer.Option("--arm-seed", min=0, help="Of the arm's own errors: same seed, same arm.")
     ] = 0,
-    seats: Annotated[int | None, typer.Option("--seats", help="Number of seats; strategy seat only (3).")] = None,
+    seats: Annotated[int | None, typer.Option("--seats", help="Number of seats (3); strategy seat only.")] = None,
     half_width_deg: Annotated[
-        float | None, typer.Option("--half-width-deg", help="Of the box about the working pose (20).")
+        float | None,
+        typer.Option(
+            "--half-width-deg", help="Of the box about the working pose (20); strategies box and sobol-box only."
+        ),
     ] = None,
     reference: Annotated[
         bool, typer.Option("--reference/--no-reference", help="Whether a reference instrument saw the tip (x, y, z).")
     ] = True,
     as_json: Json = False,
 ) -> None:
-    """Measure with a virtual arm, whose errors are known, and write the readings as a session file.
+    """Measure with a virtual arm, whose errors are known.
 
-    Two sessions of one arm have the same --arm-seed and different --seed.
+    The readings are written as a session file. Two sessions of one arm have the same --arm-seed and different --seed.
     """
     from truearm.arm.catalogue import arm_from
-    from truearm.readings.files import write_session
+    from truearm.readings.files import check_session_path, write_session
     from truearm.virtual import VirtualArm, load_preset
 
     nominal, magnitudes = arm_from(arm), load_preset(preset)
-    taken = _poses(nominal, strategy, poses, seed=seed, seats=seats, half_width_deg=half_width_deg)
-    virtual = VirtualArm.draw(nominal, magnitudes, seed=arm_seed)
-    measured = virtual.measure(
-        taken.angles, seed=seed, seat=taken.seat, seat_points=taken.seat_points, reference=reference
-    )
-    write_session(measured.readings, out)
-    result = _result(virtual, measured, taken, out=out, strategy=strategy, seed=seed)
+    check_session_path(out)
+    with progress(f"measuring {poses} poses"):
+        taken = _poses(nominal, strategy, poses, seed=seed, seats=seats, half_width_deg=half_width_deg)
+        virtual = VirtualArm.draw(nominal, magnitudes, seed=arm_seed)
+        measured = virtual.measure(
+            taken.angles, seed=seed, seat=taken.seat, seat_points=taken.seat_points, reference=reference
+        )
+        write_session(measured.readings, out)
+        result = _result(virtual, measured, taken, out=out, strategy=strategy, seed=seed)
     if as_json:
         say_json(result)
     else:
