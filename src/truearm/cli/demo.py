@@ -30,7 +30,7 @@ def demo(
 
     from truearm.errors import InputError
     from truearm.papers.gao2017 import PAPER, QUICK, experiment
-    from truearm.report.html import write_page
+    from truearm.report.html import render
     from truearm.writing import whole_file
 
     if out.exists() and not out.is_dir():
@@ -40,14 +40,20 @@ def demo(
     with progress("measuring, fitting", total=settings.epochs) as tell:
         done = experiment(seed=seed, settings=settings, progress=tell)
     with progress("drawing the report"):
-        out.mkdir(parents=True, exist_ok=True)
-        write_page(demo_page(done, quick=quick), out / "report.html")
-        with whole_file(out / "summary.json") as beside:
-            beside.write_text(json.dumps(done.summary(), indent=2, allow_nan=False) + "\n")
+        summary = done.summary()
+        files = {
+            "report.html": render(demo_page(done, quick=quick)),
+            "summary.json": json.dumps(summary, indent=2, allow_nan=False) + "\n",
+        }
+    # All that takes time is done: an interruption before this leaves no folder behind.
+    out.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        with whole_file(out / name) as beside:
+            beside.write_text(text, encoding="utf-8", newline="\n")
     if as_json:
-        say_json(done.summary())
+        say_json(summary)
     else:
-        _say(done.summary(), out)
+        _say(summary, out)
 
 
 def _check_folder(out: Path) -> None:

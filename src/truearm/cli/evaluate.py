@@ -44,9 +44,15 @@ def evaluate(
     rows = [[name, *(f"{c[name]:.4f}" for c in columns.values())] for name in errors if name.endswith("_mm")]  # type: ignore[literal-required]
     say_table([f"{errors['n']} readings", *columns], rows)
     if "model" in columns:
-        say(f"{errors['removed_percent']:.1f} % of the mean absolute coordinate error removed")
+        say(_compared(errors["removed_percent"]))
     outside = int(fitted.outside_training(readings.angles).sum())
     if outside:
         say(f"{outside} of {len(readings)} readings have a joint beyond the training angles.")
     if fingerprint(readings.angles, readings.points) == fitted.data_fingerprint_:
         say("These are the readings it learned from: an honest test needs others (truearm split).")
+
+
+def _compared(removed_percent: float) -> str:
+    if removed_percent < 0:
+        return f"worse than the nominal arm: {1 - removed_percent / 100:.1f} times its mean absolute coordinate error"
+    return f"{removed_percent:.1f} % of the mean absolute coordinate error removed"

@@ -147,4 +147,9 @@ def _say_result(fitted: Compensator, readings: Readings, model: str, out: Path, 
 
 def _sentence(errors: ComparedErrors, *, compare: bool) -> str:
     said = f"training error: mean {errors['mean_mm']:.4f} mm, maximum {errors['max_mm']:.4f} mm"
-    return f"{said} ({errors['removed_percent']:.1f} % of the nominal error removed)" if compare else said
+    if not compare:
+        return said
+    removed = errors["removed_percent"]
+    if removed < 0:
+        return f"{said} ({1 - removed / 100:.1f} times the nominal error)"
+    return f"{said} ({removed:.1f} % of the nominal error removed)"

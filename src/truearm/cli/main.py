@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
 import signal
 import sys
 import threading
@@ -75,14 +74,14 @@ def make_app() -> typer.Typer:
 _UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 
 INTERRUPTED = 130  # 128 + SIGINT, as a shell has it
-CLOSED_PIPE = 141  # 128 + SIGPIPE
 
 
 def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and end the program.
 
-    Exit code 0: done; 2: wrong input, or the system refuses (one message on standard error); 130: interrupted.
-    An exception that comes through is a fault of this program.
+    Exit code 0: done; 1: the reader of the results went early (| head), which Typer sees to; 2: wrong input, or the
+    system refuses (one message on standard error); 130: interrupted. An exception that comes through is a fault of
+    this program.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
@@ -90,10 +89,6 @@ def run(arguments: list[str] | None = None) -> NoReturn:
             code = make_app()(arguments or ["--help"], standalone_mode=False, prog_name="truearm")
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
-    except BrokenPipeError:
-        # The reader of the results has gone (| head). What is still to be flushed at the end goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = CLOSED_PIPE
     except (TruearmError, _UsageError, OSError, MemoryError) as error:
         _complain(_message(error))
         code = 2

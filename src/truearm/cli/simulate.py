@@ -20,7 +20,7 @@ def simulate(
         str, typer.Argument(metavar="ARM", help="A name from `truearm arms`, or an arm (.toml) or URDF file.")
     ],
     out: Annotated[Path, typer.Option("--out", help="Session file to write (.csv or .parquet).")],
-    poses: Annotated[int, typer.Option("--poses", help="Number of readings.")] = 200,
+    poses: Annotated[int, typer.Option("--poses", max=10_000_000, help="Number of readings.")] = 200,
     strategy: Annotated[
         str,
         typer.Option("--strategy", help="Where to put the joints: box, sobol-box, uniform, sobol, measuring or seat."),
@@ -69,13 +69,18 @@ def simulate(
 
 
 def _poses(nominal: Arm, strategy: str, n: int, *, seed: int, seats: int | None, half_width_deg: float | None) -> Poses:
+    from difflib import get_close_matches
     from math import radians
 
     from truearm.errors import InputError
     from truearm.poses import STRATEGIES
 
     if strategy not in STRATEGIES:
-        raise InputError(f"expected a strategy out of {', '.join(STRATEGIES)}, got {strategy!r}")
+        close = get_close_matches(strategy, STRATEGIES, n=1)
+        raise InputError(
+            f"expected a strategy out of {', '.join(STRATEGIES)}, got {strategy!r}",
+            hint=f"--strategy {close[0]}" if close else None,
+        )
     options: dict[str, Any] = {}
     if half_width_deg is not None:
         if not strategy.endswith("box"):
@@ -109,9 +114,11 @@ def _tell(result: dict[str, Any], taken: Poses) -> None:
     from truearm.poses.measuring import told
 
     say(
-        f"{result['session']}: {result['n']} readings of arm {result['arm']} ({result['preset']}, {result['arm_seed']})"
+        f"{result['session']}: {result['n']} readings of virtual arm {result['arm']}, "
+        f"preset {result['preset']}, arm seed {result['arm_seed']}"
     )
-    say(f"rejected: {told(taken.rejected)}")
+    if taken.rejected:
+        say(f"rejected: {told(taken.rejected)}")
     for label, key in (("nominal error", "nominal"), ("noise floor", "noise_floor")):
         if result[key] is not None:
             mean, largest = result[key]["mean_abs_coordinate_mm"], result[key]["max_abs_coordinate_mm"]

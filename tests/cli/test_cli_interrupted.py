@@ -1,0 +1,171 @@
+"""Interrupted runs, closed pipes and watched terminals: what a program of its own leaves behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and terminals of POSIX")
+
+PROGRAM = [sys.executable, "-m", "truearm"]
+# Long enough for a loaded machine; reached only if a program hangs.
+PATIENCE_S = 120
+
+
+class Watched:
+    """A program whose standard error is a terminal of 80 columns, its standard output a pipe."""
+
+    def __init__(self, *arguments: object, folder: object) -> None:
+        import pty
+
+        self.terminal, end = pty.openpty()
+        environment = os.environ | {"TERM": "xterm", "COLUMNS": "80"}
+        self.program = subprocess.Popen(
+            [*PROGRAM, *map(str, arguments)], cwd=folder, stdout=subprocess.PIPE, stderr=end, env=environment
+        )
+        os.close(end)
+        self.err = b""
+        self.reader = threading.Thread(target=self._read, daemon=True)
+        self.reader.start()
+
+    def _read(self) -> None:
+        while True:
+            try:
+                found = os.read(self.terminal, 65536)
+            except OSError:  # Linux says so when the other end is closed
+                return
+            if not found:
+                return
+            self.err += found
+
+    def wait_for(self, word: bytes) -> None:
+        until = time.monotonic() + PATIENCE_S
+        while word not in self.err:
+            assert self.program.poll() is None, self.err.decode()
+            assert time.monotonic() < until, self.err.decode()
+            time.sleep(0.01)
+
+    def end(self) -> tuple[int, str, str]:
+        out = self.program.communicate(timeout=PATIENCE_S)[0]
+        self.reader.join(PATIENCE_S)
+        os.close(self.terminal)
+        return self.program.returncode, out.decode(), self.err.decode()
+
+
+def seen_at_the_end(err: str) -> list[str]:
+    """What is left on the terminal after carriage returns, erased lines and moves of the cursor."""
+    lines, row = [""], 0
+    for part in re.findall(r"\x1b\[[0-9;?]*[A-Za-z]|\r|\n|[^\x1b\r\n]+", err):
+        if part == "\n":
+            row += 1
+            lines += [""] * (row + 1 - len(lines))
+        elif part.endswith("A") and part.startswith("\x1b"):
+            row -= int(part[2:-1] or 1)
+        elif part == "\x1b[2K":
+            lines[row] = ""
+        elif part[0] not in "\x1b\r":
+            lines[row] += part
+    return [line for line in lines if line]
+
+
+@pytest.fixture
+def slow_fit(made, tmp_path):
+    """A training that takes minutes, with what was there before."""
+    (tmp_path / "net.truearm").write_text("before")
+    # 6-12-3 on 300 readings; the goal is out of reach and validation never stops it so early.
+    return ["fit", made / "train.csv", "--arm", "gao2017", "--model", "network", "--hidden", "12,12,12"], tmp_path
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_fit_leaves_what_was_there(slow_fit, number):
+    arguments, folder = slow_fit
+    run = Watched(*arguments, "--epochs", 1_000_000, "--out", "net.truearm", folder=folder)
+    run.wait_for(b"epoch 2")
+    run.program.send_signal(number)
+    code, out, err = run.end()
+    assert (code, out) == (128 + number, "")
+    assert "Traceback" not in err
+    said = ["truearm: interrupted; files are as they were before"] if number == signal.SIGINT else []
+    assert seen_at_the_end(err) == said
+    assert err.rindex("\x1b[?25h") > err.rindex("\x1b[?25l")  # the cursor is seen again
+    assert [p.name for p in folder.iterdir()] == ["net.truearm"]
+    assert (folder / "net.truearm").read_text() == "before"
+
+
+def test_an_interrupted_demo_leaves_no_folder(tmp_path):
+    run = Watched("demo", "--out", "demo", folder=tmp_path)
+    run.wait_for(b"epoch 2")
+    run.program.send_signal(signal.SIGINT)
+    code, out, err = run.end()
+    assert (code, out) == (130, "")
+    assert seen_at_the_end(err) == ["truearm: interrupted; files are as they were before"]
+    assert not list(tmp_path.iterdir())
+
+
+def test_interrupted_in_the_middle_of_a_file(truearm, made, tmp_path, monkeypatch):
+    import pandas as pd
+
+    def stop(self, path, **options):
+        path.write_text("half a fi")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pd.DataFrame, "to_csv", stop)
+    (tmp_path / "p.csv").write_text("before")
+    ran = truearm("predict", made / "kinematic.truearm", made / "angles.csv", "--out", tmp_path / "p.csv")
+    assert ran.code == 130
+    assert ran.err == "truearm: interrupted; files are as they were before\n"
+    assert [p.name for p in tmp_path.iterdir()] == ["p.csv"]
+    assert (tmp_path / "p.csv").read_text() == "before"
+
+
+def test_a_bar_shows_on_a_terminal_and_is_gone_at_the_end(made, tmp_path):
+    arguments = ["fit", made / "train.csv", "--arm", "gao2017", "--model", "network", "--hidden", "12"]
+    run = Watched(*arguments, "--epochs", 30, "--out", "net.truearm", folder=tmp_path)
+    code, out, err = run.end()
+    assert code == 0
+    for word in ("reading train.csv", "fitting network", "rms error", "\u2501"):
+        assert word in err
+    assert seen_at_the_end(err) == []
+    assert "\x1b" not in out
+    assert len(out.splitlines()) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["report", "kinematic.truearm", "test.csv", "--out"], "drawing the report"),
+        (["evaluate", "kinematic.truearm", "test.csv"], "reading test.csv"),
+        (["simulate", "gao2017", "--poses", "10", "--out"], "measuring 10 poses"),
+    ],
+)
+def test_other_verbs_show_that_they_work(made, tmp_path, arguments, word):
+    out = [tmp_path / ("r.html" if arguments[0] == "report" else "s.csv")] if arguments[-1] == "--out" else []
+    code, _, err = Watched(*arguments, *out, folder=made).end()
+    assert code == 0
+    assert word in err
+    assert seen_at_the_end(err) == []
+
+
+def test_nothing_of_a_bar_where_nobody_watches(made):
+    arguments = [*PROGRAM, "evaluate", made / "kinematic.truearm", made / "test.csv"]
+    ran = subprocess.run(arguments, capture_output=True, text=True)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert "\x1b" not in ran.stdout
+
+
+@pytest.mark.parametrize("arguments", [["arms"], ["arms", "--json"], ["--help"], ["fetch", "--list"]])
+def test_a_reader_that_goes_early_is_no_error(arguments):
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        ran = subprocess.run([*PROGRAM, *arguments], stdout=writer, stderr=subprocess.PIPE)
+    finally:
+        os.close(writer)
+    assert (ran.returncode, ran.stderr) == (1, b"")

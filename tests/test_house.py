@@ -1,0 +1,181 @@
+"""Laws of the house itself: imports, public names, the README's commands, what must never be in it."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import pkgutil
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import truearm
+from truearm.cli.main import VERBS, make_app
+
+HOUSE = Path(truearm.__file__).parent
+CHECKOUT = Path(__file__).resolve().parents[1]
+SOURCES = sorted(HOUSE.rglob("*.py"))
+MODULES = sorted(
+    info.name for info in pkgutil.walk_packages(truearm.__path__, "truearm.") if info.name != "truearm.__main__"
+)
+
+
+def readable(path: Path) -> str:
+    if not path.is_file():
+        pytest.skip(f"{path.name} is not beside the tests")
+    return path.read_text(encoding="utf-8")
+
+
+# Imports -------------------------------------------------------------------------------------------------------------
+
+
+def test_imports_point_down():
+    pytest.importorskip("importlinter", reason="import-linter is not installed")
+    readable(CHECKOUT / "pyproject.toml")
+    linter = "from importlinter.cli import lint_imports; import sys; sys.exit(lint_imports())"
+    ran = subprocess.run([sys.executable, "-c", linter], cwd=CHECKOUT, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert "1 kept, 0 broken" in ran.stdout
+
+
+def test_the_command_line_starts_without_the_heavy_packages():
+    """Help and messages come at once: NumPy and its like are imported by the verb that needs them."""
+    listed = "import truearm.cli.main as m, sys; m.make_app(); print(*sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", listed], capture_output=True, text=True, check=True)
+    heavy = {"numpy", "scipy", "pandas", "sklearn", "matplotlib", "jinja2", "pooch", "pyarrow"}
+    assert not heavy & set(ran.stdout.split())
+
+
+def test_nothing_in_the_house_runs_code_out_of_data():
+    """No pickle, no eval: files come from others."""
+    forbidden = {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve", "cloudpickle"}
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name.partition(".")[0] for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                names = [node.module.partition(".")[0], *(alias.name for alias in node.names)]
+            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                assert node.func.id not in ("eval", "exec", "compile"), f"{path}:{node.lineno}"
+            elif isinstance(node, ast.keyword) and node.arg == "allow_pickle":
+                assert isinstance(node.value, ast.Constant), f"{path}:{node.value.lineno}"
+                assert node.value.value is False, f"{path}:{node.value.lineno}"
+            assert not forbidden & set(names), f"{path}:{node.lineno}"  # type: ignore[attr-defined]
+
+
+# Names ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_public_names_exist_and_are_described(name):
+    module = importlib.import_module(name)
+    assert module.__doc__, f"{name} has no docstring"
+    for public in getattr(module, "__all__", []):
+        thing = getattr(module, public)
+        if inspect.isclass(thing) or inspect.isroutine(thing):
+            assert thing.__doc__, f"{name}.{public} has no docstring"
+
+
+def test_a_room_lists_every_name_it_takes_in():
+    """A room's __init__ that imports names lists them; nothing slips out by chance."""
+    for path in HOUSE.glob("*/__init__.py"):
+        module = importlib.import_module(f"truearm.{path.parent.name}")
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        imported = {
+            alias.asname or alias.name
+            for node in tree.body
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("truearm.")
+            for alias in node.names
+        }
+        assert imported <= set(getattr(module, "__all__", [])), path.parent.name
+
+
+def test_no_file_names_a_place_of_one_machine():
+    """Paths that mean something on the author's machine only."""
+    places = re.compile(r"(?<![\w.])/(?:work|tmp|home|root|Users|mnt)/\w|/shared/(?!datasets)")
+    files = [*SOURCES, *HOUSE.rglob("*.j2"), *HOUSE.rglob("*.toml"), *HOUSE.rglob("*.urdf"), *HOUSE.rglob("*.css")]
+    files += [CHECKOUT / "README.md", CHECKOUT / "pyproject.toml"]
+    for folder in ("docs", "benchmarks", ".ci"):
+        files += [p for p in (CHECKOUT / folder).rglob("*") if p.suffix in (".md", ".py", ".toml", ".sh", "")]
+    for path in files:
+        if path.is_file():
+            found = places.search(path.read_text(encoding="utf-8", errors="replace"))
+            assert found is None, f"{path}: {found[0]}"
+
+
+# The README ----------------------------------------------------------------------------------------------------------
+
+
+def commands_of(text: str) -> list[list[str]]:
+    """The command lines of `truearm` in the console and sh blocks of a page, split as a shell splits them."""
+    commands = []
+    for block in re.findall(r"```(?:console|sh|bash)\n(.*?)```", text, flags=re.DOTALL):
+        for line in block.replace("\\\n", " ").splitlines():
+            for part in re.split(r"&&|\|", line.strip().removeprefix("$ ")):
+                words = shlex.split(part, comments=True) if re.match(r"\s*(\S*/)?truearm(\s|$)", part) else []
+                if words:
+                    commands.append(words[1:])
+    return commands
+
+
+def inline_commands_of(text: str) -> list[list[str]]:
+    """The command lines of `truearm` within the sentences of a page."""
+    outside = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    return [shlex.split(found) for found in re.findall(r"`truearm ([^`]+)`", " ".join(outside.split()))]
+
+
+def options_of(truearm_run_help: str) -> set[str]:
+    return set(re.findall(r"(?<![\w-])(--?[a-z][a-z-]*)", truearm_run_help.partition("Options:")[2]))
+
+
+@pytest.fixture(scope="module")
+def options() -> dict[str, set[str]]:
+    """The options of every verb, as its help lists them."""
+    from typer.testing import CliRunner
+
+    app, found = make_app(), {}
+    for verb, _ in VERBS:
+        ran = CliRunner().invoke(app, [verb, "--help"])
+        assert ran.exit_code == 0, ran.output
+        found[verb] = options_of(ran.output)
+    return found
+
+
+@pytest.mark.parametrize("page", ["README.md", *sorted(p.name for p in (CHECKOUT / "docs").glob("*.md"))])
+def test_every_command_of_a_page_can_be_typed(page, options):
+    text = readable(CHECKOUT / page if page == "README.md" else CHECKOUT / "docs" / page)
+    for words in [*commands_of(text), *inline_commands_of(text)]:
+        if words[:1] in (["--version"], ["--help"]) or not words:
+            continue
+        verb = words[0]
+        assert verb in options, f"{page}: truearm {' '.join(words)}"
+        used = {w.partition("=")[0] for w in words[1:] if re.match(r"--[a-z]", w)}
+        assert used <= options[verb], f"{page}: truearm {' '.join(words)}"
+
+
+def test_the_readme_names_every_verb():
+    text = readable(CHECKOUT / "README.md")
+    named = {words[0] for words in [*commands_of(text), *inline_commands_of(text)] if words}
+    assert {verb for verb, _ in VERBS} <= named
+
+
+def test_the_commands_of_a_page_are_found():
+    page = """Type `truearm arms` or
+    `truearm fetch ur5 --out a.csv`.
+```sh
+python -m venv v && v/bin/truearm demo --quick
+```
+```console
+$ truearm fit a.csv --arm ur5 \\
+    --out 'b c'
+truearm-demo is not a command
+```
+"""
+    assert commands_of(page) == [["demo", "--quick"], ["fit", "a.csv", "--arm", "ur5", "--out", "b c"]]
+    assert inline_commands_of(page) == [["arms"], ["fetch", "ur5", "--out", "a.csv"]]
