@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from truearm.errors import TruearmError
+from truearm.errors import InputError, TruearmError
 from truearm.solve import (
     Classical,
     DampingLimit,
@@ -114,7 +114,10 @@ def test_it_ends_where_no_step_helps():
     result = levenberg_marquardt(problem, [0.0], damping=Classical(), stops=[DampingLimit()])
     assert result.reason.text == "Maximum MU reached."
     without_that_rule = levenberg_marquardt(problem, [0.0], stops=[])
-    assert "No step lowers" in without_that_rule.reason.text
+    assert "derivatives promise it" in without_that_rule.reason.text
+    assert not without_that_rule.reason.converged
+    at_the_minimum = levenberg_marquardt(rosenbrock(), [1.0, 1.0], stops=[])
+    assert at_the_minimum.reason.converged
 
 
 def test_a_start_that_is_no_number_is_an_error():
@@ -123,11 +126,34 @@ def test_a_start_that_is_no_number_is_an_error():
         levenberg_marquardt(problem, [0.0])
 
 
-def test_no_covariance_of_what_the_data_do_not_tell():
+def test_what_the_data_do_not_tell_has_a_large_variance():
     problem = Residuals(lambda x: np.array([x[0] + x[1]]), lambda x: np.array([[1.0, 1.0]]))
-    result = levenberg_marquardt(problem, [1.0, 0.0])
-    with pytest.raises(TruearmError, match="singular"):
-        result.covariance()
+    covariance = levenberg_marquardt(problem, [1.0, 0.0]).covariance()
+    assert np.array([1, 1]) @ covariance @ np.array([1, 1]) == pytest.approx(1, rel=1e-3)  # the sum is known
+    assert np.array([1, -1]) @ covariance @ np.array([1, -1]) > 1e10  # the difference is not
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Classical(mu=0.0),
+        lambda: Classical(mu=np.nan),
+        lambda: Classical(decrease=1.0),
+        lambda: Classical(increase=1.0),
+        lambda: Classical(maximum=0.0),
+        lambda: Nielsen(relative_start=0.0),
+    ],
+)
+def test_damping_that_could_never_end_is_refused(make):
+    with pytest.raises(InputError, match="expected"):
+        make()
+
+
+def test_damping_never_falls_to_nothing():
+    rule = Classical(mu=1e-19)
+    for _ in range(400):
+        rule = rule.succeeded(1.0)
+    assert rule.failed().mu > rule.mu > 0
 
 
 def test_an_interrupt_passes_through():

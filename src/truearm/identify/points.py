@@ -10,19 +10,19 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Chain, exponential_derivative
+from truearm.errors import InputError
 from truearm.identify.alignment import align
-from truearm.solve import Nielsen, NormalEquations, Settled, levenberg_marquardt
+from truearm.identify.noise import huber_weights, unexplained_variance
+from truearm.solve import Epochs, Nielsen, NormalEquations, Settled, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-# Rounds of reweighting, at most: the weights of the UR10 sets change by less than a percent after the third.
-ROUNDS = 4
+# Rounds of reweighting, at most. Three are enough where data outweigh the priors; a dozen readings need some sixty.
+MOST_ROUNDS = 200
 # Rounds end when no weight changes by a larger share: the motions then move by less than that of their uncertainty.
 SETTLED_WEIGHTS = 1e-4
-# Residuals longer than this many medians weigh less, by Huber's rule; of Gaussian residuals 0.5 % are longer than 2.5.
-HUBER_MEDIANS = 3.0
 # The first damping, as a share of the matrix's largest diagonal element. Priors keep the matrix definite, and a chain
 # is nearly linear in its small motions: the first steps are Gauss-Newton's. Damping that a radian's column (a metre of
 # lever) hardly feels would hold a millimetre's fast: their squares differ by a million.
@@ -150,8 +150,8 @@ def fit_points(
     """Identify constant motions from tip positions.
 
     The variance of a coordinate is that of the reference plus an unexplained part, which is estimated from the
-    residuals together with robust weights (Huber, Ann. Math. Stat. 35 (1964) 73, on the residuals' length) in a few
-    rounds.
+    residuals, with the effective number of parameters (D. J. C. MacKay, Neural Computation 4 (1992) 415, eq. 4.10) and
+    robust weights, in rounds until the weights stand still.
 
     Parameters
     ----------
@@ -172,84 +172,41 @@ def fit_points(
     Returns
     -------
     PointFit
+        `converged` is False if the weights have not settled, or a step still promised progress when none was found.
+
+    Raises
+    ------
+    InputError
+        If a prior standard deviation is negative or not finite.
     """
-    n = len(angles)
-    reference_variance = np.zeros((n, 3)) if point_std is None else point_std**2
-    problem = PointProblem(chain, angles, points, np.ones((n, 3)), prior_std)
+    if not (np.isfinite(prior_std).all() and (prior_std >= 0).all()):
+        raise InputError("expected prior standard deviations of zero or more (finite), got others")
+    reference_variance = np.zeros((len(angles), 3)) if point_std is None else point_std**2
+    problem = PointProblem(chain, angles, points, np.zeros((len(angles), 3)), prior_std)
     x = np.zeros(int(problem.free.sum()))
-    if not len(x):
-        return _nothing_free(problem, reference_variance)
-    robust_weights, noise_variance, result = np.ones(n), np.nan, None
-    for _ in range(ROUNDS):
-        residuals = problem.chain.with_motions(problem.motions(x)).tip_in_base(angles) - points
-        if robust and np.isfinite(noise_variance):
-            robust_weights = huber_weights(residuals)
-        noise_variance = _unexplained_variance(residuals, reference_variance, robust_weights, len(x))
-        weights = np.sqrt(robust_weights[:, None] / (reference_variance + noise_variance))
-        if np.allclose(weights, problem.weights, rtol=SETTLED_WEIGHTS, atol=0) and result is not None:
+    covariance, n_effective, settled, solved = np.zeros((len(x), len(x))), 0.0, False, not len(x)
+    for _ in range(MOST_ROUNDS):
+        residuals = chain.with_motions(problem.motions(x)).tip_in_base(angles) - points
+        noise = unexplained_variance(residuals, reference_variance, n_effective=n_effective, robust=robust)
+        variance = reference_variance + noise
+        trust = huber_weights(residuals, variance) if robust else np.ones(len(angles))
+        weights = np.sqrt(trust[:, None] / variance)
+        settled = np.allclose(weights, problem.weights, rtol=SETTLED_WEIGHTS, atol=0)
+        if settled or not len(x):
             break
         problem = replace(problem, weights=weights)
         with one_blas_thread():
-            result = levenberg_marquardt(problem, x, damping=Nielsen(FIRST_DAMPING), stops=(Settled(1e-6),))
-        x = result.x
-    assert result is not None
-    residuals = problem.chain.with_motions(problem.motions(x)).tip_in_base(angles) - points
-    noise_variance = _unexplained_variance(residuals, reference_variance, robust_weights, len(x))
+            result = levenberg_marquardt(problem, x, damping=Nielsen(FIRST_DAMPING), stops=(Settled(1e-6), Epochs(50)))
+        x, solved = result.x, result.reason.converged
+        covariance = result.covariance()
+        n_effective = len(x) - float((covariance.diagonal() / prior_std[problem.free] ** 2).sum())
     motions = problem.motions(x)
     to_small = small_motion_of_component(motions)[:, problem.free.ravel()]
     return PointFit(
-        chain=chain.with_motions(motions),
+        chain=chain.with_motions(motions) if len(x) else chain,
         motions=motions,
-        covariance=to_small @ _covariance(result.equations.gram) @ to_small.T,
-        noise_std=float(np.sqrt(noise_variance)),
-        weights=robust_weights,
-        converged=result.reason.converged,
-    )
-
-
-def huber_weights(residuals: FloatArray) -> FloatArray:
-    """(n,) Huber weights of residuals (n, 3): 1 up to `HUBER_MEDIANS` median lengths, as one over the length beyond."""
-    lengths = np.linalg.norm(residuals, axis=1)
-    threshold = HUBER_MEDIANS * np.median(lengths)
-    if threshold == 0:  # more than half the residuals are exactly zero
-        return np.ones(len(lengths))
-    return np.asarray(threshold / np.maximum(lengths, threshold))
-
-
-def _unexplained_variance(
-    residuals: FloatArray, reference_variance: FloatArray, weights: FloatArray, n_parameters: int
-) -> float:
-    """Weighted mean square of residuals less the reference's own share, and never nothing.
-
-    The floor (a nanometre) keeps the weights finite where the data are exact.
-    """
-    total = 3 * float(weights.sum())
-    # No more than half the data may go to the parameters: priors hold what the data do not.
-    freedom = max(total - n_parameters, total / 2)
-    square = float((weights[:, None] * residuals**2).sum()) / freedom
-    return max(square - float((weights[:, None] * reference_variance).sum()) / total, 1e-12)
-
-
-def _covariance(gram: FloatArray) -> FloatArray:
-    """Inverse of the Gauss-Newton matrix.
-
-    Directions that neither readings nor priors determine to working precision keep a large but finite variance.
-    """
-    scale = 1 / np.sqrt(gram.diagonal())
-    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
-    root = (scale[:, None] * vectors) / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
-    return np.asarray(root @ root.T)
-
-
-def _nothing_free(problem: PointProblem, reference_variance: FloatArray) -> PointFit:
-    residuals = problem.chain.tip_in_base(problem.angles) - problem.points
-    weights = np.ones(len(residuals))
-    size = problem.prior_std.size
-    return PointFit(
-        chain=problem.chain,
-        motions=np.zeros(problem.prior_std.shape),
-        covariance=np.zeros((size, size)),
-        noise_std=float(np.sqrt(_unexplained_variance(residuals, reference_variance, weights, 0))),
-        weights=weights,
-        converged=True,
+        covariance=to_small @ covariance @ to_small.T,
+        noise_std=float(np.sqrt(noise)),
+        weights=trust,
+        converged=bool(solved and (settled or not len(x))),
     )

@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
+from truearm.errors import InputError
 from truearm.solve.problem import NormalEquations
+
+SMALLEST = 1e-20
 
 
 class Damping(Protocol):
@@ -51,13 +54,20 @@ class Classical:
     increase: float = 10.0
     maximum: float = 1e10
 
+    def __post_init__(self) -> None:
+        if not (self.mu > 0 and 0 < self.decrease < 1 < self.increase < float("inf") and self.maximum > 0):
+            raise InputError(
+                "expected mu > 0, 0 < mu_dec < 1, mu_inc > 1 and mu_max > 0, "
+                f"got {self.mu}, {self.decrease}, {self.increase}, {self.maximum}"
+            )
+
     def started(self, equations: NormalEquations) -> Classical:  # noqa: ARG002 - the start is a constant
         """The rule as it is."""
         return self
 
     def succeeded(self, gain: float) -> Classical:  # noqa: ARG002 - success is enough
-        """Damping times `decrease`."""
-        return replace(self, mu=self.mu * self.decrease)
+        """Damping times `decrease`; never quite nothing, from which it could not grow again."""
+        return replace(self, mu=max(self.mu * self.decrease, SMALLEST))
 
     def failed(self) -> Classical:
         """Damping times `increase`."""
@@ -81,6 +91,10 @@ class Nielsen:
     mu: float = 0.0
     growth: float = 2.0
     maximum: float = float("inf")
+
+    def __post_init__(self) -> None:
+        if not 0 < self.relative_start < float("inf"):
+            raise InputError(f"expected a first damping above zero, got {self.relative_start}")
 
     def started(self, equations: NormalEquations) -> Nielsen:
         """Damping measured by the size of ``J^T J``."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from truearm.errors import TruearmError
 from truearm.solve.damping import Damping, Nielsen
@@ -17,7 +16,10 @@ from truearm.solve.stops import Epochs, Gradient, Reason, Settled, State, Stop
 
 FloatArray = npt.NDArray[np.float64]
 
-STUCK = Reason("No step lowers the cost any more.", True)
+# A promise below this share of the cost is rounding: where no step keeps it, the minimum is found.
+ROUNDING = 1e-9
+SETTLED = Reason("No step lowers the cost any more.", True)
+STUCK = Reason("No step lowers the cost, though the derivatives promise it: they may be wrong.", False)
 DEFAULT_STOPS: tuple[Stop, ...] = (Gradient(0.0), Settled(), Epochs(200))
 
 
@@ -56,19 +58,8 @@ class Result:
         return self.history[-1].epoch
 
     def covariance(self) -> FloatArray:
-        """(p, p) inverse of ``J^T J`` at `x`: the parameters' covariance if the residuals have unit variance.
-
-        Raises
-        ------
-        TruearmError
-            If ``J^T J`` is singular: the data do not determine all parameters.
-        """
-        gram = self.equations.gram
-        try:
-            factor = cho_factor(gram, lower=True)
-        except LinAlgError:
-            raise TruearmError("J^T J is singular: the data do not determine all parameters, no covariance") from None
-        return np.asarray(cho_solve(factor, np.eye(len(gram))))
+        """(p, p) covariance of `x` if the residuals have unit variance: see `NormalEquations.covariance`."""
+        return self.equations.covariance()
 
 
 def levenberg_marquardt(
@@ -113,7 +104,7 @@ def levenberg_marquardt(
         raise TruearmError("the cost at the start is not a finite number: check the data for NaN and overflow")
     damping = (damping or Nielsen()).started(equations)
     history: list[State] = []
-    previous_cost, moved, evaluations, begun = np.inf, True, 1, time.perf_counter()
+    previous_cost, moved, promised, evaluations, begun = np.inf, True, 0.0, 1, time.perf_counter()
     while True:
         state = State(
             epoch=len(history),
@@ -132,20 +123,20 @@ def levenberg_marquardt(
         # Every rule sees every state: one that collects (validation) must not miss any.
         reasons = [reason for reason in [stop(state) for stop in stops] if reason is not None]
         if not moved:
-            reasons.append(STUCK)
+            reasons.append(SETTLED if promised <= ROUNDING * equations.cost else STUCK)
         if reasons:
             return Result(x, equations, reasons[0], tuple(history), evaluations)
-        previous_cost, moved = equations.cost, False
+        previous_cost, moved, promised = equations.cost, False, 0.0
         while damping.mu < damping.maximum and not moved:
             step = equations.damped_step(damping.mu)
             if step is None:
                 damping = damping.failed()
                 continue
-            cost = problem.cost(x + step)
+            cost, promise = problem.cost(x + step), equations.predicted_decrease(step)
             evaluations += 1
+            promised = max(promised, promise)
             if cost < equations.cost:
-                promised = equations.predicted_decrease(step)
-                damping = damping.succeeded((equations.cost - cost) / promised if promised > 0 else 0.0)
+                damping = damping.succeeded((equations.cost - cost) / promise if promise > 0 else 0.0)
                 x, moved = x + step, True
             else:
                 damping = damping.failed()

@@ -41,6 +41,16 @@ class NormalEquations:
         step = cho_solve(factor, -self.gradient, check_finite=False)
         return step if np.isfinite(step).all() else None
 
+    def covariance(self) -> FloatArray:
+        """(p, p) inverse of ``J^T J``: the parameters' covariance if the residuals have unit variance.
+
+        Directions that the data do not determine to working precision keep a large but finite variance.
+        """
+        scale = 1 / np.sqrt(np.maximum(self.gram.diagonal(), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(self.gram * np.outer(scale, scale))
+        root = (scale[:, None] * vectors) / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
+        return np.asarray(root @ root.T)
+
     def predicted_decrease(self, step: FloatArray) -> float:
         """Decrease of the cost by `step` if the model were exact."""
         return float(-step @ self.gradient - 0.5 * step @ (self.gram @ step))
