@@ -9,16 +9,13 @@ import os
 
 os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")  # before NumPy is loaded
 
-import argparse
-import json
-import platform
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from machine import Target, options_of, say_json, say_machine, say_targets, times_of
 from truearm.arm import Chain, load, write_urdf
 
 ARM = "ur10"
@@ -26,13 +23,7 @@ ARM = "ur10"
 
 def best_us(work: Callable[[], object], n: int, *, repeats: int = 7) -> float:
     """Shortest of some runs [us a pose]: what the machine can do when nothing else disturbs it."""
-    work()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return min(times) / n * 1e6
+    return times_of(work, runs=repeats).shortest / n * 1e6
 
 
 def ours(chain: Chain, angles: np.ndarray) -> dict[str, float]:
@@ -95,39 +86,37 @@ def pinocchios(angles: np.ndarray) -> dict[str, float]:
     return {name: best_us(work, n, repeats=3) - loop for name, work in timed.items()}
 
 
-def machine() -> dict[str, str]:
-    """Say what the times were taken on."""
-    cpu = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        cpu = next((line.split(":")[1].strip() for line in info.read_text().splitlines() if "model name" in line), cpu)
-    return {"cpu": cpu, "python": platform.python_version(), "numpy": np.__version__}
+def targets_of(us: dict[str, float]) -> list[Target]:
+    """What to reach: two times, and to be ahead of Pinocchio where it is installed."""
+    targets = [
+        Target("pose [us]", us["pose"], 0.7),
+        Target("derivatives by all six motions at all places [us]", us["small_motions"], 3.0),
+    ]
+    if "pinocchio forwardKinematics" in us:
+        forward = us["pinocchio forwardKinematics"] / us["pose"]
+        derivative = us["pinocchio with computeFrameKinematicRegressor"] / us["small_motions"]
+        targets.append(
+            Target("pinocchio's forward kinematics, called from Python, over ours", forward, 1.0, good="above")
+        )
+        targets.append(Target("pinocchio's kinematic regressor of the tip over ours", derivative, 1.0, good="above"))
+    return targets
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--poses", type=int, default=100_000)
-    options = parser.parse_args()
+    options = options_of(__doc__, poses=100_000)
     arm = load(ARM)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (options.poses, arm.n_joints))
     us = ours(arm.chain, angles) | pinocchios(angles)
     if options.json:
-        print(json.dumps({"machine": machine(), "arm": ARM, "poses": options.poses, "us_per_pose": us}))
+        say_json({"arm": ARM, "poses": options.poses, "us_per_pose": us}, targets_of(us))
         return
-    print(", ".join(f"{name} {value}" for name, value in machine().items()))
+    say_machine()
     print(f"{options.poses} poses of {ARM}, one thread\n")
     print(f"{'':46} us/pose")
     for name, value in us.items():
         print(f"{name:46} {value:7.3f}")
-    if "pinocchio forwardKinematics" in us:
-        forward = us["pinocchio forwardKinematics"] / us["pose"]
-        derivative = us["pinocchio with computeFrameKinematicRegressor"] / us["small_motions"]
-        print(
-            f"\npose is {forward:.1f} times as fast as pinocchio's forward kinematics, called pose by pose from Python,"
-        )
-        print(f"small_motions {derivative:.1f} times as fast as forward kinematics and the tip's kinematic regressor")
+    say_targets(targets_of(us))
 
 
 if __name__ == "__main__":
