@@ -267,3 +267,9 @@ def test_other_files_are_refused(tmp_path):
         read_arm(tmp_path / "big.toml")
     with pytest.raises(InputError, match="does not exist"):
         write_arm(load("ur5"), tmp_path / "none" / "arm.toml")
+
+
+@pytest.mark.parametrize(("value", "message"), [("9" * 5000, "not valid TOML"), ("1e30", "check their units")])
+def test_absurd_numbers_are_refused(tmp_path, value, message):
+    with pytest.raises(InputError, match=message):
+        read_arm(write(tmp_path, changed("a_mm = 400", f"a_mm = {value}")))

@@ -231,9 +231,17 @@ BROKEN = {
     "two tips": (robot(joint("q", "fixed", "a", "b"), joint("p", "fixed", "a", "c")), "2 links could be the tip.*b, c"),
     "two bases": (robot(TURN), "2 links could be the base.*a, c"),
     "nothing moves": (robot(joint("q", "fixed", "a", "b"), links="a b"), "no moving joint"),
+    "endless axis": (
+        robot(joint("q", "continuous", "a", "b", '<axis xyz="1e200 0 0"/>'), links="a b"),
+        "axis of joint 'q' is no direction",
+    ),
+    "endless link": (
+        robot(joint("q", "continuous", "a", "b", '<origin xyz="1e30 0 0"/>'), links="a b"),
+        "check their units",
+    ),
     "zero axis": (
         robot(joint("q", "continuous", "a", "b", '<axis xyz="0 0 0"/>'), links="a b"),
-        "axis of joint 'q' is zero",
+        "axis of joint 'q' is no direction",
     ),
     "text": (
         robot(joint("q", "continuous", "a", "b", '<origin xyz="0 zero 0"/>'), links="a b"),

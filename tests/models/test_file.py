@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,9 @@ from truearm.arm.chain import Chain
 from truearm.errors import InputError, TruearmError
 from truearm.models import MODELS, KinematicModel
 from truearm.models.file import load_model, save_model
+
+KEPT_TIP_MM = [758.9268461603382, 14.755674969324792, 237.3313078392036]
+KEPT_STD_MM = [0.006642343415025093, 0.006958388902324782, 0.006697782188492866]
 
 
 @pytest.fixture
@@ -63,6 +68,29 @@ def test_the_same_model_gives_the_same_file(fitted, tmp_path):
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
+def test_options_as_numpy_leaves_them_are_saved(arm, fitted, tmp_path):
+    model, angles = fitted("kinematic")
+    model.set_params(prior_length=np.float32(3), robust=np.bool_(True)).fit(angles, model.predict(angles))
+    save_model(model, tmp_path / "m")
+    assert load_model(tmp_path / "m").get_params()["prior_length"] == 3.0
+
+
+def test_a_scale_without_a_range_is_refused(fitted, tmp_path):
+    model, _ = fitted("network")
+    save_model(model, tmp_path / "m")
+    rewritten(tmp_path / "m", edit_array("angle_scale_range", lambda a: a[[0, 0]]))
+    with pytest.raises(InputError, match="must rise"):
+        load_model(tmp_path / "m")
+
+
+def test_a_file_of_the_first_format_still_loads():
+    """Kept from truearm 0.1: a kinematic model of `gao2017`, and what it predicted at its working pose."""
+    model = load_model(Path(__file__).parent / "kinematic-format-1.truearm")
+    tip, covariance = model.predict(model.arm.working[None], return_cov=True)
+    np.testing.assert_allclose(tip, [KEPT_TIP_MM], atol=1e-9)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), KEPT_STD_MM, rtol=1e-6)
+
+
 def test_an_unfitted_model_is_not_saved(arm, tmp_path):
     with pytest.raises(TruearmError, match="fitted"):
         save_model(KinematicModel(arm), tmp_path / "m")
@@ -104,6 +132,37 @@ def promise_a_terabyte(files):
     files["model.json"] = json.dumps(header).encode()
 
 
+def edit_array(name, edit):
+    """Change an array, with everything in the header in order."""
+
+    def change(files):
+        stream = io.BytesIO()
+        array = edit(np.lib.format.read_array(io.BytesIO(files[f"{name}.npy"])))
+        np.lib.format.write_array(stream, array, version=(1, 0))
+        files[f"{name}.npy"] = stream.getvalue()
+        header = json.loads(files["model.json"])
+        header["arrays"][name] = {"shape": list(array.shape), "sha256": hashlib.sha256(stream.getvalue()).hexdigest()}
+        files["model.json"] = json.dumps(header).encode()
+
+    return change
+
+
+def add_an_array(files):
+    files["../../x.npy"] = files["fit_motions.npy"]
+    header = json.loads(files["model.json"])
+    header["arrays"]["../../x"] = header["arrays"]["fit_motions"]
+    files["model.json"] = json.dumps(header).encode()
+
+
+def edit_fact(name, value):
+    def change(files):
+        header = json.loads(files["model.json"])
+        header["facts"][name] = value
+        files["model.json"] = json.dumps(header).encode()
+
+    return change
+
+
 def hide_a_pickle(files):
     files["evil.npy"] = np.lib.format.magic(1, 0) + b"..."
 
@@ -112,6 +171,18 @@ def hide_a_pickle(files):
     ("change", "message"),
     [
         (edit_header(format=2), "format 2.*update truearm"),
+        (edit_header(format=True), "model.json, format"),
+        (edit_header(format=0), "model.json, format"),
+        (edit_header(options={"free": 3}), "does not hold what its kind of model needs"),
+        (edit_header(options={"prior_length": -1.0}), "prior_length"),
+        (edit_fact("fit_noise_std_mm", -5.0), "model.json, facts"),
+        (edit_fact("fit_noise_std_mm", float("nan")), "model.json, facts"),
+        (edit_array("fit_covariance", np.negative), "not a covariance"),
+        (edit_array("arm_limits", np.ravel), "arm_limits of shape"),
+        (edit_array("fit_weights", lambda a: a[:4].reshape(2, 2)), "fit_weights of shape"),
+        (edit_array("arm_tip", lambda a: a * np.nan), "not finite"),
+        (edit_array("arm_fixed", lambda a: a * 2), "not a rigid motion"),
+        (add_an_array, "has no array '../../x'"),
         (edit_header(format="one"), "model.json, format"),
         (edit_header(model="oracle"), "model.json, model"),
         (edit_header(options={"colour": "red"}), "does not hold what its kind of model needs"),

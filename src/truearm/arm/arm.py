@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.chain import Chain, FloatArray
 from truearm.errors import InputError
@@ -63,7 +62,10 @@ class Arm:
         lower, upper = self.limits.T
         if not (lower < upper).all():
             joint = names[int(np.argmin(lower < upper))]
-            raise InputError(f"arm {self.name!r}: the lower limit of {joint} must be below the upper one")
+            raise InputError(
+                f"arm {self.name!r}: the lower limit of {joint} must be below the upper one",
+                hint='describe a joint that cannot move as type = "fixed"',
+            )
         inside = (self.working >= lower) & (self.working <= upper)
         if not inside.all():
             raise InputError(
@@ -90,13 +92,6 @@ class Arm:
         """(n_joints,) the working pose [rad, or mm for sliding joints]."""
         assert self.working_pose is not None  # set in __post_init__
         return self.working_pose
-
-    def outside_limits(self, angles: npt.ArrayLike, *, tolerance: float = 1e-9) -> npt.NDArray[np.bool_]:
-        """(n, n_joints) True where an angle lies outside its joint's limits by more than `tolerance` [rad or mm]."""
-        angles = np.asarray(angles, dtype=float)
-        lower, upper = self.limits.T
-        outside: npt.NDArray[np.bool_] = (angles < lower - tolerance) | (angles > upper + tolerance)
-        return outside
 
     def with_chain(self, chain: Chain) -> Arm:
         """Give the same arm other kinematics."""

@@ -37,6 +37,8 @@ FloatArray = npt.NDArray[np.float64]
 # Poses that go through the chain together: 4096 doubles a component keep the working set of one pass
 # (about 60 components) inside a 2 MiB cache.
 CHUNK = 4096
+# A hundred kilometres: what is longer is a wrong unit, or a number made to overflow.
+LONGEST_MM = 1e8
 
 
 class Pose(NamedTuple):
@@ -108,6 +110,8 @@ class Chain:
             raise InputError(f"expected {len(fixed) - 1} joint types, got shape {prismatic.shape}")
         if not (np.isfinite(fixed).all() and np.isfinite(tip).all()):
             raise InputError("a chain's constants must be finite numbers")
+        if max(np.abs(fixed).max(), np.abs(tip).max()) > LONGEST_MM:
+            raise InputError(f"a chain's lengths must stay below {LONGEST_MM:g} mm: check their units")
         R = fixed[:, :3, :3]
         skew = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
         rigid = (skew < 1e-6) & (np.linalg.det(R) > 0) & (np.abs(fixed[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-12)

@@ -214,6 +214,8 @@ def _parsed(content: bytes) -> _ArmFile:
         raise InputError("not an arm file: its values are nested too deeply") from None
     except ValidationError as error:
         raise _input_error(error) from None
+    except ValueError as error:  # numbers of thousands of digits
+        raise InputError(f"not valid TOML: {error}") from None
 
 
 def _input_error(error: ValidationError) -> InputError:

@@ -28,7 +28,7 @@ def exponential_derivative(motions: npt.ArrayLike) -> FloatArray:
     motions = np.asarray(motions, dtype=float)
     r, t = motions[..., :3], motions[..., 3:]
     angle = np.linalg.norm(r, axis=-1)[..., None, None]
-    K = _cross_matrix(r)
+    K = cross_matrix(r)
     small = angle < 1e-4  # the series' next term is angle^4/720: below rounding
     safe = np.where(small, 1.0, angle)
     a = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
@@ -36,12 +36,13 @@ def exponential_derivative(motions: npt.ArrayLike) -> FloatArray:
     J = np.eye(3) + a * K + b * (K @ K)
     out = np.zeros((*motions.shape[:-1], 6, 6))
     out[..., :3, :3] = J
-    out[..., 3:, :3] = _cross_matrix(t) @ J
+    out[..., 3:, :3] = cross_matrix(t) @ J
     out[..., 3:, 3:] = np.eye(3)
     return out
 
 
-def _cross_matrix(v: FloatArray) -> FloatArray:
+def cross_matrix(v: FloatArray) -> FloatArray:
+    """(..., 3, 3) matrices K of vectors v (..., 3) with ``K w = v x w``."""
     K = np.zeros((*v.shape, 3))
     K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     return K - np.swapaxes(K, -1, -2)

@@ -204,10 +204,13 @@ def _axis_of(joint: _Joint) -> FloatArray:
     if axis_element is None:
         return np.array([1.0, 0.0, 0.0])  # URDF's default
     axis = numbers(axis_element, "xyz", f"the axis of joint {joint.name!r}", 3)
-    length = float(np.linalg.norm(axis))
-    if length < 1e-9:
-        raise InputError(f"the axis of joint {joint.name!r} is zero", line=axis_element.line)
-    return axis / length
+    largest = float(np.abs(axis).max())
+    if not 1e-9 < largest < 1e9:
+        raise InputError(
+            f"the axis of joint {joint.name!r} is no direction: its largest component is {largest:g}",
+            line=axis_element.line,
+        )
+    return axis / float(np.linalg.norm(axis))
 
 
 def _limits_of(joint: _Joint) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""What residuals tell of their own spread: the part no reference uncertainty explains, and how far each is to be trusted."""
+"""The spread of residuals: the part that no reference uncertainty explains, and how far each is to be trusted."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def unexplained_variance(
 ) -> float:
     """The variance v of a coordinate for which the whitened residuals have the size that their freedom says.
 
-    Solves ``sum |r|^2 / (s^2 + v) = 3 n - n_effective`` (restricted maximum likelihood); robustly, squared lengths are cut
-    off at `HUBER_STDS` and their expectation with them (Huber's proposal 2), so that gross errors hardly raise v.
+    Solves ``sum |r|^2 / (s^2 + v) = 3 n - n_effective`` (restricted maximum likelihood); robustly, squared lengths are
+    cut off at `HUBER_STDS` and their expectation with them (Huber's proposal 2), so that gross errors hardly raise v.
 
     Parameters
     ----------

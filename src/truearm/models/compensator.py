@@ -51,6 +51,7 @@ class Compensator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     arm: Arm
     free: tuple[str, ...]
+    robust: bool = True
 
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> Self:
         """Learn from joint angles and reference points.
@@ -155,6 +156,12 @@ class Compensator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         tags.target_tags.single_output = False
         return tags
 
+    def _check_options(self) -> None:
+        """Refuse options that no fit could follow."""
+        unknown = set(self.free) - set(FREE_PARTS)
+        if unknown:
+            raise InputError(f"expected free parts among {list(FREE_PARTS)}, got {sorted(unknown)}")
+
     def _identify(self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None]) -> None:
         raise NotImplementedError
 
@@ -167,9 +174,7 @@ class Compensator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def _checked_arm(self) -> Arm:
         if not isinstance(self.arm, Arm):
             raise InputError(f"expected an Arm, got {type(self.arm).__name__}", hint="truearm.arm.load('gao2017')")
-        unknown = set(self.free) - set(FREE_PARTS)
-        if unknown:
-            raise InputError(f"expected free parts among {list(FREE_PARTS)}, got {sorted(unknown)}")
+        self._check_options()
         return self.arm
 
     def _checked_angles(self, angles: npt.ArrayLike) -> FloatArray:
@@ -183,7 +188,9 @@ class Compensator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if "base" in self.free:
             chain = placed_roughly(chain, readings.angles, points)
         prior_std = with_free_parts(np.zeros((chain.n_places, 6)), self.free)
-        return fit_points(chain, readings.angles, points, prior_std=prior_std, point_std=readings.point_std)
+        return fit_points(
+            chain, readings.angles, points, prior_std=prior_std, point_std=readings.point_std, robust=self.robust
+        )
 
 
 def with_free_parts(prior_std: FloatArray, free: tuple[str, ...]) -> FloatArray:

@@ -12,7 +12,7 @@ import json
 import math
 import zipfile
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +31,7 @@ from truearm.writing import whole_file
 
 FloatArray = npt.NDArray[np.float64]
 
-FORMAT: Literal[1] = 1
+FORMAT = 1
 # A 50-50 network and a 7-axis chain need well under a megabyte; what is larger was not written by this program.
 MAX_BYTES = 64 * 2**20
 MAX_ARRAYS = 100
@@ -55,7 +55,7 @@ class _Header(BaseModel):
     """What stands in ``model.json``."""
 
     model_config = ConfigDict(extra="forbid")
-    format: Literal[1]
+    format: Annotated[int, Field(strict=True, ge=1, le=FORMAT)]
     truearm: str
     model: Literal["nominal", "kinematic", "network"]
     options: dict[str, Any]
@@ -63,7 +63,7 @@ class _Header(BaseModel):
     n_train: int = Field(ge=1)
     data_fingerprint: str = Field(pattern="^[0-9a-f]{64}$")
     fit_seconds: float = Field(ge=0)
-    facts: dict[str, float | bool]
+    facts: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
     arrays: dict[str, _ArrayEntry] = Field(max_length=MAX_ARRAYS)
 
 
@@ -90,7 +90,7 @@ def save_model(model: Compensator, path: str | Path) -> None:
         format=FORMAT,
         truearm=__version__,
         model=kind,  # type: ignore[arg-type]
-        options={name: value for name, value in model.get_params(deep=False).items() if name != "arm"},
+        options=_options(model),
         arm=_ArmEntry(
             name=model.arm.name, title=model.arm.title, joint_names=list(model.arm.joint_names), source=model.arm.source
         ),
@@ -134,7 +134,11 @@ def load_model(path: str | Path) -> Compensator:
             foreign = set(archive.namelist()) - {"model.json", *(f"{name}.npy" for name in arrays)}
             if foreign:
                 raise InputError(f"expected only what model.json lists, got also {sorted(foreign)[:3]}")
-        return _put_together(header, arrays)
+        model = _put_together(header, arrays)
+        surplus = set(arrays) - set(_taken_apart(model)[0])
+        if surplus:
+            raise InputError(f"a {header.model} model has no array {sorted(surplus)[0]!r}")
+        return model
     except FileNotFoundError:
         raise InputError("there is no such file", file=path, hint="truearm fit ... --out MODEL writes one") from None
     except (zipfile.BadZipFile, EOFError, OSError, RuntimeError, NotImplementedError) as error:
@@ -145,11 +149,22 @@ def load_model(path: str | Path) -> Compensator:
         ) from None
     except InputError as error:
         raise error.in_file(path) from None
-    except (KeyError, ValueError, TypeError) as error:
+    except (LookupError, ValueError, TypeError) as error:
         raise InputError(f"the model file does not hold what its kind of model needs ({error})", file=path) from None
 
 
-def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, float | bool]]:
+def _options(model: Compensator) -> dict[str, Any]:
+    """The constructor's options but for the arm, as JSON has them."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, tuple | list):
+            return [plain(part) for part in value]
+        return value.item() if isinstance(value, np.generic) else value
+
+    return {name: plain(value) for name, value in model.get_params(deep=False).items() if name != "arm"}
+
+
+def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, float]]:
     arm = model.arm
     arrays: dict[str, FloatArray] = {
         "arm_limits": arm.limits,
@@ -158,7 +173,7 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
         "angle_ranges": model.angle_ranges_,
         **_chain_arrays("arm", arm.chain),
     }
-    facts: dict[str, float | bool] = {}
+    facts: dict[str, float] = {}
     for name in ("nominal_", "fit_"):
         if hasattr(model, name):
             fit: PointFit = getattr(model, name)
@@ -168,7 +183,7 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
                 name + "covariance": fit.covariance,
                 name + "weights": fit.weights,
             }
-            facts |= {name + "noise_std_mm": fit.noise_std, name + "converged": fit.converged}
+            facts |= {name + "noise_std_mm": fit.noise_std, name + "converged": float(fit.converged)}
     if hasattr(model, "network_"):
         arrays |= {
             "network_weights": model.weights_,
@@ -182,48 +197,55 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
 
 
 def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator:
-    prismatic = arrays["arm_prismatic"] > 0.5
+    n = len(header.arm.joint_names)
+    prismatic = _shaped(arrays, "arm_prismatic", (n,)) > 0.5
+    limits = _shaped(arrays, "arm_limits", (n, 2))
     arm = Arm(
         header.arm.name,
         _chain("arm", arrays, prismatic),
         title=header.arm.title,
         joint_names=tuple(header.arm.joint_names),
-        lower=arrays["arm_limits"][:, 0],
-        upper=arrays["arm_limits"][:, 1],
-        working_pose=arrays["arm_working_pose"],
+        lower=limits[:, 0],
+        upper=limits[:, 1],
+        working_pose=_shaped(arrays, "arm_working_pose", (n,)),
         source=header.arm.source,
     )
     options = {name: tuple(value) if isinstance(value, list) else value for name, value in header.options.items()}
     model = MODELS[header.model](arm, **options)
-    model.n_features_in_ = arm.n_joints
+    model._check_options()
+    model.n_features_in_ = n
     model.n_train_, model.fit_seconds_ = header.n_train, header.fit_seconds
     model.data_fingerprint_ = header.data_fingerprint
-    model.angle_ranges_ = _shaped(arrays["angle_ranges"], (arm.n_joints, 2), "angle_ranges")
+    model.angle_ranges_ = _shaped(arrays, "angle_ranges", (n, 2))
     for name in ("nominal_", "fit_") if header.model == "kinematic" else ("nominal_",):
-        size = arm.chain.n_places * 6
-        fit = PointFit(
-            chain=_chain(name + "chain", arrays, prismatic),
-            motions=_shaped(arrays[name + "motions"], (arm.chain.n_places, 6), name + "motions"),
-            covariance=_shaped(arrays[name + "covariance"], (size, size), name + "covariance"),
-            noise_std=float(header.facts[name + "noise_std_mm"]),
-            weights=arrays[name + "weights"],
-            converged=bool(header.facts[name + "converged"]),
-        )
-        setattr(model, name, fit)
+        setattr(model, name, _point_fit(name, header, arrays, prismatic))
     if header.model == "network":
         _put_network(model, arm, arrays)
     return model
 
 
+def _point_fit(name: str, header: _Header, arrays: dict[str, FloatArray], prismatic: npt.NDArray[np.bool_]) -> PointFit:
+    places = len(prismatic) + 2
+    return PointFit(
+        chain=_chain(name + "chain", arrays, prismatic),
+        motions=_shaped(arrays, name + "motions", (places, 6)),
+        covariance=_covariance(arrays, name + "covariance", places * 6),
+        noise_std=header.facts[name + "noise_std_mm"],
+        weights=_shaped(arrays, name + "weights", (header.n_train,)),
+        converged=bool(header.facts[name + "converged"]),
+    )
+
+
 def _put_network(model: Any, arm: Arm, arrays: dict[str, FloatArray]) -> None:
     network = Perceptron.with_layers(arm.n_joints, model.hidden, 3, activation=model.activation)
-    units = network.sizes[-2] + 1
     model.network_ = network
-    model.weights_ = _shaped(arrays["network_weights"], (network.n_weights,), "network_weights")
-    model.residual_covariance_ = _shaped(arrays["network_residual_covariance"], (3, 3), "network_residual_covariance")
-    model.basis_covariance_ = _shaped(arrays["network_basis_covariance"], (units, units), "network_basis_covariance")
+    model.weights_ = _shaped(arrays, "network_weights", (network.n_weights,))
+    model.residual_covariance_ = _covariance(arrays, "network_residual_covariance", 3)
+    model.basis_covariance_ = _covariance(arrays, "network_basis_covariance", network.sizes[-2] + 1)
     for name, k in (("angle_scale_", arm.n_joints), ("point_scale_", 3)):
-        lower, upper = _shaped(arrays[name + "range"], (2, k), name + "range")
+        lower, upper = _shaped(arrays, name + "range", (2, k))
+        if not (lower < upper).all():
+            raise InputError(f"the array {name}range must rise from its first row to its second")
         setattr(model, name, MinMax(lower, upper))
 
 
@@ -235,9 +257,21 @@ def _chain(name: str, arrays: dict[str, FloatArray], prismatic: npt.NDArray[np.b
     return Chain(arrays[f"{name}_fixed"], arrays[f"{name}_tip"], prismatic)
 
 
-def _shaped(array: FloatArray, shape: tuple[int, ...], name: str) -> FloatArray:
+def _shaped(arrays: dict[str, FloatArray], name: str, shape: tuple[int, ...]) -> FloatArray:
+    array = arrays[name]
     if array.shape != shape:
         raise InputError(f"expected the array {name} of shape {shape}, got {array.shape}")
+    return array
+
+
+def _covariance(arrays: dict[str, FloatArray], name: str, n: int) -> FloatArray:
+    """A covariance: symmetric, no negative variance beyond rounding."""
+    array = _shaped(arrays, name, (n, n))
+    scale = np.sqrt(np.abs(array.diagonal()))
+    scale[scale == 0] = 1
+    whitened = array / np.outer(scale, scale)
+    if np.abs(whitened - whitened.T).max() > 1e-6 or np.linalg.eigvalsh(whitened)[0] < -1e-6:
+        raise InputError(f"the array {name} is not a covariance")
     return array
 
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
+from truearm.errors import InputError
 from truearm.identify.points import fit_points
 from truearm.models.compensator import Compensator, chain_covariance, with_free_parts
 from truearm.readings.readings import Readings
@@ -33,7 +34,7 @@ class KinematicModel(Compensator):
     prior_length : float
         Prior standard deviation of a translation [mm].
     robust : bool
-        Whether readings far off weigh less.
+        Whether readings far off weigh less, for the nominal arm to compare with too.
 
     Attributes
     ----------
@@ -66,6 +67,13 @@ class KinematicModel(Compensator):
             point_std=readings.point_std,
             robust=self.robust,
         )
+
+    def _check_options(self) -> None:
+        super()._check_options()
+        for name in ("prior_angle", "prior_length"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"expected {name} of zero or more, got {value}")
 
     def _prior_std(self, chain: Chain) -> FloatArray:
         prior_std = np.empty((chain.n_places, 6))

@@ -59,7 +59,8 @@ class NetworkModel(Compensator):
         Angles [rad] and points [mm] onto [-1, 1].
     record_ : TrainingRecord
     residual_covariance_ : (3, 3) array
-        Mean product of residuals, on validation data where there are any [mm^2].
+        Mean product of residuals [mm^2]: on validation data where there are any, else on the training data, with the
+        freedom that the weights took accounted for.
     basis_covariance_ : (units + 1, units + 1) array
         Inverse Gram matrix of the last hidden layer on the training data.
     """
@@ -90,8 +91,6 @@ class NetworkModel(Compensator):
         self.free = free
 
     def _identify(self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None]) -> None:
-        if self.trainer not in TRAINERS:
-            raise InputError(f"expected a trainer among {list(TRAINERS)}, got {self.trainer!r}")
         self.network_ = Perceptron.with_layers(readings.n_joints, self.hidden, 3, activation=self.activation)
         self.angle_scale_ = MinMax.of(readings.angles.T, what="the angle of joint")
         self.point_scale_ = MinMax.of(points.T, what="coordinate")
@@ -100,6 +99,12 @@ class NetworkModel(Compensator):
             len(points), train=1 - self.validation, validation=self.validation, test=0, seed=self.seed
         )
         training = FitProblem(self.network_, inputs[:, train], targets[:, train])
+        if not len(validation) and training.n_errors <= self.network_.n_weights:
+            raise InputError(
+                f"{len(points)} readings give {training.n_errors} coordinates for {self.network_.n_weights} weights: "
+                "the network would repeat them, and nothing would tell how wrong it is elsewhere",
+                hint="set readings aside (validation=0.15), measure more, or take fewer hidden units",
+            )
         aside = FitProblem(self.network_, inputs[:, validation], targets[:, validation]) if len(validation) else None
         scale = float(np.sqrt(np.mean(self.point_scale_.half_range**2)))
 
@@ -119,11 +124,25 @@ class NetworkModel(Compensator):
         )
         self._measure_uncertainty(readings.angles, points, train, validation if len(validation) else train)
 
+    def _check_options(self) -> None:
+        super()._check_options()
+        if self.trainer not in TRAINERS:
+            raise InputError(f"expected a trainer among {list(TRAINERS)}, got {self.trainer!r}")
+        if not isinstance(self.hidden, tuple | list) or not all(isinstance(n, int | np.integer) for n in self.hidden):
+            raise InputError(f"expected hidden layers as whole numbers, such as (30, 30), got {self.hidden!r}")
+        if self.epochs < 1 or self.max_fail < 1 or not 0 <= self.validation < 1 or not self.goal >= 0:
+            raise InputError(
+                "expected epochs and max_fail of 1 or more, validation from 0 to below 1 and goal of 0 or more, got "
+                f"{self.epochs}, {self.max_fail}, {self.validation}, {self.goal}"
+            )
+
     def _measure_uncertainty(
         self, angles: FloatArray, points: FloatArray, train: npt.NDArray[np.intp], judge: npt.NDArray[np.intp]
     ) -> None:
         residuals = self._tips(angles[judge]) - points[judge]
-        self.residual_covariance_ = residuals.T @ residuals / len(residuals)
+        # Judged by its own training data a network looks too good: each weight took a coordinate's freedom.
+        free_share = 1 - self.network_.n_weights / residuals.size if judge is train else 1.0
+        self.residual_covariance_ = residuals.T @ residuals / (len(residuals) * free_share)
         basis = self._basis(angles[train])
         gram = basis.T @ basis
         # A thousandth of a reading in every direction keeps the inverse finite where hidden units have become alike.

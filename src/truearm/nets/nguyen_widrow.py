@@ -29,7 +29,7 @@ def nguyen_widrow(network: Perceptron, *, seed: int) -> FloatArray:
     -------
     (n_weights,) array
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng([seed, *b"nguyen-widrow"])
     weights = np.empty(network.n_weights)
     input_range: tuple[float, float] | None = (-1.0, 1.0)
     for W, activation in zip(network.layers(weights), network.activations, strict=True):

@@ -80,7 +80,7 @@ def dividerand(
     n_validation, n_test = (round(n * float(share)) for share in shares[1:] / shares.sum())
     if n - n_validation - n_test < 1:
         raise InputError(f"no samples left to train on: {n} in all, {n_validation} to validate, {n_test} to test")
-    order = np.random.default_rng(seed).permutation(n)
+    order = np.random.default_rng([seed, *b"dividerand"]).permutation(n)
     parts = np.split(order, [n - n_validation - n_test, n - n_test])
     return np.sort(parts[0]), np.sort(parts[1]), np.sort(parts[2])
 

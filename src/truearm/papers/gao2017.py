@@ -117,7 +117,7 @@ def experiment(
     Parameters
     ----------
     seed : int
-        Of the arm's errors, the poses, the noise and the network's start; each has a stream of its own.
+        Of the arm's errors, the poses, the noise and the network's start; each draws from a stream of its own.
     settings : Settings
     progress : callable, optional
         Told the network's epoch and how it stands.

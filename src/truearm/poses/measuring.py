@@ -74,7 +74,7 @@ def measuring(
     InputError
         If the arm has too few joints, or thirty targets a pose do not give enough poses.
     """
-    needs_five_joints(arm)
+    needs_five_turning_joints(arm)
     rng = np.random.default_rng(checked_seed(seed))
     where, sector = stance(arm), sector or Sector()
     taken: list[FloatArray] = []
@@ -102,12 +102,18 @@ def measuring(
     return Poses(np.concatenate(taken), dict(rejected))
 
 
-def needs_five_joints(arm: Arm) -> None:
-    """Refuse an arm that cannot choose where its stylus points."""
+def needs_five_turning_joints(arm: Arm) -> None:
+    """Refuse an arm that cannot choose where its stylus points, or whose joints slide."""
     if arm.n_joints < 5:
         raise InputError(
             f"a tip and a stylus direction need five joints, arm {arm.name!r} has {arm.n_joints}",
             hint="the strategy box or uniform",
+        )
+    if arm.chain.slides.any():
+        joint = arm.joint_names[int(np.argmax(arm.chain.slides))]
+        raise InputError(
+            f"postures are drawn for turning joints, but {joint} of arm {arm.name!r} slides",
+            hint="the strategy uniform",
         )
 
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.poses.measuring import inner_limits, needs_five_joints, reach
+from truearm.poses.measuring import inner_limits, needs_five_turning_joints, reach
 from truearm.poses.poses import Poses, checked_count, checked_seed
 from truearm.poses.workspace import Sector, Stance, azimuth_of, draw_points, stance, within_cone
 
@@ -51,7 +51,7 @@ def seat(arm: Arm, n: int, *, seed: int, seats: int | npt.ArrayLike = 3) -> Pose
     InputError
         If the arm has too few joints, there are more seats than poses, or a seat is not reached by enough postures.
     """
-    needs_five_joints(arm)
+    needs_five_turning_joints(arm)
     rng = np.random.default_rng(checked_seed(seed))
     where = stance(arm)
     given = None if isinstance(seats, int | np.integer) else _checked_points(seats)

@@ -75,7 +75,7 @@ def box_sample(arm: Arm, n: int, *, half_width_rad: float) -> FloatArray:
     """Draw the same random poses each time about the working pose, inside the limits, (n, n_joints)."""
     lower = np.maximum(arm.working - half_width_rad, arm.limits[:, 0])
     upper = np.minimum(arm.working + half_width_rad, arm.limits[:, 1])
-    return np.random.default_rng(0).uniform(lower, upper, (n, arm.n_joints))
+    return np.random.default_rng([*b"constraint"]).uniform(lower, upper, (n, arm.n_joints))
 
 
 def _prepare(arm: Arm, systematic: Systematic, preset: Preset) -> _Test:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.chain import Chain
+from truearm.arm.motions import cross_matrix
 from truearm.terms import LinkMasses, link_vectors, uniform_links
 from truearm.virtual.presets import Preset
 
@@ -186,7 +187,7 @@ def beam(
     if length_m == 0.0:
         return out
     u = np.asarray(link_mm, dtype=float) * 1e-3 / length_m
-    across, cross_u = np.eye(3) - np.outer(u, u), _cross_matrix(u)
+    across, cross_u = np.eye(3) - np.outer(u, u), cross_matrix(u)
     by_torque = length_m * across / bending_stiffness_Nm2
     by_force = -(length_m**2) * ((1 - own_share) / 2 + own_share / 3) * cross_u / bending_stiffness_Nm2
     out[:3, :3] = by_torque + length_m * np.outer(u, u) / torsion_stiffness_Nm2
@@ -197,12 +198,8 @@ def beam(
     out[3:, :3] = -1e3 * cross_u @ shift_by_torque
     out[3:, 3:] = -1e3 * cross_u @ shift_by_force
     # The rotation about the joint already carries the far end along by r x link: take that back.
-    out[3:] += _cross_matrix(np.asarray(link_mm, dtype=float)) @ out[:3]
+    out[3:] += cross_matrix(np.asarray(link_mm, dtype=float)) @ out[:3]
     return out
-
-
-def _cross_matrix(v: FloatArray) -> FloatArray:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
 
 def _stream(seed: int, what: str) -> np.random.Generator:
