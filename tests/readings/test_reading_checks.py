@@ -1,10 +1,12 @@
 """What a fit demands: a sentence that names the joint, the line, the column and the remedy."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.readings import Readings, check_angles, check_fit, read_session
+from truearm.readings import Readings, check_angles, check_fit, check_reach, read_session
 
 NAMES = ("waist", "elbow")
 LOWER, UPPER = np.radians([-180.0, -90.0]), np.radians([180.0, 90.0])
@@ -112,3 +114,30 @@ def test_readings_without_a_file_go_by_number():
     error = refusal(Readings([[0.1, 0.2], [0.3, 0.4], [0.1, 0.2]], [[1, 2, 3], [4, 5, 6], [1, 2, 3]]))
     assert "reading 1 and reading 3" in error.problem
     assert error.line is None
+
+
+def test_points_that_no_single_arm_can_have_touched(rng):
+    """Points of an arm lie within two reaches of each other; a metre taken for a millimetre does not."""
+    points = rng.uniform(-1000, 1000, (20, 3)) + [1e5, 0, 0]  # the frame may be anywhere
+    angles = rng.uniform(-1, 1, (20, 2))
+    check_reach(Readings(angles, points), reach=1000.0)
+    check_reach(Readings(angles), reach=1000.0)
+    points[7, 1] = 4.2e6
+    with pytest.raises(InputError, match=r"4\.2e\+06 mm from the middle of all.*1 of 20 readings"):
+        check_reach(Readings(angles, points), reach=1000.0)
+    far = Readings(angles, points, file=Path("s.csv"), first_line=2)
+    with pytest.raises(InputError, match=r"s\.csv, line 9: the reference point lies") as caught:
+        check_reach(far, reach=1000.0)
+    assert caught.value.hint == "check the unit of the points, or delete the reading"
+
+
+def test_no_joint_turns_without_end_however_free_it_is():
+    readings = Readings([[0.0], [1e7]])
+    with pytest.raises(InputError, match="outside its limits"):
+        check_angles(readings, joint_names=["J1"], lower=[-np.inf], upper=[np.inf])
+
+
+def test_a_reference_that_never_moves():
+    readings = Readings(np.linspace([0.0, 0.0], [1.0, 2.0], 6), np.full((6, 3), 5.0))
+    with pytest.raises(InputError, match="all 6 readings have the same reference point, though the joints move"):
+        check_fit(readings, joint_names=["J1", "J2"], lower=[-9, -9], upper=[9, 9], min_rows=4)

@@ -1,6 +1,6 @@
 """Readings of an arm: the record, the session file, foreign tables, what a fit demands, fair splits."""
 
-from truearm.readings.checks import check_angles, check_fit
+from truearm.readings.checks import check_angles, check_fit, check_reach
 from truearm.readings.deviations import ComparedErrors, Errors, compared_errors, errors_of
 from truearm.readings.files import check_session_path, read_session, write_session
 from truearm.readings.readings import Readings
@@ -15,6 +15,7 @@ __all__ = [
     "TableColumns",
     "check_angles",
     "check_fit",
+    "check_reach",
     "check_session_path",
     "compared_errors",
     "errors_of",

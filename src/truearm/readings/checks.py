@@ -12,6 +12,12 @@ from truearm.readings.readings import FloatArray, Readings
 # An angle may pass its limit by this much [rad or mm]: rounding, not a wrong angle.
 LIMIT_TOLERANCE = 1e-6
 
+# An angle beyond this [rad or mm] is no angle, whatever the arm allows: 160,000 turns, a kilometre of rail.
+MOST_ANGLE = 1e6
+
+# Two points of an arm are at most two reaches apart; an unknown tip may add to that.
+MOST_REACHES = 4.0
+
 
 def check_fit(
     readings: Readings,
@@ -81,6 +87,38 @@ def check_angles(
     _check_limits(readings, joint_names, lower, upper, prismatic)
 
 
+def check_reach(readings: Readings, *, reach: float) -> None:
+    """Check that one arm can have been at all reference points, wherever it stands.
+
+    Parameters
+    ----------
+    readings : Readings
+        With reference points, or without: then there is nothing to check.
+    reach : float
+        Of the arm [mm].
+
+    Raises
+    ------
+    InputError
+        If a point lies farther from the middle of all than `MOST_REACHES` reaches.
+    """
+    if readings.points is None:
+        return
+    middle = np.median(readings.points, axis=0)
+    off = np.abs(readings.points - middle).max(axis=1)
+    far = off > MOST_REACHES * reach
+    if not far.any():
+        return
+    row = int(np.argmax(far))
+    where = f" of {readings.called(row)}" if readings.first_line is None else ""
+    raise readings.error(
+        f"the reference point{where} lies {off[row]:.4g} mm from the middle of all, farther than an arm with a reach of"
+        f" {reach:.4g} mm can be ({int(far.sum())} of {len(readings)} readings)",
+        row,
+        hint="check the unit of the points, or delete the reading",
+    )
+
+
 def _check_joints(readings: Readings, joint_names: Sequence[str]) -> None:
     if readings.n_joints != len(joint_names):
         raise readings.error(
@@ -96,7 +134,7 @@ def _check_limits(
     upper: npt.ArrayLike,
     prismatic: npt.ArrayLike | None,
 ) -> None:
-    low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+    low, high = np.maximum(lower, -MOST_ANGLE), np.minimum(upper, MOST_ANGLE)
     slides = np.zeros(readings.n_joints, bool) if prismatic is None else np.asarray(prismatic, dtype=bool)
     outside = (readings.angles < low - LIMIT_TOLERANCE) | (readings.angles > high + LIMIT_TOLERANCE)
     if not outside.any():
