@@ -50,7 +50,7 @@ def fit(
     from truearm.models import MODELS, NominalModel
     from truearm.models.compensator import MIN_ROWS
     from truearm.models.file import save_model
-    from truearm.readings import check_fit, read_session
+    from truearm.readings import check_fit, check_reach, read_session
     from truearm.writing import check_writable
 
     nominal = arm_from(arm)
@@ -72,6 +72,7 @@ def fit(
             min_rows=MIN_ROWS,
             prismatic=nominal.chain.prismatic,
         )
+        check_reach(readings, reach=nominal.chain.reach)
         if model == "network":
             _check_enough(readings, options["hidden"])
     with progress(f"fitting {model}", total=epochs if model == "network" else None) as tell:

@@ -69,7 +69,7 @@ def load_for(model: Path, session: Path) -> tuple[Compensator, Readings]:
 
     from truearm.errors import InputError
     from truearm.models.file import load_model
-    from truearm.readings import check_angles, read_session
+    from truearm.readings import check_angles, check_reach, read_session
 
     if is_zipfile(session) and model.is_file() and not is_zipfile(model):
         raise InputError("expected a session file, got a model file", file=session, hint="the model first")
@@ -83,4 +83,5 @@ def load_for(model: Path, session: Path) -> tuple[Compensator, Readings]:
         upper=upper,
         prismatic=fitted.arm.chain.prismatic,
     )
+    check_reach(readings, reach=fitted.arm.chain.reach)
     return fitted, readings
