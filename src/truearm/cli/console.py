@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -78,7 +79,7 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, str
     callable
         ``tell(done, note)``: the steps done so far, and a few words on how it stands.
     """
-    if not sys.stderr.isatty():
+    if not sys.stderr.isatty() or os.environ.get("TERM") in ("dumb", "unknown"):
         yield _silent
         return
     from rich.console import Console
