@@ -132,7 +132,8 @@ class Compensator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         points : (n, 3) array
             The tip in the frame of the reference [mm].
         covariance : (n, 3, 3) array, if `return_cov`
-            [mm^2]. Holds within the training ranges: see `outside_training`.
+            Of the tip [mm^2]; a reference point compared with it has its own uncertainty besides. Holds within the
+            training ranges: see `outside_training`.
         """
         angles = self._checked_angles(X)
         points = self._tips(angles)

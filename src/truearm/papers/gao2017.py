@@ -50,7 +50,7 @@ class Settings:
 
 
 PAPER = Settings()
-QUICK = Settings(n_train=1000, hidden=(15, 15), epochs=60)
+QUICK = Settings(n_train=1500, hidden=(20, 20), epochs=120)
 
 
 @dataclass(frozen=True, eq=False)

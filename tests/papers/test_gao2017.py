@@ -1,0 +1,92 @@
+"""The paper's experiment in small: its parts fit together, and it repeats."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from truearm.papers.gao2017 import PAPER_NOMINAL_MM, QUICK, Settings, experiment
+
+SMALL = Settings(n_train=400, n_test=200, hidden=(8, 8), epochs=30)
+
+
+@pytest.fixture(scope="module")
+def small():
+    return experiment(seed=3, settings=SMALL)
+
+
+def test_the_nominal_arm_errs_as_the_papers_does(small):
+    """0.4492 mm on average, 0.8978 mm at most, over 200 poses: the preset holds both within a twentieth."""
+    errors = small.errors("box")["nominal"]
+    assert errors["mean_abs_coordinate_mm"] == pytest.approx(PAPER_NOMINAL_MM[0], abs=0.03)
+    assert errors["max_abs_coordinate_mm"] == pytest.approx(PAPER_NOMINAL_MM[1], abs=0.06)
+
+
+def test_the_kinematic_model_comes_near_the_noise_floor_and_holds_outside_the_box(small):
+    floor = small.arm.noise_floor(small.tests["box"])["mean_abs_coordinate_mm"]
+    box, outside = small.errors("box"), small.errors("measuring")
+    assert box["kinematic"]["mean_abs_coordinate_mm"] < 1.3 * floor
+    assert outside["kinematic"]["mean_abs_coordinate_mm"] < outside["nominal"]["mean_abs_coordinate_mm"] / 4
+
+
+def test_the_network_fails_outside_its_box_and_says_so(small):
+    network = small.models["network"]
+    box, outside = small.errors("box"), small.errors("measuring")
+    assert outside["network"]["mean_abs_coordinate_mm"] > 10 * box["network"]["mean_abs_coordinate_mm"]
+    assert network.outside_training(small.tests["measuring"].readings.angles).mean() > 0.9
+
+
+def test_the_kinematic_models_uncertainty_covers_what_it_can_know(small):
+    """Inside the box 95 % ellipsoids (chi-square of 3: 7.81) hold 90 to 99 % of 200 points (binomial: 1.5 % at 1 s).
+
+    A model states the uncertainty of the tip; the reference point that it is compared with has its own.
+    """
+    readings = small.tests["box"].readings
+    predicted, covariance = small.models["kinematic"].predict(readings.angles, return_cov=True)
+    covariance += readings.point_std[:, :, None] ** 2 * np.eye(3)
+    errors = predicted - readings.points
+    squares = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariance), errors)
+    assert 0.90 < (squares < 7.81).mean() < 0.99
+
+
+def test_the_summary_is_json_with_the_promised_keys(small):
+    summary = json.loads(json.dumps(small.summary(), allow_nan=False))
+    assert set(summary) == {"arm", "seed", "noise_floor", "models"}
+    assert (summary["arm"], summary["seed"]) == ("gao2017", 3)
+    errors = {
+        "mean_mm", "rms_mm", "p95_mm", "max_mm", "mean_abs_coordinate_mm", "max_abs_coordinate_mm",
+        "removed_percent", "n",
+    }  # fmt: skip
+    assert set(summary["models"]) == {"nominal", "network", "kinematic"}
+    for model in summary["models"].values():
+        assert set(model) == errors | {"fit_seconds", "n_train", "outside"}
+        assert set(model["outside"]) == errors
+        assert model["n_train"] == 400
+    assert summary["models"]["nominal"]["removed_percent"] == 0
+
+
+def test_the_same_seed_gives_the_same_numbers_and_another_seed_another_arm(small):
+    again, other = experiment(seed=3, settings=SMALL), experiment(seed=4, settings=SMALL)
+    for name, points in small.predicted("box").items():
+        np.testing.assert_array_equal(again.predicted("box")[name], points)
+    assert not np.allclose(other.arm.systematic.constants, small.arm.systematic.constants)
+
+
+def test_progress_tells_every_epoch():
+    told = []
+    experiment(
+        seed=0,
+        settings=Settings(n_train=200, n_test=20, hidden=(4,), epochs=5),
+        progress=lambda done, note: told.append((done, note)),
+    )
+    assert [done for done, _ in told] == list(range(6))
+    assert "mm" in told[-1][1]
+
+
+@pytest.mark.slow
+def test_the_quick_network_is_within_reach_of_the_paper():
+    """1500 poses and 20-20 units: some 0.05 mm, a tenth of the nominal error."""
+    errors = experiment(seed=0, settings=QUICK).errors("box")["network"]
+    assert errors["removed_percent"] > 80
