@@ -15,9 +15,11 @@ if TYPE_CHECKING:
 
 
 def demo(
-    out: Annotated[Path, typer.Option("--out", help="Folder for report.html and summary.json.")] = Path("truearm-demo"),
+    out: Annotated[Path, typer.Option("--out", help="Folder for the report, a picture and the figures.")] = Path(
+        "truearm-demo"
+    ),
     seed: Annotated[int, typer.Option("--seed", min=0, help="Another arm, other poses, other noise.")] = 0,
-    quick: Annotated[bool, typer.Option("--quick", help="A third of the poses and a smaller network.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Half of the poses and a smaller network.")] = False,
     as_json: Json = False,
 ) -> None:
     """See an arm's error before and after compensation.
@@ -28,8 +30,11 @@ def demo(
     """
     import json
 
+    import numpy as np
+
     from truearm.errors import InputError
     from truearm.papers.gao2017 import PAPER, QUICK, experiment
+    from truearm.report.figures import before_after, save_png
     from truearm.report.html import render
     from truearm.writing import whole_file
 
@@ -41,12 +46,15 @@ def demo(
         done = experiment(seed=seed, settings=settings, progress=tell)
     with progress("drawing the report"):
         summary = done.summary()
+        distances = {name: np.linalg.norm(errors, axis=1) for name, errors in done.deviations("box").items()}
+        picture = before_after(distances)
         files = {
             "report.html": render(demo_page(done, quick=quick)),
             "summary.json": json.dumps(summary, indent=2, allow_nan=False) + "\n",
         }
     # All that takes time is done: an interruption before this leaves no folder behind.
     out.mkdir(parents=True, exist_ok=True)
+    save_png(picture, out / "before_after.png")
     for name, text in files.items():
         with whole_file(out / name) as beside:
             beside.write_text(text, encoding="utf-8", newline="\n")
@@ -61,8 +69,8 @@ def _check_folder(out: Path) -> None:
     from truearm.writing import check_writable
 
     if out.is_dir():
-        check_writable(out / "report.html")
-        check_writable(out / "summary.json")
+        for name in ("report.html", "summary.json", "before_after.png"):
+            check_writable(out / name)
         return
     there = next(folder for folder in out.absolute().parents if folder.exists())
     check_writable(there / out.absolute().relative_to(there).parts[0])

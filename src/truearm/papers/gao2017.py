@@ -78,6 +78,12 @@ class Experiment:
         angles = self.tests[test].readings.angles
         return {name: model.predict(angles) for name, model in self.models.items()}
 
+    def deviations(self, test: str) -> dict[str, FloatArray]:
+        """Predicted minus reference points (n, 3) of every model on a test [mm]."""
+        points = self.tests[test].readings.points
+        assert points is not None  # a virtual reference sees every pose
+        return {name: predicted - points for name, predicted in self.predicted(test).items()}
+
     def errors(self, test: str) -> dict[str, ComparedErrors]:
         """Errors of every model on a test."""
         readings = self.tests[test].readings
