@@ -282,7 +282,7 @@ def test_the_demo_writes_a_page_and_a_summary(truearm, tmp_path, monkeypatch):
     out = tmp_path / "new" / "demo"
     ran = truearm("demo", "--quick", "--seed", 3, "--out", out)
     assert (ran.code, ran.err) == (0, "")
-    assert sorted(p.name for p in out.iterdir()) == ["report.html", "summary.json"]
+    assert sorted(p.name for p in out.iterdir()) == ["before_after.png", "report.html", "summary.json"]
     summary = json.loads((out / "summary.json").read_text())
     assert set(summary) == {"arm", "seed", "noise_floor", "models"}
     assert (summary["arm"], summary["seed"]) == ("gao2017", 3)
