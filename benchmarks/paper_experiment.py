@@ -1,6 +1,6 @@
 """The founding paper's experiment on virtual arms, beside the paper's own figures. One run.
 
-    python benchmarks/paper_experiment.py [--json] [--seeds N] [--epochs N] [--trainlm]
+    python benchmarks/paper_experiment.py [--json] [--seeds N] [--first N] [--epochs N] [--trainlm]
 
 3000 poses of a box train a 6-30-30-3 network, 200 further poses test it; each seed is another arm, with other poses,
 noise and start weights. `--trainlm` also trains the first seed's network as MATLAB's routine of that name does, for as
@@ -98,13 +98,14 @@ def main() -> None:
     """Measure and print."""
     parser = arguments_of(__doc__)
     parser.add_argument("--seeds", type=int, default=5, help="5 by default")
+    parser.add_argument("--first", type=int, default=0, help="the first seed, 0 by default")
     parser.add_argument("--epochs", type=int, default=PAPER.epochs, help=f"{PAPER.epochs} by default")
     parser.add_argument("--trainlm", action="store_true", help="train the first seed's network classically too")
     options = parser.parse_args()
     settings = replace(PAPER, epochs=options.epochs)
     if not options.json:
         say_machine()
-    done = [experiment(seed=seed, settings=settings) for seed in range(options.seeds)]
+    done = [experiment(seed=seed, settings=settings) for seed in range(options.first, options.first + options.seeds)]
     summaries = [one.summary() for one in done]
     classical = trained_classically(done[0]) if options.trainlm else None
     if options.json:
@@ -118,7 +119,9 @@ def main() -> None:
     seconds = statistics.median(n["fit_seconds"] for n in nets)
     print(f"\nnetwork, mean over the seeds: {mean:.4f} / {largest:.4f} mm, median time {seconds:.1f} s")
     if classical:
-        print(f"trainlm, seed 0, {classical['epochs']} epochs, {classical['fit_seconds']:.1f} s: ", end="")
+        print(
+            f"trainlm, seed {options.first}, {classical['epochs']} epochs, {classical['fit_seconds']:.1f} s: ", end=""
+        )
         print(f"{classical[MEAN]:.4f} / {classical[MAX]:.4f} mm")
     say_targets(targets_of(summaries))
 
