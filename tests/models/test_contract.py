@@ -188,13 +188,16 @@ def test_what_one_pose_cannot_tell_comes_with_a_large_uncertainty(readings):
     assert np.trace(elsewhere[0]) > 1e4 * np.trace(there[0])
 
 
+@pytest.mark.parametrize("trainer", ["lm", "trainlm", "trainbr"])
 @pytest.mark.parametrize("validation", [0.0, 0.15])
-def test_a_networks_stated_uncertainty_is_that_of_new_readings(validation, rng):
+def test_a_networks_stated_uncertainty_is_that_of_new_readings(validation, trainer, rng):
     """Within a factor of two, with and without validation data: 60 weights on 450 coordinates, noise 1 mm."""
     arm = zigzag(3)
     angles, others = rng.uniform(-0.5, 0.5, (150, 3)), rng.uniform(-0.45, 0.45, (300, 3))
     points = arm.chain.tip_in_base(angles) + rng.normal(0, 1, (150, 3))
-    model = NetworkModel(arm, free=(), hidden=(8,), validation=validation, epochs=60).fit(angles, points)
+    model = NetworkModel(arm, free=(), hidden=(8,), validation=validation, trainer=trainer, epochs=60).fit(
+        angles, points
+    )
     predicted, covariance = model.predict(others, return_cov=True)
     errors = predicted - arm.chain.tip_in_base(others) - rng.normal(0, 1, (300, 3))
     whitened = errors**2 / np.diagonal(covariance, axis1=1, axis2=2)

@@ -31,7 +31,8 @@ def fit(
     ] = "base,tip",
     hidden: Annotated[str, typer.Option("--hidden", help="Network: units of the hidden layers.")] = "30,30",
     trainer: Annotated[
-        Literal["lm", "trainlm"], typer.Option("--trainer", help="Network: ours, or as MATLAB's.")
+        Literal["lm", "trainlm", "trainbr"],
+        typer.Option("--trainer", help="Network: ours, or as MATLAB's (trainbr: few readings)."),
     ] = "lm",
     epochs: Annotated[int, typer.Option("--epochs", min=1, help="Network: at most so many.")] = 200,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Network: of the start and the validation split.")] = 0,

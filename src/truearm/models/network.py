@@ -15,12 +15,13 @@ from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.scaling import MinMax
-from truearm.nets.trainlm import dividerand, trainlm
+from truearm.nets.trainbr import BayesianRecord, trainbr
+from truearm.nets.trainlm import TrainingRecord, dividerand, trainlm
 from truearm.readings.readings import Readings
 from truearm.solve import State
 
 FloatArray = npt.NDArray[np.float64]
-TRAINERS = ("lm", "trainlm")
+TRAINERS = ("lm", "trainlm", "trainbr")
 
 
 class NetworkModel(Compensator):
@@ -37,7 +38,8 @@ class NetworkModel(Compensator):
     activation : str
         ``"tansig"``, ``"logsig"`` or ``"purelin"``.
     trainer : str
-        ``"lm"`` (variable projection and Nielsen's damping) or ``"trainlm"`` (as MATLAB's).
+        ``"lm"`` (variable projection and Nielsen's damping), or as MATLAB's ``"trainlm"`` or ``"trainbr"`` (Bayesian
+        regularisation: slower, but no overfitting where readings are few).
     epochs : int
         At most so many.
     goal : float
@@ -45,7 +47,7 @@ class NetworkModel(Compensator):
     validation : float
         Share of the readings set aside; training stops when the error on them grows, and the best weights are kept.
     max_fail : int
-        Epochs in a row without a better validation error that stop it.
+        Epochs in a row without a better validation error that stop it; ``"trainbr"`` does not stop so.
     seed : int
         Of the start weights and the division.
     free : tuple of str
@@ -99,11 +101,11 @@ class NetworkModel(Compensator):
             len(points), train=1 - self.validation, validation=self.validation, test=0, seed=self.seed
         )
         training = FitProblem(self.network_, inputs[:, train], targets[:, train])
-        if not len(validation) and training.n_errors <= self.network_.n_weights:
+        if self.trainer != "trainbr" and not len(validation) and training.n_errors <= self.network_.n_weights:
             raise InputError(
                 f"{len(points)} readings give {training.n_errors} coordinates for {self.network_.n_weights} weights: "
                 "the network would repeat them, and nothing would tell how wrong it is elsewhere",
-                hint="set readings aside (validation=0.15), measure more, or take fewer hidden units",
+                hint="set readings aside (validation=0.15), trainbr, more readings, or fewer hidden units",
             )
         aside = FitProblem(self.network_, inputs[:, validation], targets[:, validation]) if len(validation) else None
         scale = float(np.sqrt(np.mean(self.point_scale_.half_range**2)))
@@ -112,17 +114,22 @@ class NetworkModel(Compensator):
             rms = scale * np.sqrt(2 * state.cost / training.n_errors)
             progress(state.epoch, f"epoch {state.epoch}, rms error {rms:.4g} mm")
 
-        train_with = train_lm if self.trainer == "lm" else trainlm
-        self.weights_, self.record_ = train_with(
-            training,
-            nguyen_widrow(self.network_, seed=self.seed),
-            validation=aside,
-            epochs=self.epochs,
-            goal=self.goal,
-            max_fail=self.max_fail,
-            callback=tell,
-        )
+        self._train(training, aside, tell)
         self._measure_uncertainty(readings.angles, points, train, validation if len(validation) else train)
+
+    def _train(self, training: FitProblem, aside: FitProblem | None, tell: Callable[[State], None]) -> None:
+        self.record_: TrainingRecord
+        start = nguyen_widrow(self.network_, seed=self.seed)
+        epochs, goal, max_fail = self.epochs, self.goal, self.max_fail
+        if self.trainer == "trainbr":
+            self.weights_, self.record_ = trainbr(
+                training, start, validation=aside, epochs=epochs, goal=goal, callback=tell
+            )
+            return
+        train = train_lm if self.trainer == "lm" else trainlm
+        self.weights_, self.record_ = train(
+            training, start, validation=aside, epochs=epochs, goal=goal, max_fail=max_fail, callback=tell
+        )
 
     def _check_options(self) -> None:
         super()._check_options()
@@ -140,8 +147,9 @@ class NetworkModel(Compensator):
         self, angles: FloatArray, points: FloatArray, train: npt.NDArray[np.intp], judge: npt.NDArray[np.intp]
     ) -> None:
         residuals = self._tips(angles[judge]) - points[judge]
-        # Judged by its own training data a network looks too good: each weight took a coordinate's freedom.
-        free_share = 1 - self.network_.n_weights / residuals.size if judge is train else 1.0
+        # Judged by its own training data a network looks too good: each weight in use took a coordinate's freedom.
+        in_use = self.record_.gamk[-1] if isinstance(self.record_, BayesianRecord) else self.network_.n_weights
+        free_share = max(1 - in_use / residuals.size, 1e-3) if judge is train else 1.0
         self.residual_covariance_ = residuals.T @ residuals / (len(residuals) * free_share)
         basis = self._basis(angles[train])
         gram = basis.T @ basis

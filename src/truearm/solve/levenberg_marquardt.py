@@ -69,6 +69,7 @@ def levenberg_marquardt(
     damping: Damping | None = None,
     stops: Sequence[Stop] = DEFAULT_STOPS,
     callback: Callable[[State], None] | None = None,
+    renew: Callable[[FloatArray, NormalEquations], tuple[Problem, NormalEquations]] | None = None,
 ) -> Result:
     """Minimise half a sum of squares.
 
@@ -87,6 +88,9 @@ def levenberg_marquardt(
         Asked in this order after every epoch, and at the start.
     callback : callable, optional
         Told the state after every epoch, and at the start.
+    renew : callable, optional
+        Given the parameters (p,) and their equations after every epoch that moved, gives the problem to go on with and
+        its equations there: weights that follow the data.
 
     Returns
     -------
@@ -142,3 +146,5 @@ def levenberg_marquardt(
                 damping = damping.failed()
         if moved:
             equations = problem.normal_equations(x)
+            if renew is not None:
+                problem, equations = renew(x, equations)

@@ -1,0 +1,74 @@
+"""Evidence: the scale of parameters and of noise, estimated from the data themselves instead of tuned.
+
+With residuals r of precision beta and parameters x of prior precision alpha about zero, the type-II likelihood is
+greatest where
+
+    gamma = sum over i of 1 - alpha [(beta J^T J + alpha I)^-1]_ii,
+    alpha = gamma / |x|^2,   beta = (n - gamma) / |r|^2.
+
+MacKay's fixed point repeats this; gamma counts the parameters that the data, rather than the prior, determine. Source:
+D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 415, eqs. 4.8 to 4.10.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cho_factor, cho_solve
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Precisions, and what they rest on.
+
+    Attributes
+    ----------
+    alpha : float
+        Prior precision of a parameter, one over its unit squared.
+    beta : float
+        Precision of a residual, one over its unit squared.
+    gamma : float
+        Effective number of parameters.
+    """
+
+    alpha: float
+    beta: float
+    gamma: float
+
+
+def updated_evidence(
+    evidence: Evidence, *, gram: FloatArray, parameter_squares: float, residual_squares: float, n_residuals: int
+) -> Evidence:
+    """One round of MacKay's fixed point.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Precisions so far.
+    gram : (p, p) array
+        ``J^T J`` of the unweighted residuals.
+    parameter_squares, residual_squares : float
+        ``|x|^2`` and ``|r|^2`` at or near the most probable parameters under `evidence`.
+    n_residuals : int
+        Number of residuals.
+
+    Returns
+    -------
+    Evidence
+        Parameters that are all zero keep their precision, and so does a noise that leaves nothing over.
+    """
+    precision = evidence.beta * gram
+    precision.flat[:: len(precision) + 1] += evidence.alpha
+    variances = cho_solve(cho_factor(precision, lower=True), np.eye(len(precision))).diagonal()
+    gamma = float(np.clip(len(precision) - evidence.alpha * variances.sum(), 0, len(precision)))
+    # Parameters as many as data leave no freedom to learn the noise from: a thousandth of it stands in.
+    freedom = max(n_residuals - gamma, 1e-3 * n_residuals)
+    return Evidence(
+        alpha=gamma / parameter_squares if parameter_squares > 0 and gamma > 0 else evidence.alpha,
+        beta=freedom / residual_squares if residual_squares > 0 else evidence.beta,
+        gamma=gamma,
+    )
