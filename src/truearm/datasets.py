@@ -349,5 +349,5 @@ def _download(source: Source, path: str, checksum: str) -> None:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(
             f"{url} cannot be downloaded ({reason[:200]})",
-            hint=f"put the files of {source} into a folder and let TRUEARM_DATA name the folder above it",
+            hint=f"download it elsewhere, save it as DIR/{source}/{path} and set TRUEARM_DATA=DIR",
         ) from None

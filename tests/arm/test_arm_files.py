@@ -167,9 +167,9 @@ def assert_same_arm(one: Arm, other: Arm) -> None:
         other.joint_names,
     )
     np.testing.assert_array_equal(one.chain.slides, other.chain.slides)
-    # degrees and back: two roundings
-    np.testing.assert_allclose(one.limits, other.limits, rtol=1e-15)
-    np.testing.assert_allclose(one.working, other.working, rtol=1e-15)
+    # degrees are written to twelve decimals: 1.7e-14 rad
+    np.testing.assert_allclose(one.limits, other.limits, rtol=0, atol=2e-14)
+    np.testing.assert_allclose(one.working, other.working, rtol=0, atol=2e-14)
     q = np.random.default_rng(0).uniform(-3, 3, (10, one.n_joints)) * np.where(one.chain.slides, 100, 1)
     first, second = one.chain.pose(q), other.chain.pose(q)
     np.testing.assert_allclose(first.tip_in_base, second.tip_in_base, atol=1e-9, rtol=0)

@@ -100,14 +100,14 @@ FILES = {
     "infinite": (changed(7, "q1_deg", "inf"), ["s.csv, line 8, column 'q1_deg'", "got 'inf'"], True),
     "empty cell": (changed(9, "x_mm", ""), ["s.csv, line 10, column 'x_mm'", "empty cell", "Try: "], True),
     "decimal comma": (changed(3, "x_mm", '"1,5"'), ["s.csv, line 4, column 'x_mm'", "decimal '.'", "import"], True),
-    "row too long": (lambda rows: rows[5].append("1"), ["s.csv, line 6", "13 cells", "got 14"], True),
+    "row too long": (lambda rows: rows[5].append("1"), ["s.csv, line 6", "13 values", "got 14"], True),
     "duplicate row": (copied_row, ["s.csv, line 21", "line 4", "same reading", "Try: delete"], False),
     "constant rows": (all_rows_as_first(), ["s.csv", "40 readings", "same angles", "Try: "], False),
     "constant joint": (all_rows_as_first("q4_deg"), ["s.csv, column 'q4_deg'", "J4 never moves", "Try: "], False),
     "constant reference": (all_rows_as_first("x_mm", "y_mm", "z_mm"), ["s.csv", "same reference point"], False),
     "point far off": (changed(11, "x_mm", "1e200"), ["s.csv, line 12", "1e+200 mm from the middle", "Try: "], True),
     "angle far off": (changed(11, "q6_deg", "1e300"), ["s.csv, line 12, column 'q6_deg'", "1e+300 deg"], True),
-    "too few poses": (first_three, ["s.csv", "at least 4 readings, got 3", "Try: "], False),
+    "too few poses": (first_three, ["s.csv", "at least 9 readings, got 3", "Try: "], False),
     "no readings": (lambda rows: rows.__delitem__(slice(1, None)), ["s.csv, line 1", "got none"], True),
 }
 
@@ -226,6 +226,7 @@ def test_models_of_different_arms_in_one_report(refused, truearm, bench):
     arguments = ["fit", "wam.csv", "--arm", "wam", "--model", "nominal", "--out", "wam.truearm"]
     assert truearm(*arguments).code == 0
     refused(["report", "kinematic.truearm", "wam.truearm", "s.csv", "--out", "r.html"], "expected 7 joints, got 6")
+    refused(["report", "kinematic.truearm", "kinematic.truearm", "--out", "r.html"], "a session file after the model")
     refused(["report", "s.csv", "--out", "r.html"], "one or more model files, then a session file", "Try: ")
 
 

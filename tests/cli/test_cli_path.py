@@ -302,3 +302,33 @@ def test_the_demo_writes_a_page_and_a_summary(truearm, tmp_path, monkeypatch):
         for model in found["models"].values():
             del model["fit_seconds"]
     assert again == summary
+
+
+def test_the_identified_arm_is_shown_and_written(truearm, made, tmp_path):
+    """The constants that a kinematic model found, and a URDF of them that predicts as the model does."""
+    from truearm.arm import read_urdf
+    from truearm.models.file import load_model
+    from truearm.readings import read_session
+
+    model = load_model(made / "kinematic.truearm")
+    shown = truearm("arms", made / "kinematic.truearm")
+    assert shown.code == 0
+    assert shown.out.startswith("gao2017-identified: ")
+    assert "before joint 1: " in shown.out
+    assert truearm("arms", made / "kinematic.truearm", "--out", tmp_path / "i.urdf").code == 0
+    angles = read_session(made / "test.csv").angles
+    np.testing.assert_allclose(
+        read_urdf(tmp_path / "i.urdf").chain.tip_in_base(angles), model.predict(angles), rtol=0, atol=1e-6
+    )
+    assert "no arm in it" in truearm("arms", made / "network.truearm").err
+
+
+def test_evaluate_and_report_say_what_spoils_a_test(truearm, made, tmp_path):
+    """Training readings, and readings of another arm: said in both, not only in one."""
+    train = truearm("evaluate", made / "kinematic.truearm", made / "train.csv")
+    assert "These are the readings it learned from" in train.out
+    assert truearm("report", made / "kinematic.truearm", made / "train.csv", "--out", tmp_path / "r.html").code == 0
+    assert "These are the readings it learned from" in (tmp_path / "r.html").read_text()
+    foreign = tmp_path / "foreign.csv"
+    assert truearm("simulate", "ur10", "--poses", 30, "--strategy", "box", "--out", foreign).code == 0
+    assert "probably they are of another arm" in truearm("evaluate", made / "kinematic.truearm", foreign).out

@@ -236,7 +236,7 @@ def test_a_column_of_noughts_and_ones_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("rows", "line", "said"),
     [
-        ("1,2,3,4\n1,2,3,4,5", 2, "expected 5 cells as in the line above, got 4"),
+        ("1,2,3,4\n1,2,3,4,5", 2, "expected 5 values as in the line above, got 4"),
         ("1,2,3,4,5\n1,2,3,4,5,6", 3, "got 6"),
         ("1,2,3,4\n1,2,3,4,5,6", 2, "got 4"),
         ("1,2,3,4,5\n\n1,2,3,4,5", 3, "empty line"),

@@ -288,11 +288,12 @@ def _triple(table: _Strict, quantity: str) -> FloatArray:
 
 
 def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
+    yield "# An arm: see docs/arm-file.md. Lengths and angles say their unit; title and source appear in reports."
     yield f"name = {_quoted(arm.name)}"
     yield f"title = {_quoted(arm.title)}"
     yield f"source = {_quoted(arm.source)}"
     yield f'convention = "{table.convention}"'
-    yield f"tip_mm = {_listed(table.tip_in_flange)}"
+    yield f"tip_mm = {_listed(table.tip_in_flange)}  # the tip behind the last joint's row"
     yield from _frame_lines("base", table.base)
     for i, name in enumerate(arm.joint_names):
         slides = bool(table.prismatic[i])
@@ -305,6 +306,8 @@ def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
             yield f"min_{unit} = {plain(lower)}"
         if np.isfinite(upper):
             yield f"max_{unit} = {plain(upper)}"
+        if np.isinf(lower) and np.isinf(upper):
+            yield f"# min_{unit} = -170.0, max_{unit} = 170.0: limits of travel, one a line; none for an endless joint"
         yield f"working_{unit} = {plain(arm.working[i])}"
     yield from _frame_lines("flange", table.flange)
 
@@ -326,7 +329,7 @@ def _plain(number: float) -> str:
 
 
 def _plain_deg(angle: float) -> str:
-    return _plain(float(np.rad2deg(angle)))
+    return _plain(round(float(np.rad2deg(angle)), 12))  # a hundredth of a nanometre at a reach of metres
 
 
 def _listed(numbers: FloatArray) -> str:

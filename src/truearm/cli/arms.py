@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
+from zipfile import is_zipfile
 
 import typer
 
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
 def arms(
     arm: Annotated[
         str,
-        typer.Argument(metavar="[ARM]", help="A name, or an arm (.toml) or URDF file, to show.", show_default=False),
+        typer.Argument(
+            metavar="[ARM]", help="A name, an arm (.toml) or URDF file, or a model file.", show_default=False
+        ),
     ] = "",
     out: Annotated[Path | None, typer.Option("--out", help="Write it as an arm file, .toml or .urdf.")] = None,
     convention: Annotated[
@@ -26,7 +29,8 @@ def arms(
 ) -> None:
     """List the arms known by name, or show or write one.
 
-    Without a name: the list. With a name: its drawing. With --out as well: an arm file, to edit into your own arm's.
+    Without a name: the list. With a name: its drawing. With a model file: the arm as identified, base and tip where the
+    reference saw them. With --out as well: an arm file, to edit into your own arm's, or to use elsewhere.
     """
     from truearm.arm import arm_from, load, names, write_arm
     from truearm.errors import InputError
@@ -41,7 +45,7 @@ def arms(
             rows = [[a.name, str(a.n_joints), f"{a.chain.reach:.0f}", a.title] for a in listed]
             say_table(["name", "joints", "reach mm", "what it is"], rows, left=(0, 3))
         return
-    chosen = arm_from(arm)
+    chosen = _identified(Path(arm)) if Path(arm).is_file() and is_zipfile(arm) else arm_from(arm)
     if out is not None:
         write_arm(chosen, out, convention=convention)
         say(f"{out}: {chosen.name}, {chosen.n_joints} joints")
@@ -49,6 +53,26 @@ def arms(
         say_json(_facts(chosen, convention))
     else:
         _show(chosen, convention)
+
+
+def _identified(path: Path) -> Arm:
+    """The arm of a model file with the constants that were identified."""
+    from dataclasses import replace
+
+    from truearm.errors import InputError
+    from truearm.models import KinematicModel, NetworkModel
+    from truearm.models.file import load_model
+
+    model = load_model(path)
+    if isinstance(model, NetworkModel):
+        raise InputError("a network model has no arm in it to show", file=path, hint="a kinematic model has")
+    chain = model.fit_.chain if isinstance(model, KinematicModel) else model.nominal_.chain
+    return replace(
+        model.arm,
+        chain=chain,
+        name=f"{model.arm.name}-identified",
+        title=f"{model.arm.title}, identified from {model.n_train_} readings".strip(", "),
+    )
 
 
 def _facts(arm: Arm, convention: Literal["dh", "mdh"]) -> dict[str, Any]:
@@ -94,9 +118,13 @@ def _show(arm: Arm, convention: Literal["dh", "mdh"]) -> None:
         columns = dict(zip(heads, frames.T.tolist(), strict=True))
     rows = []
     for i, name in enumerate(arm.joint_names):
-        limits = arm.limits[i] if arm.chain.slides[i] else np.degrees(arm.limits[i])
-        rows.append([name, *(f"{column[i]:.4f}" for column in columns.values()), *(f"{end:.1f}" for end in limits)])
+        unit, limits = ("mm", arm.limits[i]) if arm.chain.slides[i] else ("deg", np.degrees(arm.limits[i]))
+        ends = [f"{end:.1f}" for end in limits]
+        rows.append([name, *(f"{column[i]:.4f}" for column in columns.values()), *ends, unit])
     say(f"{arm.name}: {arm.title}")
-    say_table(["joint", *columns, "least", "most"], rows)
+    say_table(["joint", *columns, "min", "max", ""], rows)
+    if (arm.chain.fixed[0] != np.eye(4)).any():
+        xyz, rpy = (", ".join(f"{v:.4f}" for v in facts[key][0]) for key in ("fixed_xyz_mm", "fixed_rpy_deg"))
+        say(f"before joint 1: {xyz} mm, roll pitch yaw {rpy} deg")
     say(f"tip in the flange: {', '.join(f'{x:.4f}' for x in facts['tip_in_flange_mm'])} mm")
     say(f"source: {arm.source}")

@@ -142,5 +142,6 @@ def demo_page(done: Experiment, *, quick: bool) -> Page:
         title="A measuring arm before and after compensation",
         subtitle="The experiment of Gao et al. (Complexity 2017, 5156264) on a virtual arm that errs as theirs did",
         facts=page_facts,
+        floor=dict(done.arm.noise_floor(done.tests["box"])),  # type: ignore[arg-type]
         more=(outside,),
     )

@@ -23,8 +23,8 @@ def evaluate(
     to the model's own training readings.
     """
     from truearm.cli.predict import load_for
+    from truearm.cli.report import remarks
     from truearm.models import NominalModel
-    from truearm.models.compensator import fingerprint
     from truearm.readings import compared_errors, errors_of
 
     with progress(f"reading {session.name}"):
@@ -45,14 +45,13 @@ def evaluate(
     say_table([f"{errors['n']} readings", *columns], rows)
     if "model" in columns:
         say(_compared(errors["removed_percent"]))
-    outside = int(fitted.outside_training(readings.angles).sum())
-    if outside:
-        say(f"{outside} of {len(readings)} readings have a joint beyond the training angles.")
-    if fingerprint(readings.angles, readings.points) == fitted.data_fingerprint_:
-        say("These are the readings it learned from: an honest test needs others (truearm split).")
+    for remark in remarks(fitted, readings):
+        say(remark)
 
 
 def _compared(removed_percent: float) -> str:
+    if -5 < removed_percent < 0:
+        return "no better than the nominal arm"
     if removed_percent < 0:
         return f"worse than the nominal arm: {1 - removed_percent / 100:.1f} times its mean absolute coordinate error"
     return f"{removed_percent:.1f} % of the mean absolute coordinate error removed"

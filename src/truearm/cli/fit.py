@@ -14,9 +14,11 @@ if TYPE_CHECKING:
     from truearm.models import Compensator
     from truearm.readings import ComparedErrors, Readings
 
-# Share of the reach by which an arm as drawn may miss its readings. Ten times what the kinematic model expects of its
-# constants (3 mrad, 3 mm) stays below; another arm, a wrong unit or a wrong sign does not.
-MOST_NOMINAL_ERROR = 0.05
+# Below so many readings a kinematic model's training error says little: it has some 50 constants, 27 of them
+# determined.
+FEW_READINGS = 50
+# Share of the reach by which an arm as drawn misses its readings that is worth a question.
+SUSPECT_NOMINAL_ERROR = 0.01
 
 
 def fit(
@@ -70,7 +72,7 @@ def fit(
             joint_names=nominal.joint_names,
             lower=lower,
             upper=upper,
-            min_rows=MIN_ROWS,
+            min_rows=max(MIN_ROWS, ceil((4 * nominal.n_joints + 3) / 3)) if model == "kinematic" else MIN_ROWS,
             prismatic=nominal.chain.prismatic,
         )
         check_reach(readings, reach=nominal.chain.reach)
@@ -98,6 +100,7 @@ def _check_enough(readings: Readings, hidden: tuple[int, ...]) -> None:
 
 def _check_same_arm(as_drawn: Compensator, readings: Readings) -> None:
     """Refuse readings that no arm of this drawing can have made."""
+    from truearm.models.compensator import MOST_NOMINAL_ERROR
     from truearm.readings import errors_of
 
     assert readings.points is not None  # checked before the fit
@@ -135,7 +138,7 @@ def layer_sizes(text: str) -> tuple[int, ...]:
 
 
 def _say_result(fitted: Compensator, readings: Readings, model: str, out: Path, *, as_json: bool) -> None:
-    from truearm.readings import compared_errors
+    from truearm.readings import compared_errors, errors_of
 
     assert readings.points is not None  # checked before the fit
     errors = compared_errors(fitted.predict(readings.angles), fitted.predict_nominal(readings.angles), readings.points)
@@ -144,6 +147,11 @@ def _say_result(fitted: Compensator, readings: Readings, model: str, out: Path, 
         return
     say(f"{out}: {model} model of {fitted.arm.name} from {len(readings)} readings in {fitted.fit_seconds_:.1f} s")
     say(_sentence(errors, compare=model != "nominal"))
+    if model == "kinematic" and len(readings) < FEW_READINGS:
+        say(f"Only {len(readings)} readings: the training error says little. Some {FEW_READINGS} serve.")
+    missed = errors_of(fitted.predict_nominal(readings.angles), readings.points)["mean_mm"]
+    if missed > SUSPECT_NOMINAL_ERROR * fitted.arm.chain.reach:
+        say(f"The arm as drawn misses the readings by {missed:.1f} mm on average: is --arm {fitted.arm.name} right?")
     say("These are the readings it learned from: judge it on others, with truearm evaluate.")
 
 
@@ -154,4 +162,4 @@ def _sentence(errors: ComparedErrors, *, compare: bool) -> str:
     removed = errors["removed_percent"]
     if removed < 0:
         return f"{said} ({1 - removed / 100:.1f} times the nominal error)"
-    return f"{said} ({removed:.1f} % of the nominal error removed)"
+    return f"{said} ({removed:.1f} % of the nominal coordinate error removed)"

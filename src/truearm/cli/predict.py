@@ -43,8 +43,8 @@ def predict(
         _write(out, readings, points, std, outside)
     say(f"{out}: {len(points)} points, standard uncertainty of a coordinate {np.median(std):.4f} mm (median)")
     if outside.any():
-        advice = ": do not rely on them." if isinstance(fitted, NetworkModel) else "."
-        say(f"{int(outside.sum())} of {len(points)} readings have a joint beyond the training angles{advice}")
+        advice = ": do not rely on them" if isinstance(fitted, NetworkModel) else "; there the uncertainty is too small"
+        say(f"{int(outside.sum())} of {len(points)} readings have a joint beyond the training angles{advice}.")
 
 
 def _write(out: Path, readings: Readings, points: FloatArray, std: FloatArray, outside: BoolArray) -> None:

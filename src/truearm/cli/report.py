@@ -24,6 +24,8 @@ def report(
 
     The page is one HTML file that needs nothing beside it. The readings must have reference points.
     """
+    from zipfile import is_zipfile
+
     from truearm.cli.predict import load_for
     from truearm.errors import InputError
     from truearm.report.comparison import comparison_page
@@ -31,6 +33,12 @@ def report(
     from truearm.writing import check_writable
 
     *paths, session = files
+    if paths and all(is_zipfile(path) for path in files):
+        raise InputError(
+            "expected a session file after the model files, got a model file",
+            file=session,
+            hint=f"truearm report {' '.join(str(path) for path in files)} SESSION --out {out}",
+        )
     if not paths:
         raise InputError(
             "expected one or more model files, then a session file", hint="truearm report MODEL SESSION --out FILE"
@@ -50,6 +58,7 @@ def report(
             title=title or f"{loaded[0][0].arm.name}: error before and after compensation",
             subtitle=f"{len(readings)} readings of {session.name}",
             facts=facts(models, readings),
+            remarks=[f"{name}: {remark}" for name, model in models.items() for remark in remarks(model, readings)],
         )
         write_page(page, out)
     say(f"{out}: {len(models)} model{'s' * (len(models) > 1)} compared on {len(readings)} readings")
@@ -66,7 +75,7 @@ def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
     arm, points = first.arm, readings.points
     assert points is not None  # checked by the caller
     for name, model in models.items():
-        if model.arm.joint_names != arm.joint_names:
+        if (model.arm.name, model.arm.joint_names) != (arm.name, arm.joint_names):
             raise InputError(f"expected models of one arm, but {name!r} is of {model.arm.name!r}, not {arm.name!r}")
     nominal = first.predict_nominal(readings.angles)
     predicted = {"nominal": nominal}
@@ -84,6 +93,27 @@ def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
         upper=upper,
         sliding=arm.chain.slides.tolist(),
     )
+
+
+def remarks(model: Compensator, readings: Readings) -> list[str]:
+    """What must be known of a model before its errors on these readings are believed."""
+    from truearm.models.compensator import MOST_NOMINAL_ERROR, fingerprint
+    from truearm.readings import errors_of
+
+    assert readings.points is not None  # checked by the caller
+    said = []
+    missed = errors_of(model.predict_nominal(readings.angles), readings.points)["mean_mm"]
+    if missed > MOST_NOMINAL_ERROR * model.arm.chain.reach:
+        said.append(
+            f"The nominal arm misses these points by {missed:.0f} mm: probably they are of another arm or set-up, or a "
+            "unit, sign or zero is wrong. Check the session."
+        )
+    outside = int(model.outside_training(readings.angles).sum())
+    if outside:
+        said.append(f"{outside} of {len(readings)} readings have a joint beyond the training angles.")
+    if fingerprint(readings.angles, readings.points) == model.data_fingerprint_:
+        said.append("These are the readings it learned from: an honest test needs others (truearm split).")
+    return said
 
 
 def facts(models: dict[str, Compensator], readings: Readings) -> list[tuple[str, str]]:

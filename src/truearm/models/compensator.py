@@ -25,6 +25,9 @@ FREE_PARTS = ("base", "tip")
 # one of the tip, and then it decides.
 FREE_BASE = (1.0, 1.0, 1.0, 1e4, 1e4, 1e4)  # rad, mm
 FREE_TIP = 1e3  # mm
+# Share of the reach by which an arm as drawn may miss its readings. Ten times what the kinematic model expects of its
+# constants (3 mrad, 3 mm) stays below; another arm, a wrong unit or a wrong sign does not.
+MOST_NOMINAL_ERROR = 0.05
 # Rows that determine base (6) and tip (3): 3 coordinates each, and one row to spare.
 MIN_ROWS = 4
 

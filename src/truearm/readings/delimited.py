@@ -291,7 +291,9 @@ def _ragged(sheet: Sheet, line: int, cells: list[str]) -> InputError:
     hint = None
     if sheet.separator == "," and len(cells) > width:
         hint = "if the file has decimal commas, `truearm import` reads it with --separator ';' --decimal ','"
-    problem = f"expected {width} cells as in the line above, got {len(cells)}"
+    elif len(cells) < width:
+        hint = "a separator or a value is missing; an empty line at the end must go"
+    problem = f"expected {width} values as in the line above, got {len(cells)}"
     return InputError(problem, file=sheet.file, line=line, hint=hint)
 
 

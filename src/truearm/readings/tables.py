@@ -95,7 +95,7 @@ class JointScale:
         sign = np.ones(n) if self.sign is None else np.array(_each(self.sign, n, "sign"), dtype=float)
         if not np.isin(sign, (1, -1)).all():
             raise InputError(f"signs must be + or - for each joint, got {shown(self.sign)}")
-        zero = np.zeros(n) if self.zero is None else np.array(_each(self.zero, n, "zero"), dtype=float)
+        zero = np.zeros(n) if self.zero is None else np.array(_for_each(self.zero, n, "zero"), dtype=float)
         if not np.isfinite(zero).all():
             raise InputError(f"zeros must be finite numbers, got {shown(self.zero)}")
         return np.asarray(sign * (values - zero) * factor + 0.0)  # + 0.0: no minus nought

@@ -51,7 +51,7 @@ def errors_by_reading(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[st
         f"{format_number(float(np.abs(values).max()), digits=2)} mm at most"
         for name, values in by_name.items()
     )
-    closer = f" Above, all on one scale; below, the same without {before} on a larger one." if after else ""
+    closer = f" Above, all on one scale; below, the same without {before} on its own." if after else ""
     return Figure(
         panels,
         caption=f"Error of x, y and z, reading by reading.{closer} Error of a single coordinate: {told}.",

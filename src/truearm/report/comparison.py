@@ -60,6 +60,8 @@ def comparison_page(
     title: str,
     subtitle: str,
     facts: Sequence[tuple[str, str]],
+    remarks: Sequence[str] = (),
+    floor: Mapping[str, float] | None = None,
     more: Sequence[Section] = (),
 ) -> Page:
     """The page: what was measured, errors before and after, where they come from.
@@ -70,6 +72,10 @@ def comparison_page(
     title, subtitle : str
     facts : sequence of (str, str)
         What the page rests on: versions, fingerprints.
+    remarks : sequence of str
+        What a reader must know before the numbers: readings that a model learned from, or that lie beyond them.
+    floor : mapping, optional
+        The figures of `ERROR_COLUMNS` and `n` that no model can beat, where they are known.
     more : sequence of Section
         What else there is to say, before the details.
     """
@@ -78,7 +84,7 @@ def comparison_page(
         subtitle=subtitle,
         summary=_summary(compared),
         sections=(
-            _result(compared),
+            _result(compared, remarks, floor),
             *more,
             _measured(compared),
             _by_coordinate(compared),
@@ -101,7 +107,9 @@ def error_table(errors: Mapping[str, Mapping[str, float]], *, caption: str) -> T
             (
                 name,
                 *(
-                    None if key == "removed_percent" and name == first else float(figures_of[key])
+                    None
+                    if key not in figures_of or (key, name) == ("removed_percent", first)
+                    else float(figures_of[key])
                     for key, _, _ in ERROR_COLUMNS
                 ),
                 int(figures_of["n"]),
@@ -132,16 +140,22 @@ def _summary(compared: Compared) -> tuple[Row, ...]:
     return tuple(rows)
 
 
-def _result(compared: Compared) -> Section:
+def _result(compared: Compared, remarks: Sequence[str], floor: Mapping[str, float] | None) -> Section:
     distances = _distances(compared)
+    table = error_table(
+        {**compared.errors, **({} if floor is None else {"noise floor": floor})},
+        caption="Errors on the readings of this page",
+    )
     styles = figures.styles_of(distances)
     return Section(
         "Error before and after",
-        "Every reading has a point by the reference and one by each model; an error is what lies between them. "
+        "\n\n".join(remarks)
+        + ("\n\n" if remarks else "")
+        + "Every reading has a point by the reference and one by each model; an error is what lies between them. "
         "Distances are in space, a coordinate is one of x, y, z. Removed is the share of the first model's mean "
         "absolute coordinate error that is gone.",
         figures=(figures.before_after(distances, styles=styles), figures.error_distribution(distances, styles=styles)),
-        tables=(error_table(compared.errors, caption="Errors on the readings of this page"),),
+        tables=(table,),
     )
 
 
@@ -179,7 +193,7 @@ def _by_cause(compared: Compared) -> Section:
     best = _best(compared)
     return Section(
         "Where the error comes from",
-        "An error that follows a joint's angle has its cause in that joint; what is left without shape is noise.",
+        "An error that follows a joint's angle may have its cause in that joint; what has no shape may be noise.",
         figures=(
             figures.error_against_joint(
                 compared.angles,

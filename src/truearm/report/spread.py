@@ -50,8 +50,9 @@ def error_distribution(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[s
     scale = " The lower scale is logarithmic." if logarithmic else ""
     return Figure(
         panels,
-        caption=f"Distribution of the distance between measured and true point. Left: the share of readings with an "
-        f"error below the value on the lower scale; right: how many readings err by how much.{scale} Errors: {told}.",
+        caption="Distribution of the distance between a model's point and the reference's. Left: the share of readings "
+        f"with an error below the value on the lower scale; right: how many readings err by how much.{scale} "
+        f"Errors: {told}.",
         alt=f"Cumulative distribution and histogram of the error. Errors: {told}.",
         columns=2,
     )
