@@ -113,6 +113,8 @@ def load_ur10_leica(series: Literal["A", "B"]) -> Readings:
 def load_ur5() -> Readings:
     """Load the UR5 measured by a laser tracker (Tsinghua University): 1000 readings, each its own position.
 
+    The publisher gives differences from the targets without their sign; here they are added, as for the WAM.
+
     Returns
     -------
     Readings
@@ -123,6 +125,8 @@ def load_ur5() -> Readings:
 
 def load_wam() -> Readings:
     """Load the Barrett WAM measured by a laser tracker (Tsinghua University): 216 readings, each its own position.
+
+    The publisher gives differences from the targets without their sign; added, they let the arm hang low, as it must.
 
     Returns
     -------

@@ -44,16 +44,20 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         beside = Path(name)
         os.close(handle)
         yield beside
-        # mkstemp makes files only their owner may read; a new file gets what the umask says instead.
-        umask = os.umask(0)
-        os.umask(umask)
-        beside.chmod(0o666 & ~umask)
+        # mkstemp makes files only their owner may read: a replaced file keeps its rights, a new one gets the umask's.
+        beside.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
         beside.replace(target)
     except OSError as error:
         raise TruearmError(f"{path}: the file cannot be written ({error.strerror or error})") from error
     finally:
         if beside is not None:
             beside.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    umask = os.umask(0)
+    os.umask(umask)
+    return umask
 
 
 def check_writable(path: str | Path) -> None:

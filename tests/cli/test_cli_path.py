@@ -332,3 +332,44 @@ def test_evaluate_and_report_say_what_spoils_a_test(truearm, made, tmp_path):
     foreign = tmp_path / "foreign.csv"
     assert truearm("simulate", "ur10", "--poses", 30, "--strategy", "box", "--out", foreign).code == 0
     assert "probably they are of another arm" in truearm("evaluate", made / "kinematic.truearm", foreign).out
+
+
+def test_a_model_file_named_nominal_does_not_pass_for_the_drawing(truearm, made, tmp_path):
+    """Each model's share is of its own nominal arm; the row `nominal` is the drawing, whatever a file is called."""
+    (tmp_path / "nominal.truearm").write_bytes((made / "kinematic.truearm").read_bytes())
+    page = tmp_path / "r.html"
+    assert truearm("report", tmp_path / "nominal.truearm", made / "test.csv", "--out", page).code == 0
+    assert "nominal.truearm" in page.read_text()
+    own = json.loads(truearm("evaluate", made / "kinematic.truearm", made / "test.csv", "--json").out)
+    assert f"{own['removed_percent']:.1f}" in page.read_text()
+
+
+def test_models_with_other_free_parts_are_not_compared_on_one_page(truearm, made, tmp_path):
+    free = tmp_path / "free.truearm"
+    assert truearm("fit", made / "train.csv", "--arm", "gao2017", "--model", "kinematic", "--out", free).code == 0
+    ran = truearm("report", made / "kinematic.truearm", free, made / "test.csv", "--out", tmp_path / "r.html")
+    assert ran.code == 2
+    assert "same --free" in ran.err
+
+
+def test_nothing_that_is_read_is_overwritten(truearm, made, tmp_path):
+    arm = tmp_path / "my.toml"
+    assert truearm("arms", "gao2017", "--out", arm).code == 0
+    before = arm.read_bytes()
+    for arguments in (
+        ("fit", made / "train.csv", "--arm", arm, "--model", "nominal", "--free", "none", "--out", arm),
+        ("arms", arm, "--out", arm),
+    ):
+        ran = truearm(*arguments)
+        assert ran.code == 2
+        assert "would be lost" in ran.err
+    assert arm.read_bytes() == before
+
+
+def test_import_refuses_encodings_that_are_not_of_text(truearm, made, tmp_path):
+    ran = truearm(
+        "import", made / "test.csv", "--encoding", "hex", "--angles", "1,2", "--angle-unit", "deg", "--out",
+        tmp_path / "z.csv",
+    )  # fmt: skip
+    assert ran.code == 2
+    assert "unknown encoding" in ran.err

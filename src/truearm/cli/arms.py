@@ -8,7 +8,7 @@ from zipfile import is_zipfile
 
 import typer
 
-from truearm.cli.console import Json, say, say_json, say_table
+from truearm.cli.console import Json, check_apart, say, say_json, say_table
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
@@ -47,6 +47,7 @@ def arms(
         return
     chosen = _identified(Path(arm)) if Path(arm).is_file() and is_zipfile(arm) else arm_from(arm)
     if out is not None:
+        check_apart(out, Path(arm))
         write_arm(chosen, out, convention=convention)
         say(f"{out}: {chosen.name}, {chosen.n_joints} joints")
     elif as_json:

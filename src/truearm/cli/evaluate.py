@@ -22,17 +22,14 @@ def evaluate(
     Its errors are printed beside those of the nominal arm: the drawing, its base and tip (where they were free) fitted
     to the model's own training readings.
     """
-    from truearm.cli.predict import load_for
+    from truearm.cli.predict import load_with_reference
     from truearm.cli.report import remarks
     from truearm.models import NominalModel
     from truearm.readings import compared_errors, errors_of
 
     with progress(f"reading {session.name}"):
-        fitted, readings = load_for(model, session)
-    if readings.points is None:
-        raise readings.error(
-            "expected reference points to evaluate against, the session has none", hint="truearm predict"
-        )
+        fitted, readings = load_with_reference(model, session, purpose="evaluate against")
+    assert readings.points is not None  # checked
     nominal = fitted.predict_nominal(readings.angles)
     errors = compared_errors(fitted.predict(readings.angles), nominal, readings.points)
     if as_json:

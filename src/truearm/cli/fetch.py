@@ -20,12 +20,15 @@ def fetch(
     They are downloaded once, checked against the published files, and written as a session file.
     """
     from truearm import datasets
+    from truearm.errors import InputError
     from truearm.readings import check_session_path, write_session
 
     if show or not name:
         say_table(["name", "set", "arm"], [[n, s.title, s.arm] for n, s in datasets.SETS.items()], left=(0, 1, 2))
         return
     path = out or Path(f"{name}.csv")
+    if out is None and path.exists():
+        raise InputError("the file exists already", file=path, hint=f"--out {path} to replace it")
     check_session_path(path)
     with progress(f"getting {name}"):
         readings = datasets.load(name)

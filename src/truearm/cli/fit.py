@@ -57,7 +57,7 @@ def fit(
     from truearm.writing import check_writable
 
     nominal = arm_from(arm)
-    check_apart(out, session)
+    check_apart(out, session, Path(arm))
     check_writable(out)
     known: dict[str, Any] = {"free": free_parts(free)}
     options: dict[str, Any] = {}
@@ -76,7 +76,7 @@ def fit(
             prismatic=nominal.chain.prismatic,
         )
         check_reach(readings, reach=nominal.chain.reach)
-        if model == "network":
+        if model == "network" and trainer != "trainbr":
             _check_enough(readings, options["hidden"])
     with progress(f"fitting {model}", total=epochs if model == "network" else None) as tell:
         as_drawn = NominalModel(nominal, **known).fit_readings(readings)
@@ -94,7 +94,7 @@ def _check_enough(readings: Readings, hidden: tuple[int, ...]) -> None:
     if 3 * len(readings) < n_weights:
         raise readings.error(
             f"a network of {n_weights} weights needs at least {ceil(n_weights / 3)} readings, got {len(readings)}",
-            hint="more readings, a smaller --hidden, or --model kinematic, which some 50 readings serve",
+            hint="more readings, a smaller --hidden, --trainer trainbr, or --model kinematic, which needs some 50",
         )
 
 

@@ -93,7 +93,7 @@ def run(arguments: list[str] | None = None) -> NoReturn:
         _complain(_message(error))
         code = 2
     if code == INTERRUPTED:
-        _complain("interrupted; files are as they were before")
+        _complain("interrupted")
     sys.exit(code or 0)
 
 

@@ -69,7 +69,7 @@ def load_for(model: Path, session: Path) -> tuple[Compensator, Readings]:
 
     from truearm.errors import InputError
     from truearm.models.file import load_model
-    from truearm.readings import check_angles, check_reach, read_session
+    from truearm.readings import check_angles, read_session
 
     if is_zipfile(session) and model.is_file() and not is_zipfile(model):
         raise InputError("expected a session file, got a model file", file=session, hint="the model first")
@@ -83,5 +83,17 @@ def load_for(model: Path, session: Path) -> tuple[Compensator, Readings]:
         upper=upper,
         prismatic=fitted.arm.chain.prismatic,
     )
+    return fitted, readings
+
+
+def load_with_reference(model: Path, session: Path, *, purpose: str) -> tuple[Compensator, Readings]:
+    """The same, for readings with reference points that the arm can reach."""
+    from truearm.readings import check_reach
+
+    fitted, readings = load_for(model, session)
+    if readings.points is None:
+        raise readings.error(
+            f"expected reference points to {purpose}, the session has none", hint="truearm predict needs none"
+        )
     check_reach(readings, reach=fitted.arm.chain.reach)
     return fitted, readings

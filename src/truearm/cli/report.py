@@ -26,7 +26,7 @@ def report(
     """
     from zipfile import is_zipfile
 
-    from truearm.cli.predict import load_for
+    from truearm.cli.predict import load_with_reference
     from truearm.errors import InputError
     from truearm.report.comparison import comparison_page
     from truearm.report.html import write_page
@@ -48,10 +48,8 @@ def report(
     check_apart(out, *files)
     check_writable(out)
     with progress("drawing the report"):
-        loaded = [load_for(path, session) for path in paths]
+        loaded = [load_with_reference(path, session, purpose="compare with") for path in paths]
         readings = loaded[0][1]
-        if readings.points is None:
-            raise readings.error("expected reference points to compare with, the session has none")
         models = dict(zip(_names(paths), (fitted for fitted, _ in loaded), strict=True))
         page = comparison_page(
             compared(models, readings),
@@ -65,7 +63,9 @@ def report(
 
 
 def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
-    """What the models, and the nominal arm of the first, make of the readings."""
+    """What the models make of the readings, each beside its own nominal arm; the first one's stands for all."""
+    import numpy as np
+
     from truearm.errors import InputError
     from truearm.models import NominalModel
     from truearm.readings import compared_errors
@@ -75,19 +75,28 @@ def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
     arm, points = first.arm, readings.points
     assert points is not None  # checked by the caller
     for name, model in models.items():
-        if (model.arm.name, model.arm.joint_names) != (arm.name, arm.joint_names):
-            raise InputError(f"expected models of one arm, but {name!r} is of {model.arm.name!r}, not {arm.name!r}")
+        if model.arm.name != arm.name or not np.array_equal(model.arm.chain.fixed, arm.chain.fixed):
+            raise InputError(
+                f"expected models of one arm, but {name!r} is of {model.arm.name!r}, not the first one's arm"
+            )
+        if tuple(model.free) != tuple(first.free):
+            raise InputError(
+                f"expected models with the same --free, but {name!r} has {list(model.free)}, "
+                f"the first {list(first.free)}",
+                hint="a report for each",
+            )
     nominal = first.predict_nominal(readings.angles)
-    predicted = {"nominal": nominal}
-    predicted |= {
-        name: model.predict(readings.angles) for name, model in models.items() if not isinstance(model, NominalModel)
-    }
+    predicted, errors = {"nominal": nominal}, {"nominal": compared_errors(nominal, nominal, points)}
+    for name, model in models.items():
+        if not isinstance(model, NominalModel):  # it is the first row already
+            predicted[name] = model.predict(readings.angles)
+            errors[name] = compared_errors(predicted[name], model.predict_nominal(readings.angles), points)
     lower, upper = arm.limits.T
     return Compared(
         angles=readings.angles,
         points=points,
         predicted=predicted,
-        errors={name: dict(compared_errors(p, nominal, points)) for name, p in predicted.items()},  # type: ignore[arg-type]
+        errors={name: dict(e) for name, e in errors.items()},  # type: ignore[arg-type]
         joint_names=arm.joint_names,
         lower=lower,
         upper=upper,
@@ -126,10 +135,11 @@ def facts(models: dict[str, Compensator], readings: Readings) -> list[tuple[str,
 
     assert readings.points is not None  # checked by the caller
     rows = [
-        (f"model {name}", f"{model.n_train_} training readings, SHA-256 {model.data_fingerprint_}")
+        (f"model {name}", f"{model.n_train_} training readings, fingerprint {model.data_fingerprint_}")
         for name, model in models.items()
     ]
-    rows.append(("readings of this page", f"SHA-256 {fingerprint(readings.angles, readings.points)}"))
+    rows.append(("readings of this page", f"fingerprint {fingerprint(readings.angles, readings.points)}"))
+    rows.append(("fingerprint", "SHA-256 of angles [rad] and points [mm] as little-endian doubles, not of a file"))
     arm = next(iter(models.values())).arm
     rows.append(("arm", f"{arm.name}: {arm.title}. {arm.source}"))
     rows.append(("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"))
@@ -137,6 +147,6 @@ def facts(models: dict[str, Compensator], readings: Readings) -> list[tuple[str,
 
 
 def _names(paths: list[Path]) -> list[str]:
-    """A short, different name for each model: its file's stem, or its path where stems are alike."""
+    """A short, different name for each model: its file's stem, or its path where that is taken."""
     stems = [path.stem for path in paths]
-    return stems if len(set(stems)) == len(stems) else [str(path) for path in paths]
+    return [str(path) if stems.count(path.stem) > 1 or path.stem == "nominal" else path.stem for path in paths]

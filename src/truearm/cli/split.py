@@ -20,11 +20,13 @@ def split(
 ) -> None:
     """Split a session into training and test readings.
 
-    Readings of one position (seat, session) are neighbours and stay together, or the test would be too easy.
+    Readings of one position (seat, session) are neighbours and stay together, or the test would be too easy. Columns
+    of notes are not copied.
     """
     from truearm.errors import InputError
     from truearm.readings import check_session_path, hold_out, read_session, write_session
     from truearm.readings.split import By
+    from truearm.writing import whole_file
 
     if train.resolve() == test.resolve():
         raise InputError("--train and --test are the same file", file=train)
@@ -34,7 +36,9 @@ def split(
     with progress(f"splitting {session.name}"):
         readings = read_session(session)
         parts = hold_out(readings, by=cast(By, by), fraction=share, seed=seed)
-        for path, part in zip((train, test), parts, strict=True):
-            write_session(part, path)
+        # Both or none: a new training file beside an old test file would hold the same readings.
+        with whole_file(train) as new_train, whole_file(test) as new_test:
+            for path, part in zip((new_train, new_test), parts, strict=True):
+                write_session(part, path)
     for path, part in zip((train, test), parts, strict=True):
         say(f"{path}: {len(part)} of {len(readings)} readings")

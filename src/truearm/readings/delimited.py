@@ -18,6 +18,9 @@ from truearm.errors import InputError
 FloatArray = npt.NDArray[np.float64]
 NameArray = npt.NDArray[np.str_]
 
+# Signs in a name of a seat, position or session: in an array of names each takes the room of the longest.
+MAX_NAME = 200
+
 # About three million readings: more than anybody took, and reading them (five times the size) fits a small machine.
 MAX_BYTES = 2**29
 
@@ -128,10 +131,13 @@ def read_columns(sheet: Sheet, numbers: Sequence[int], words: Sequence[int] = ()
     Raises
     ------
     InputError
-        If a cell of `numbers` is not a finite number: the first such cell in the file, with what to try.
+        If a cell of `numbers` is not a finite number: the first such cell in the file, with what to try; or if a name
+        is too long.
     """
     try:
         return _read(sheet, numbers, words)
+    except InputError:
+        raise
     except (ValueError, OverflowError):
         raise _first_fault(sheet, numbers) from None
 
@@ -166,7 +172,21 @@ def _read(sheet: Sheet, numbers: Sequence[int], words: Sequence[int]) -> tuple[F
     truth = any(word in sheet.rows for word in (b"rue", b"RUE", b"alse", b"ALSE"))
     if truth and ((found == 0) | (found == 1)).all(axis=0).any() and _fault_in(sheet, numbers):
         raise ValueError("a truth value is no number")
-    return found, [table[i].to_numpy(dtype=np.str_) for i in words]
+    return found, [_names(table[i].to_numpy(), sheet, i) for i in words]
+
+
+def _names(cells: npt.NDArray[np.object_], sheet: Sheet, index: int) -> NameArray:
+    """Names as one array, in which each takes the room of the longest."""
+    lengths = np.fromiter(map(len, cells), dtype=int, count=len(cells))
+    if lengths.max(initial=0) > MAX_NAME:
+        row = int(lengths.argmax())
+        raise InputError(
+            f"expected a name of at most {MAX_NAME} signs, got one of {lengths[row]}",
+            file=sheet.file,
+            line=sheet.first_line + row,
+            column=sheet.names[index],
+        )
+    return cells.astype(np.str_)
 
 
 def _exactly(pandas_version: str) -> dict[str, Any]:
@@ -220,7 +240,10 @@ def _bytes(path: Path) -> bytes:
 def _as_utf8(data: bytes, path: Path, encoding: str) -> bytes:
     """Turn `data` into UTF-8 with plain line ends, no byte order mark and no empty lines at its end."""
     try:
-        name = codecs.lookup(encoding).name
+        codec = codecs.lookup(encoding)
+        if not getattr(codec, "_is_text_encoding", True):  # hex, zip, rot13: no encodings of text
+            raise LookupError
+        name = codec.name
     except LookupError:
         raise InputError(f"unknown encoding {shown(encoding)}", hint="utf-8, latin-1, cp1252 or utf-16") from None
     if name == "utf-8" and data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
@@ -318,7 +341,7 @@ def _fault_in(sheet: Sheet, numbers: Sequence[int]) -> InputError | None:
     number = re.compile(rf"[+-]?(\d+{sign}?\d*|{sign}\d+)([eE][+-]?\d+)?", re.ASCII)
     for line, cells in sheet.cells():
         for i in sorted(numbers):
-            cell = cells[i].strip()
+            cell = cells[i].strip(" \t")
             if not number.fullmatch(cell) or not np.isfinite(float(cell.replace(sheet.decimal, "."))):
                 problem, hint = _said_of(cells[i], sheet)
                 return InputError(problem, file=sheet.file, line=line, column=sheet.names[i], hint=hint)

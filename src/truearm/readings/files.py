@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.readings.columns import ANGLE, FACTOR, TEMPERATURE, Columns, recognise, unit_of
-from truearm.readings.delimited import FloatArray, NameArray, Sheet, read_columns, read_sheet, shown
+from truearm.readings.delimited import MAX_NAME, FloatArray, NameArray, Sheet, read_columns, read_sheet, shown
 from truearm.readings.readings import NAMED, Readings
 from truearm.writing import check_writable, whole_file
 
@@ -208,6 +208,7 @@ def _begins_as_parquet(path: Path) -> bool:
 
 def _pyarrow(path: Path) -> tuple[Any, Any]:
     try:
+        importlib.import_module("pyarrow.compute")
         return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
     except ImportError:
         raise InputError(
@@ -258,9 +259,20 @@ def _parquet_numbers(arrow: Any, column: Any, name: str, path: Path) -> FloatArr
 
 
 def _parquet_words(arrow: Any, column: Any, name: str, path: Path) -> NameArray:
+    if arrow.types.is_dictionary(column.type):  # pandas' categories
+        column = arrow.chunked_array([chunk.dictionary_decode() for chunk in column.chunks])
     if not (arrow.types.is_string(column.type) or arrow.types.is_large_string(column.type)):
         raise InputError(f"expected names (text), got a column of type {column.type}", file=path, column=name)
     if column.null_count:
         row = column.to_pylist().index(None)
         raise InputError(f"expected a name, got an empty cell in reading {row + 1}", file=path, column=name, hint="''")
-    return np.array(column.to_pylist(), dtype=np.str_)
+    longest = arrow.compute.max(arrow.compute.utf8_length(column)).as_py() or 0
+    if longest > MAX_NAME:
+        raise InputError(f"expected names of at most {MAX_NAME} signs, got one of {longest}", file=path, column=name)
+    words = np.array(column.to_pylist(), dtype=np.str_)
+    broken = [row for row, word in enumerate(column.to_pylist()) if {"\0", "\n", "\r"} & set(word)]
+    if broken:
+        raise InputError(
+            f"expected a name on one line, got control signs in reading {broken[0] + 1}", file=path, column=name
+        )
+    return words

@@ -100,7 +100,7 @@ def error_table(errors: Mapping[str, Mapping[str, float]], *, caption: str) -> T
     return Table(
         columns=(
             Column("model"),
-            *(Column(heading, unit) for _, heading, unit in ERROR_COLUMNS),
+            *(Column(heading, unit, 4 if unit == "%" else 3) for _, heading, unit in ERROR_COLUMNS),
             Column("readings"),
         ),
         rows=tuple(
@@ -193,7 +193,7 @@ def _by_cause(compared: Compared) -> Section:
     best = _best(compared)
     return Section(
         "Where the error comes from",
-        "An error that follows a joint's angle may have its cause in that joint; what has no shape may be noise.",
+        "Which joints and places the errors go with. Distances have no sign: a wave shows twice as often.",
         figures=(
             figures.error_against_joint(
                 compared.angles,

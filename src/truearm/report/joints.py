@@ -119,8 +119,8 @@ def error_against_joint(
     return Figure(
         panels,
         caption=f"{quantity.capitalize()} against the position of each joint ({told}, each on its own scale). The line "
-        "is the running median. A trend hints at a cause in that joint: a wave at its encoder or gear, a slope or bow "
-        "at lengths and zeros. A level line alone proves nothing: look at the size of the error too.",
+        "is the running median. A trend says that the error follows this joint's position; its cause may be in any "
+        "joint before it. A level line alone proves nothing: look at the size of the error too.",
         alt=f"For each of {len(names)} joints the {quantity} of {readings(count)} against the joint's position, "
         f"with a running median, for {told}.",
         columns=3,
