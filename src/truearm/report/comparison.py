@@ -152,7 +152,7 @@ def _result(compared: Compared, remarks: Sequence[str], floor: Mapping[str, floa
         "\n\n".join(remarks)
         + ("\n\n" if remarks else "")
         + "Every reading has a point by the reference and one by each model; an error is what lies between them. "
-        "Distances are in space, a coordinate is one of x, y, z. Removed is the share of the first model's mean "
+        "Distances are in space, a coordinate is one of x, y, z. Removed is the share of the nominal arm's mean "
         "absolute coordinate error that is gone.",
         figures=(figures.before_after(distances, styles=styles), figures.error_distribution(distances, styles=styles)),
         tables=(table,),

@@ -121,13 +121,13 @@ def _plane_view(
 ) -> Drawing:
     title, across, up = view
     drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
-    axes = drawing.add_axes((0.62 / _WIDTH_IN, 0.46 / _HEIGHT_IN, 3.8 / _WIDTH_IN, 2.96 / _HEIGHT_IN))
+    axes = drawing.add_axes((0.82 / _WIDTH_IN, 0.46 / _HEIGHT_IN, 3.6 / _WIDTH_IN, 2.96 / _HEIGHT_IN))
     if "c" in pen and len(points) > MANY:
         _cells(axes, points[:, across], points[:, up], pen)
     else:
         axes.scatter(points[:, across], points[:, up], **pen)
     axes.set_ylim(middle[up] - half, middle[up] + half)
-    axes.set_xlim(middle[across] - half * 3.8 / 2.96, middle[across] + half * 3.8 / 2.96)
+    axes.set_xlim(middle[across] - half * 3.6 / 2.96, middle[across] + half * 3.6 / 2.96)
     axes.set_aspect("equal")
     axes.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", title=title)
     _mark_origin(axes)
