@@ -373,3 +373,10 @@ def test_import_refuses_encodings_that_are_not_of_text(truearm, made, tmp_path):
     )  # fmt: skip
     assert ran.code == 2
     assert "unknown encoding" in ran.err
+
+
+def test_a_fit_that_has_not_settled_says_so(truearm, made, tmp_path, monkeypatch):
+    arguments = ["fit", made / "train.csv", "--arm", "gao2017", "--model", "kinematic", "--out", tmp_path / "m.truearm"]
+    assert "has not settled" not in truearm(*arguments).out
+    monkeypatch.setattr("truearm.identify.points.MOST_ROUNDS", 1)
+    assert "has not settled" in truearm(*arguments).out

@@ -147,6 +147,8 @@ def _say_result(fitted: Compensator, readings: Readings, model: str, out: Path, 
         return
     say(f"{out}: {model} model of {fitted.arm.name} from {len(readings)} readings in {fitted.fit_seconds_:.1f} s")
     say(_sentence(errors, compare=model != "nominal"))
+    if not getattr(fitted, "fit_", fitted.nominal_).converged:
+        say("The fit has not settled: more readings, or poses more different from one another, may help.")
     if model == "kinematic" and len(readings) < FEW_READINGS:
         say(f"Only {len(readings)} readings: the training error says little. Some {FEW_READINGS} serve.")
     missed = errors_of(fitted.predict_nominal(readings.angles), readings.points)["mean_mm"]

@@ -28,6 +28,7 @@ def report(
 
     from truearm.cli.predict import load_with_reference
     from truearm.errors import InputError
+    from truearm.models.file import load_model
     from truearm.report.comparison import comparison_page
     from truearm.report.html import write_page
     from truearm.writing import check_writable
@@ -48,12 +49,12 @@ def report(
     check_apart(out, *files)
     check_writable(out)
     with progress("drawing the report"):
-        loaded = [load_with_reference(path, session, purpose="compare with") for path in paths]
-        readings = loaded[0][1]
-        models = dict(zip(_names(paths), (fitted for fitted, _ in loaded), strict=True))
+        first, readings = load_with_reference(paths[0], session, purpose="compare with")
+        # The others are of the same arm, or `compared` refuses them: the readings are checked once for all.
+        models = dict(zip(_names(paths), [first, *map(load_model, paths[1:])], strict=True))
         page = comparison_page(
             compared(models, readings),
-            title=title or f"{loaded[0][0].arm.name}: error before and after compensation",
+            title=title or f"{first.arm.name}: error before and after compensation",
             subtitle=f"{len(readings)} readings of {session.name}",
             facts=facts(models, readings),
             remarks=[f"{name}: {remark}" for name, model in models.items() for remark in remarks(model, readings)],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Literal, Self, overload
 
@@ -32,7 +33,7 @@ MOST_NOMINAL_ERROR = 0.05
 MIN_ROWS = 4
 
 
-class Compensator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
+class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     """Base of the models: from joint angles to the tip's coordinates.
 
     A model says how it learns (`_identify`), predicts (`_tips`) and how sure it is (`_covariance`); checking,
@@ -166,14 +167,17 @@ class Compensator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if unknown:
             raise InputError(f"expected free parts among {list(FREE_PARTS)}, got {sorted(unknown)}")
 
+    @abstractmethod
     def _identify(self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None]) -> None:
-        raise NotImplementedError
+        """Learn from readings and their points (n, 3) [mm]; `nominal_` is there already."""
 
+    @abstractmethod
     def _tips(self, angles: FloatArray) -> FloatArray:
-        raise NotImplementedError
+        """Tips (n, 3) [mm] at checked angles."""
 
+    @abstractmethod
     def _covariance(self, angles: FloatArray) -> FloatArray:
-        raise NotImplementedError
+        """Their covariances (n, 3, 3) [mm^2]."""
 
     def _checked_arm(self) -> Arm:
         if not isinstance(self.arm, Arm):
