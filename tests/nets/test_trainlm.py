@@ -12,7 +12,8 @@ from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.scaling import MinMax
-from truearm.nets.trainlm import dividerand, trainlm
+from truearm.nets.training import dividerand
+from truearm.nets.trainlm import trainlm
 
 
 @pytest.fixture

@@ -16,9 +16,9 @@ from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.scaling import MinMax
 from truearm.nets.trainbr import BayesianRecord, trainbr
-from truearm.nets.trainlm import TrainingRecord, dividerand, trainlm
+from truearm.nets.training import Epoch, TrainingRecord, dividerand
+from truearm.nets.trainlm import trainlm
 from truearm.readings.readings import Readings
-from truearm.solve import State
 
 FloatArray = npt.NDArray[np.float64]
 TRAINERS = ("lm", "trainlm", "trainbr")
@@ -110,14 +110,14 @@ class NetworkModel(Compensator):
         aside = FitProblem(self.network_, inputs[:, validation], targets[:, validation]) if len(validation) else None
         scale = float(np.sqrt(np.mean(self.point_scale_.half_range**2)))
 
-        def tell(state: State) -> None:
-            rms = scale * np.sqrt(2 * state.cost / training.n_errors)
+        def tell(state: Epoch) -> None:
+            rms = scale * np.sqrt(state.perf)
             progress(state.epoch, f"epoch {state.epoch}, rms error {rms:.4g} mm")
 
         self._train(training, aside, tell)
         self._measure_uncertainty(readings.angles, points, train, validation if len(validation) else train)
 
-    def _train(self, training: FitProblem, aside: FitProblem | None, tell: Callable[[State], None]) -> None:
+    def _train(self, training: FitProblem, aside: FitProblem | None, tell: Callable[[Epoch], None]) -> None:
         self.record_: TrainingRecord
         start = nguyen_widrow(self.network_, seed=self.seed)
         epochs, goal, max_fail = self.epochs, self.goal, self.max_fail

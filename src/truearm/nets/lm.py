@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.trainlm import TrainingRecord, training_record
+from truearm.nets.training import Epoch, TrainingRecord, epoch_of, training_record
 from truearm.nets.variable_projection import ProjectedProblem
 from truearm.solve import Epochs, Goal, Nielsen, Seconds, Settled, State, Stop, Validation, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
@@ -25,7 +25,7 @@ def train_lm(
     goal: float = 0.0,
     max_fail: int = 10,
     time: float = float("inf"),
-    callback: Callable[[State], None] | None = None,
+    callback: Callable[[Epoch], None] | None = None,
 ) -> tuple[FloatArray, TrainingRecord]:
     """Train a network whose output layer is linear: far fewer epochs than `trainlm` for the same error.
 
@@ -38,7 +38,7 @@ def train_lm(
     epochs, goal, max_fail, time
         As in `trainlm`.
     callback : callable, optional
-        Told the solver's state after every epoch; its `x` are the hidden weights.
+        Told how it goes after every epoch, and at the start.
 
     Returns
     -------
@@ -52,9 +52,14 @@ def train_lm(
     if validation is not None:
         watch = Validation(lambda x: validation.mean_square(problem.completed(x)), max_fail)
         stops.append(watch)
+
+    def tell(state: State) -> None:
+        if callback is not None:
+            callback(epoch_of(state, training.n_errors, watch, lambda: problem.completed(state.x)))
+
     with one_blas_thread():
         result = levenberg_marquardt(
-            problem, weights[: problem.n_hidden_weights], damping=Nielsen(), stops=stops, callback=callback
+            problem, weights[: problem.n_hidden_weights], damping=Nielsen(), stops=stops, callback=tell
         )
     kept = result.x if watch is None or watch.best_x is None else watch.best_x
     tests = np.full(len(result.history), np.nan)

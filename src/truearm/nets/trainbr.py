@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.trainlm import TrainingRecord, training_record
+from truearm.nets.training import Epoch, TrainingRecord, training_record
 from truearm.solve import (
     Classical,
     DampingLimit,
@@ -91,7 +91,7 @@ def trainbr(
     mu_inc: float = 10.0,
     mu_max: float = 1e10,
     time: float = float("inf"),
-    callback: Callable[[State], None] | None = None,
+    callback: Callable[[Epoch], None] | None = None,
 ) -> tuple[FloatArray, BayesianRecord]:
     """Train a network's weights, weighing errors against the size of the weights by the evidence.
 
@@ -111,7 +111,7 @@ def trainbr(
     epochs, goal, min_grad, mu, mu_dec, mu_inc, mu_max, time
         As in MATLAB; `goal` is a mean squared error of scaled outputs, `min_grad` a norm of the gradient of the cost.
     callback : callable, optional
-        Told the solver's state after every epoch; its cost is half the sum of squared errors.
+        Told how it goes after every epoch, and at the start.
 
     Returns
     -------
@@ -136,12 +136,16 @@ def trainbr(
         problem = RegularisedProblem(training, evidence)
         return problem, problem.weighted(x, equations.errors)
 
-    def watch(state: State) -> None:
+    def reached(state: State) -> Reason | None:
         squares = float(state.x @ state.x)
         aside = np.nan if validation is None else validation.mean_square(state.x)
         rows.append((training.mean_square(state.x), aside, evidence.gamma, squares, evidence.alpha, evidence.beta))
+        return Reason("Performance goal met.", True) if rows[-1][0] <= goal else None
+
+    def tell(state: State) -> None:
         if callback is not None:
-            callback(replace(state, cost=0.5 * n * rows[-1][0]))
+            perf, vperf = rows[-1][:2]
+            callback(Epoch(state.epoch, perf, vperf, state.mu, state.gradient_norm, 0, state.seconds, lambda: state.x))
 
     with one_blas_thread():
         result = levenberg_marquardt(
@@ -149,13 +153,13 @@ def trainbr(
             weights,
             damping=Classical(mu, mu_dec, mu_inc, mu_max),
             stops=[
-                lambda state: Reason("Performance goal met.", True) if rows[state.epoch][0] <= goal else None,
+                reached,
                 Epochs(epochs),
                 Seconds(time),
                 Gradient(min_grad),
                 DampingLimit(),
             ],
-            callback=watch,
+            callback=tell,
             renew=renew,
         )
     perf, vperf, gamk, ssX, alpha, beta = np.array(rows).T

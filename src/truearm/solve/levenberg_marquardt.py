@@ -87,7 +87,7 @@ def levenberg_marquardt(
     stops : sequence of Stop
         Asked in this order after every epoch, and at the start.
     callback : callable, optional
-        Told the state after every epoch, and at the start.
+        Told the state after every epoch, and at the start, once the stops were asked.
     renew : callable, optional
         Given the parameters (p,) and their equations after every epoch that moved, gives the problem to go on with and
         its equations there: weights that follow the data.
@@ -122,10 +122,10 @@ def levenberg_marquardt(
             moved=moved,
         )
         history.append(state)
-        if callback is not None:
-            callback(state)
         # Every rule sees every state: one that collects (validation) must not miss any.
         reasons = [reason for reason in [stop(state) for stop in stops] if reason is not None]
+        if callback is not None:
+            callback(state)
         if not moved:
             reasons.append(SETTLED if promised <= ROUNDING * equations.cost else STUCK)
         if reasons:
