@@ -19,6 +19,8 @@ from truearm.models.file import load_model, save_model
 
 KEPT_TIP_MM = [758.9268461603382, 14.755674969324792, 237.3313078392036]
 KEPT_STD_MM = [0.006642343415025093, 0.006958388902324782, 0.006697782188492866]
+KEPT_NETWORK_TIP_MM = [751.9926603202762, 19.614840525274392, 239.43378856583607]
+KEPT_NETWORK_STD_MM = [10.600896814791358, 15.736852900430062, 13.861002821926572]
 
 
 @pytest.fixture
@@ -89,6 +91,14 @@ def test_a_file_of_the_first_format_still_loads():
     tip, covariance = model.predict(model.arm.working[None], return_cov=True)
     np.testing.assert_allclose(tip, [KEPT_TIP_MM], atol=1e-9)
     np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), KEPT_STD_MM, rtol=1e-6)
+
+
+def test_a_network_of_the_first_format_still_loads():
+    """Kept from truearm 0.1: 6-5-4-3 on 60 readings of a virtual `gao2017`."""
+    model = load_model(Path(__file__).parent / "network-format-1.truearm")
+    tip, covariance = model.predict(model.arm.working[None], return_cov=True)
+    np.testing.assert_allclose(tip, [KEPT_NETWORK_TIP_MM], atol=1e-9)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), KEPT_NETWORK_STD_MM, rtol=1e-9)
 
 
 def test_an_unfitted_model_is_not_saved(arm, tmp_path):
