@@ -71,7 +71,8 @@ def test_dense_equals_difference_quotient(sizes, activation):
 def test_sums_do_not_depend_on_the_chunks(monkeypatch):
     fit, weights = problem((4, 7, 6, 3), "tansig", n=700)
     whole = fit.normal_equations(weights)
-    monkeypatch.setattr(normal_equations, "CHUNK", 64)
+    monkeypatch.setattr(normal_equations, "MOST", 64)
+    monkeypatch.setattr(normal_equations, "FEWEST", 64)
     pieces = fit.normal_equations(weights)
     np.testing.assert_allclose(pieces.gram, whole.gram, atol=1e-12 * np.abs(whole.gram).max())
     np.testing.assert_allclose(pieces.gradient, whole.gradient, atol=1e-11 * np.abs(whole.gradient).max())

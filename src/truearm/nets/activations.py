@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
+from array_api_compat import array_namespace
 
-FloatArray = npt.NDArray[np.float64]
+from truearm.solve.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -27,19 +26,23 @@ class Activation:
         Values it can take; None for all.
     """
 
-    value: Callable[[FloatArray], FloatArray]
-    derivative: Callable[[FloatArray], FloatArray]
+    value: Callable[[Array], Array]
+    derivative: Callable[[Array], Array]
     net_range: tuple[float, float] | None
     output_range: tuple[float, float] | None
 
 
-def _logistic(net: FloatArray) -> FloatArray:
+def _tanh(net: Array) -> Array:
+    return array_namespace(net).tanh(net)
+
+
+def _logistic(net: Array) -> Array:
     # Through tanh: no overflow for large negative net inputs.
-    return np.asarray(0.5 + 0.5 * np.tanh(0.5 * net))
+    return 0.5 + 0.5 * _tanh(0.5 * net)
 
 
 ACTIVATIONS: dict[str, Activation] = {
-    "tansig": Activation(np.tanh, lambda a: 1 - a * a, (-2.0, 2.0), (-1.0, 1.0)),
+    "tansig": Activation(_tanh, lambda a: 1 - a * a, (-2.0, 2.0), (-1.0, 1.0)),
     "logsig": Activation(_logistic, lambda a: a * (1 - a), (-4.0, 4.0), (0.0, 1.0)),
-    "purelin": Activation(lambda net: net, np.ones_like, None, None),
+    "purelin": Activation(lambda net: net, lambda a: array_namespace(a).ones_like(a), None, None),
 }

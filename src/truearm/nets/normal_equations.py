@@ -6,33 +6,47 @@ of pairs,
 
     (J^T J)[(l, i, k), (m, j, r)] = sum_n a_l[i] a_m[j] G_lm[k, r],      G_lm = sum_o D_l[o, k] D_m[o, r],
 
-in which the outputs are summed before the samples. Diagonal blocks are symmetric in (i, j) and in (k, r): only the
-upper triangles of both are multiplied. Samples go in chunks; the sums over chunks are exact, so that memory does not
-grow with the data.
+in which the outputs are summed before the samples. Three things make the sums small:
 
-Chunks are dealt to a fixed number of groups, which threads work off while the BLAS keeps to one thread each: the
-result does not depend on how many threads there are.
+- diagonal blocks are symmetric in (i, j) and in (k, r): only the upper triangles of both are multiplied;
+- between layers ``G_lm[k, r] = phi'_r sum_q W_m+1[r, q] G_l,m+1[k, q]``, from ``G_l,last = D_l^T`` down;
+- at the last hidden layer ``D[o, k] = W[k, o] s[k]`` with slopes s: the weights W are the same for every sample and are
+  multiplied in after the sum, so that only the pairs ``s[k] s[r]``, or s alone, are summed.
+
+Samples go in chunks, so that memory does not grow with them. Chunks are dealt to a fixed number of groups, which
+threads work off while the BLAS keeps to one thread each: the result does not depend on how many threads there are.
+
+The samples may be arrays of any library of the array API, on a GPU for instance; weights and gradients are NumPy
+vectors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from array_api_compat import array_namespace, device, is_numpy_array
 
+from truearm.errors import InputError
 from truearm.nets.perceptron import Perceptron
 from truearm.solve import NormalEquations
+from truearm.solve.arrays import Array, placed_like, to_numpy
 from truearm.solve.threads import cores, one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+T = TypeVar("T")
 
-# Samples multiplied together: the pairs of a 50-50 block then fill about 5 MB, which a cache of a few MB a core
-# streams well, while the matrix products are long enough to run at full speed.
-CHUNK = 256
-# Each group holds sums as large as the matrix itself.
+# Bytes of the pairs that are multiplied together. In main memory they then stay near a core, while the products are long
+# enough for full speed; a GPU wants few large calls.
+CHUNK_BYTES = 5 * 2**20
+CHUNK_BYTES_ELSEWHERE = 2**28
+FEWEST, MOST = 128, 4096  # samples of a chunk
+# Each group holds sums about as large as a third of the matrix.
 GROUPS = 4
 
 
@@ -47,122 +61,205 @@ class FitProblem:
         Scaled inputs, samples in columns.
     targets : (n_outputs, n) array
         Scaled targets.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit the network, there are no samples, or a number is not finite.
     """
 
     network: Perceptron
-    inputs: FloatArray
-    targets: FloatArray
+    inputs: Array
+    targets: Array
+
+    def __post_init__(self) -> None:
+        sizes = self.network.sizes
+        for what, array, rows in (("inputs", self.inputs, sizes[0]), ("targets", self.targets, sizes[-1])):
+            if array.ndim != 2 or array.shape[0] != rows or array.shape[1] < 1:
+                raise InputError(
+                    f"expected {what} of shape ({rows}, n), samples in columns, for a network of sizes {sizes}, got "
+                    f"{tuple(array.shape)}"
+                )
+            xp = array_namespace(array)
+            if not bool(xp.all(xp.isfinite(array))):
+                sample = int(xp.argmin(xp.astype(xp.all(xp.isfinite(array), axis=0), xp.int8)))
+                raise InputError(f"expected finite {what}, got NaN or infinity in sample {sample + 1}")
+        if self.inputs.shape[1] != self.targets.shape[1]:
+            raise InputError(
+                f"expected as many inputs as targets, got {self.inputs.shape[1]} and {self.targets.shape[1]} samples"
+            )
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return int(self.inputs.shape[1])
 
     @property
     def n_errors(self) -> int:
         """Number of residuals: outputs times samples."""
-        return self.targets.size
+        return int(self.targets.shape[0]) * self.n
 
     def cost(self, x: FloatArray) -> float:
         """Half the sum of squared errors at weights `x` (n_weights,)."""
-        total = 0.0
-        for columns in _chunks(self.inputs.shape[1], 8 * CHUNK):
+
+        def squares(columns: slice) -> float:
             errors = self.network.outputs(x, self.inputs[:, columns]) - self.targets[:, columns]
-            total += float(np.vdot(errors, errors))
-        return total / 2
+            return float((errors * errors).sum())
+
+        return sum(self.by_chunk(squares)) / 2
 
     def mean_square(self, x: FloatArray) -> float:
         """MATLAB's ``mse`` of the scaled outputs."""
         return 2 * self.cost(x) / self.n_errors
 
+    def gradient(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """Cost and its gradient (n_weights,) at weights `x` (n_weights,): a step of backpropagation."""
+        layers = self.network.layers(placed_like(x, self.inputs))
+
+        def part(columns: slice) -> tuple[float, list[Array]]:
+            passed = _Pass(self.network, layers, self.inputs[:, columns], self.targets[:, columns])
+            return passed.cost, passed.gradients()
+
+        cost, gradients = 0.0, [0.0] * len(layers)
+        for chunk_cost, chunk_gradients in self.by_chunk(part):
+            cost += chunk_cost
+            gradients = [whole + more for whole, more in zip(gradients, chunk_gradients, strict=True)]
+        return cost, _as_vector(gradients)
+
     def normal_equations(self, x: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton matrix at weights `x` (n_weights,)."""
-        chunks = list(_chunks(self.inputs.shape[1], CHUNK))
-        groups = [chunks[start::GROUPS] for start in range(min(GROUPS, len(chunks)))]
-        with one_blas_thread(), ThreadPoolExecutor(min(cores(), len(groups))) as pool:
-            first, *others = pool.map(lambda group: self._sums(x, group), groups)
-        for other in others:
-            first.merge(other)
+        layers = self.network.layers(placed_like(x, self.inputs))
+        chunks = list(_chunks(self.n, self._chunk()))
+
+        def sums_of(group: list[slice]) -> _Sums:
+            sums = _Sums(self.network, layers)
+            for columns in group:
+                sums.add(self.inputs[:, columns], self.targets[:, columns])
+            return sums
+
+        first, *others = self._by_thread(sums_of, [chunks[start::GROUPS] for start in range(min(GROUPS, len(chunks)))])
+        while others:
+            first.merge(others.pop(0))
         return first.equations()
 
-    def _sums(self, x: FloatArray, chunks: list[slice]) -> _Sums:
-        sums, layers = _Sums(self.network), self.network.layers(x)
-        for columns in chunks:
-            values = self.network.forward(x, np.ascontiguousarray(self.inputs[:, columns]))
-            sums.add(layers, values, values[-1] - self.targets[:, columns])
-        return sums
+    def by_chunk(self, work: Callable[[slice], T]) -> list[T]:
+        """What `work` makes of every chunk of samples, threads sharing them; in order."""
+        return self._by_thread(work, list(_chunks(self.n, MOST if is_numpy_array(self.inputs) else self._chunk())))
+
+    def _by_thread(self, work: Callable[[list[slice]], T] | Callable[[slice], T], parts: list) -> list[T]:  # type: ignore[type-arg]
+        # Other libraries have threads, or a GPU, of their own.
+        if len(parts) == 1 or not is_numpy_array(self.inputs):
+            return [work(part) for part in parts]
+        with one_blas_thread(), ThreadPoolExecutor(min(cores(), len(parts))) as pool:
+            return list(pool.map(work, parts))
+
+    def _chunk(self) -> int:
+        """Samples of a chunk: it depends on the network alone, and so does the order of the sums."""
+        rows = max(sum(block.rows) for block in _blocks(self.network))
+        if is_numpy_array(self.inputs):
+            return int(np.clip(CHUNK_BYTES // (8 * rows), FEWEST, MOST))
+        return max(CHUNK_BYTES_ELSEWHERE // (8 * rows), FEWEST)
+
+
+class _Pass:
+    """A chunk of samples through the network and back."""
+
+    def __init__(self, network: Perceptron, layers: list[Array], inputs: Array, targets: Array) -> None:
+        self.layers = layers
+        self.last = len(layers) - 1
+        xp = array_namespace(inputs)
+        # A column of ones below the values of every layer, so that its products need no second look at the bias.
+        self.with_bias, self.slopes, h = [], [], inputs
+        ones = xp.ones((1, inputs.shape[1]), dtype=inputs.dtype, device=device(inputs))
+        for W, activation in zip(layers, network.activations, strict=True):
+            a = xp.concat([h, ones])
+            self.with_bias.append(a)
+            h = activation.value(W.T @ a)
+            self.slopes.append(activation.derivative(h))
+        self.errors = h - targets
+        self.cost = 0.5 * float((self.errors * self.errors).sum())
+
+    def gradients(self) -> list[Array]:
+        """Gradient of the cost by every layer's weights."""
+        found, back = [], self.errors
+        for layer in range(self.last, -1, -1):
+            found.append(self.with_bias[layer] @ back.T)
+            if layer:
+                back = self.slopes[layer - 1] * (self.layers[layer][:-1, :] @ back)
+        return found[::-1]
+
+    def derivatives(self) -> list[Array]:
+        """D of every hidden layer, (n_outputs, units, m): derivatives of the outputs by its net inputs."""
+        found = [self.layers[self.last][:-1, :].T[:, :, None] * self.slopes[self.last - 1][None, :, :]]
+        for layer in range(self.last - 1, 0, -1):
+            found.append((self.layers[layer][:-1, :] @ found[-1]) * self.slopes[layer - 1][None, :, :])
+        return found[::-1]
+
+
+@dataclass(frozen=True)
+class _Block:
+    """A block of the matrix, layers low <= high, as the sum over samples of ``left @ right^T``."""
+
+    low: int
+    high: int
+    rows: tuple[int, int]
+    """Pairs of values on the left, pairs of derivatives on the right."""
+
+
+def _blocks(network: Perceptron) -> list[_Block]:
+    """The blocks with a hidden layer; that of the output layer with itself is the Gram matrix of its inputs."""
+    shapes = network.shapes
+    last = len(shapes) - 1
+    found = []
+    for high, (n_j, n_r) in enumerate(shapes):
+        for low, (n_i, n_k) in enumerate(shapes[: min(high + 1, last)]):
+            if low == high:
+                rows = (n_i * (n_i + 1) // 2, n_k * (n_k + 1) // 2)
+            elif high == last:
+                rows = (n_i * n_j, n_k if low == last - 1 else n_k * n_r)
+            else:
+                rows = (n_i * n_j, n_k * n_r)
+            found.append(_Block(low, high, rows))
+    return found
 
 
 class _Sums:
     """Sums over samples of a network's gradient and of the products of pairs that make its Gauss-Newton matrix."""
 
-    def __init__(self, network: Perceptron) -> None:
-        self.network = network
+    def __init__(self, network: Perceptron, layers: list[Array]) -> None:
+        self.network, self.layers = network, layers
+        self.last = len(layers) - 1
         self.cost = 0.0
-        self.gradients = [np.zeros(shape) for shape in network.shapes]
-        depth = len(network.shapes)
-        self.blocks: dict[tuple[int, int], FloatArray | float] = {
-            (low, high): 0.0 for high in range(depth) for low in range(high + 1)
-        }
+        xp, where = array_namespace(layers[0]), device(layers[0])
 
-    def add(self, layers: list[FloatArray], values: list[FloatArray], errors: FloatArray) -> None:
-        """Add a chunk: `values` of every layer (units, m) and output `errors` (n_outputs, m)."""
-        self.cost += 0.5 * float(np.vdot(errors, errors))
-        with_bias = [np.concatenate([h, np.ones((1, h.shape[1]))]) for h in values[:-1]]
-        slopes = [
-            activation.derivative(value)
-            for activation, value in zip(self.network.activations[:-1], values[1:-1], strict=True)
-        ]
-        self._add_gradients(layers, with_bias, slopes, errors)
-        self._add_output_blocks(layers, with_bias, slopes)
-        self._add_hidden_blocks(layers, with_bias, slopes)
+        def zeros(shape: tuple[int, ...]) -> Array:
+            return xp.zeros(shape, dtype=xp.float64, device=where)
 
-    def _add_gradients(
-        self, layers: list[FloatArray], with_bias: list[FloatArray], slopes: list[FloatArray], errors: FloatArray
-    ) -> None:
-        back = errors
-        for layer in range(len(layers) - 1, -1, -1):
-            self.gradients[layer] += with_bias[layer] @ back.T
-            if layer:
-                back = slopes[layer - 1] * (layers[layer][:-1] @ back)
+        self.gradients = [zeros(shape) for shape in network.shapes]
+        self.blocks = {(block.low, block.high): zeros(block.rows) for block in _blocks(network)}
+        n_last = network.shapes[-1][0]
+        self.blocks[self.last, self.last] = zeros((n_last, n_last))
 
-    def _add_output_blocks(
-        self, layers: list[FloatArray], with_bias: list[FloatArray], slopes: list[FloatArray]
-    ) -> None:
-        """Blocks with the output layer, where D is the unit matrix and G_l,last = D_l^T."""
-        last = len(layers) - 1
-        n_outputs = layers[last].shape[1]
-        self.blocks[last, last] += with_bias[last] @ with_bias[last].T
-        # D transposed, (units, outputs, m), from the last hidden layer down.
-        D = layers[last][:-1, :, None] * slopes[last - 1][:, None, :]
-        for layer in range(last - 1, -1, -1):
-            pairs = (with_bias[layer][:, None, :] * with_bias[last][None, :, :]).reshape(-1, D.shape[2])
-            self.blocks[layer, last] += pairs @ D.reshape(-1, D.shape[2]).T
-            if layer:
-                carried = layers[layer][:-1] @ D.reshape(D.shape[0], -1)
-                D = carried.reshape(-1, n_outputs, D.shape[2]) * slopes[layer - 1][:, None, :]
-
-    def _add_hidden_blocks(
-        self, layers: list[FloatArray], with_bias: list[FloatArray], slopes: list[FloatArray]
-    ) -> None:
-        """Blocks of hidden layers, G by recursion from the last one down."""
-        last = len(layers) - 1
-        W = layers[last][:-1]
-        outer = W @ W.T
-        m = slopes[0].shape[1]
-        for high in range(last - 1, -1, -1):
-            if high == last - 1:
-                G = outer[:, :, None] * slopes[high][:, None, :]
-                G *= slopes[high][None, :, :]
-            else:
-                # The diagonal G of the layer below from the one above: both sides go through the layer between.
-                W_up = layers[high + 1][:-1]
-                half = (W_up @ G.reshape(G.shape[0], -1)).reshape(-1, G.shape[1], m)
-                G = np.matmul(W_up, half) * slopes[high][:, None, :]
-                G *= slopes[high][None, :, :]
-            self.blocks[high, high] += _upper_products(with_bias[high]) @ _upper(G).T
-            across = G
-            for low in range(high - 1, -1, -1):
-                W_between = layers[low + 1][:-1]
-                across = (W_between @ across.reshape(across.shape[0], -1)).reshape(-1, across.shape[1], m)
-                across *= slopes[low][:, None, :]
-                pairs = (with_bias[low][:, None, :] * with_bias[high][None, :, :]).reshape(-1, m)
-                self.blocks[low, high] += pairs @ across.reshape(-1, m).T
+    def add(self, inputs: Array, targets: Array) -> None:
+        """Add a chunk: `inputs` (n_inputs, m) and `targets` (n_outputs, m)."""
+        passed = _Pass(self.network, self.layers, inputs, targets)
+        self.cost += passed.cost
+        for gradient, more in zip(self.gradients, passed.gradients(), strict=True):
+            gradient += more
+        last, a, s, D = self.last, passed.with_bias, passed.slopes, passed.derivatives()
+        self.blocks[last, last] += a[last] @ a[last].T
+        for low in range(last):
+            if low == last - 1:
+                self.blocks[low, last] += _products(a[low], a[last]) @ s[low].T
+                self.blocks[low, low] += _upper_products(a[low][None, ...]) @ _upper_products(s[low][None, ...]).T
+                continue
+            self.blocks[low, last] += _products(a[low], a[last]) @ _rows(D[low]).T
+            self.blocks[low, low] += _upper_products(a[low][None, ...]) @ _upper_products(D[low]).T
+            G = D[low]  # (units above, units of low, m)
+            for high in range(last - 1, low, -1):
+                G = _between(self.layers[high + 1][:-1, :], G)
+                G *= s[high][:, None, :]
+                self.blocks[low, high] += _products(a[low], a[high]) @ _rows(G).T
 
     def merge(self, other: _Sums) -> None:
         """Add what another group of chunks came to."""
@@ -173,60 +270,98 @@ class _Sums:
             self.blocks[block] += sums
 
     def equations(self) -> NormalEquations:
-        """The normal equations of all that was added."""
+        """The normal equations of all that was added; its sums are used up."""
         shapes = self.network.shapes
         starts = np.cumsum([0, *(m * n for m, n in shapes)])
-        gram = np.empty((starts[-1], starts[-1]))
-        for (low, high), sums in self.blocks.items():
-            rows = slice(starts[low], starts[low + 1])
-            columns = slice(starts[high], starts[high + 1])
-            block = self._block(low, high, np.asarray(sums))
-            gram[rows, columns] = block
+        xp, where = array_namespace(self.layers[0]), device(self.layers[0])
+        gram = xp.empty((int(starts[-1]), int(starts[-1])), dtype=xp.float64, device=where)
+        for low, high in sorted(self.blocks):
+            sums = self.blocks.pop((low, high))
+            rows = slice(int(starts[low]), int(starts[low + 1]))
+            columns = slice(int(starts[high]), int(starts[high + 1]))
+            self._fill(gram[rows, columns], low, high, sums)
             if low != high:
-                gram[columns, rows] = block.T
-        return NormalEquations(self.cost, np.concatenate([g.ravel() for g in self.gradients]), gram)
+                gram[columns, rows] = gram[rows, columns].T
+        return NormalEquations(self.cost, _as_vector(self.gradients), gram)
 
-    def _block(self, low: int, high: int, sums: FloatArray) -> FloatArray:
-        """Products of pairs (i, j) x (k, r) put in the order of the weights, (i, k) x (j, r)."""
+    def _fill(self, block: Array, low: int, high: int, sums: Array) -> None:
+        """Put sums of pairs (i, j) x (k, r) in the order of the weights, (i, k) x (j, r)."""
         (n_i, n_k), (n_j, n_r) = self.network.shapes[low], self.network.shapes[high]
-        last = len(self.network.shapes) - 1
-        if low == high == last:
-            return np.asarray(np.kron(sums, np.eye(n_k)), dtype=float)
-        if low == high:
-            full = sums[_symmetric_index(n_i).ravel()[:, None], _symmetric_index(n_k).ravel()[None, :]]
+        xp, last = array_namespace(sums), self.last
+        W = self.layers[last][:-1, :]
+        if low == last:  # every output has the same matrix, and none in common with another
+            block[...] = 0.0
+            for o in range(n_k):
+                block[o::n_k, o::n_k] = sums
+        elif low == high:
+            pairs_of_values = _placed_index(_symmetric_index(n_i), sums)
+            pairs_of_derivatives = xp.reshape(_placed_index(_symmetric_index(n_k), sums), (-1,))
+            outer = xp.reshape(W @ W.T, (1, -1)) if low == last - 1 else None
+            for i in range(n_i):
+                row = xp.take(xp.take(sums, pairs_of_values[i, :], axis=0), pairs_of_derivatives, axis=1)
+                if outer is not None:
+                    row *= outer
+                _put(block[i * n_k : (i + 1) * n_k, :], xp.reshape(row, (n_j, n_k, n_r)), (1, 0, 2))
         else:
-            full = sums
-        return np.asarray(full.reshape(n_i, n_j, n_k, n_r).transpose(0, 2, 1, 3).reshape(n_i * n_k, n_j * n_r))
+            for i in range(n_i):
+                row, here = sums[i * n_j : (i + 1) * n_j, :], block[i * n_k : (i + 1) * n_k, :]
+                if (low, high) == (last - 1, last):
+                    _put(here, row[:, :, None] * W[None, :, :], (1, 0, 2))
+                else:
+                    _put(here, xp.reshape(row, (n_j, n_r, n_k)), (2, 0, 1))
 
 
-def _upper_products(a: FloatArray) -> FloatArray:
-    """Products ``a[i] a[j]``, i <= j, of the rows of `a` (k, m): (k (k + 1) / 2, m)."""
-    k, m = a.shape
-    out = np.empty((k * (k + 1) // 2, m))
+def _put(block: Array, values: Array, order: tuple[int, int, int]) -> None:
+    """Write `values`, their axes reordered, into `block` (k, j r)."""
+    xp = array_namespace(values)
+    block[...] = xp.reshape(xp.permute_dims(values, order), tuple(block.shape))
+
+
+def _between(W: Array, G: Array) -> Array:
+    """``sum_q W[r, q] G[q, k]`` for every sample: (r, k, m) from W (r, q) and G (q, k, m)."""
+    xp = array_namespace(G)
+    return xp.reshape(W @ xp.reshape(G, (G.shape[0], -1)), (W.shape[0], *G.shape[1:]))
+
+
+def _products(a: Array, b: Array) -> Array:
+    """Products ``a[i] b[j]`` of the rows of `a` (k, m) and `b` (l, m): (k l, m)."""
+    return _rows(a[:, None, :] * b[None, :, :])
+
+
+def _rows(pairs: Array) -> Array:
+    """Pairs (k, l, m) one below the other: (k l, m)."""
+    return array_namespace(pairs).reshape(pairs, (-1, pairs.shape[2]))
+
+
+def _upper_products(D: Array) -> Array:
+    """``sum_o D[o, k] D[o, r]``, k <= r, row by row, for D (o, k, m): (k (k + 1) / 2, m)."""
+    n_outputs, k, m = D.shape
+    out = array_namespace(D).empty((k * (k + 1) // 2, m), dtype=D.dtype, device=device(D))
     start = 0
     for i in range(k):
-        np.multiply(a[i], a[i:], out=out[start : start + k - i])
+        row = out[start : start + k - i, :]
+        row[...] = D[0, i, :] * D[0, i:, :]
+        for o in range(1, n_outputs):
+            row += D[o, i, :] * D[o, i:, :]
         start += k - i
     return out
 
 
-def _upper(G: FloatArray) -> FloatArray:
-    """The upper triangle of `G` (k, k, m), row by row: (k (k + 1) / 2, m)."""
-    k, _, m = G.shape
-    out = np.empty((k * (k + 1) // 2, m))
-    start = 0
-    for i in range(k):
-        out[start : start + k - i] = G[i, i:]
-        start += k - i
-    return out
-
-
-def _symmetric_index(k: int) -> npt.NDArray[np.intp]:
+def _symmetric_index(k: int) -> IntArray:
     """(k, k) where a pair, in either order, stands in the upper triangle laid out row by row."""
     index = np.zeros((k, k), dtype=np.intp)
     rows, columns = np.triu_indices(k)
     index[rows, columns] = index[columns, rows] = np.arange(len(rows))
     return index
+
+
+def _placed_index(index: IntArray, like: Array) -> Array:
+    """An index on the device of `like`."""
+    return array_namespace(like).asarray(index, device=device(like))
+
+
+def _as_vector(layers: list[Array]) -> FloatArray:
+    return np.concatenate([to_numpy(layer).ravel() for layer in layers])
 
 
 def _chunks(n: int, size: int) -> Iterator[slice]:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import numpy.typing as npt
+from array_api_compat import array_namespace
 
 from truearm.errors import InputError
 from truearm.nets.activations import ACTIVATIONS, Activation
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.solve.arrays import Array, placed_like
 
 
 @dataclass(frozen=True)
@@ -68,27 +67,30 @@ class Perceptron:
         """Number of weights and biases."""
         return sum(m * n for m, n in self.shapes)
 
-    def layers(self, weights: FloatArray) -> list[FloatArray]:
+    def layers(self, weights: Array) -> list[Array]:
         """The layers' ``W_l`` as views into the vector `weights` (n_weights,)."""
-        ends = np.cumsum([m * n for m, n in self.shapes])
-        return [part.reshape(shape) for part, shape in zip(np.split(weights, ends[:-1]), self.shapes, strict=True)]
+        xp, parts, start = array_namespace(weights), [], 0
+        for m, n in self.shapes:
+            parts.append(xp.reshape(weights[start : start + m * n], (m, n)))
+            start += m * n
+        return parts
 
-    def forward(self, weights: FloatArray, inputs: FloatArray) -> list[FloatArray]:
+    def forward(self, weights: npt.ArrayLike, inputs: Array) -> list[Array]:
         """Values of every layer, laid out (units, samples): the inputs first, the outputs last.
 
         Parameters
         ----------
         weights : (n_weights,) array
         inputs : (n_inputs, n) array
-            Samples in columns.
+            Samples in columns; of any library of the array API, and so are the values.
         """
         values = [inputs]
-        for W, activation in zip(self.layers(weights), self.activations, strict=True):
-            net = W[:-1].T @ values[-1]
-            net += W[-1][:, None]
+        for W, activation in zip(self.layers(placed_like(weights, inputs)), self.activations, strict=True):
+            net = W[:-1, :].T @ values[-1]
+            net += W[-1, :][:, None]
             values.append(activation.value(net))
         return values
 
-    def outputs(self, weights: FloatArray, inputs: FloatArray) -> FloatArray:
+    def outputs(self, weights: npt.ArrayLike, inputs: Array) -> Array:
         """(n_outputs, n) outputs for inputs (n_inputs, n)."""
         return self.forward(weights, inputs)[-1]
