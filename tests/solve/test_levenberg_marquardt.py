@@ -9,6 +9,7 @@ import pytest
 
 from truearm.errors import InputError, TruearmError
 from truearm.solve import (
+    Best,
     Classical,
     DampingLimit,
     Epochs,
@@ -29,9 +30,10 @@ class Residuals:
 
     def __init__(self, residuals, jacobian):
         self.residuals, self.jacobian = residuals, jacobian
-        self.built = 0
+        self.built = self.tried = 0
 
     def cost(self, x):
+        self.tried += 1
         r = self.residuals(x)
         return 0.5 * float(r @ r)
 
@@ -84,19 +86,19 @@ def test_rosenbrock_is_found_from_the_usual_start(damping):
     assert result.reason.text == "Performance goal met."
 
 
-def test_the_cost_never_rises_and_the_history_tells_every_epoch():
+def test_the_cost_never_rises_and_every_epoch_is_told():
     told = []
     result = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], stops=[Goal(1e-20), Epochs(300)], callback=told.append)
-    costs = [state.cost for state in result.history]
-    assert all(after < before for before, after in itertools.pairwise(costs))
-    assert told == list(result.history)
-    assert [state.epoch for state in result.history] == list(range(result.epochs + 1))
+    assert all(after.cost < before.cost for before, after in itertools.pairwise(told))
+    assert all(after.previous_cost == before.cost for before, after in itertools.pairwise(told))
+    assert [state.epoch for state in told] == list(range(result.epochs + 1))
+    assert [state.reason for state in told] == [None] * result.epochs + [result.reason]
 
 
 def test_a_rejected_step_uses_the_same_equations_again():
     problem = rosenbrock()
     result = levenberg_marquardt(problem, [-1.2, 1.0], stops=[Goal(1e-20), Epochs(300)])
-    assert result.evaluations > problem.built  # some steps were rejected
+    assert problem.tried > result.epochs  # some steps were rejected
     assert problem.built == result.epochs + 1
 
 
@@ -142,6 +144,8 @@ def test_what_the_data_do_not_tell_has_a_large_variance():
         lambda: Classical(increase=1.0),
         lambda: Classical(maximum=0.0),
         lambda: Nielsen(relative_start=0.0),
+        lambda: Nielsen(mu=-1.0),
+        lambda: Nielsen(growth=1.0),
     ],
 )
 def test_damping_that_could_never_end_is_refused(make):
@@ -185,8 +189,7 @@ def test_marquardts_rule_by_hand():
 
 def state(**changes):
     given = {
-        "epoch": 3, "x": np.zeros(1), "cost": 1.0, "previous_cost": 2.0, "gradient_norm": 1.0, "mu": 1.0,
-        "mu_maximum": 10.0, "seconds": 5.0,
+        "epoch": 3, "x": np.zeros(1), "cost": 1.0, "previous_cost": 2.0, "gradient_norm": 1.0, "seconds": 5.0,
     }  # fmt: skip
     return State(**{**given, **changes})
 
@@ -198,7 +201,8 @@ def state(**changes):
         (Epochs(3), {"epoch": 3}, {"epoch": 2}),
         (Seconds(5.0), {"seconds": 5.0}, {"seconds": 4.9}),
         (Gradient(0.1), {"gradient_norm": 0.1}, {"gradient_norm": 0.2}),
-        (DampingLimit(), {"mu": 10.0}, {"mu": 9.0}),
+        (DampingLimit(), {"damping": Classical(mu=1e10)}, {"damping": Classical(mu=1e9)}),
+        (DampingLimit(), {"damping": Classical(mu=2.0, maximum=1.0)}, {"damping": None}),
         (Settled(0.1), {"cost": 1.85}, {"cost": 1.75}),
         (Settled(0.1), {"cost": 1.0, "moved": False}, {"epoch": 0, "previous_cost": np.inf}),
     ],
@@ -208,13 +212,37 @@ def test_each_stop_at_its_threshold(stop, ends, goes_on):
     assert stop(state(**goes_on)) is None
 
 
-def test_validation_stops_after_so_many_failures_in_a_row_and_keeps_the_best():
+def test_validation_stops_after_so_many_failures_and_keeps_the_best():
     errors = iter([5.0, 4.0, 3.0, 3.5, 3.0, 3.6, 3.7, 2.9])
     watch = Validation(lambda x: next(errors), max_fail=3)
-    reasons = [watch(state(epoch=i, x=np.array([float(i)]))) for i in range(7)]
+    reasons, failures = [], []
+    for i in range(7):
+        reasons.append(watch(state(epoch=i, x=np.array([float(i)]))))
+        failures.append(watch.best.failures)
     # 3.5, 3.6 and 3.7 are worse than 3.0; the equal 3.0 neither counts nor clears, as in MATLAB.
-    assert watch.failures == [0, 0, 0, 1, 1, 2, 3]
+    assert failures == [0, 0, 0, 1, 1, 2, 3]
     assert [reason is not None for reason in reasons] == [False] * 6 + [True]
     assert reasons[-1].text == "Validation stop."
-    assert watch.best_epoch == 2
-    assert watch.best_x.tolist() == [2.0]
+    assert (watch.best.epoch, watch.best.error, watch.best.x.tolist()) == (2, 3.0, [2.0])
+
+
+def test_an_error_that_is_no_number_is_no_best():
+    best = Best(0, np.zeros(1), np.nan).followed_by(state(epoch=1), 7.0)
+    assert (best.epoch, best.error) == (1, 7.0)
+    assert best.followed_by(state(epoch=2), np.nan).failures == 1
+
+
+@pytest.mark.parametrize("damping", [Nielsen(), Classical()])
+def test_a_minimisation_goes_on_from_any_state_as_if_it_had_not_ended(damping):
+    stops, told = [Goal(1e-20), Epochs(300)], []
+    whole = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], damping=damping, stops=stops, callback=told.append)
+    for part in told:
+        again = []
+        result = levenberg_marquardt(rosenbrock(), part, stops=stops, callback=again.append)
+        assert result.x.tolist() == whole.x.tolist()
+        assert (result.epochs, result.reason) == (whole.epochs, whole.reason)
+        rest = told[part.epoch + 1 :]
+        assert [(s.epoch, s.cost, s.previous_cost, s.gradient_norm, s.mu) for s in again] == [
+            (s.epoch, s.cost, s.previous_cost, s.gradient_norm, s.mu) for s in rest
+        ]
+        assert all(s.seconds >= part.seconds for s in again)

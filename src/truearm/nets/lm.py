@@ -7,10 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
+from truearm.nets.checkpoint import Checkpoint
+from truearm.nets.logbook import Logbook, damping_memory
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.training import Epoch, TrainingRecord, epoch_of, training_record
+from truearm.nets.training import Epoch, TrainingRecord, check_stops, checked_start
 from truearm.nets.variable_projection import ProjectedProblem
-from truearm.solve import Epochs, Goal, Nielsen, Seconds, Settled, State, Stop, Validation, levenberg_marquardt
+from truearm.solve import Epochs, Goal, Nielsen, Seconds, Settled, State, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
@@ -21,46 +23,70 @@ def train_lm(
     weights: FloatArray,
     *,
     validation: FitProblem | None = None,
+    test: FitProblem | None = None,
     epochs: int = 200,
     goal: float = 0.0,
     max_fail: int = 10,
     time: float = float("inf"),
     callback: Callable[[Epoch], None] | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> tuple[FloatArray, TrainingRecord]:
     """Train a network whose output layer is linear: far fewer epochs than `trainlm` for the same error.
 
     Parameters
     ----------
-    training, validation : FitProblem
+    training, validation, test : FitProblem
         The same network on different samples; without `validation` there is no validation stop.
     weights : (n_weights,) array
         Where to start; the output layer's share is not used.
-    epochs, goal, max_fail, time
+    epochs, goal, max_fail, time, callback, checkpoint
         As in `trainlm`.
-    callback : callable, optional
-        Told how it goes after every epoch, and at the start.
 
     Returns
     -------
     weights : (n_weights,) array
+        Those of the best validation epoch, or of the best `perf` without validation data.
     record : TrainingRecord
         Its `gradient` is that by the hidden weights.
+
+    Raises
+    ------
+    InputError
+        As `trainlm`.
     """
-    problem = ProjectedProblem(training)
-    watch = None
-    stops: list[Stop] = [Goal(goal * training.n_errors / 2), Epochs(epochs), Seconds(time), Settled(1e-8)]
-    if validation is not None:
-        watch = Validation(lambda x: validation.mean_square(problem.completed(x)), max_fail)
-        stops.append(watch)
+    weights = checked_start(training, weights, validation, test)
+    check_stops(epochs=epochs, goal=goal, time=time, max_fail=max_fail)
+    problem, damping = ProjectedProblem(training), Nielsen()
+    log = Logbook(
+        "lm",
+        weights[: problem.n_hidden_weights],
+        training,
+        validation,
+        test,
+        epochs=epochs,
+        max_fail=max_fail,
+        n_memory=4,
+        completed=problem.completed,
+        callback=callback,
+        checkpoint=checkpoint,
+    )
 
-    def tell(state: State) -> None:
-        if callback is not None:
-            callback(epoch_of(state, training.n_errors, watch, lambda: problem.completed(state.x)))
-
-    with one_blas_thread():
-        result = levenberg_marquardt(
-            problem, weights[: problem.n_hidden_weights], damping=Nielsen(), stops=stops, callback=tell
+    def keep(state: State) -> None:
+        log.keep(
+            state,
+            perf=state.cost / log.half,
+            gradient=state.gradient_norm / log.half,
+            memory=damping_memory(state),
         )
-    kept = result.x if watch is None or watch.best_x is None else watch.best_x
-    tests = np.full(len(result.history), np.nan)
-    return problem.completed(kept), training_record(result, training.n_errors, watch, tests)
+
+    if not log.ended:
+        with one_blas_thread(), log:
+            levenberg_marquardt(
+                problem,
+                log.damped_start(damping),
+                damping=damping,
+                stops=[Goal(goal * log.half), Epochs(epochs), Seconds(time), Settled(1e-8), *log.stops],
+                callback=keep,
+            )
+    with one_blas_thread():
+        return log.best_weights(), log.record(TrainingRecord)

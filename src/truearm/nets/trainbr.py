@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from truearm.nets.checkpoint import Checkpoint
+from truearm.nets.logbook import Logbook, damping_memory
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.training import Epoch, TrainingRecord, training_record
+from truearm.nets.training import Epoch, TrainingRecord, check_stops, checked_start
 from truearm.solve import (
     Classical,
     DampingLimit,
@@ -27,7 +29,7 @@ from truearm.solve.threads import one_blas_thread
 FloatArray = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class BayesianRecord(TrainingRecord):
     """A training record with the evidence after every epoch.
 
@@ -83,6 +85,7 @@ def trainbr(
     weights: FloatArray,
     *,
     validation: FitProblem | None = None,
+    test: FitProblem | None = None,
     epochs: int = 1000,
     goal: float = 0.0,
     min_grad: float = 1e-7,
@@ -92,6 +95,7 @@ def trainbr(
     mu_max: float = 1e10,
     time: float = float("inf"),
     callback: Callable[[Epoch], None] | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> tuple[FloatArray, BayesianRecord]:
     """Train a network's weights, weighing errors against the size of the weights by the evidence.
 
@@ -103,76 +107,94 @@ def trainbr(
     Parameters
     ----------
     training : FitProblem
-        With more errors than weights, or alpha and beta mean little.
+        It may have fewer errors than weights: the prior determines what the data do not, and gamma stays below their
+        number.
     weights : (n_weights,) array
         Where to start.
-    validation : FitProblem, optional
-        Only recorded: it stops nothing, as in MATLAB (``max_fail`` 0).
+    validation, test : FitProblem, optional
+        Only recorded: they stop nothing, as in MATLAB (``max_fail`` 0).
     epochs, goal, min_grad, mu, mu_dec, mu_inc, mu_max, time
         As in MATLAB; `goal` is a mean squared error of scaled outputs, `min_grad` a norm of the gradient of the cost.
-    callback : callable, optional
-        Told how it goes after every epoch, and at the start.
+    callback, checkpoint
+        As in `trainlm`.
 
     Returns
     -------
     weights : (n_weights,) array
+        Those of the last epoch.
     record : BayesianRecord
-        `perf` is the mean squared error, without the weights' share.
+        `perf` is the mean squared error, without the weights' share; `gradient` that of the whole cost.
+
+    Raises
+    ------
+    InputError
+        As `trainlm`.
     """
-    n = training.n_errors
-    rows: list[tuple[float, ...]] = []
-    evidence = _first_evidence(training, weights)
+    start = checked_start(training, weights, validation, test)
+    check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad)
+    damping = Classical(mu, mu_dec, mu_inc, mu_max)
+    log = Logbook(
+        "trainbr",
+        start,
+        training,
+        validation,
+        test,
+        epochs=epochs,
+        n_memory=4,
+        extra=("gamk", "ssX", "alpha", "beta"),
+        callback=callback,
+        checkpoint=checkpoint,
+    )
+    if (row := log.resumed) is None:
+        squares = 2 * training.cost(start)
+        evidence = _first_evidence(training.n_errors, start, squares)
+    else:
+        squares = 0.0  # of an epoch that is kept already
+        evidence = Evidence(alpha=row["alpha"], beta=row["beta"], gamma=row["gamk"])
 
     def renew(x: FloatArray, equations: NormalEquations) -> tuple[RegularisedProblem, NormalEquations]:
-        nonlocal evidence
+        nonlocal evidence, squares
         assert isinstance(equations, RegularisedEquations)  # made by the problem below
+        squares = 2 * equations.errors.cost
         evidence = updated_evidence(
             evidence,
             gram=equations.errors.gram,
             parameter_squares=float(x @ x),
-            residual_squares=2 * equations.errors.cost,
-            n_residuals=n,
+            residual_squares=squares,
+            n_residuals=training.n_errors,
         )
         problem = RegularisedProblem(training, evidence)
         return problem, problem.weighted(x, equations.errors)
 
-    def reached(state: State) -> Reason | None:
-        squares = float(state.x @ state.x)
-        aside = np.nan if validation is None else validation.mean_square(state.x)
-        rows.append((training.mean_square(state.x), aside, evidence.gamma, squares, evidence.alpha, evidence.beta))
-        return Reason("Performance goal met.", True) if rows[-1][0] <= goal else None
+    def goal_met(state: State) -> Reason | None:  # noqa: ARG001 - the goal is of the errors alone, not of the cost
+        return Reason("Performance goal met.", True) if squares / training.n_errors <= goal else None
 
-    def tell(state: State) -> None:
-        if callback is not None:
-            perf, vperf = rows[-1][:2]
-            callback(Epoch(state.epoch, perf, vperf, state.mu, state.gradient_norm, 0, state.seconds, lambda: state.x))
-
-    with one_blas_thread():
-        result = levenberg_marquardt(
-            RegularisedProblem(training, evidence),
-            weights,
-            damping=Classical(mu, mu_dec, mu_inc, mu_max),
-            stops=[
-                reached,
-                Epochs(epochs),
-                Seconds(time),
-                Gradient(min_grad),
-                DampingLimit(),
-            ],
-            callback=tell,
-            renew=renew,
+    def keep(state: State) -> None:
+        log.keep(
+            state,
+            perf=squares / training.n_errors,
+            gradient=state.gradient_norm,
+            memory=damping_memory(state),
+            extra=(evidence.gamma, float(state.x @ state.x), evidence.alpha, evidence.beta),
         )
-    perf, vperf, gamk, ssX, alpha, beta = np.array(rows).T
-    record = training_record(result, n, None, np.full(len(rows), np.nan))
-    common = {f.name: getattr(record, f.name) for f in fields(record)}
-    common |= {"perf": perf, "vperf": vperf, "gradient": np.array([state.gradient_norm for state in result.history])}
-    return result.x, BayesianRecord(**common, gamk=gamk, ssX=ssX, alpha=alpha, beta=beta)
+
+    if not log.ended:
+        with one_blas_thread(), log:
+            levenberg_marquardt(
+                RegularisedProblem(training, evidence),
+                log.damped_start(damping),
+                damping=damping,
+                stops=[goal_met, Epochs(epochs), Seconds(time), Gradient(min_grad), DampingLimit(), *log.stops],
+                callback=keep,
+                renew=renew,
+            )
+    record = log.record(BayesianRecord)
+    return log.x.copy(), replace(record, best_epoch=record.num_epochs)
 
 
-def _first_evidence(training: FitProblem, weights: FloatArray) -> Evidence:
-    """MATLAB's start: as if all weights were in use."""
-    squares, size = 2 * training.cost(weights), float(weights @ weights)
-    freedom = training.n_errors - len(weights)
+def _first_evidence(n_errors: int, weights: FloatArray, squares: float) -> Evidence:
+    """MATLAB's start: as if all weights were in use. `squares` is the sum of squared errors."""
+    size, freedom = float(weights @ weights), n_errors - len(weights)
     return Evidence(
         alpha=len(weights) / size if size > 0 else 1.0,
         beta=freedom / squares if freedom > 0 and squares > 0 else 2.0,

@@ -1,4 +1,4 @@
-"""What all trainers share: the record of a training, what is told after an epoch, the division of the data."""
+"""What trainers are given and give: options and their limits, what is told after an epoch, the record, the division."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.solve import Result, State, Validation
+from truearm.nets.normal_equations import FitProblem
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -28,13 +28,13 @@ class Epoch:
     mu : float
         Damping; NaN where there is none.
     gradient : float
-        Norm of the gradient of `perf` by the weights.
+        Norm of the gradient, as the trainer's record has it.
     val_fail : int
-        Validation failures in a row.
+        Validation failures since the best epoch.
     seconds : float
-        Time of training so far [s].
+        Time of training so far [s], that before an interruption included.
     weights : callable
-        Gives all weights (n_weights,) as they are now.
+        Gives all weights (n_weights,) of this epoch.
     """
 
     epoch: int
@@ -47,7 +47,7 @@ class Epoch:
     weights: Callable[[], FloatArray]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TrainingRecord:
     """What a training did, under MATLAB's names; every array has an entry for each epoch, the start first.
 
@@ -56,13 +56,13 @@ class TrainingRecord:
     perf, vperf, tperf : (epochs + 1,) array
         Mean squared error of scaled outputs on training, validation and test data; NaN where there are none.
     mu : (epochs + 1,) array
-        Damping.
+        Damping; NaN where there is none.
     gradient : (epochs + 1,) array
         Norm of the gradient of `perf` by the weights.
     val_fail : (epochs + 1,) array
-        Validation failures in a row.
+        Validation failures since the best epoch.
     time : (epochs + 1,) array
-        Since the start [s].
+        Since the start [s], that before an interruption included.
     best_epoch : int
         The epoch whose weights were kept.
     stop : str
@@ -78,6 +78,52 @@ class TrainingRecord:
     time: FloatArray
     best_epoch: int
     stop: str
+
+    @property
+    def num_epochs(self) -> int:
+        """Epochs done."""
+        return len(self.perf) - 1
+
+
+def checked_start(
+    training: FitProblem, weights: npt.ArrayLike, validation: FitProblem | None, test: FitProblem | None
+) -> FloatArray:
+    """The start weights (n_weights,) as doubles.
+
+    Raises
+    ------
+    InputError
+        If they are not finite numbers, one for each weight of the network; or validation or test data are for another
+        network.
+    """
+    network = training.network
+    start = np.array(weights, dtype=float)
+    if start.shape != (network.n_weights,):
+        sizes = "-".join(map(str, network.sizes))
+        raise InputError(f"expected {network.n_weights} start weights for a {sizes} network, got shape {start.shape}")
+    if not np.isfinite(start).all():
+        raise InputError("expected start weights that are finite numbers, got NaN or infinity")
+    for what, problem in (("validation", validation), ("test", test)):
+        if problem is not None and problem.network != network:
+            raise InputError(f"expected {what} data of the network in training, got those of another network")
+    return start
+
+
+def check_stops(*, epochs: int, goal: float, time: float, min_grad: float = 0.0, max_fail: int = 1) -> None:
+    """Check the stops that trainers share.
+
+    Raises
+    ------
+    InputError
+        If one can never be meant: below zero, NaN, no whole number where one is needed.
+    """
+    if not isinstance(epochs, int | np.integer) or epochs < 0:
+        raise InputError(f"expected epochs as a whole number of 0 or more, got {epochs!r}")
+    if not isinstance(max_fail, int | np.integer) or max_fail < 1:
+        raise InputError(f"expected max_fail as a whole number of 1 or more, got {max_fail!r}")
+    for name, value in (("goal", goal), ("time", time), ("min_grad", min_grad)):
+        if not value >= 0:
+            raise InputError(f"expected {name} of 0 or more, got {value}")
 
 
 def dividerand(
@@ -101,33 +147,3 @@ def dividerand(
     order = np.random.default_rng([seed, *b"dividerand"]).permutation(n)
     parts = np.split(order, [n - n_validation - n_test, n - n_test])
     return np.sort(parts[0]), np.sort(parts[1]), np.sort(parts[2])
-
-
-def epoch_of(state: State, n_errors: int, watch: Validation | None, weights: Callable[[], FloatArray]) -> Epoch:
-    """What a trainer tells of the solver's state."""
-    return Epoch(
-        epoch=state.epoch,
-        perf=2 * state.cost / n_errors,
-        vperf=np.nan if watch is None else watch.errors[-1],
-        mu=state.mu,
-        gradient=2 * state.gradient_norm / n_errors,
-        val_fail=0 if watch is None else watch.failures[-1],
-        seconds=state.seconds,
-        weights=weights,
-    )
-
-
-def training_record(result: Result, n_errors: int, watch: Validation | None, tperf: FloatArray) -> TrainingRecord:
-    """The record of a minimisation of `n_errors` residuals; `watch` is the validation data's rule, if there was one."""
-    half, n = n_errors / 2, len(result.history)
-    return TrainingRecord(
-        perf=np.array([state.cost for state in result.history]) / half,
-        vperf=np.full(n, np.nan) if watch is None else np.array(watch.errors),
-        tperf=tperf,
-        mu=np.array([state.mu for state in result.history]),
-        gradient=np.array([state.gradient_norm for state in result.history]) / half,
-        val_fail=np.zeros(n, dtype=np.intp) if watch is None else np.array(watch.failures, dtype=np.intp),
-        time=np.array([state.seconds for state in result.history]),
-        best_epoch=result.epochs if watch is None else watch.best_epoch,
-        stop=result.reason.text,
-    )

@@ -7,20 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
+from truearm.nets.checkpoint import Checkpoint
+from truearm.nets.logbook import Logbook, damping_memory
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.training import Epoch, TrainingRecord, epoch_of, training_record
-from truearm.solve import (
-    Classical,
-    DampingLimit,
-    Epochs,
-    Goal,
-    Gradient,
-    Seconds,
-    State,
-    Stop,
-    Validation,
-    levenberg_marquardt,
-)
+from truearm.nets.training import Epoch, TrainingRecord, check_stops, checked_start
+from truearm.solve import Classical, DampingLimit, Epochs, Goal, Gradient, Seconds, State, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
@@ -42,8 +33,13 @@ def trainlm(
     mu_max: float = 1e10,
     time: float = float("inf"),
     callback: Callable[[Epoch], None] | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> tuple[FloatArray, TrainingRecord]:
     """Train a network's weights.
+
+    It ends, asked in this order after every epoch, when `perf` is at `goal`, after `epochs`, after `time`, when
+    `gradient` is at `min_grad`, when `mu` is at `mu_max`, and when the validation error was above its best `max_fail`
+    times. With more weights than errors it still trains: the damping chooses among the weights that fit alike.
 
     Parameters
     ----------
@@ -55,37 +51,59 @@ def trainlm(
         As in MATLAB. `goal` is a mean squared error of scaled outputs, `min_grad` a norm of its gradient, `time` is
         in seconds. The damping `mu` stands beside ``J^T J`` of the scaled errors, summed over samples and outputs.
     callback : callable, optional
-        Told how it goes after every epoch, and at the start.
+        Told how the training stands after every epoch, and at the start.
+    checkpoint : Checkpoint, optional
+        Where to keep the training, so that it can be stopped and gone on with.
 
     Returns
     -------
     weights : (n_weights,) array
-        Those of the best validation epoch, or the last ones without validation data.
+        Those of the best validation epoch, or of the best `perf` without validation data.
     record : TrainingRecord
+
+    Raises
+    ------
+    InputError
+        If weights, data or options do not fit together, or the checkpoint's file is of another training.
     """
-    half = training.n_errors / 2  # cost = half * mse
-    watch = None if validation is None else Validation(validation.mean_square, max_fail)
-    tests: list[float] = []
+    start = checked_start(training, weights, validation, test)
+    check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad, max_fail=max_fail)
+    damping = Classical(mu, mu_dec, mu_inc, mu_max)
+    log = Logbook(
+        "trainlm",
+        start,
+        training,
+        validation,
+        test,
+        epochs=epochs,
+        max_fail=max_fail,
+        n_memory=4,
+        callback=callback,
+        checkpoint=checkpoint,
+    )
 
-    def keep_test_error(state: State) -> None:
-        tests.append(np.nan if test is None else test.mean_square(state.x))
-        if callback is not None:
-            callback(epoch_of(state, training.n_errors, watch, lambda: state.x))
-
-    stops: list[Stop] = [
-        Goal(goal * half),
-        Epochs(epochs),
-        Seconds(time),
-        Gradient(min_grad * half),
-        DampingLimit(),
-    ]
-    with one_blas_thread():
-        result = levenberg_marquardt(
-            training,
-            weights,
-            damping=Classical(mu, mu_dec, mu_inc, mu_max),
-            stops=stops if watch is None else [*stops, watch],
-            callback=keep_test_error,
+    def keep(state: State) -> None:
+        log.keep(
+            state,
+            perf=state.cost / log.half,
+            gradient=state.gradient_norm / log.half,
+            memory=damping_memory(state),
         )
-    kept = result.x if watch is None or watch.best_x is None else watch.best_x
-    return kept, training_record(result, training.n_errors, watch, np.array(tests))
+
+    if not log.ended:
+        with one_blas_thread(), log:
+            levenberg_marquardt(
+                training,
+                log.damped_start(damping),
+                damping=damping,
+                stops=[
+                    Goal(goal * log.half),
+                    Epochs(epochs),
+                    Seconds(time),
+                    Gradient(min_grad * log.half),
+                    DampingLimit(),
+                    *log.stops,
+                ],
+                callback=keep,
+            )
+    return log.best_weights(), log.record(TrainingRecord)

@@ -85,6 +85,8 @@ class Nielsen:
     ----------
     relative_start : float
         The first damping, as a share of the largest diagonal element of ``J^T J`` (tau).
+    mu, growth, maximum : float
+        Damping, its factor at the next failure and its limit: set at the start, then by every step.
     """
 
     relative_start: float = 1e-3
@@ -95,6 +97,10 @@ class Nielsen:
     def __post_init__(self) -> None:
         if not 0 < self.relative_start < float("inf"):
             raise InputError(f"expected a first damping above zero, got {self.relative_start}")
+        if not (self.mu >= 0 and self.growth > 1 and self.maximum > 0):
+            raise InputError(
+                f"expected mu >= 0, growth > 1 and a maximum > 0, got {self.mu}, {self.growth}, {self.maximum}"
+            )
 
     def started(self, equations: NormalEquations) -> Nielsen:
         """Damping measured by the size of ``J^T J``."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from truearm.errors import TruearmError
 from truearm.solve.damping import Damping, Nielsen
 from truearm.solve.problem import NormalEquations, Problem
-from truearm.solve.stops import Epochs, Gradient, Reason, Settled, State, Stop
+from truearm.solve.stops import Epochs, Gradient, Reason, Settled, State, Stop, first_reason
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -35,27 +35,19 @@ class Result:
         Cost, gradient and Gauss-Newton matrix there.
     reason : Reason
         Why it ended.
-    history : tuple of State
-        One entry an epoch, the start first.
-    evaluations : int
-        Evaluations of the cost, the rejected steps included.
+    epochs : int
+        Epochs done.
     """
 
     x: FloatArray
     equations: NormalEquations
     reason: Reason
-    history: tuple[State, ...]
-    evaluations: int
+    epochs: int
 
     @property
     def cost(self) -> float:
         """Half the sum of squared residuals at `x`."""
         return self.equations.cost
-
-    @property
-    def epochs(self) -> int:
-        """Epochs done."""
-        return self.history[-1].epoch
 
     def covariance(self) -> FloatArray:
         """(p, p) covariance of `x` if the residuals have unit variance: see `NormalEquations.covariance`."""
@@ -64,7 +56,7 @@ class Result:
 
 def levenberg_marquardt(
     problem: Problem,
-    start: npt.ArrayLike,
+    start: npt.ArrayLike | State,
     *,
     damping: Damping | None = None,
     stops: Sequence[Stop] = DEFAULT_STOPS,
@@ -80,10 +72,11 @@ def levenberg_marquardt(
     ----------
     problem : Problem
         Gives cost and normal equations.
-    start : (p,) array
-        Where to begin.
+    start : (p,) array or State
+        Where to begin; or the state after an epoch of an earlier call, which then goes on as if it had not ended there.
+        Of it the epoch, parameters, damping, time and reason are used.
     damping : Damping, optional
-        `Nielsen()` by default.
+        `Nielsen()` by default. A state brings its own.
     stops : sequence of Stop
         Asked in this order after every epoch, and at the start.
     callback : callable, optional
@@ -102,49 +95,51 @@ def levenberg_marquardt(
     TruearmError
         If the cost at the start is not a finite number.
     """
-    x = np.array(start, dtype=float)
+    given = start if isinstance(start, State) else None
+    x = np.array(start if given is None else given.x, dtype=float)
     equations = problem.normal_equations(x)
     if not np.isfinite(equations.cost):
         raise TruearmError("the cost at the start is not a finite number: check the data for NaN and overflow")
-    damping = (damping or Nielsen()).started(equations)
-    history: list[State] = []
-    previous_cost, moved, promised, evaluations, begun = np.inf, True, 0.0, 1, time.perf_counter()
-    while True:
+    begun = time.perf_counter() - (0.0 if given is None else given.seconds)
+
+    def stand(epoch: int, damping: Damping, previous_cost: float, no_step: Reason | None = None) -> State:
+        """The state after an epoch, as told; `no_step` is why it did not move, if it did not."""
         state = State(
-            epoch=len(history),
+            epoch=epoch,
             x=x,
             cost=equations.cost,
             previous_cost=previous_cost,
             gradient_norm=float(np.linalg.norm(equations.gradient)),
-            mu=damping.mu,
-            mu_maximum=damping.maximum,
             seconds=time.perf_counter() - begun,
-            moved=moved,
+            moved=no_step is None,
+            damping=damping,
         )
-        history.append(state)
-        # Every rule sees every state: one that collects (validation) must not miss any.
-        reasons = [reason for reason in [stop(state) for stop in stops] if reason is not None]
+        state = replace(state, reason=first_reason(stops, state) or no_step)
         if callback is not None:
             callback(state)
-        if not moved:
-            reasons.append(SETTLED if promised <= ROUNDING * equations.cost else STUCK)
-        if reasons:
-            return Result(x, equations, reasons[0], tuple(history), evaluations)
-        previous_cost, moved, promised = equations.cost, False, 0.0
+        return state
+
+    state = given or stand(0, (damping or Nielsen()).started(equations), np.inf)
+    while state.reason is None:
+        assert state.damping is not None  # every state of this solver has one
+        damping, moved, promised = state.damping, False, 0.0
         while damping.mu < damping.maximum and not moved:
             step = equations.damped_step(damping.mu)
             if step is None:
                 damping = damping.failed()
                 continue
             cost, promise = problem.cost(x + step), equations.predicted_decrease(step)
-            evaluations += 1
             promised = max(promised, promise)
             if cost < equations.cost:
                 damping = damping.succeeded((equations.cost - cost) / promise if promise > 0 else 0.0)
                 x, moved = x + step, True
             else:
                 damping = damping.failed()
+        previous_cost = equations.cost
         if moved:
             equations = problem.normal_equations(x)
             if renew is not None:
                 problem, equations = renew(x, equations)
+        no_step = SETTLED if promised <= ROUNDING * equations.cost else STUCK
+        state = stand(state.epoch + 1, damping, previous_cost, None if moved else no_step)
+    return Result(x, equations, state.reason, state.epoch)

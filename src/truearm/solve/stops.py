@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from truearm.solve.damping import Damping
+
 FloatArray = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class Reason:
+    """Why a minimisation ended: a sentence, and whether that means success."""
+
+    text: str
+    converged: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class State:
-    """Where a minimisation stands after an epoch.
+    """Where a minimisation stands after an epoch: enough to go on from.
 
     Attributes
     ----------
@@ -26,12 +36,14 @@ class State:
         Half the sum of squares, now and an epoch ago (infinite at the start).
     gradient_norm : float
         Euclidean norm of ``J^T r``.
-    mu, mu_maximum : float
-        Damping and its limit.
     seconds : float
         Time since the start [s].
     moved : bool
         Whether the last epoch found a better point.
+    damping : Damping or None
+        As the next epoch will use it; None for a method that has none.
+    reason : Reason or None
+        Why the minimisation ends here; None while it goes on.
     """
 
     epoch: int
@@ -39,18 +51,15 @@ class State:
     cost: float
     previous_cost: float
     gradient_norm: float
-    mu: float
-    mu_maximum: float
     seconds: float
     moved: bool = True
+    damping: Damping | None = None
+    reason: Reason | None = None
 
-
-@dataclass(frozen=True)
-class Reason:
-    """Why a minimisation ended: a sentence, and whether that means success."""
-
-    text: str
-    converged: bool
+    @property
+    def mu(self) -> float:
+        """The damping parameter; NaN for a method without damping."""
+        return np.nan if self.damping is None else self.damping.mu
 
 
 class Stop(Protocol):
@@ -59,6 +68,12 @@ class Stop(Protocol):
     def __call__(self, state: State) -> Reason | None:
         """A reason to end at `state`, or None to go on."""
         ...
+
+
+def first_reason(stops: Sequence[Stop], state: State) -> Reason | None:
+    """The first rule's reason to end at `state`, or None to go on."""
+    # Every rule sees every state: one that collects (validation) must not miss any.
+    return next((reason for reason in [stop(state) for stop in stops] if reason is not None), None)
 
 
 @dataclass(frozen=True)
@@ -111,7 +126,8 @@ class DampingLimit:
 
     def __call__(self, state: State) -> Reason | None:
         """Reached when the damping is at its limit."""
-        return Reason("Maximum MU reached.", False) if state.mu >= state.mu_maximum else None
+        at_limit = state.damping is not None and state.damping.mu >= state.damping.maximum
+        return Reason("Maximum MU reached.", False) if at_limit else None
 
 
 @dataclass(frozen=True)
@@ -129,36 +145,62 @@ class Settled:
         return Reason("The cost has settled.", True)
 
 
+@dataclass(frozen=True, eq=False)
+class Best:
+    """The best point so far, as an error judges it. A value: a further point gives a new one.
+
+    Attributes
+    ----------
+    epoch : int
+        When it was found.
+    x : (p,) array
+        The point.
+    error : float
+        Its error.
+    failures : int
+        How many points since then were worse.
+    """
+
+    epoch: int
+    x: FloatArray
+    error: float
+    failures: int = 0
+
+    def followed_by(self, state: State, error: float) -> Best:
+        """The best after one more point; an equal error neither counts as a failure nor clears them, as in MATLAB."""
+        if error < self.error or np.isnan(self.error):
+            return Best(state.epoch, state.x, error)
+        return self if error == self.error else replace(self, failures=self.failures + 1)
+
+
 @dataclass(eq=False)
 class Validation:
-    """Stop when an error on data set aside has grown `max_fail` times in a row; remember the best point.
+    """Stop when the error on data set aside was worse `max_fail` times than the best; remember the best point.
 
-    Made anew for every minimisation: it collects what it saw.
+    Made anew for every minimisation: it collects what it saw. One that goes on is given the `best` so far.
 
     Parameters
     ----------
     error : callable
         Error on the data set aside at parameters (p,).
-    max_fail : int
-        Failures in a row that end the minimisation.
+    max_fail : float
+        Failures since the best that end the minimisation.
+    best : Best, optional
+        The best of earlier epochs.
+
+    Attributes
+    ----------
+    last_error : float
+        Error at the last state seen.
     """
 
     error: Callable[[FloatArray], float]
-    max_fail: int = 6
-    errors: list[float] = field(default_factory=list)
-    failures: list[int] = field(default_factory=list)
-    best_epoch: int = 0
-    best_x: FloatArray | None = None
+    max_fail: float = 6
+    best: Best | None = None
+    last_error: float = np.nan
 
     def __call__(self, state: State) -> Reason | None:
         """Reached when the last `max_fail` epochs brought nothing to the data set aside."""
-        error = self.error(state.x)
-        best = self.errors[self.best_epoch] if self.errors else np.inf
-        failures = self.failures[-1] if self.failures else 0
-        self.errors.append(error)
-        if error < best or self.best_x is None:
-            self.best_epoch, self.best_x, failures = state.epoch, state.x.copy(), 0
-        elif error > best:
-            failures += 1
-        self.failures.append(failures)
-        return Reason("Validation stop.", True) if failures >= self.max_fail else None
+        error = self.last_error = self.error(state.x)
+        self.best = Best(state.epoch, state.x, error) if self.best is None else self.best.followed_by(state, error)
+        return Reason("Validation stop.", True) if self.best.failures >= self.max_fail else None

@@ -1,0 +1,152 @@
+"""Gradient descent with momentum and an adaptive rate."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import TruearmError
+from truearm.solve.stops import Reason, State, Stop, first_reason
+
+FloatArray = npt.NDArray[np.float64]
+
+# Squares of what would follow come near the largest double.
+LOST = 1e100
+DIVERGED = Reason("The error has grown beyond all bounds: the learning rate is too large.", False)
+
+
+class Smooth(Protocol):
+    """A problem in p parameters with a gradient."""
+
+    def gradient(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """Cost, and its gradient (p,), at `x` (p,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DescentState(State):
+    """Where a descent stands after an epoch; costs and gradients are those of its problem.
+
+    Attributes
+    ----------
+    rate : float
+        As the next epoch will use it.
+    step : (p,) array
+        What momentum carries on: the last step, or ``-rate * gradient`` at the start and after a refused step.
+    """
+
+    rate: float
+    step: FloatArray
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How far a descent goes along the gradient, and how it learns that from its steps.
+
+    Parameters
+    ----------
+    start : float
+        The first rate.
+    momentum : float
+        The share of the last step in the next.
+    increase, decrease : float
+        Factors of the rate after a step that lowered the cost, and after one that was refused.
+    most_rise : float
+        A step is refused if it multiplies the cost by more than this.
+    """
+
+    start: float
+    momentum: float = 0.0
+    increase: float = 1.0
+    decrease: float = 1.0
+    most_rise: float = float("inf")
+
+
+def gradient_descent(
+    problem: Smooth,
+    start: npt.ArrayLike | DescentState,
+    *,
+    rate: Rate,
+    stops: Sequence[Stop],
+    callback: Callable[[DescentState], None] | None = None,
+) -> DescentState:
+    """Follow the gradient down.
+
+    Every epoch tries ``step = momentum * last step - (1 - momentum) * rate * gradient``; at the start, and after a
+    refused step, momentum has nothing to carry on, and it is ``-rate * gradient``.
+
+    Source: T. P. Vogl, J. K. Mangis, A. K. Rigler, W. T. Zink, D. L. Alkon, "Accelerating the convergence of the
+    back-propagation method", Biological Cybernetics 59 (1988) 257; M. T. Hagan, H. B. Demuth, M. Beale, "Neural Network
+    Design" (1996), chapter 12, "variable learning rate".
+
+    Parameters
+    ----------
+    problem : Smooth
+        Gives cost and gradient.
+    start : (p,) array or DescentState
+        Where to begin; or the state after an epoch of an earlier call, which then goes on as if it had not ended there.
+        Of it the epoch, parameters, rate, step, time and reason are used.
+    rate : Rate
+        A state brings the present rate.
+    stops : sequence of Stop
+        Asked in this order after every epoch, and at the start.
+    callback : callable, optional
+        Told the state after every epoch, and at the start, once the stops were asked.
+
+    Returns
+    -------
+    DescentState
+        The last one.
+
+    Raises
+    ------
+    TruearmError
+        If the cost at the start is not a finite number.
+    """
+    given = start if isinstance(start, DescentState) else None
+    x = np.array(start if given is None else given.x, dtype=float)
+    cost, gradient = problem.gradient(x)
+    if not np.isfinite(cost):
+        raise TruearmError("the cost at the start is not a finite number: check the data for NaN and overflow")
+    begun = time.perf_counter() - (0.0 if given is None else given.seconds)
+
+    def stand(epoch: int, previous_cost: float, now: float, step: FloatArray, **more: Any) -> DescentState:
+        """The state after an epoch, as told."""
+        state = DescentState(
+            epoch=epoch,
+            x=x,
+            cost=cost,
+            previous_cost=previous_cost,
+            gradient_norm=float(np.linalg.norm(gradient)),
+            seconds=time.perf_counter() - begun,
+            rate=now,
+            step=step,
+            **more,
+        )
+        state = replace(state, reason=first_reason(stops, state) or state.reason)
+        if callback is not None:
+            callback(state)
+        return state
+
+    state = given or stand(0, np.inf, rate.start, -rate.start * gradient)
+    while state.reason is None:
+        now, previous_cost, lost = state.rate, cost, None
+        step = rate.momentum * state.step - (1 - rate.momentum) * now * gradient
+        with np.errstate(over="ignore", invalid="ignore"):  # a rate too large is found by its cost
+            tried_cost, tried_gradient = problem.gradient(x + step)
+        moved = tried_cost <= LOST and (tried_cost <= cost or tried_cost <= rate.most_rise * cost)
+        if moved:
+            now *= rate.increase if tried_cost < cost else 1.0
+            x, cost, gradient = x + step, tried_cost, tried_gradient
+        else:
+            # What would be tried again unchanged ends here.
+            lost = DIVERGED if rate.decrease == 1 else None
+            now *= rate.decrease
+            step = -now * gradient
+        state = stand(state.epoch + 1, previous_cost, now, step, moved=moved, reason=lost)
+    return state
