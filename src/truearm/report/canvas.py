@@ -24,6 +24,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 from matplotlib.image import imsave
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import blended_transform_factory
 
 from truearm.errors import InputError
@@ -154,6 +155,16 @@ def panel(width_in: float, height_in: float, *, rows: int = 1, top_in: float = 0
             0.11, 0.5, transform=blended_transform_factory(drawing.dpi_scale_trans, each.transAxes)
         )
     return drawing, list(axes)
+
+
+def log_scale(axes: Axes, which: str, low: float, high: float) -> None:
+    """Give an axis ("x" or "y") a logarithmic scale from `low` to `high`, labelled with plain numbers."""
+    getattr(axes, f"set_{which}scale")("log")
+    axis = getattr(axes, f"{which}axis")
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 400 * low else (1,), numticks=20))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+    getattr(axes, f"set_{which}lim")(low, high)
 
 
 def short(name: object, *, longest: int = 26) -> str:

@@ -42,6 +42,17 @@ class Grid:
         return tuple(any(cell.is_number for cell in column) for column in zip(*self.rows, strict=True))
 
     @property
+    def groups(self) -> tuple[tuple[Column, int], ...]:
+        """Heads in a row, each with the number of columns below it; a column without a group stands alone."""
+        heads: list[tuple[Column, int]] = []
+        for head in self.heads:
+            if heads and head.group and heads[-1][0].group == head.group:
+                heads[-1] = (heads[-1][0], heads[-1][1] + 1)
+            else:
+                heads.append((head, 1))
+        return tuple(heads)
+
+    @property
     def room(self) -> tuple[int, ...]:
         """For each column, the room right of the decimal point, in characters."""
         if not self.rows:

@@ -49,11 +49,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Column:
-    """The head of a column: its heading, its unit, and the significant digits of its numbers."""
+    """The head of a column: its heading, its unit, and the significant digits of its numbers.
+
+    Neighbouring columns of one `group` stand under it as a common head, which then has their unit.
+    """
 
     heading: str
     unit: str = ""
     digits: int = 3
+    group: str = ""
 
 
 @dataclass(frozen=True)

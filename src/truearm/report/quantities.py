@@ -67,6 +67,17 @@ def format_number(value: float, *, uncertainty: float | None = None, digits: int
     return _fixed(value, max(digits - 1 - exponent, 0))
 
 
+def format_in_text(value: float, *, unit: str = "", digits: int = 3) -> str:
+    """Give a number as a sentence has it: to `digits` significant digits, but a whole one without decimals.
+
+    The unit is never parted from it at the end of a line.
+    """
+    text = format_number(float(value), digits=digits)
+    if "." in text and not text.partition(".")[2].strip("0"):
+        text = text.partition(".")[0]
+    return f"{text}{THIN_SPACE}{unit}" if unit else text
+
+
 def format_uncertainty(uncertainty: float) -> str:
     """Give a standard uncertainty to two significant digits."""
     uncertainty = _not_negative(uncertainty)

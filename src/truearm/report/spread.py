@@ -9,7 +9,6 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from truearm.report.arrays import FloatArray, distances
 from truearm.report.canvas import (
@@ -21,6 +20,7 @@ from truearm.report.canvas import (
     Style,
     drawing_rules,
     listed,
+    log_scale,
     panel,
     short,
     styles_of,
@@ -168,14 +168,10 @@ def _with_key(
 def _error_axis(axes: Axes, errors: Mapping[str, FloatArray], logarithmic: bool) -> None:
     axes.set_xlabel("error [mm]")
     if logarithmic:
-        axes.set_xscale("log")
-        low, high = _ends(errors, logarithmic)
-        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 400 * low else (1,), numticks=20))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.xaxis.set_minor_formatter(NullFormatter())
+        log_scale(axes, "x", *_ends(errors, logarithmic))
     else:
         axes.locator_params(axis="x", nbins=6)
-    axes.set_xlim(*_ends(errors, logarithmic))
+        axes.set_xlim(*_ends(errors, logarithmic))
 
 
 def _needs_log(errors: Mapping[str, FloatArray]) -> bool:

@@ -1,0 +1,126 @@
+"""The final test of Gao et al. (2017): poses before and after compensation, and what the share removed means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from statistics import median
+
+from truearm.report.by_reading import coordinates_by_reading, errors_by_reading
+from truearm.report.canvas import Figure, Style, listed
+from truearm.report.claims import share_removed
+from truearm.report.page import Cell, Column, Section, Table
+from truearm.report.quantities import format_in_text
+from truearm.report.reproduced import FinalTest, Reproduced
+from truearm.report.wording import as_figure, counted, middle_and_span, millimetres, not_run, percentage, whole
+
+
+def final_test_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section:
+    """Set the final test beside the paper's, with Figures 6 to 8."""
+    title = "Error before and after (Figures 6 to 8)"
+    drawn = found.figures
+    pictures: list[Figure] = []
+    if drawn.figure_6 is not None:
+        pictures.append(as_figure(6, errors_by_reading({"nominal": drawn.figure_6.deviation_mm}, styles=styles)))
+    if drawn.figure_7 is not None:
+        points, predicted = drawn.figure_7.points_mm, drawn.figure_7.predicted_mm
+        pictures.append(as_figure(7, coordinates_by_reading(points, {"network": predicted}, styles=styles)))
+    if drawn.figure_8 is not None:
+        pictures.append(as_figure(8, errors_by_reading({"network": drawn.figure_8.deviation_mm}, styles=styles)))
+    made = {6: drawn.figure_6, 7: drawn.figure_7, 8: drawn.figure_8}
+    told = [not_run(f"Figure {k}", f"--figure {k}") for k, part in made.items() if part is None]
+    if found.final_test is None:
+        return Section(title, "\n\n".join([not_run("The final test", "--all"), *told]), figures=tuple(pictures))
+    test = found.final_test
+    removed = test.removed_percent_by_model()
+    beside = listed(f"{name} {percentage(share / 100)}" for name, share in removed.items())
+    first = (
+        f"The paper's final test: {test.poses} further poses, and the share of the nominal error that is gone. The "
+        f"paper says {percentage(test.paper.removed_percent / 100)}. On {counted(len(test.runs), 'virtual arm')} the "
+        f"median is: {beside or 'nothing was fitted'}. An error is the absolute error of one coordinate, of "
+        f"{3 * test.poses} in all."
+    )
+    return Section(title, "\n\n".join([first, *told]), tables=(_final_table(test),), figures=tuple(pictures))
+
+
+def _final_table(test: FinalTest) -> Table:
+    runs = test.runs
+    lines: list[tuple[Cell, ...]] = [
+        ("paper, nominal", test.paper.nominal.mean_mm, None, test.paper.nominal.max_mm, None, *[None] * 4),
+        (
+            "paper, network",
+            test.paper.network.mean_mm,
+            None,
+            test.paper.network.max_mm,
+            None,
+            test.paper.network.over_0_05,
+            test.paper.network.over_0_08,
+            test.paper.removed_percent,
+            None,
+        ),
+        (
+            "nominal",
+            *middle_and_span([run.nominal_mean_mm for run in runs]),
+            *middle_and_span([run.nominal_max_mm for run in runs]),
+            *[None] * 4,
+        ),
+    ]
+    for name, fits in test.fits().items():
+        lines.append(
+            (
+                name,
+                *middle_and_span([fit.mean_mm for fit in fits]),
+                *middle_and_span([fit.max_mm for fit in fits]),
+                whole(float(median(fit.over_0_05 for fit in fits))),
+                whole(float(median(fit.over_0_08 for fit in fits))),
+                float(median(fit.removed_percent for fit in fits)),
+                float(median(fit.seconds for fit in fits)),
+            )
+        )
+    lines.append(("noise floor", *middle_and_span([run.noise_floor_mm for run in runs]), *[None] * 6))
+    return Table(
+        (
+            Column("model"),
+            Column("median", "mm", group="mean error"),
+            Column("range", "mm", group="mean error"),
+            Column("median", "mm", group="largest error"),
+            Column("range", "mm", group="largest error"),
+            Column("> 0.05\u00a0mm", group=f"of {3 * test.poses} coordinates"),
+            Column("> 0.08\u00a0mm", group=f"of {3 * test.poses} coordinates"),
+            Column("removed", "%"),
+            Column("fit", "s"),
+        ),
+        tuple(lines),
+        f"The final test on {counted(len(runs), 'virtual arm')}: medians and ranges",
+    )
+
+
+def share_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section:
+    """Say what the share removed means."""
+    percent = found.claims.percent
+    test = found.final_test
+    title = (
+        f"What {percentage(test.paper.removed_percent / 100)} means"
+        if test is not None
+        else "What a share removed means"
+    )
+    if percent is None:
+        return Section(title, not_run("This part", "--all"))
+    nominal, network, floor = percent.nominal_mean_mm, percent.network_mean_mm, percent.floor_mm
+    told = (
+        f"{percentage(percent.removed_percent / 100)} removed of a mean error of {millimetres(nominal)} leaves "
+        f"{millimetres(network)}. The noise of the readings alone, which no model can know, makes "
+        f"{millimetres(floor)}: more than {percentage(1 - floor / nominal)} could not be removed, and the network's "
+        f"error is {format_in_text(network / floor)} times that floor.\n\n"
+        "A share says as much of the state before as of the model. Had the arm been ten times better before, "
+        f"{millimetres(nominal / 10)}, the same {millimetres(network)} left would be "
+        f"{percentage(1 - network / (nominal / 10))} removed. What counts in use is the error that is left, and where: "
+        "the share holds inside the box of joint angles that the network was trained in."
+    )
+    errors = {"nominal": nominal}
+    if test is not None:
+        errors["paper"] = test.paper.network.mean_mm
+        errors |= {name: float(median(fit.mean_mm for fit in fits)) for name, fits in test.fits().items()}
+    else:
+        errors["network"] = network
+    errors["noise floor"] = floor
+    return Section(title, told, figures=(share_removed(errors, before="nominal", styles=styles),))

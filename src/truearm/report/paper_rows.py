@@ -1,0 +1,261 @@
+"""Rows of a published table beside what was found: every start a mark, so that scatter is seen, not only a median."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Drawing
+from matplotlib.lines import Line2D
+
+from truearm.errors import InputError
+from truearm.report.arrays import finite
+from truearm.report.canvas import FAINT, INK, Figure, Style, drawing_rules, log_scale, short, styles_of
+from truearm.report.quantities import format_number
+
+PAPER = Style(INK, "D", ":")  # the paper's own numbers, in every figure
+_WIDTH_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 4.7, 0.27, 0.52, 0.44
+_LETTER_IN = 0.082
+_SOFT = "#5a616b"
+
+
+@dataclass(frozen=True)
+class PaperRow:
+    """One row of a published table and what was found for it.
+
+    Parameters
+    ----------
+    label : tuple of str
+        The row's settings, a cell for each heading of the figure.
+    paper_mm, paper_s : float
+        Mean error [mm] and training time [s] as published.
+    errors_mm : mapping of str to sequence of float
+        For each trainer the mean error of each of its starts [mm].
+    seconds : mapping of str to sequence of (float or None)
+        For each trainer, when each start first was as accurate as the paper [s]; None for one that never was.
+    """
+
+    label: tuple[str, ...]
+    paper_mm: float
+    paper_s: float
+    errors_mm: Mapping[str, Sequence[float]]
+    seconds: Mapping[str, Sequence[float | None]]
+
+    def __post_init__(self) -> None:
+        name = " ".join(self.label)
+        for trainer, values in self.errors_mm.items():
+            finite(values, f"errors of {trainer!r} in row {name!r}")
+        reached = [second for values in self.seconds.values() for second in values if second is not None]
+        for value in (self.paper_mm, self.paper_s, *reached, *(e for es in self.errors_mm.values() for e in es)):
+            if not (math.isfinite(value) and value >= 0):
+                raise InputError(f"expected errors and times of zero or more in row {name!r}, got {value}")
+
+
+def rows_beside_paper(
+    rows: Sequence[PaperRow], *, headings: Sequence[str], styles: Mapping[str, Style] | None = None
+) -> Figure:
+    """Draw the mean error of every start beside the paper's, and how long it took to be as accurate as the paper.
+
+    Parameters
+    ----------
+    rows : sequence of PaperRow
+    headings : sequence of str
+        Over the cells of the rows' labels.
+    styles : mapping of str to Style, optional
+        From `styles_of`.
+    """
+    rows = list(rows)
+    if not rows:
+        raise InputError("expected at least one row of the paper, got none")
+    for row in rows:
+        if len(row.label) != len(headings):
+            raise InputError(f"expected a label of {len(headings)} cells for every row, got {row.label}")
+    trainers = list(dict.fromkeys(trainer for row in rows for trainer in row.errors_mm))
+    pens = styles_of(trainers, styles)
+    with drawing_rules():
+        panels = (_errors(rows, headings, pens), _times(rows, headings[:1], pens))
+    told = "; ".join(f"{short(name)} {_reached(rows, name)}" for name in trainers)
+    return Figure(
+        panels,
+        caption="Left: mean error of each start (small marks) and the median (large) beside the paper's value (black "
+        "diamond). Right: time until the error first was at or below the paper's, median of the starts that got there, "
+        "beside the paper's training time, which was measured on another machine; the numbers at the edge are the "
+        f"starts that got there. Both scales are logarithmic. As accurate as the paper in half of the starts or more: "
+        f"{told or 'nothing was run'}.",
+        alt=f"Dot plots, a row for each of {len(rows)} rows of the paper's table: mean errors, and times to the "
+        f"paper's accuracy. As accurate as the paper in half of the starts or more: {told or 'nothing was run'}.",
+        columns=2,
+    )
+
+
+def gets_there(seconds: Sequence[float | None]) -> bool:
+    """Whether at least half of the starts became as accurate as the paper."""
+    reached = sum(second is not None for second in seconds)
+    return len(seconds) > 0 and 2 * reached >= len(seconds)
+
+
+def _reached(rows: Sequence[PaperRow], trainer: str) -> str:
+    run = [row.seconds[trainer] for row in rows if row.seconds.get(trainer)]
+    return f"in {format_number(sum(map(gets_there, run)))} of {format_number(len(run))} rows"
+
+
+def _errors(rows: Sequence[PaperRow], headings: Sequence[str], pens: Mapping[str, Style]) -> Drawing:
+    drawing, axes = _sheet(rows, headings, pens, title="mean error", right_in=0.14)
+    values = [row.paper_mm for row in rows] + [e for row in rows for es in row.errors_mm.values() for e in es]
+    log_scale(axes, "x", *_ends(values))
+    for base, row in zip(_bases(rows), rows, strict=True):
+        for shift, (name, pen) in zip(_shifts(pens), pens.items(), strict=True):
+            starts = row.errors_mm.get(name, ())
+            _marks(axes, starts, base + shift, pen, median=float(np.median(starts)) if len(starts) else None)
+        _diamond(axes, row.paper_mm, base)
+    axes.set_xlabel("mean error of a coordinate [mm]")
+    return drawing
+
+
+def _times(rows: Sequence[PaperRow], headings: Sequence[str], pens: Mapping[str, Style]) -> Drawing:
+    drawing, axes = _sheet(
+        rows, headings, pens, title="time to the paper's mean error", right_in=0.2 + 0.36 * len(pens)
+    )
+    got = {(i, name): _numbers(row.seconds.get(name, ())) for i, row in enumerate(rows) for name in pens}
+    log_scale(axes, "x", *_ends([row.paper_s for row in rows] + [s for times in got.values() for s in times]))
+    for i, (base, row) in enumerate(zip(_bases(rows), rows, strict=True)):
+        for k, (shift, (name, pen)) in enumerate(zip(_shifts(pens), pens.items(), strict=True)):
+            times = got[i, name]
+            half = gets_there(row.seconds.get(name, ()))
+            _marks(axes, times, base + shift, pen, median=float(np.median(times)) if half else None)
+            started = len(row.seconds.get(name, ()))
+            if started:
+                axes.annotate(
+                    f"{len(times)}/{started}",
+                    xy=(1, base),
+                    xycoords=axes.get_yaxis_transform(),
+                    xytext=(22 + 26 * k, 0),
+                    textcoords="offset points",
+                    ha="center",
+                    va="center",
+                    fontsize=7.5,
+                    color=pen.colour,
+                )
+        _diamond(axes, row.paper_s, base)
+    axes.set_xlabel("time [s]")
+    return drawing
+
+
+def _sheet(
+    rows: Sequence[PaperRow], headings: Sequence[str], pens: Mapping[str, Style], *, title: str, right_in: float
+) -> tuple[Drawing, Axes]:
+    """Make a panel with a line for each row, the cells of its label in columns on the left, and a key."""
+    widths = [
+        _LETTER_IN * max(len(headings[k]), *(len(short(row.label[k], longest=24)) for row in rows)) + 0.1
+        for k in range(len(headings))
+    ]
+    left_in = 0.06 + sum(widths)
+    height_in = _HEAD_IN + _FOOT_IN + _ROW_IN * len(rows)
+    drawing = Drawing(figsize=(_WIDTH_IN, height_in))
+    FigureCanvasAgg(drawing)
+    axes = drawing.add_axes(
+        (
+            left_in / _WIDTH_IN,
+            _FOOT_IN / height_in,
+            1 - (left_in + right_in) / _WIDTH_IN,
+            1 - (_HEAD_IN + _FOOT_IN) / height_in,
+        )
+    )
+    axes.set_ylim(-0.5, len(rows) - 0.5)
+    axes.set_yticks([])
+    axes.grid(visible=False, axis="y")
+    axes.spines["left"].set_visible(False)
+    for base in _bases(rows):
+        axes.axhline(base, color=FAINT, linewidth=0.5, zorder=0)
+    where_in = 0.06
+    for k, width in enumerate(widths):
+        cells = [(float(base), short(row.label[k], longest=24)) for base, row in zip(_bases(rows), rows, strict=True)]
+        place = (where_in - left_in) * 72
+        for height, text in [(len(rows) - 0.25, headings[k]), *cells]:
+            axes.annotate(
+                text,
+                xy=(0, height),
+                xycoords=axes.get_yaxis_transform(),
+                xytext=(place, 0),
+                textcoords="offset points",
+                va="center",
+                color=_SOFT if height > len(rows) - 0.5 else INK,
+            )
+        where_in += width
+    drawing.text(0.06 / _WIDTH_IN, 1 - 0.06 / height_in, title, va="top", fontsize=9, weight="bold")
+    _key(drawing, pens, height_in)
+    return drawing, axes
+
+
+def _key(drawing: Drawing, pens: Mapping[str, Style], height_in: float) -> None:
+    entries = {"paper": PAPER, **pens}
+    handles = [
+        Line2D([], [], color=pen.colour, marker=pen.marker, linestyle="none", markersize=4.5)
+        for pen in entries.values()
+    ]
+    drawing.legend(
+        handles,
+        [f" {short(name, longest=14)}" for name in entries],
+        loc="upper right",
+        bbox_to_anchor=(1.0, 1 - 0.01 / height_in),
+        ncols=len(entries),
+        handlelength=0.8,
+        handletextpad=0.2,
+        columnspacing=0.9,
+        borderpad=0.2,
+        labelcolor=INK,
+    )
+
+
+def _bases(rows: Sequence[PaperRow]) -> range:
+    return range(len(rows) - 1, -1, -1)
+
+
+def _shifts(pens: Mapping[str, Style]) -> list[float]:
+    """Give each trainer its height within a row, the first on top."""
+    return [0.22 - 0.44 * k / max(len(pens) - 1, 1) if len(pens) > 1 else 0.0 for k in range(len(pens))]
+
+
+def _marks(axes: Axes, values: Sequence[float], height: float, pen: Style, *, median: float | None) -> None:
+    positive = [value for value in values if value > 0]
+    axes.plot(
+        positive, [height] * len(positive), pen.marker, color=pen.colour, markersize=2.6, alpha=0.55, markeredgewidth=0
+    )
+    if median is not None and median > 0:
+        axes.plot(
+            [median],
+            [height],
+            pen.marker,
+            color=pen.colour,
+            markersize=5.2,
+            markeredgecolor="white",
+            markeredgewidth=0.7,
+        )
+
+
+def _diamond(axes: Axes, value: float, height: float) -> None:
+    if value > 0:
+        axes.plot(
+            [value],
+            [height],
+            "D",
+            color=PAPER.colour,
+            markersize=4.4,
+            markeredgecolor="white",
+            markeredgewidth=0.6,
+            zorder=4,
+        )
+
+
+def _numbers(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None]
+
+
+def _ends(values: Iterable[float]) -> tuple[float, float]:
+    """Give the ends of a logarithmic scale with a little room; zero has no place on it."""
+    positive = [value for value in values if value > 0] or [1.0]
+    return min(positive) / 1.5, max(positive) * 1.5

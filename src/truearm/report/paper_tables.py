@@ -1,0 +1,279 @@
+"""Tables 2, 3 and 4 of Gao et al. (2017) beside what was found: accuracy, effort, verdicts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from truearm.report.canvas import Style, listed
+from truearm.report.page import Cell, Column, Section, Table
+from truearm.report.paper_rows import PaperRow, gets_there, rows_beside_paper
+from truearm.report.quantities import format_given, format_in_text, format_number
+from truearm.report.reproduced import TableRow, Trained
+from truearm.report.wording import capitalised, counted, not_run, rows_named, span_cell
+
+_SUBJECT = {
+    2: "a simulation: one hidden layer, other numbers of poses, goals, learning rates and units",
+    3: "a simulation: larger networks, and three training functions",
+    4: "the experiment on a real arm, here on virtual arms",
+}
+
+
+def table_section(number: int, rows: Sequence[TableRow] | None, *, styles: Mapping[str, Style]) -> Section:
+    """Set a table of the paper beside what was found: accuracy, effort, and a picture of both.
+
+    Parameters
+    ----------
+    number : int
+        Of the table: 2, 3 or 4.
+    rows : sequence of TableRow, optional
+        None or empty if the table was not run.
+    styles : mapping of str to Style
+        For ``faithful`` and ``lm``.
+    """
+    title = f"Table {number}"
+    if not rows:
+        return Section(title, not_run(title, f"--table {number}"))
+    told = [
+        f"Table {number} of the paper is {_SUBJECT[number]}. "
+        + " ".join(accuracy_told(rows, name) for name in ("faithful", "lm") if as_accurate(rows, name)[1]),
+        *(
+            f"Rule of the verdicts. {capitalised(rule)}."
+            for rule in dict.fromkeys(row.rule.rstrip(".") for row in rows)
+        ),
+        _starts_told(rows),
+        *_notes_told(rows),
+    ]
+    return Section(
+        title,
+        "\n\n".join(part for part in told if part),
+        tables=(_accuracy(number, rows), _effort(number, rows)),
+        figures=(rows_beside_paper([_beside(row) for row in rows], headings=("row", "poses", "units"), styles=styles),),
+    )
+
+
+def _accuracy(number: int, rows: Sequence[TableRow]) -> Table:
+    columns = [
+        Column("row"),
+        Column("poses"),
+        Column("units"),
+        Column("paper", "mm", group="mean error"),
+        Column("faithful", "mm", group="mean error"),
+        Column("range", "mm", group="mean error"),
+        Column("lm", "mm", group="mean error"),
+        Column("range", "mm", group="mean error"),
+        Column("paper", "mm", group="largest error"),
+        Column("faithful", "mm", group="largest error"),
+        Column("lm", "mm", group="largest error"),
+        Column("faithful", group="mean / paper's", digits=2),
+        Column("lm", group="mean / paper's", digits=2),
+        Column("faithful", group="verdict"),
+        Column("lm", group="verdict"),
+    ]
+    lines: list[tuple[Cell, ...]] = [
+        (
+            row.row,
+            row.n_train,
+            _units(row),
+            row.paper.mean_mm,
+            *_median_and_range(row, "faithful"),
+            *_median_and_range(row, "lm"),
+            row.paper.max_mm,
+            *(_of(row, name, lambda trained: trained.median.max_mm) for name in ("faithful", "lm")),
+            row.ratio.mean.faithful,
+            row.ratio.mean.ours,
+            row.verdict.replace(" ", "\u00a0"),
+            row.verdict_ours and row.verdict_ours.replace(" ", "\u00a0"),
+        )
+        for row in rows
+    ]
+    one_size = len({row.n_train for row in rows}) == 1
+    keep = [k for k in range(len(columns)) if (k < 3 and not (k == 1 and one_size)) or _filled(lines, k)]
+    poses = f", {format_number(rows[0].n_train)} poses" if one_size else ""
+    return Table(
+        tuple(columns[k] for k in keep),
+        tuple(tuple(line[k] for k in keep) for line in lines),
+        f"Table {number}, accuracy{poses}. Error of a single coordinate: means on 2000 further poses, median and range "
+        "of the starts; the largest error on as many poses as the paper tested, median of the starts",
+    )
+
+
+def _effort(number: int, rows: Sequence[TableRow]) -> Table:
+    columns = [
+        Column("row"),
+        Column("units"),
+        Column("learning rate"),
+        Column("goal"),
+        Column("paper", group="epochs"),
+        Column("faithful", group="epochs"),
+        Column("lm", group="epochs"),
+        Column("paper", "s", group="training time"),
+        Column("faithful", "s", group="training time"),
+        Column("lm", "s", group="training time"),
+        Column("faithful", "s", group="time to the paper's mean error"),
+        Column("starts", "s", group="time to the paper's mean error"),
+        Column("lm", "s", group="time to the paper's mean error"),
+        Column("starts", "s", group="time to the paper's mean error"),
+        Column("faithful stopped by"),
+    ]
+    lines: list[tuple[Cell, ...]] = [
+        (
+            row.row,
+            _units(row),
+            None if row.learning_rate is None else format_given(row.learning_rate),
+            None if row.goal is None else _power(row.goal),
+            row.paper.epochs,
+            *(_of(row, name, lambda trained: round(trained.median.epochs)) for name in ("faithful", "lm")),
+            row.paper.seconds,
+            *(_of(row, name, lambda trained: trained.median.seconds) for name in ("faithful", "lm")),
+            *_time_to_paper(row, "faithful"),
+            *_time_to_paper(row, "lm"),
+            _stops(row),
+        )
+        for row in rows
+    ]
+    # Settings that no row of the table varies are said in its caption.
+    same = {k: {line[k] for line in lines} for k in (2, 3)}
+    keep = [k for k in range(len(columns)) if (k not in same or len(same[k]) > 1) and (k < 2 or _filled(lines, k))]
+    fixed = "".join(
+        f", {columns[k].heading} {next(iter(values))}"
+        for k, values in same.items()
+        if len(values) == 1 and None not in values
+    )
+    return Table(
+        tuple(columns[k] for k in keep),
+        tuple(tuple(line[k] for k in keep) for line in lines),
+        f"Table {number}, effort{fixed}. Medians of the starts. Time to the paper's mean error: until the error on "
+        "2000 further poses first was at or below it, median of the starts that got there, and how many did",
+    )
+
+
+def _filled(lines: Iterable[Sequence[Cell]], column: int) -> bool:
+    return any(line[column] is not None for line in lines)
+
+
+def _median_and_range(row: TableRow, name: str) -> tuple[Cell, Cell]:
+    trained = row.by_trainer().get(name)
+    if trained is None:
+        return None, None
+    return trained.median.mean_many_mm, span_cell(trained.range.mean_many_mm if len(trained.runs) > 1 else (0.0,))
+
+
+def _time_to_paper(row: TableRow, name: str) -> tuple[Cell, Cell]:
+    trained = row.by_trainer().get(name)
+    if trained is None:
+        return None, None
+    times = [run.seconds_to_paper for run in trained.runs]
+    reached = [time for time in times if time is not None]
+    return (float(np.median(reached)) if reached else None), f"{len(reached)}/{len(times)}"
+
+
+def _stops(row: TableRow) -> str | None:
+    if row.faithful is None:
+        return None
+    stops = Counter(run.stop.strip().rstrip(".") for run in row.faithful.runs)
+    # MATLAB's "Maximum epoch reached" and the like: the words a MATLAB user knows.
+    return listed((stop if len(stops) == 1 else f"{stop} ({n})" for stop, n in stops.most_common()), most=2)
+
+
+def _of(row: TableRow, name: str, value: Callable[[Trained], Cell]) -> Cell:
+    trained = row.by_trainer().get(name)
+    return None if trained is None else value(trained)
+
+
+def _units(row: TableRow) -> str:
+    hidden = ", ".join(str(units) for units in row.hidden)
+    activation = "" if row.activation == "tansig" else f" {row.activation}"
+    trainer = "" if row.paper.trainer == "trainlm" else f" {row.paper.trainer}"
+    return f"{hidden}{activation}{trainer}"
+
+
+def _beside(row: TableRow) -> PaperRow:
+    trained = row.by_trainer()
+    return PaperRow(
+        (str(row.row), str(row.n_train), _units(row)),
+        row.paper.mean_mm,
+        row.paper.seconds,
+        {name: [run.mean_many_mm for run in t.runs] for name, t in trained.items()},
+        {name: [run.seconds_to_paper for run in t.runs] for name, t in trained.items()},
+    )
+
+
+def _starts_told(rows: Sequence[TableRow]) -> str:
+    told = []
+    for name in ("faithful", "lm"):
+        by_starts: dict[int, list[int]] = {}
+        by_limit: dict[float, list[int]] = {}
+        for row in rows:
+            trained = row.by_trainer().get(name)
+            if trained is not None:
+                by_starts.setdefault(len(trained.runs), []).append(row.row)
+                if trained.time_limit_s is not None:
+                    by_limit.setdefault(trained.time_limit_s, []).append(row.row)
+        if not by_starts:
+            continue
+        most = max(by_starts, key=lambda n: len(by_starts[n]))
+        others = [f"{n} in {rows_named(numbers)}" for n, numbers in sorted(by_starts.items()) if n != most]
+        text = f"{name}: {counted(most, 'start')}" + (f" ({', '.join(others)})" if others else "")
+        limits = [
+            f"{format_in_text(limit, unit='s')} in {rows_named(numbers)}" for limit, numbers in sorted(by_limit.items())
+        ]
+        told.append(text + (f", time limit {', '.join(limits)}" if limits else ""))
+    return f"Random starts of each row. {'; '.join(told)}." if told else ""
+
+
+def _notes_told(rows: Sequence[TableRow]) -> list[str]:
+    notes: dict[str, list[int]] = {}
+    for row in rows:
+        if row.note:
+            notes.setdefault(row.note.strip(), []).append(row.row)
+    told = [f"{capitalised(rows_named(numbers))}: {note}" for note, numbers in notes.items()]
+    same: dict[int, list[int]] = {}
+    for row in rows:
+        if row.same_training_as is not None and not row.note:
+            same.setdefault(row.same_training_as, []).append(row.row)
+    told += [
+        f"{capitalised(rows_named(numbers))} {'repeat' if len(numbers) > 1 else 'repeats'} the training of row {first}."
+        for first, numbers in same.items()
+    ]
+    return told
+
+
+def _power(value: float) -> str:
+    """Give 4e-05 as 4e-5: as MATLAB's users type it."""
+    mantissa, _, exponent = f"{value:g}".partition("e")
+    return f"{mantissa}e{int(exponent)}" if exponent else mantissa
+
+
+def as_accurate(rows: Iterable[TableRow], name: str) -> tuple[int, int]:
+    """In how many rows at least half of the starts became as accurate as the paper, and how many rows were run."""
+    run = [row.by_trainer()[name].runs for row in rows if name in row.by_trainer()]
+    return sum(gets_there([start.seconds_to_paper for start in starts]) for starts in run), len(run)
+
+
+def sooner(rows: Iterable[TableRow]) -> list[float]:
+    """For each row where both get there, how many times sooner lm has the paper's mean error than faithful."""
+    ratios = []
+    for row in rows:
+        times = {}
+        for name, trained in row.by_trainer().items():
+            seconds = [run.seconds_to_paper for run in trained.runs]
+            if gets_there(seconds):
+                times[name] = float(np.median([s for s in seconds if s is not None]))
+        if len(times) == 2 and times["lm"] > 0:
+            ratios.append(times["faithful"] / times["lm"])
+    return ratios
+
+
+def verdicts_of(rows: Iterable[TableRow], name: str) -> Counter[str]:
+    """Verdicts of the rows that a trainer was run for."""
+    given = [row.verdict if name == "faithful" else row.verdict_ours for row in rows if name in row.by_trainer()]
+    return Counter(verdict for verdict in given if verdict)
+
+
+def accuracy_told(rows: Sequence[TableRow], name: str) -> str:
+    """Tell how many rows a trainer makes as accurate as the paper."""
+    as_good, run = as_accurate(rows, name)
+    return f"With {name} half of the starts or more reach the paper's mean error in {as_good} of {counted(run, 'row')}."

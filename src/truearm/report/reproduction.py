@@ -1,0 +1,212 @@
+"""The page that sets a paper's tables and figures beside what was found: Gao et al. (2017), reproduced.
+
+Every sentence with a number is made from the findings; what was not run is said to be missing, with the command for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from truearm.report.arm_drawing import arm_in_space, denavit_hartenberg, joint_frames
+from truearm.report.canvas import Style, styles_of
+from truearm.report.layers import network_layers
+from truearm.report.page import Cell, Column, Page, Row, Section, Table
+from truearm.report.paper_claims import joint_ranges_section, learning_rate_section, outside_section, scatter_section
+from truearm.report.paper_final_test import final_test_section, share_section
+from truearm.report.paper_rows import PAPER
+from truearm.report.paper_tables import accuracy_told, as_accurate, sooner, table_section, verdicts_of
+from truearm.report.predictions import predictions_by_pose
+from truearm.report.quantities import format_in_text
+from truearm.report.reproduced import ArmFrames, Reproduced, reproduced
+from truearm.report.wording import COMMAND, as_figure, counted, degrees, not_run, whole
+
+TITLE = "Gao et al. 2017, reproduced"
+CITED = (
+    "Gao, Zhang, San, Wu, Wang: Modeling and Error Compensation of Robotic Articulated Arm Coordinate Measuring "
+    "Machines Using BP Neural Network. Complexity 2017, article 5156264"
+)
+_PURPOSE = (
+    "The paper trains networks that turn the six joint angles of a measuring arm into x, y and z. Here its tables and "
+    "figures stand beside ours. Faithful is the paper's own way: MATLAB's training functions by their documentation, "
+    "with each row's settings and stops. lm is the trainer of truearm: the output layer is solved exactly at every "
+    "step, and the damping follows Nielsen's rule."
+)
+_PENS: dict[str, Style] = {
+    **styles_of(("faithful", "lm", "kinematic", "noise floor", "nominal")),
+    "paper": PAPER,
+    "row 1": styles_of(("row 1", "row 15"))["row 1"],
+    "row 15": styles_of(("row 1", "row 15"))["row 15"],
+}
+_PENS["network"] = _PENS["lm"]
+
+
+def reproduction_page(found: Mapping[str, Any]) -> Page:
+    """Make the page of a reproduction.
+
+    Parameters
+    ----------
+    found : mapping
+        The findings as ``reproduction.json`` holds them: lengths in mm, times in s; a part that was not run is None.
+
+    Returns
+    -------
+    Page
+
+    Raises
+    ------
+    InputError
+        If a key is missing, or a value is not what it must be. The key is named with its place.
+    """
+    all_found = reproduced(found)
+    tables = all_found.tables.by_number()
+    sections = [
+        _in_short(all_found),
+        _arm(all_found),
+        _network(all_found),
+        *(table_section(number, tables.get(number), styles=_PENS) for number in (2, 3, 4)),
+        _some_poses(all_found),
+        final_test_section(all_found, styles=_PENS),
+        share_section(all_found, styles=_PENS),
+        learning_rate_section(all_found, styles=_PENS),
+        scatter_section(all_found, styles=_PENS),
+        joint_ranges_section(all_found, styles=_PENS),
+        outside_section(all_found, styles=_PENS),
+    ]
+    if all_found.left_out:
+        sections.append(_left_out(all_found))
+    quick = " A quick run; what it left out stands at the end." if all_found.quick else ""
+    return Page(
+        title=TITLE,
+        subtitle=f"{CITED}.{quick}",
+        summary=_summary(all_found),
+        sections=tuple(sections),
+        facts=_facts(all_found),
+    )
+
+
+def _summary(found: Reproduced) -> tuple[Row, ...]:
+    rows = []
+    for name in ("faithful", "lm"):
+        verdicts = verdicts_of(found.tables.rows(), name)
+        if verdicts:
+            good = sum(verdicts[verdict] for verdict in ("reproduced", "better"))
+            rows.append(Row(f"table rows reproduced or better, {name}", f"{good} of {verdicts.total()}"))
+    times = sooner(found.tables.rows())
+    if times:
+        label = "as fast as faithful is lm at the paper's mean error, median of rows"
+        rows.append(Row(label, float(np.median(times)), "times"))
+    if found.final_test is not None:
+        for name, share in found.final_test.removed_percent_by_model().items():
+            if name != "kinematic":
+                rows.append(Row(f"error removed on {found.final_test.poses} further poses, {name}", share, "%"))
+    return tuple(rows)
+
+
+def _in_short(found: Reproduced) -> Section:
+    rows = found.tables.rows()
+    run = [row for row in rows if row.by_trainer()]
+    told = [_PURPOSE]
+    if rows:
+        told.append(
+            f"{counted(len(run), 'row')} of {len(rows)} were run. "
+            + " ".join(accuracy_told(rows, name) for name in ("faithful", "lm") if as_accurate(rows, name)[1])
+        )
+    times = sooner(rows)
+    if times:
+        span = format_in_text(min(times)) + (f" to {format_in_text(max(times))}" if len(times) > 1 else "")
+        told.append(
+            f"In {counted(len(times), 'row')} both get there; on the same machine faithful then takes {span} times as "
+            f"long as lm, in the median {format_in_text(float(np.median(times)))} times. The paper's own times are of "
+            "a machine it does not describe."
+        )
+    tables = (_verdicts(found),) if rows else ()
+    missing = [number for number in (2, 3, 4) if number not in found.tables.by_number()]
+    told += [not_run(f"Table {number}", f"--table {number}") for number in missing]
+    return Section("In short", "\n\n".join(told), tables=tables)
+
+
+def _verdicts(found: Reproduced) -> Table:
+    by_trainer = {name: verdicts_of(found.tables.rows(), name) for name in ("faithful", "lm")}
+    heads = [(name, verdict) for name, verdicts in by_trainer.items() for verdict in verdicts]
+    return Table(
+        (Column("table"), Column("rows"), *(Column(verdict, group=f"{name}, rows") for name, verdict in heads)),
+        tuple(
+            (f"Table {number}", len(rows), *(verdicts_of(rows, name)[verdict] for name, verdict in heads))
+            for number, rows in found.tables.by_number().items()
+        ),
+        "Rows by verdict, of those that were run; the rule stands with each table",
+    )
+
+
+def _arm(found: Reproduced) -> Section:
+    arm = found.figures.arm
+    title = "The arm (Figures 1 and 2)"
+    if arm is None:
+        return Section(title, not_run("The drawing of the arm", "--figure 1"))
+    frames, tip = [list(frame) for frame in arm.frames], arm.tip_mm
+    pictures = (as_figure(1, arm_in_space(frames, tip)), as_figure(2, joint_frames(frames, tip)))
+    return Section(
+        title,
+        "The paper's arm has six turning joints and a stylus. It is drawn at the pose that the boxes of joint angles "
+        f"lie around: {', '.join(f'q{i} = {degrees(a)}' for i, a in enumerate(arm.angles_deg, start=1))}. The paper "
+        "gives no such pose; it was chosen here.",
+        tables=(_parameters(arm),),
+        figures=pictures,
+    )
+
+
+def _parameters(arm: ArmFrames) -> Table:
+    parameters = denavit_hartenberg([list(frame) for frame in arm.frames])
+    rows: list[tuple[Cell, ...]] = []
+    for i, (a, d, theta, alpha) in enumerate(parameters, start=1):
+        rows.append((i, *(whole(round(float(v), 6) + 0.0) for v in (a, d, np.degrees(theta), np.degrees(alpha)))))
+    return Table(
+        (Column("joint"), Column("a", "mm"), Column("d", "mm"), Column("theta", "deg"), Column("alpha", "deg")),
+        tuple(rows),
+        "Parameters of Denavit and Hartenberg that lead from each frame to the next at this pose, taken from the "
+        "drawing's own frames (the paper's Table 1 has theta at zero angles)",
+    )
+
+
+def _network(found: Reproduced) -> Section:
+    title = "The network (Figure 3)"
+    if found.figures.network is None:
+        return Section(title, not_run("The drawing of the network", "--figure 3"))
+    return Section(title, figures=(as_figure(3, network_layers(found.figures.network.sizes)),))
+
+
+def _some_poses(found: Reproduced) -> Section:
+    title = "Some poses in detail (Figure 4)"
+    poses = found.figures.figure_4
+    by_name = {} if poses is None else {key: points for key, points in poses.predicted_mm.items() if points is not None}
+    if poses is None or not by_name:
+        return Section(title, not_run("Figure 4", "--figure 4"))
+    predicted = {"lm" if key == "ours" else key: points for key, points in by_name.items()}
+    pens = {**styles_of(predicted), **{name: _PENS[name] for name in predicted if name in _PENS}}
+    return Section(title, figures=(as_figure(4, predictions_by_pose(poses.points_mm, predicted, styles=pens)),))
+
+
+def _left_out(found: Reproduced) -> Section:
+    return Section(
+        "What was left out",
+        f"All of it is made by: {COMMAND} --all",
+        tables=(Table((Column("left out"),), tuple((part,) for part in found.left_out), "Parts left out of this run"),),
+    )
+
+
+def _facts(found: Reproduced) -> tuple[tuple[str, str], ...]:
+    machine, boxes = found.machine, found.boxes
+    return (
+        ("machine", f"{machine.cpu}, {counted(machine.cores, 'core')}"),
+        ("versions", f"truearm {found.truearm}, Python {machine.python}, NumPy {machine.numpy}"),
+        ("duration", f"{format_in_text(found.seconds, unit='s')} ({format_in_text(found.seconds / 60, unit='min')})"),
+        ("extent", f"quick; {counted(len(found.left_out), 'part')} left out" if found.quick else "full settings"),
+        (
+            "boxes of joint angles",
+            f"simulations \u00b1{degrees(boxes.simulation_deg)}, experiment \u00b1{degrees(boxes.experiment_deg)}",
+        ),
+        ("paper", CITED),
+    )

@@ -1,0 +1,79 @@
+"""Phrases of a page about a reproduced paper: numbers with their units, rows by number, and what was not run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from truearm.report.canvas import Figure
+from truearm.report.page import Cell
+from truearm.report.quantities import format_in_text, format_number
+
+COMMAND = "truearm reproduce gao2017"
+
+
+def not_run(what: str, option: str) -> str:
+    """Say what is missing, and the option that makes it."""
+    return f"{what} was not part of this run; it is made by: {COMMAND} {option}"
+
+
+def rows_named(numbers: Iterable[int]) -> str:
+    """Tell numbers of rows: rows 1, 6 to 8 and 11."""
+    runs: list[list[int]] = []
+    for number in sorted(set(numbers)):
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    parts = [str(r[0]) if len(r) == 1 else f"{r[0]} {'and' if len(r) == 2 else 'to'} {r[-1]}" for r in runs]
+    text = parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return f"row{'s' * (sum(map(len, runs)) > 1)} {text}"
+
+
+def counted(n: int, what: str) -> str:
+    """Give a number of things: 1 row, 2 rows."""
+    return f"{format_number(n)} {what}{'s' * (n != 1)}"
+
+
+def capitalised(text: str) -> str:
+    """Give a sentence its capital."""
+    return text[:1].upper() + text[1:]
+
+
+def millimetres(value: float) -> str:
+    """Give a length [mm] as a sentence has it."""
+    return format_in_text(value, unit="mm")
+
+
+def percentage(share: float) -> str:
+    """Give a share of one in percent, to a tenth."""
+    return format_in_text(round(100 * share, 1), unit="%")
+
+
+def degrees(angle: float) -> str:
+    """Give an angle [deg] as a sentence has it."""
+    return format_in_text(round(angle, 9) + 0.0, unit="deg")
+
+
+def span_cell(values: Sequence[float]) -> str | None:
+    """Give the least and the largest in a cell that stays on one line; nothing for a single value."""
+    if len(values) == 1:
+        return None
+    return f"{format_number(min(values))}\u2013\u2060{format_number(max(values))}"  # \u2060: no break after the dash
+
+
+def middle_and_span(values: Sequence[float]) -> tuple[Cell, Cell]:
+    """Give the median of values, and their range as `span_cell`."""
+    return float(np.median(values)), span_cell(values)
+
+
+def whole(cell: Cell) -> Cell:
+    """Give a number without a fraction as a count, so that a table shows it without decimals."""
+    return int(cell) if isinstance(cell, float) and cell.is_integer() else cell
+
+
+def as_figure(number: int, figure: Figure) -> Figure:
+    """Say in its caption which figure of the paper a figure stands for."""
+    return replace(figure, caption=f"Figure {number} of the paper, ours. {figure.caption}")
