@@ -1,0 +1,174 @@
+"""Which trainings the founding paper's rows ask for, and how much of it is run.
+
+*Faithful* trainings follow MATLAB: ``mapminmax``, Nguyen-Widrow start, the row's training function, goal and epochs,
+15 % of the poses set aside to stop by and 15 % as test data. *Ours* is `train_lm` on the same poses, without a goal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from truearm.papers.gao2017_tables import TABLES, PaperRow
+from truearm.papers.gao2017_training import Source, Training
+
+Side = Literal["faithful", "ours"]
+SIDES: tuple[Side, Side] = ("faithful", "ours")
+
+SIMULATION = Source(half_width_deg=38.0, virtual=False)
+EXPERIMENT = Source(half_width_deg=20.0, virtual=True)
+SOURCES = {2: SIMULATION, 3: SIMULATION, 4: EXPERIMENT}
+
+# What rows of Table 3 that the table itself does not tell apart from row 6 may have been.
+ACTIVATIONS: Mapping[tuple[int, int], tuple[str, ...]] = {(3, 9): ("tansig", "purelin"), (3, 10): ("purelin", "tansig")}
+
+PARTS = ("table 2", "table 3", "table 4", "boxes", *(f"figure {number}" for number in range(1, 9)))
+"""What can be asked for. Figure 5 of the paper is a photograph."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is run.
+
+    Attributes
+    ----------
+    quick : bool
+    epochs, box_epochs : int
+        Most epochs of a faithful training, and in the study of boxes.
+    own_epochs : dict of int to int
+        Most epochs of ours, by table.
+    time_limit_s : float
+        Of one training, faithful or ours.
+    starts : int
+        Seeds of a training that is estimated to take at most `long_s`; longer ones get one.
+    many_starts : int
+        Seeds of Table 2, row 1, whose scatter explains other rows.
+    long_s, longest_s : float
+        Trainings estimated above `longest_s` are left out.
+    half_widths_deg : tuple of float
+        Of the study of boxes.
+    """
+
+    quick: bool
+    epochs: int
+    box_epochs: int
+    own_epochs: Mapping[int, int]
+    time_limit_s: float
+    starts: int
+    many_starts: int
+    long_s: float
+    longest_s: float
+    half_widths_deg: tuple[float, ...]
+
+    def seeds(self, table: int, row: PaperRow, training: Training) -> range:
+        """The seeds of a row's training."""
+        if training.estimated_seconds > self.longest_s:
+            return range(0)
+        if training.estimated_seconds > self.long_s:
+            return range(1)
+        return range(self.many_starts if (table, row.row) == (2, 1) else self.starts)
+
+
+FULL = Effort(
+    quick=False,
+    epochs=1000,
+    box_epochs=300,
+    own_epochs={2: 150, 3: 150, 4: 400},
+    time_limit_s=240.0,
+    starts=5,
+    many_starts=10,
+    long_s=120.0,
+    longest_s=math.inf,
+    half_widths_deg=(15.0, 20.0, 25.0, 30.0, 35.0, 38.0, 40.0, 45.0, 50.0, 60.0),
+)
+QUICK = replace(
+    FULL, quick=True, starts=1, many_starts=3, longest_s=40.0, half_widths_deg=(20.0, 30.0, 38.0, 45.0, 60.0)
+)
+
+
+def training_of(table: int, row: PaperRow, side: Side, effort: Effort, *, seed: int) -> Training:
+    """A row's training; rows that differ in nothing that it depends on have the same."""
+    served = alike(table, row, side)
+    faithful = side == "faithful"
+    return Training(
+        source=SOURCES[table],
+        n_train=row.n_train,
+        hidden=row.hidden,
+        activations=activations_of(table, row),
+        trainer=row.trainer if faithful else "lm",
+        epochs=effort.epochs if faithful else effort.own_epochs[table],
+        goal=served[0].goal if faithful else 0.0,
+        set_aside=0.15 if faithful else 0.0,
+        time_limit_s=effort.time_limit_s,
+        seed=seed,
+        levels_mm=tuple(sorted({other.mean_mm for other in served})),
+    )
+
+
+def activations_of(table: int, row: PaperRow) -> tuple[str, ...]:
+    """Of the row's hidden layers."""
+    return ACTIVATIONS.get((table, row.row), ("tansig",) * len(row.hidden))
+
+
+def alike(table: int, row: PaperRow, side: Side) -> list[PaperRow]:
+    """The rows of a table that one training serves.
+
+    Levenberg-Marquardt has no learning rate, and the goals of rows that differ in nothing else are never reached.
+    """
+
+    def settings(other: PaperRow) -> tuple[Any, ...]:
+        shape = other.n_train, other.hidden, activations_of(table, other)
+        return (*shape, other.trainer) if side == "faithful" else shape
+
+    return [other for other in TABLES[table] if settings(other) == settings(row)]
+
+
+def trainings(table: int, row: PaperRow, side: Side, effort: Effort) -> list[Training]:
+    """A row's trainings, one a seed; none if they are left out."""
+    first = training_of(table, row, side, effort, seed=0)
+    head = alike(table, row, side)[0]
+    return [replace(first, seed=seed) for seed in effort.seeds(table, head, first)]
+
+
+def box_training(row: PaperRow, half_width_deg: float, effort: Effort) -> Training:
+    """A row's faithful training in another box, with fewer epochs."""
+    training = training_of(2, row, "faithful", effort, seed=0)
+    return replace(
+        training,
+        source=Source(half_width_deg, virtual=False),
+        epochs=min(training.epochs, effort.box_epochs),
+        levels_mm=(),
+    )
+
+
+def planned(parts: Sequence[str], effort: Effort) -> tuple[list[Training], list[str]]:
+    """The trainings that the parts need, each once, and what is left out, in words."""
+    wanted: list[Training] = []
+    left_out: list[str] = []
+    for table, rows in TABLES.items():
+        for row in rows if f"table {table}" in parts else ():
+            for side in SIDES:
+                found = trainings(table, row, side, effort)
+                wanted += found
+                if not found:
+                    one = training_of(table, row, side, effort, seed=0)
+                    left_out.append(
+                        f"Table {table}, row {row.row}, {one.trainer}: some {one.estimated_seconds:.0f} s a start"
+                    )
+    if "boxes" in parts:
+        wanted += [box_training(row, h, effort) for row in box_rows() for h in effort.half_widths_deg]
+        missing = [f"{h:g}" for h in FULL.half_widths_deg if h not in effort.half_widths_deg]
+        if effort.quick and missing:
+            left_out.append(f"Study of boxes: half-widths of {', '.join(missing)} deg")
+    for number, (table, row) in {4: (2, TABLES[2][0]), 7: (4, TABLES[4][-1]), 8: (4, TABLES[4][-1])}.items():
+        if f"figure {number}" in parts:
+            wanted += [one for side in SIDES for one in trainings(table, row, side, effort)[:1]]
+    return list(dict.fromkeys(wanted)), left_out
+
+
+def box_rows() -> tuple[PaperRow, PaperRow]:
+    """Rows 1 and 15 of Table 2: few units and many, which ask for the same box."""
+    rows = {row.row: row for row in TABLES[2]}
+    return rows[1], rows[15]

@@ -1,0 +1,400 @@
+"""One training of a network as the founding paper does it: its data, its settings, what came of it, and its file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from truearm import __version__
+from truearm.arm import load
+from truearm.errors import InputError
+from truearm.nets.checkpoint import Checkpoint
+from truearm.nets.lm import train_lm
+from truearm.nets.nguyen_widrow import nguyen_widrow
+from truearm.nets.normal_equations import FitProblem
+from truearm.nets.perceptron import Perceptron
+from truearm.nets.scaling import MinMax
+from truearm.nets.traingd import traingd
+from truearm.nets.traingdx import traingdx
+from truearm.nets.training import Epoch, TrainingRecord, dividerand
+from truearm.nets.trainlm import trainlm
+from truearm.poses import box
+from truearm.virtual import Measurement, VirtualArm, load_preset
+from truearm.writing import whole_file
+
+FloatArray = npt.NDArray[np.float64]
+# Told the share of a training that is done, and a few words on how it stands.
+Tell = Callable[[float, str], None]
+
+ARM = "gao2017"
+N_MANY = 2000
+"""Further poses that an error is judged by, beside the few that the paper tested on."""
+TRAINING, FURTHER, MANY, OUTSIDE, FINAL = 0, 1, 3, 4, 5
+"""Streams of poses and noise of one seed; `gao2017.experiment` has 0 to 2."""
+GOAL_MET = "Performance goal met."
+LARGEST_FILE = 20_000_000  # bytes: a network of the paper takes less than one
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where poses and points come from: a box of joint angles, and an arm.
+
+    Attributes
+    ----------
+    half_width_deg : float
+        Of the box about the working pose, in every joint.
+    virtual : bool
+        Whether a virtual arm of the preset ``research`` is measured, another for every seed. Else the points are those
+        of the paper's Table 1, exactly.
+    """
+
+    half_width_deg: float
+    virtual: bool
+
+    def data(self, n: int, *, seed: int, stream: int) -> tuple[FloatArray, FloatArray]:
+        """Angles (n, 6) [rad] and points (n, 3) [mm]."""
+        if self.virtual:
+            readings = self.measurement(n, seed=seed, stream=stream).readings
+            assert readings.points is not None  # a virtual reference sees every pose
+            return readings.angles, readings.points
+        angles = self._angles(n, _own(seed, stream))
+        return angles, load(ARM).chain.tip_in_base(angles)
+
+    def measurement(self, n: int, *, seed: int, stream: int) -> Measurement:
+        """The virtual arm's readings in the box."""
+        own = _own(seed, stream)
+        return virtual_arm(seed).measure(self._angles(n, own), seed=own)
+
+    def _angles(self, n: int, seed: int) -> FloatArray:
+        return box(load(ARM), n, seed=seed, half_width=np.radians(self.half_width_deg)).angles
+
+
+def _own(seed: int, stream: int) -> int:
+    # Streams of one seed are neighbours, those of the next begin after them, as in `gao2017.experiment`.
+    return 10 * seed + stream
+
+
+@lru_cache(maxsize=16)
+def virtual_arm(seed: int) -> VirtualArm:
+    """The arm that stands in for the paper's: its nominal model errs as much."""
+    return VirtualArm.draw(load(ARM), load_preset("research"), seed=seed)
+
+
+@dataclass(frozen=True)
+class Training:
+    """All that the result of a training depends on, but the time limit and the machine's speed.
+
+    Attributes
+    ----------
+    source : Source
+    n_train : int
+        Poses, those set aside included.
+    hidden : tuple of int
+        Units of the hidden layers.
+    activations : tuple of str
+        Of the hidden layers.
+    trainer : str
+        ``"lm"``, or MATLAB's ``"trainlm"``, ``"traingd"``, ``"traingdx"``.
+    epochs : int
+        At most so many.
+    goal : float
+        Mean squared error of the scaled outputs to stop at.
+    set_aside : float
+        Share of the poses that validation stops by; as many again are set aside as test data, as MATLAB does.
+    time_limit_s : float or None
+        MATLAB's ``time``.
+    seed : int
+        Of the poses, the division and the start weights.
+    levels_mm : tuple of float
+        Mean absolute coordinate errors on `N_MANY` further poses that the first epoch is wanted of.
+    """
+
+    source: Source
+    n_train: int
+    hidden: tuple[int, ...]
+    activations: tuple[str, ...]
+    trainer: str
+    epochs: int
+    goal: float
+    set_aside: float
+    time_limit_s: float | None
+    seed: int
+    levels_mm: tuple[float, ...] = ()
+
+    @property
+    def network(self) -> Perceptron:
+        """Its shape: six angles, the hidden layers, three coordinates."""
+        return Perceptron((6, *self.hidden, 3), self.activations)
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of all settings and the program's version."""
+        return hashlib.sha256(json.dumps([__version__, asdict(self)]).encode()).hexdigest()
+
+    @property
+    def name(self) -> str:
+        """A name for files: what a person looks for, and enough of the fingerprint to tell all trainings apart."""
+        layers = "-".join(map(str, self.hidden))
+        kind = "experiment" if self.source.virtual else "simulation"
+        return f"{kind}-{self.n_train}-{layers}-{self.trainer}-{self.seed}-{self.fingerprint[:12]}"
+
+    @property
+    def estimated_seconds(self) -> float:
+        """Time on two cores of a present machine [s], to plan by: some 1.2e11 products a second."""
+        fitted, weights = self.n_train * (1 - 2 * self.set_aside), self.network.n_weights
+        if self.trainer in GRADIENT_TRAINERS:
+            epoch = 1e-3 + 6 * fitted * weights / 2e10
+        else:
+            epoch = 2e-3 + fitted * weights**2 / 1.2e11 + weights**3 / 1e11
+        return min(self.epochs * epoch, self.time_limit_s or math.inf)
+
+
+# Their default learning rate, 0.01, is that of the paper's rows.
+GRADIENT_TRAINERS = {"traingd": traingd, "traingdx": traingdx}
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """What came of a training.
+
+    Attributes
+    ----------
+    training : Training
+    epochs : int
+        Done, whichever of them had the weights that were kept.
+    seconds : float
+    stop : str
+        Why it ended, in MATLAB's words.
+    reached : dict of float to (int, float)
+        The epoch and the time [s] at which each of the training's levels was reached; no entry where it was not.
+    weights : (n_weights,) array
+    angle_scale, point_scale : MinMax
+        Angles [rad] and points [mm] onto [-1, 1].
+    """
+
+    training: Training
+    epochs: int
+    seconds: float
+    stop: str
+    reached: dict[float, tuple[int, float]]
+    weights: FloatArray
+    angle_scale: MinMax
+    point_scale: MinMax
+
+    def predict(self, angles: FloatArray) -> FloatArray:
+        """Points (n, 3) [mm] at angles (n, 6) [rad]."""
+        outputs = self.training.network.outputs(self.weights, self.angle_scale.scaled(angles.T))
+        return np.ascontiguousarray(self.point_scale.restored(outputs).T)
+
+    def errors(self, n: int, stream: int) -> FloatArray:
+        """Absolute errors of coordinates (n, 3) [mm] on further poses of the training's own source and seed."""
+        angles, points = self.training.source.data(n, seed=self.training.seed, stream=stream)
+        return np.abs(self.predict(angles) - points)
+
+
+def trained(training: Training, folder: Path, tell: Tell) -> Trained:
+    """Train, go on with a training that was stopped, or read what a finished one left.
+
+    A finished training leaves ``NAME.json`` in `folder`; one that was stopped leaves ``NAME.checkpoint`` and, if a
+    level was reached already, ``NAME.reached.json``.
+
+    Raises
+    ------
+    InputError
+        If a file in `folder` is damaged, or of another training.
+    """
+    finished, levels = folder / f"{training.name}.json", folder / f"{training.name}.reached.json"
+    if finished.exists():
+        return _Finished.read(finished, training)
+    checkpoint = Checkpoint(folder / f"{training.name}.checkpoint", training.fingerprint)
+    reached = _Levels.read(levels, training) if levels.exists() else {}
+    done = _train(training, checkpoint, reached, lambda: _Levels.of(training, reached).write(levels), tell)
+    _Finished.of(done).write(finished)
+    for left in (checkpoint.file, levels):
+        left.unlink(missing_ok=True)
+    return done
+
+
+def _train(
+    training: Training,
+    checkpoint: Checkpoint,
+    reached: dict[float, tuple[int, float]],
+    keep: Callable[[], None],
+    tell: Tell,
+) -> Trained:
+    angles, points = training.source.data(training.n_train, seed=training.seed, stream=TRAINING)
+    angle_scale = MinMax.of(angles.T, what="the angle of joint")
+    point_scale = MinMax.of(points.T, what="coordinate")
+    inputs, targets = angle_scale.scaled(angles.T), point_scale.scaled(points.T)
+    share, network = training.set_aside, training.network
+    division = dividerand(len(angles), train=1 - 2 * share, validation=share, test=share, seed=training.seed)
+    fit, validation, _ = (
+        FitProblem(network, inputs[:, part], targets[:, part]) if len(part) else None for part in division
+    )
+    assert fit is not None  # dividerand leaves samples to train on
+
+    many_angles, many_points = training.source.data(N_MANY, seed=training.seed, stream=MANY)
+    many_inputs = angle_scale.scaled(many_angles.T)
+
+    def watch(epoch: Epoch) -> None:
+        sought = [level for level in training.levels_mm if level not in reached]
+        if sought:
+            found = point_scale.restored(network.outputs(epoch.weights(), many_inputs)).T
+            error = float(np.abs(found - many_points).mean())
+            new = {level: (epoch.epoch, epoch.seconds) for level in sought if error <= level}
+            if new:
+                reached.update(new)
+                keep()
+        limit = training.time_limit_s or math.inf
+        rms = math.sqrt(epoch.perf * float(np.mean(point_scale.half_range**2)))
+        tell(max(epoch.epoch / training.epochs, epoch.seconds / limit), f"epoch {epoch.epoch}, {rms:.4f} mm rms")
+
+    weights, record = _run(training, fit, validation, watch, checkpoint)
+    return Trained(
+        training,
+        epochs=len(record.perf) - 1,
+        seconds=float(record.time[-1]),
+        stop=record.stop,
+        reached=reached,
+        weights=weights,
+        angle_scale=angle_scale,
+        point_scale=point_scale,
+    )
+
+
+def _run(
+    training: Training,
+    fit: FitProblem,
+    validation: FitProblem | None,
+    watch: Callable[[Epoch], None],
+    checkpoint: Checkpoint,
+) -> tuple[FloatArray, TrainingRecord]:
+    trainers = {"lm": train_lm, "trainlm": trainlm, **GRADIENT_TRAINERS}
+    return trainers[training.trainer](
+        fit,
+        nguyen_widrow(training.network, seed=training.seed),
+        validation=validation,
+        epochs=training.epochs,
+        goal=training.goal,
+        time=training.time_limit_s or math.inf,
+        callback=watch,
+        checkpoint=checkpoint,
+    )
+
+
+# Files ---------------------------------------------------------------------------------------------------------------
+
+_Number = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
+_Count = Annotated[int, Field(ge=0, le=10**9)]
+_Level = tuple[_Number, _Count, Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]]
+_Ends = Annotated[list[_Number], Field(min_length=1, max_length=100)]
+
+
+class _Kept(BaseModel):
+    """What a file of a training begins with."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    fingerprint: Annotated[str, Field(max_length=64)]
+    reached: Annotated[list[_Level], Field(max_length=100)]
+
+    def write(self, file: Path) -> None:
+        with whole_file(file) as beside:
+            beside.write_text(self.model_dump_json() + "\n", encoding="utf-8", newline="\n")
+
+    def levels(self) -> dict[float, tuple[int, float]]:
+        return {level: (epoch, seconds) for level, epoch, seconds in self.reached}
+
+
+K = TypeVar("K", bound=_Kept)
+
+
+class _Levels(_Kept):
+    """Levels that an unfinished training has reached."""
+
+    @classmethod
+    def of(cls, training: Training, reached: dict[float, tuple[int, float]]) -> _Levels:
+        return cls(fingerprint=training.fingerprint, reached=_listed(reached))
+
+    @classmethod
+    def read(cls, file: Path, training: Training) -> dict[float, tuple[int, float]]:
+        return _read(cls, file, training).levels()
+
+
+class _Finished(_Kept):
+    """A finished training."""
+
+    epochs: _Count
+    seconds: Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+    stop: Annotated[str, Field(max_length=1000)]
+    angle_range: tuple[_Ends, _Ends]
+    point_range: tuple[_Ends, _Ends]
+    weights: Annotated[list[_Number], Field(max_length=1_000_000)]
+
+    @classmethod
+    def of(cls, done: Trained) -> _Finished:
+        return cls(
+            fingerprint=done.training.fingerprint,
+            reached=_listed(done.reached),
+            epochs=done.epochs,
+            seconds=done.seconds,
+            stop=done.stop,
+            angle_range=_range_of(done.angle_scale),
+            point_range=_range_of(done.point_scale),
+            weights=done.weights.tolist(),
+        )
+
+    @classmethod
+    def read(cls, file: Path, training: Training) -> Trained:
+        kept = _read(cls, file, training)
+        angle_scale, point_scale = (MinMax(*map(np.array, ends)) for ends in (kept.angle_range, kept.point_range))
+        lengths = [len(ends) for ends in (*kept.angle_range, *kept.point_range)]
+        if lengths != [6, 6, 3, 3] or len(kept.weights) != training.network.n_weights:
+            raise _damaged(file, f"expected {training.network.n_weights} weights and ranges of 6 and 3 numbers")
+        if not ((angle_scale.half_range > 0).all() and (point_scale.half_range > 0).all()):
+            raise _damaged(file, "expected ranges with the lower end first")
+        return Trained(
+            training,
+            epochs=kept.epochs,
+            seconds=kept.seconds,
+            stop=kept.stop,
+            reached=kept.levels(),
+            weights=np.array(kept.weights),
+            angle_scale=angle_scale,
+            point_scale=point_scale,
+        )
+
+
+def _read(kind: type[K], file: Path, training: Training) -> K:
+    if file.stat().st_size > LARGEST_FILE:
+        raise _damaged(file, f"expected less than {LARGEST_FILE} bytes")
+    try:
+        kept = kind.model_validate_json(file.read_bytes())
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise _damaged(file, f"{'.'.join(map(str, first['loc']))}: {first['msg']}".removeprefix(": ")) from None
+    if kept.fingerprint != training.fingerprint:
+        raise _damaged(file, "its fingerprint is that of another training")
+    return kept
+
+
+def _damaged(file: Path, problem: str) -> InputError:
+    return InputError(f"not what a training leaves: {problem}", file=file, hint="delete it; the training is run again")
+
+
+def _listed(reached: dict[float, tuple[int, float]]) -> list[tuple[float, int, float]]:
+    return [(level, epoch, seconds) for level, (epoch, seconds) in sorted(reached.items())]
+
+
+def _range_of(scale: MinMax) -> tuple[list[float], list[float]]:
+    return scale.lower.tolist(), scale.upper.tolist()
