@@ -160,14 +160,6 @@ def test_what_does_not_fit_the_arm_is_refused(readings):
         NetworkModel(arm, validation=0).fit(angles, points)
 
 
-def test_a_joint_that_never_moves_is_refused_by_the_network(readings):
-    arm, angles, points = readings
-    still = angles.copy()
-    still[:, 1] = 0.25
-    with pytest.raises(InputError, match="the angle of joint 2 is 0.25 in all 60 samples"):
-        NetworkModel(arm, hidden=(4,)).fit(still, points)
-
-
 def test_rows_beyond_the_training_angles_are_flagged(readings):
     arm, angles, points = readings
     model = NominalModel(arm).fit(angles, points)

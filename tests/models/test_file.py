@@ -180,7 +180,7 @@ def hide_a_pickle(files):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (edit_header(format=2), "format 2.*update truearm"),
+        (edit_header(format=3), "format 3.*update truearm"),
         (edit_header(format=True), "model.json, format"),
         (edit_header(format=0), "model.json, format"),
         (edit_header(options={"free": 3}), "does not hold what its kind of model needs"),

@@ -6,6 +6,7 @@ import hashlib
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Literal, Self, overload
 
 import numpy as np
@@ -79,7 +80,13 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             raise InputError(f"expected points of shape (n, 3), x y z in mm, got {np.shape(points)}")
         return self.fit_readings(Readings(angles, np.asarray(points, dtype=float)))
 
-    def fit_readings(self, readings: Readings, *, progress: Callable[[int, str], None] | None = None) -> Self:
+    def fit_readings(
+        self,
+        readings: Readings,
+        *,
+        progress: Callable[[int, str], None] | None = None,
+        checkpoint: Path | None = None,
+    ) -> Self:
         """Learn from readings with reference points and, where known, their uncertainties.
 
         Parameters
@@ -87,11 +94,16 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         readings : Readings
         progress : callable, optional
             Told the steps done and how it stands.
+        checkpoint : path, optional
+            Folder where a network's training keeps what it has reached, made if it is not there. A later fit with the
+            same data and options goes on from it and comes to the same model as without the stop. Whoever asked for it
+            removes it when the model is safe. The other models are quick and keep nothing.
 
         Raises
         ------
         InputError
-            As `fit`; also if the readings have no reference points.
+            As `fit`; also if the readings have no reference points, or the folder holds trainings of other data or
+            options.
         """
         arm = self._checked_arm()
         if readings.n_joints != arm.n_joints:
@@ -108,7 +120,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         begun = time.perf_counter()
         self.n_features_in_ = readings.n_joints
         self.nominal_ = self._fit_nominal(readings)
-        self._identify(readings, readings.points, progress or _silent)
+        self._identify(readings, readings.points, progress or _silent, checkpoint)
         self.angle_ranges_ = np.stack([readings.angles.min(axis=0), readings.angles.max(axis=0)], axis=1)
         self.n_train_ = len(readings)
         self.data_fingerprint_ = fingerprint(readings.angles, readings.points)
@@ -168,8 +180,10 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             raise InputError(f"expected free parts among {list(FREE_PARTS)}, got {sorted(unknown)}")
 
     @abstractmethod
-    def _identify(self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None]) -> None:
-        """Learn from readings and their points (n, 3) [mm]; `nominal_` is there already."""
+    def _identify(
+        self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None], checkpoint: Path | None
+    ) -> None:
+        """Learn from readings and their points (n, 3) [mm]; `nominal_` is there already. See `fit_readings`."""
 
     @abstractmethod
     def _tips(self, angles: FloatArray) -> FloatArray:

@@ -2,6 +2,9 @@
 
 A zip archive (stored, not compressed) with ``model.json`` and one ``NAME.npy`` (format 1.0, no objects) for each
 array that the JSON lists with its shape and SHA-256. Nothing else may be in it.
+
+Format 2 holds ensembles of networks (a member's numbers are a row of the arrays) and the records of their trainings;
+format 1 had one network without its record. Files of nominal and kinematic models are the same in both.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ import io
 import json
 import math
 import zipfile
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -25,16 +29,27 @@ from truearm.errors import InputError, TruearmError
 from truearm.identify.points import PointFit
 from truearm.models import MODELS
 from truearm.models.compensator import Compensator
+from truearm.models.network import Member, NetworkModel
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.scaling import MinMax
+from truearm.nets.trainbr import BayesianRecord
+from truearm.nets.traingdx import AdaptiveRecord
+from truearm.nets.training import TrainingRecord
 from truearm.writing import whole_file
 
 FloatArray = npt.NDArray[np.float64]
 
-FORMAT = 1
-# A 50-50 network and a 7-axis chain need well under a megabyte; what is larger was not written by this program.
-MAX_BYTES = 64 * 2**20
+FORMAT = 2
+# A 50-50 network and a 7-axis chain need well under a megabyte, a member of 1000 units 8; save_model writes no more.
+MAX_BYTES = 256 * 2**20
 MAX_ARRAYS = 100
+# Kinds of training records, by the names of their columns.
+RECORDS: dict[tuple[str, ...], type[TrainingRecord]] = {
+    tuple(field.name for field in fields(kind) if field.name not in ("best_epoch", "stop")): kind
+    for kind in (TrainingRecord, BayesianRecord, AdaptiveRecord)
+}
+# Arrays in which numbers may be missing or without bound.
+NOT_FINITE = ("arm_limits", "network_record")
 
 
 class _ArrayEntry(BaseModel):
@@ -51,6 +66,16 @@ class _ArmEntry(BaseModel):
     source: str
 
 
+class _MemberEntry(BaseModel):
+    """A network of an ensemble; of its training, what is no number an epoch."""
+
+    model_config = ConfigDict(extra="forbid")
+    start: int = Field(ge=0)
+    epochs: int = Field(ge=0, le=10**9)
+    best_epoch: int = Field(ge=0)
+    stop: str = Field(max_length=200)
+
+
 class _Header(BaseModel):
     """What stands in ``model.json``."""
 
@@ -65,6 +90,8 @@ class _Header(BaseModel):
     fit_seconds: float = Field(ge=0)
     facts: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
     arrays: dict[str, _ArrayEntry] = Field(max_length=MAX_ARRAYS)
+    members: list[_MemberEntry] = []
+    record: tuple[str, ...] = ()
 
 
 def save_model(model: Compensator, path: str | Path) -> None:
@@ -80,12 +107,15 @@ def save_model(model: Compensator, path: str | Path) -> None:
     Raises
     ------
     TruearmError
-        If the model is not fitted or not one of `truearm.models.MODELS`.
+        If the model is not fitted, not one of `truearm.models.MODELS`, or larger than a model file may be.
     """
     kind = next((name for name, cls in MODELS.items() if type(model) is cls), None)
     if kind is None or not hasattr(model, "nominal_"):
         raise TruearmError(f"expected a fitted model ({', '.join(MODELS)}), got {type(model).__name__}, fitted or not")
     arrays, facts = _taken_apart(model)
+    if sum(array.nbytes for array in arrays.values()) > MAX_BYTES - 2**20:
+        raise TruearmError(f"{path}: the model does not fit a model file of {MAX_BYTES >> 20} MiB")
+    trained = _trained(model)
     header = _Header(
         format=FORMAT,
         truearm=__version__,
@@ -102,6 +132,11 @@ def save_model(model: Compensator, path: str | Path) -> None:
             name: _ArrayEntry(shape=list(array.shape), sha256=hashlib.sha256(_bytes(array)).hexdigest())
             for name, array in arrays.items()
         },
+        members=[
+            _MemberEntry(start=member.start, epochs=record.num_epochs, best_epoch=record.best_epoch, stop=record.stop)
+            for member, record in trained
+        ],
+        record=_record_names(trained[0][1]) if trained else (),
     )
     with whole_file(path) as beside, zipfile.ZipFile(beside, "w") as archive:
         _put(archive, "model.json", header.model_dump_json(indent=1).encode())
@@ -184,16 +219,34 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
                 name + "weights": fit.weights,
             }
             facts |= {name + "noise_std_mm": fit.noise_std, name + "converged": float(fit.converged)}
-    if hasattr(model, "network_"):
+    if isinstance(model, NetworkModel):
         arrays |= {
-            "network_weights": model.weights_,
+            "network_weights": np.stack([member.weights for member in model.members_]),
             "network_residual_covariance": model.residual_covariance_,
-            "network_basis_covariance": model.basis_covariance_,
+            "network_basis_covariance": np.stack([member.basis_covariance for member in model.members_]),
         }
+        trained = _trained(model)
+        if trained:
+            arrays["network_record"] = np.concatenate([_record_table(record) for _, record in trained])
         for name in ("angle_scale_", "point_scale_"):
             scale: MinMax = getattr(model, name)
             arrays[name + "range"] = np.stack([scale.lower, scale.upper])
     return arrays, facts
+
+
+def _trained(model: Compensator) -> list[tuple[Member, TrainingRecord]]:
+    """Members with the records of their trainings, as far as there are any."""
+    members = model.members_ if isinstance(model, NetworkModel) else ()
+    return [(member, member.record) for member in members if member.record is not None]
+
+
+def _record_names(record: TrainingRecord) -> tuple[str, ...]:
+    return next(names for names, kind in RECORDS.items() if type(record) is kind)
+
+
+def _record_table(record: TrainingRecord) -> FloatArray:
+    """A record's numbers, a row an epoch."""
+    return np.stack([np.asarray(getattr(record, name), dtype=float) for name in _record_names(record)], axis=1)
 
 
 def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator:
@@ -219,8 +272,8 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
     model.angle_ranges_ = _shaped(arrays, "angle_ranges", (n, 2))
     for name in ("nominal_", "fit_") if header.model == "kinematic" else ("nominal_",):
         setattr(model, name, _point_fit(name, header, arrays, prismatic))
-    if header.model == "network":
-        _put_network(model, arm, arrays)
+    if isinstance(model, NetworkModel):
+        _put_network(model, header, arrays)
     return model
 
 
@@ -229,24 +282,60 @@ def _point_fit(name: str, header: _Header, arrays: dict[str, FloatArray], prisma
     return PointFit(
         chain=_chain(name + "chain", arrays, prismatic),
         motions=_shaped(arrays, name + "motions", (places, 6)),
-        covariance=_covariance(arrays, name + "covariance", places * 6),
+        covariance=_covariance(arrays[name + "covariance"], name + "covariance", places * 6),
         noise_std=header.facts[name + "noise_std_mm"],
         weights=_shaped(arrays, name + "weights", (header.n_train,)),
         converged=bool(header.facts[name + "converged"]),
     )
 
 
-def _put_network(model: Any, arm: Arm, arrays: dict[str, FloatArray]) -> None:
-    network = Perceptron.with_layers(arm.n_joints, model.hidden, 3, activation=model.activation)
+def _put_network(model: NetworkModel, header: _Header, arrays: dict[str, FloatArray]) -> None:
+    n_joints = model.arm.n_joints
+    network = Perceptron.with_layers(n_joints, model.hidden, 3, activation=model.activation)
     model.network_ = network
-    model.weights_ = _shaped(arrays, "network_weights", (network.n_weights,))
-    model.residual_covariance_ = _covariance(arrays, "network_residual_covariance", 3)
-    model.basis_covariance_ = _covariance(arrays, "network_basis_covariance", network.sizes[-2] + 1)
-    for name, k in (("angle_scale_", arm.n_joints), ("point_scale_", 3)):
+    weights, inverses = arrays["network_weights"], arrays["network_basis_covariance"]
+    if header.format == 1:
+        weights, inverses = weights[None], inverses[None]
+    n_members = len(weights)
+    if not n_members or len(inverses) != n_members or (header.members and len(header.members) != n_members):
+        raise InputError(f"expected as many rows of every array as there are members, got {n_members} of the weights")
+    model.members_ = tuple(
+        Member(
+            _of_shape(row, "network_weights", (network.n_weights,)),
+            _covariance(inverse, "network_basis_covariance", network.sizes[-2] + 1),
+            start,
+            record,
+        )
+        for row, inverse, (start, record) in zip(weights, inverses, _trainings(header, arrays, n_members), strict=True)
+    )
+    model.residual_covariance_ = _covariance(arrays["network_residual_covariance"], "network_residual_covariance", 3)
+    for name, k in (("angle_scale_", n_joints), ("point_scale_", 3)):
         lower, upper = _shaped(arrays, name + "range", (2, k))
         if not (lower < upper).all():
             raise InputError(f"the array {name}range must rise from its first row to its second")
         setattr(model, name, MinMax(lower, upper))
+
+
+def _trainings(
+    header: _Header, arrays: dict[str, FloatArray], n_members: int
+) -> list[tuple[int, TrainingRecord | None]]:
+    """Start and record of every member; a file without records (format 1, and what came of it) tells neither."""
+    if not header.members:
+        return [(0, None)] * n_members
+    if header.record not in RECORDS:
+        raise InputError(f"unknown columns of a training's record: {list(header.record)}")
+    ends = np.cumsum([member.epochs + 1 for member in header.members])
+    table = _shaped(arrays, "network_record", (int(ends[-1]), len(header.record)))
+    out: list[tuple[int, TrainingRecord | None]] = []
+    for member, rows in zip(header.members, np.split(table, ends[:-1]), strict=True):
+        columns: dict[str, Any] = dict(zip(header.record, rows.T, strict=True))
+        fails = columns["val_fail"]
+        if member.best_epoch > member.epochs or not ((fails >= 0) & (fails <= member.epochs)).all():
+            raise InputError("a training's record does not hold what its members say of it")
+        columns["val_fail"] = fails.astype(np.intp)
+        record = RECORDS[header.record](**columns, best_epoch=member.best_epoch, stop=member.stop)
+        out.append((member.start, record))
+    return out
 
 
 def _chain_arrays(name: str, chain: Chain) -> dict[str, FloatArray]:
@@ -258,15 +347,18 @@ def _chain(name: str, arrays: dict[str, FloatArray], prismatic: npt.NDArray[np.b
 
 
 def _shaped(arrays: dict[str, FloatArray], name: str, shape: tuple[int, ...]) -> FloatArray:
-    array = arrays[name]
+    return _of_shape(arrays[name], name, shape)
+
+
+def _of_shape(array: FloatArray, name: str, shape: tuple[int, ...]) -> FloatArray:
     if array.shape != shape:
         raise InputError(f"expected the array {name} of shape {shape}, got {array.shape}")
     return array
 
 
-def _covariance(arrays: dict[str, FloatArray], name: str, n: int) -> FloatArray:
+def _covariance(array: FloatArray, name: str, n: int) -> FloatArray:
     """A covariance: symmetric, no negative variance beyond rounding."""
-    array = _shaped(arrays, name, (n, n))
+    _of_shape(array, name, (n, n))
     scale = np.sqrt(np.abs(array.diagonal()))
     scale[scale == 0] = 1
     whitened = array / np.outer(scale, scale)
@@ -329,6 +421,6 @@ def _array(archive: zipfile.ZipFile, name: str, entry: _ArrayEntry) -> FloatArra
     if dtype != np.dtype("<f8") or fortran or list(shape) != entry.shape or len(rest) != 8 * math.prod(shape):
         raise InputError(f"expected the array {name} as doubles of shape {entry.shape}, got {dtype}, {shape}")
     array = np.frombuffer(rest, dtype="<f8").reshape(shape).astype(float)
-    if name != "arm_limits" and not np.isfinite(array).all():
+    if name not in NOT_FINITE and not np.isfinite(array).all():
         raise InputError(f"the array {name} holds numbers that are not finite")
     return array

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -57,7 +58,10 @@ class KinematicModel(Compensator):
         self.prior_length = prior_length
         self.robust = robust
 
-    def _identify(self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None]) -> None:
+    def _identify(
+        self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None], checkpoint: Path | None
+    ) -> None:
+        del checkpoint  # it is there in a second
         progress(0, "constants of all places")
         self.fit_ = fit_points(
             self.nominal_.chain,

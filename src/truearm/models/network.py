@@ -2,32 +2,73 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from truearm import __version__
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.models.compensator import Compensator
+from truearm.models.compensator import MIN_ROWS, Compensator
+from truearm.nets.checkpoint import Checkpoint
 from truearm.nets.lm import train_lm
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.scaling import MinMax
 from truearm.nets.trainbr import BayesianRecord, trainbr
+from truearm.nets.traingd import traingd
+from truearm.nets.traingdx import traingdx
 from truearm.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.nets.trainlm import trainlm
 from truearm.readings.readings import Readings
+from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
-TRAINERS = ("lm", "trainlm", "trainbr")
+IntArray = npt.NDArray[np.intp]
+
+TRAINERS: dict[str, Callable[..., tuple[FloatArray, TrainingRecord]]] = {
+    "lm": train_lm,
+    "trainlm": trainlm,
+    "trainbr": trainbr,
+    "traingd": traingd,
+    "traingdx": traingdx,
+}
+# The name of a training's file in the checkpoint folder, member and start counted from 1.
+CHECKPOINT_NAME = "member-{}-start-{}.npz"
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """A trained network of an ensemble.
+
+    Attributes
+    ----------
+    weights : (n_weights,) array
+    basis_covariance : (units + 1, units + 1) array
+        Inverse Gram matrix of the last hidden layer on the member's training data.
+    start : int
+        Which of its starts was kept, counted from 0.
+    record : TrainingRecord, optional
+        What the kept training did. Model files of format 1 have none.
+    """
+
+    weights: FloatArray
+    basis_covariance: FloatArray
+    start: int = 0
+    record: TrainingRecord | None = None
 
 
 class NetworkModel(Compensator):
-    """A multilayer perceptron from joint angles to coordinates, as Gao et al. (2017) train it.
+    """Multilayer perceptrons from joint angles to coordinates, as Gao et al. (2017) train them.
 
-    It knows nothing of kinematics: it needs thousands of readings and holds only within their joint ranges.
+    They know nothing of kinematics: they need thousands of readings and hold only within their joint ranges.
 
     Parameters
     ----------
@@ -38,33 +79,41 @@ class NetworkModel(Compensator):
     activation : str
         ``"tansig"``, ``"logsig"`` or ``"purelin"``.
     trainer : str
-        ``"lm"`` (variable projection and Nielsen's damping), or as MATLAB's ``"trainlm"`` or ``"trainbr"`` (Bayesian
-        regularisation: slower, but no overfitting where readings are few).
+        ``"lm"`` (variable projection and Nielsen's damping), or as MATLAB's ``"trainlm"``, ``"trainbr"`` (Bayesian
+        regularisation: slower, but no overfitting where readings are few), ``"traingd"`` or ``"traingdx"`` (gradient
+        descent: thousands of epochs for a rough fit; here because others report it).
     epochs : int
-        At most so many.
+        At most so many a training.
     goal : float
         Mean squared error of scaled outputs at which to stop.
     validation : float
         Share of the readings set aside; training stops when the error on them grows, and the best weights are kept.
     max_fail : int
         Epochs in a row without a better validation error that stop it; ``"trainbr"`` does not stop so.
+    n_restarts : int
+        Trainings of a member, each from start weights of its own. The one with the smallest validation error is kept,
+        the smallest training error where nothing is set aside.
+    n_members : int
+        Networks of the ensemble, each with start weights and a division into training and validation data of its own.
+        Their mean is the prediction.
     seed : int
-        Of the start weights and the division.
+        Of start weights and divisions. One network draws the same whatever the number of members and restarts.
     free : tuple of str
         Of the nominal arm to compare with, as in `NominalModel`.
 
     Attributes
     ----------
     network_ : Perceptron
-    weights_ : (n_weights,) array
+        The shape of all members.
+    members_ : tuple of Member
+    record_ : TrainingRecord
+        Of the first member.
     angle_scale_, point_scale_ : MinMax
         Angles [rad] and points [mm] onto [-1, 1].
-    record_ : TrainingRecord
     residual_covariance_ : (3, 3) array
-        Mean product of residuals [mm^2]: on validation data where there are any, else on the training data, with the
-        freedom that the weights took accounted for.
-    basis_covariance_ : (units + 1, units + 1) array
-        Inverse Gram matrix of the last hidden layer on the training data.
+        Mean product of a member's residuals [mm^2] on its validation data, without the share that the scatter of the
+        members explains; where nothing is set aside on the training data, with the freedom that the weights took
+        accounted for.
     """
 
     def __init__(
@@ -78,6 +127,8 @@ class NetworkModel(Compensator):
         goal: float = 0.0,
         validation: float = 0.15,
         max_fail: int = 10,
+        n_restarts: int = 1,
+        n_members: int = 1,
         seed: int = 0,
         free: tuple[str, ...] = ("base", "tip"),
     ) -> None:
@@ -89,47 +140,127 @@ class NetworkModel(Compensator):
         self.goal = goal
         self.validation = validation
         self.max_fail = max_fail
+        self.n_restarts = n_restarts
+        self.n_members = n_members
         self.seed = seed
         self.free = free
 
-    def _identify(self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None]) -> None:
+    @property
+    def record_(self) -> TrainingRecord | None:
+        """The training of the first member, MATLAB's ``tr``; None after reading a model file of format 1."""
+        return self.members_[0].record
+
+    def member_scatter(self, angles: npt.ArrayLike) -> FloatArray:
+        """(n, 3, 3) covariance of the members' points about their mean [mm^2]; zero where there is one member.
+
+        Small where the readings were, large where they do not tell what to predict.
+        """
+        return self._scatter(self._checked_angles(angles))
+
+    def _identify(
+        self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None], checkpoint: Path | None
+    ) -> None:
+        _check_motion(self.arm, readings, points)
         self.network_ = Perceptron.with_layers(readings.n_joints, self.hidden, 3, activation=self.activation)
         self.angle_scale_ = MinMax.of(readings.angles.T, what="the angle of joint")
         self.point_scale_ = MinMax.of(points.T, what="coordinate")
         inputs, targets = self.angle_scale_.scaled(readings.angles.T), self.point_scale_.scaled(points.T)
-        train, validation, _ = dividerand(
-            len(points), train=1 - self.validation, validation=self.validation, test=0, seed=self.seed
-        )
-        training = FitProblem(self.network_, inputs[:, train], targets[:, train])
-        if self.trainer != "trainbr" and not len(validation) and training.n_errors <= self.network_.n_weights:
-            raise InputError(
-                f"{len(points)} readings give {training.n_errors} coordinates for {self.network_.n_weights} weights: "
-                "the network would repeat them, and nothing would tell how wrong it is elsewhere",
-                hint="set readings aside (validation=0.15), trainbr, more readings, or fewer hidden units",
+        if checkpoint is not None:
+            checkpoint.mkdir(exist_ok=True)
+        members, judges = [], []
+        for number in range(self.n_members):
+            train, aside, _ = dividerand(
+                len(points), train=1 - self.validation, validation=self.validation, test=0, seed=self._stream(number, 0)
             )
-        aside = FitProblem(self.network_, inputs[:, validation], targets[:, validation]) if len(validation) else None
+            training = FitProblem(self.network_, inputs[:, train], targets[:, train])
+            validation = FitProblem(self.network_, inputs[:, aside], targets[:, aside]) if len(aside) else None
+            if validation is None:
+                self._check_enough(training)
+            start, weights, record = self._trained(number, training, validation, progress, checkpoint)
+            with one_blas_thread():
+                members.append(Member(weights, self._basis_covariance(weights, training.inputs), start, record))
+            judges.append(train if validation is None else aside)
+        self.members_ = tuple(members)
+        with one_blas_thread():
+            self.residual_covariance_ = self._residual_covariance(readings.angles, points, judges, apart=len(aside) > 0)
+
+    def _trained(
+        self,
+        number: int,
+        training: FitProblem,
+        validation: FitProblem | None,
+        progress: Callable[[int, str], None],
+        checkpoint: Path | None,
+    ) -> tuple[int, FloatArray, TrainingRecord]:
+        """The best of a member's starts: its number, the weights and the record."""
+        options = {"validation": validation, "epochs": self.epochs, "goal": self.goal}
+        if self.trainer != "trainbr":  # stopped by the evidence, never by validation data
+            options["max_fail"] = self.max_fail
+        least, best = np.inf, None
+        for restart in range(self.n_restarts):
+            weights = nguyen_widrow(self.network_, seed=self._stream(number, restart))
+            kept = None
+            if checkpoint is not None:
+                name = CHECKPOINT_NAME.format(number + 1, restart + 1)
+                kept = Checkpoint(checkpoint / name, self._fingerprint(training, validation, weights))
+            weights, record = TRAINERS[self.trainer](
+                training,
+                weights,
+                callback=self._teller(number * self.n_restarts + restart, progress),
+                checkpoint=kept,
+                **options,
+            )
+            error = float((record.perf if validation is None else record.vperf)[record.best_epoch])
+            if best is None or error < least:
+                least, best = error, (restart, weights, record)
+        assert best is not None  # one start at least
+        return best
+
+    def _teller(self, done: int, progress: Callable[[int, str], None]) -> Callable[[Epoch], None]:
+        """Progress of a training after `done` others: errors in mm instead of scaled squares."""
         scale = float(np.sqrt(np.mean(self.point_scale_.half_range**2)))
+        n_trainings = self.n_members * self.n_restarts
+        first = f"training {done + 1}/{n_trainings}, " if n_trainings > 1 else ""
 
         def tell(state: Epoch) -> None:
-            rms = scale * np.sqrt(state.perf)
-            progress(state.epoch, f"epoch {state.epoch}, rms error {rms:.4g} mm")
+            note = f"{first}epoch {state.epoch}, rms error {scale * np.sqrt(state.perf):.3g} mm"
+            if np.isfinite(state.vperf):
+                note += f", validation {scale * np.sqrt(state.vperf):.3g} mm"
+            if np.isfinite(state.mu):
+                note += f", mu {state.mu:.0e}"
+            progress(done * self.epochs + state.epoch, note)
 
-        self._train(training, aside, tell)
-        self._measure_uncertainty(readings.angles, points, train, validation if len(validation) else train)
+        return tell
 
-    def _train(self, training: FitProblem, aside: FitProblem | None, tell: Callable[[Epoch], None]) -> None:
-        self.record_: TrainingRecord
-        start = nguyen_widrow(self.network_, seed=self.seed)
-        epochs, goal, max_fail = self.epochs, self.goal, self.max_fail
-        if self.trainer == "trainbr":
-            self.weights_, self.record_ = trainbr(
-                training, start, validation=aside, epochs=epochs, goal=goal, callback=tell
+    def _stream(self, member: int, restart: int) -> int:
+        """The seed of a start, or of a member's division (restart 0); that of the first is `seed` itself."""
+        if member == restart == 0:
+            return int(self.seed)
+        words = np.random.SeedSequence([int(self.seed), member, restart]).generate_state(2, np.uint64)
+        return int(words[0]) << 64 | int(words[1])
+
+    def _fingerprint(self, training: FitProblem, validation: FitProblem | None, start: FloatArray) -> str:
+        """SHA-256 of all that a training's course depends on."""
+        network = self.network_
+        options = [__version__, self.trainer, network.sizes, network.hidden, self.epochs, self.goal, self.max_fail]
+        digest = hashlib.sha256(json.dumps(options, default=lambda number: number.item()).encode())
+        for part in (training, validation):
+            if part is not None:
+                digest.update(f"{part.inputs.shape[1]} samples".encode())
+                digest.update(np.ascontiguousarray(part.inputs, dtype="<f8").tobytes())
+                digest.update(np.ascontiguousarray(part.targets, dtype="<f8").tobytes())
+        digest.update(np.ascontiguousarray(start, dtype="<f8").tobytes())
+        return digest.hexdigest()
+
+    def _check_enough(self, training: FitProblem) -> None:
+        """Refuse to train a network, with nothing set aside, that can repeat every reading."""
+        if self.trainer != "trainbr" and training.n_errors <= self.network_.n_weights:
+            raise InputError(
+                f"{training.inputs.shape[1]} readings give {training.n_errors} coordinates for "
+                f"{self.network_.n_weights} weights: the network would repeat them, and nothing would tell how wrong "
+                "it is elsewhere",
+                hint="set readings aside (validation=0.15), trainbr, more readings, or fewer hidden units",
             )
-            return
-        train = train_lm if self.trainer == "lm" else trainlm
-        self.weights_, self.record_ = train(
-            training, start, validation=aside, epochs=epochs, goal=goal, max_fail=max_fail, callback=tell
-        )
 
     def _check_options(self) -> None:
         super()._check_options()
@@ -137,38 +268,112 @@ class NetworkModel(Compensator):
             raise InputError(f"expected a trainer among {list(TRAINERS)}, got {self.trainer!r}")
         if not isinstance(self.hidden, tuple | list) or not all(isinstance(n, int | np.integer) for n in self.hidden):
             raise InputError(f"expected hidden layers as whole numbers, such as (30, 30), got {self.hidden!r}")
-        if self.epochs < 1 or self.max_fail < 1 or not 0 <= self.validation < 1 or not self.goal >= 0:
-            raise InputError(
-                "expected epochs and max_fail of 1 or more, validation from 0 to below 1 and goal of 0 or more, got "
-                f"{self.epochs}, {self.max_fail}, {self.validation}, {self.goal}"
-            )
+        for name, least in (("epochs", 1), ("max_fail", 1), ("n_restarts", 1), ("n_members", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if not isinstance(value, int | np.integer) or value < least:
+                raise InputError(f"expected {name} as a whole number of {least} or more, got {value!r}")
+        if not 0 <= self.validation < 1:
+            raise InputError(f"expected validation, a share of the readings, from 0 to below 1, got {self.validation}")
+        if not 0 <= self.goal < np.inf:
+            raise InputError(f"expected goal, a mean squared error of scaled outputs, of 0 or more, got {self.goal}")
 
-    def _measure_uncertainty(
-        self, angles: FloatArray, points: FloatArray, train: npt.NDArray[np.intp], judge: npt.NDArray[np.intp]
-    ) -> None:
-        residuals = self._tips(angles[judge]) - points[judge]
-        # Judged by its own training data a network looks too good: each weight in use took a coordinate's freedom.
-        in_use = self.record_.gamk[-1] if isinstance(self.record_, BayesianRecord) else self.network_.n_weights
-        free_share = max(1 - in_use / residuals.size, 1e-3) if judge is train else 1.0
-        self.residual_covariance_ = residuals.T @ residuals / (len(residuals) * free_share)
-        basis = self._basis(angles[train])
+    def _residual_covariance(
+        self, angles: FloatArray, points: FloatArray, judges: list[IntArray], *, apart: bool
+    ) -> FloatArray:
+        """What a member leaves over: on the readings by which it is judged, over and above the members' scatter."""
+        parts = []
+        for member, rows in zip(self.members_, judges, strict=True):
+            residuals = self._points(member, self.angle_scale_.scaled(angles[rows].T)) - points[rows]
+            squares = residuals.T @ residuals / len(rows)
+            if len(rows) < MIN_ROWS:  # too few to tell directions apart
+                squares = np.trace(squares) / 3 * np.eye(3)
+            parts.append(squares if apart else squares / self._free_share(member, residuals.size))
+        covariance = np.mean(parts, axis=0)
+        if apart and self.n_members > 1:
+            scatter = self._scatter(angles)
+            known = np.mean([np.trace(scatter[rows].mean(axis=0)) for rows in judges]) / np.trace(covariance)
+            # Were it all scatter, the mean of the members would still err by their share.
+            covariance = covariance * max(1 - known, 1 / self.n_members)
+        return np.asarray(covariance)
+
+    def _free_share(self, member: Member, n_coordinates: int) -> float:
+        """Share of the training coordinates' freedom that the weights in use have left."""
+        in_use = member.record.gamk[-1] if isinstance(member.record, BayesianRecord) else self.network_.n_weights
+        return max(1 - in_use / n_coordinates, 1e-3)
+
+    def _basis_covariance(self, weights: FloatArray, inputs: FloatArray) -> FloatArray:
+        basis = self._basis(weights, inputs)
         gram = basis.T @ basis
         # A thousandth of a reading in every direction keeps the inverse finite where hidden units have become alike.
-        self.basis_covariance_ = np.linalg.inv(gram + 1e-3 * np.eye(len(gram)))
+        return np.asarray(np.linalg.inv(gram + 1e-3 * np.eye(len(gram))))
+
+    def _basis(self, weights: FloatArray, inputs: FloatArray) -> FloatArray:
+        """(n, units + 1) last hidden layer and bias at scaled inputs (n_inputs, n)."""
+        last_hidden = self.network_.forward(weights, inputs)[-2]
+        return np.concatenate([last_hidden, np.ones((1, last_hidden.shape[1]))]).T
+
+    def _points(self, member: Member, inputs: FloatArray) -> FloatArray:
+        """(n, 3) a member's points [mm] at scaled inputs (n_inputs, n)."""
+        return np.asarray(self.point_scale_.restored(self.network_.outputs(member.weights, inputs)).T)
 
     def _tips(self, angles: FloatArray) -> FloatArray:
         inputs = self.angle_scale_.scaled(angles.T)
-        return np.asarray(self.point_scale_.restored(self.network_.outputs(self.weights_, inputs)).T)
+        return np.asarray(np.mean([self._points(member, inputs) for member in self.members_], axis=0))
 
-    def _basis(self, angles: FloatArray) -> FloatArray:
-        last_hidden = self.network_.forward(self.weights_, self.angle_scale_.scaled(angles.T))[-2]
-        return np.concatenate([last_hidden, np.ones((1, last_hidden.shape[1]))]).T
+    def _scatter(self, angles: FloatArray) -> FloatArray:
+        out = np.zeros((len(angles), 3, 3))
+        if len(self.members_) > 1:
+            inputs = self.angle_scale_.scaled(angles.T)
+            mean = self._tips(angles)
+            for member in self.members_:
+                off = self._points(member, inputs) - mean
+                out += off[:, :, None] * off[:, None, :]
+            out /= len(self.members_) - 1
+        return out
 
     def _covariance(self, angles: FloatArray) -> FloatArray:
-        """Residual covariance, grown by the leverage of the last hidden layer (a Bayesian linear output layer).
+        """What members leave over, grown by the leverage of their last hidden layers, and their scatter.
 
-        Hidden units saturate, so that it does not grow without bound far outside: such rows are flagged instead.
+        The leverage is that of a Bayesian linear output layer. Hidden units saturate, so that it does not grow without
+        bound far outside; the scatter does not hold the error that all members share. Such rows are flagged instead.
         """
-        basis = self._basis(angles)
-        leverage = np.einsum("ni,ij,nj->n", basis, self.basis_covariance_, basis)
-        return np.asarray((1 + leverage)[:, None, None] * self.residual_covariance_)
+        inputs = self.angle_scale_.scaled(angles.T)
+        leverage = np.zeros(len(angles))
+        for member in self.members_:
+            basis = self._basis(member.weights, inputs)
+            leverage += np.einsum("ni,ij,nj->n", basis, member.basis_covariance, basis) / len(self.members_)
+        return np.asarray((1 + leverage)[:, None, None] * self.residual_covariance_ + self._scatter(angles))
+
+
+def checkpoints(folder: Path) -> list[Path]:
+    """The files of trainings in a checkpoint folder; none where there is no folder."""
+    return sorted(folder.glob(CHECKPOINT_NAME.format("*", "*")))
+
+
+def remove_checkpoints(folder: Path) -> None:
+    """Remove the files of trainings, and the folder if nothing else is in it."""
+    # A program that was killed while writing may have left a file under a hidden name.
+    for file in [*checkpoints(folder), *folder.glob("." + CHECKPOINT_NAME.format("*", "*"))]:
+        file.unlink(missing_ok=True)
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def _check_motion(arm: Arm, readings: Readings, points: FloatArray) -> None:
+    """Refuse an input or output without a range to scale."""
+    for joint, values in enumerate(readings.angles.T):
+        if values.min() == values.max():
+            name, unit = arm.joint_names[joint], "mm" if arm.chain.slides[joint] else "rad"
+            raise readings.error(
+                f"joint {name} is at {values[0]:.6g} {unit} in all {len(readings)} readings: a network cannot learn "
+                "from a joint that does not move",
+                column=None if readings.angle_columns is None else readings.angle_columns[joint],
+                hint='readings in which it moves, or an arm without it (type = "fixed" in an arm file)',
+            )
+    for axis, values in zip("xyz", points.T, strict=True):
+        if values.min() == values.max():
+            raise readings.error(
+                f"the coordinate {axis} is {values[0]:.6g} mm in all {len(readings)} readings: a network has nothing "
+                "to learn in it",
+                hint="readings that leave this plane, or the kinematic model",
+            )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +30,9 @@ class NominalModel(Compensator):
         self.arm = arm
         self.free = free
 
-    def _identify(self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None]) -> None:
+    def _identify(
+        self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None], checkpoint: Path | None
+    ) -> None:
         """Nothing beyond what every model knows of the nominal arm."""
 
     def _tips(self, angles: FloatArray) -> FloatArray:

@@ -80,7 +80,8 @@ class Checkpoint:
         refused.
     seconds : float
         The file is written when so much time has passed since the last time, at an epoch's end; at the training's
-        end; and when it is interrupted (Ctrl-C).
+        end; and when it is interrupted (Ctrl-C, and
+        kill where the program makes a SystemExit of it).
 
     Raises
     ------

@@ -38,7 +38,7 @@ class _Standing:
 class Logbook:
     """Keeps a training's record, epoch by epoch; tells it; writes it to the checkpoint and goes on from there.
 
-    The training runs in its context: an interrupt (Ctrl-C) goes on its way after the checkpoint is written.
+    The training runs in its context: an interrupt (Ctrl-C, kill) goes on its way after the checkpoint is written.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ class Logbook:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is not None and issubclass(kind, KeyboardInterrupt):
+        if kind is not None and issubclass(kind, KeyboardInterrupt | SystemExit):
             self._write()
 
     def _write(self) -> None:
