@@ -45,6 +45,59 @@ def test_as_many_weights_as_data_do_not_overfit(noisy_wave):
     assert 3 < record.gamk[-1] < 15
 
 
+@pytest.fixture(scope="module")
+def users_guide():
+    """The case of MATLAB's user's guide, "Automated regularization (trainbr)": sin(2 pi x) and noise of 0.1 at
+    x = -1:.05:1. Trained here with 10, 20 and 40 hidden units."""
+    x = np.linspace(-1, 1, 41)[None]
+    t = np.sin(2 * np.pi * x) + 0.1 * np.random.default_rng(2).normal(size=x.shape)
+    trained = {}
+    for units in (10, 20, 40):
+        training = FitProblem(Perceptron.with_layers(1, (units,), 1), x, t)
+        trained[units] = training, *trainbr(training, nguyen_widrow(training.network, seed=0), epochs=100)
+    return trained
+
+
+def test_published_number_of_weights_in_use(users_guide):
+    """The guide: "approximately 12 parameters out of the 61 total weights and biases in the 1-20-1 network [...] should
+    remain approximately the same, no matter how large the number of parameters in the network becomes"."""
+    assert users_guide[20][0].network.n_weights == 61
+    assert users_guide[20][2].gamk[-1] == pytest.approx(12, abs=2)  # another draw of the noise than the guide's
+    for units in (10, 40):
+        assert users_guide[units][2].gamk[-1] == pytest.approx(users_guide[20][2].gamk[-1], abs=1.5)
+
+
+@pytest.mark.parametrize("units", [5, 10, 40])
+def test_what_is_not_learnt_yet_is_not_smoothed_flat(units):
+    """Begun with alpha and beta as if all weights were in use, 5 units end at a line; renewed in every epoch, so do
+    some starts of 10 and 40."""
+    x = np.linspace(-1, 1, 41)[None]
+    for seed in range(3):
+        t = np.sin(2 * np.pi * x) + NOISE * np.random.default_rng(seed).normal(size=x.shape)
+        training = FitProblem(Perceptron.with_layers(1, (units,), 1), x, t)
+        weights, _ = trainbr(training, nguyen_widrow(training.network, seed=seed), epochs=30)
+        assert training.mean_square(weights) < 0.02  # the best line leaves 0.35
+
+
+@pytest.mark.parametrize("units", [10, 40])
+def test_the_end_is_mackays_fixed_point(users_guide, units):
+    """gamma, alpha and beta again, from a Jacobian by central differences (truncation and rounding 1e-9)."""
+    training, weights, record = users_guide[units]
+    h, p = 1e-5, len(weights)
+
+    def outputs(w):
+        return training.network.outputs(w, training.inputs)[0]
+
+    J = np.stack([(outputs(weights + s) - outputs(weights - s)) / (2 * h) for s in h * np.eye(p)], axis=1)
+    values = record.beta[-1] * np.linalg.svd(J, compute_uv=False) ** 2
+    gamma = np.sum(values / (values + record.alpha[-1]))
+    squares = training.n_errors * record.perf[-1]
+    # The last round used the precisions before it: what it left undone is what the epochs still change.
+    assert gamma == pytest.approx(record.gamk[-1], rel=0.01)
+    assert record.alpha[-1] == pytest.approx(gamma / (weights @ weights), rel=0.01)
+    assert record.beta[-1] == pytest.approx((training.n_errors - gamma) / squares, rel=0.01)
+
+
 def test_the_noise_is_found(noisy_wave):
     training, _, start = noisy_wave
     _, record = trainbr(training, start, epochs=300)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sklearn.linear_model import BayesianRidge
 
 from truearm.solve.evidence import Evidence, updated_evidence
 
@@ -68,6 +69,33 @@ def test_at_the_fixed_point_the_evidence_is_greatest(rng):
     for factor in (0.9, 1.1):
         assert log_evidence(factor * evidence.alpha, evidence.beta) < best
         assert log_evidence(evidence.alpha, factor * evidence.beta) < best
+
+
+def test_the_fixed_point_is_scikit_learns(rng):
+    """BayesianRidge with flat priors on its precisions iterates the same equations by singular values."""
+    J = rng.normal(size=(40, 12)) * np.logspace(0, -1.5, 12)
+    y = J @ rng.normal(size=12) + 0.1 * rng.normal(size=40)
+    peer = BayesianRidge(
+        fit_intercept=False, max_iter=2000, tol=1e-13, alpha_1=0, alpha_2=0, lambda_1=0, lambda_2=0
+    ).fit(J, y)
+    evidence = Evidence(1.0, 1.0, 0.0)
+    for _ in range(500):
+        x = np.linalg.solve(evidence.beta * J.T @ J + evidence.alpha * np.eye(12), evidence.beta * (J.T @ y))
+        evidence = updated_evidence(
+            evidence, gram=J.T @ J, parameter_squares=x @ x, residual_squares=np.sum((J @ x - y) ** 2), n_residuals=40
+        )
+    assert evidence.beta == pytest.approx(peer.alpha_, rel=1e-6)  # scikit-learn's names are the other way round
+    assert evidence.alpha == pytest.approx(peer.lambda_, rel=1e-6)
+    np.testing.assert_allclose(x, peer.coef_, rtol=1e-6)
+
+
+def test_directions_that_rounding_leaves_below_zero_count_for_nothing():
+    """Eigenvalues 1 and -1e-9, as the sums over readings of a singular matrix may come out."""
+    gram = np.array([[0.5, 0.5], [0.5, 0.5]]) + 1e-9 * np.array([[-0.5, 0.5], [0.5, -0.5]])
+    found = updated_evidence(
+        Evidence(1e-12, 1.0, 0.0), gram=gram, parameter_squares=1.0, residual_squares=1.0, n_residuals=10
+    )
+    assert found.gamma == pytest.approx(1, abs=1e-6)
 
 
 def test_nothing_to_learn_from_keeps_the_precisions():

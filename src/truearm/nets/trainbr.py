@@ -23,10 +23,18 @@ from truearm.solve import (
     State,
     levenberg_marquardt,
 )
+from truearm.solve.arrays import add_to_diagonal
 from truearm.solve.evidence import Evidence, updated_evidence
 from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
+
+# Foresee and Hagan's start, alpha = 0 and beta = 1 of ``beta |e|^2 + alpha |w|^2``: the errors alone, with just enough
+# beside them to tell apart what the data do not determine at all.
+FIRST_ALPHA, FIRST_BETA = 1e-6, 2.0
+# While an epoch lowers the cost by more than this share, the errors are not noise yet, but what is still to be learnt.
+# Taken for noise they smooth the network flat, often for good: a sine ends as a line.
+LEARNING = 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,7 +83,7 @@ class RegularisedProblem:
         """The equations at `x` from those of the errors alone."""
         alpha, beta = self.evidence.alpha, self.evidence.beta
         gram = beta * errors.gram
-        gram.flat[:: len(gram) + 1] += alpha
+        add_to_diagonal(gram, alpha)
         cost = beta * errors.cost + 0.5 * alpha * float(x @ x)
         return RegularisedEquations(cost, beta * errors.gradient + alpha * x, gram, errors)
 
@@ -102,7 +110,10 @@ def trainbr(
     Every epoch is a Levenberg-Marquardt step on ``beta |e|^2 + alpha |w|^2``, then one round of MacKay's fixed point.
     The number of weights in use, `gamk`, settles by itself, so that no readings need be set aside to stop in time.
 
-    Source: F. D. Foresee, M. T. Hagan, "Gauss-Newton approximation to Bayesian learning", ICNN 1997, 1930-1935.
+    Source: F. D. Foresee, M. T. Hagan, "Gauss-Newton approximation to Bayesian learning", ICNN 1997, 1930-1935. As there
+    the first step is on the errors alone; MATLAB begins as if all weights were in use. Unlike both, alpha and beta then
+    stand while an epoch lowers the cost by over a tenth: MacKay's equations hold at the most probable weights, and far
+    from them the network is easily smoothed flat.
 
     Parameters
     ----------
@@ -145,37 +156,41 @@ def trainbr(
         callback=callback,
         checkpoint=checkpoint,
     )
+    n = training.n_errors
     if (row := log.resumed) is None:
-        squares = 2 * training.cost(start)
-        evidence = _first_evidence(training.n_errors, start, squares)
+        evidence = Evidence(FIRST_ALPHA, FIRST_BETA, gamma=float(len(start)))
+        perf, squares = training.mean_square(start), float(start @ start)
     else:
-        squares = 0.0  # of an epoch that is kept already
-        evidence = Evidence(alpha=row["alpha"], beta=row["beta"], gamma=row["gamk"])
+        evidence = Evidence(row["alpha"], row["beta"], row["gamk"])
+        perf, squares = row["perf"], row["ssX"]
 
     def renew(x: FloatArray, equations: NormalEquations) -> tuple[RegularisedProblem, NormalEquations]:
-        nonlocal evidence, squares
+        nonlocal evidence, perf, squares
         assert isinstance(equations, RegularisedEquations)  # made by the problem below
-        squares = 2 * equations.errors.cost
-        evidence = updated_evidence(
-            evidence,
-            gram=equations.errors.gram,
-            parameter_squares=float(x @ x),
-            residual_squares=squares,
-            n_residuals=training.n_errors,
-        )
+        before = evidence.beta * n * perf + evidence.alpha * squares
+        perf, squares = 2 * equations.errors.cost / n, float(x @ x)
+        settling = evidence.beta * n * perf + evidence.alpha * squares >= (1 - LEARNING) * before
+        if settling or log.epoch == 0:  # the first step gives alpha its scale
+            evidence = updated_evidence(
+                evidence,
+                gram=equations.errors.gram,
+                parameter_squares=squares,
+                residual_squares=n * perf,
+                n_residuals=n,
+            )
         problem = RegularisedProblem(training, evidence)
         return problem, problem.weighted(x, equations.errors)
 
     def goal_met(state: State) -> Reason | None:  # noqa: ARG001 - the goal is of the errors alone, not of the cost
-        return Reason("Performance goal met.", True) if squares / training.n_errors <= goal else None
+        return Reason("Performance goal met.", True) if perf <= goal else None
 
     def keep(state: State) -> None:
         log.keep(
             state,
-            perf=squares / training.n_errors,
+            perf=perf,
             gradient=state.gradient_norm,
             memory=damping_memory(state),
-            extra=(evidence.gamma, float(state.x @ state.x), evidence.alpha, evidence.beta),
+            extra=(evidence.gamma, squares, evidence.alpha, evidence.beta),
         )
 
     if not log.ended:
@@ -190,13 +205,3 @@ def trainbr(
             )
     record = log.record(BayesianRecord)
     return log.x.copy(), replace(record, best_epoch=record.num_epochs)
-
-
-def _first_evidence(n_errors: int, weights: FloatArray, squares: float) -> Evidence:
-    """MATLAB's start: as if all weights were in use. `squares` is the sum of squared errors."""
-    size, freedom = float(weights @ weights), n_errors - len(weights)
-    return Evidence(
-        alpha=len(weights) / size if size > 0 else 1.0,
-        beta=freedom / squares if freedom > 0 and squares > 0 else 2.0,
-        gamma=float(len(weights)),
-    )

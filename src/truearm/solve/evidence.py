@@ -15,10 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve
+from array_api_compat import array_namespace, is_numpy_array
+from scipy.linalg import LinAlgError, cholesky
+from scipy.linalg.lapack import dtrtri
 
-FloatArray = npt.NDArray[np.float64]
+from truearm.solve.arrays import Array, add_to_diagonal, to_numpy
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Evidence:
 
 
 def updated_evidence(
-    evidence: Evidence, *, gram: FloatArray, parameter_squares: float, residual_squares: float, n_residuals: int
+    evidence: Evidence, *, gram: Array, parameter_squares: float, residual_squares: float, n_residuals: int
 ) -> Evidence:
     """One round of MacKay's fixed point.
 
@@ -50,7 +51,7 @@ def updated_evidence(
     evidence : Evidence
         Precisions so far.
     gram : (p, p) array
-        ``J^T J`` of the unweighted residuals.
+        ``J^T J`` of the unweighted residuals, an array of any library.
     parameter_squares, residual_squares : float
         ``|x|^2`` and ``|r|^2`` at or near the most probable parameters under `evidence`.
     n_residuals : int
@@ -61,10 +62,8 @@ def updated_evidence(
     Evidence
         Parameters that are all zero keep their precision, and so does a noise that leaves nothing over.
     """
-    precision = evidence.beta * gram
-    precision.flat[:: len(precision) + 1] += evidence.alpha
-    variances = cho_solve(cho_factor(precision, lower=True), np.eye(len(precision))).diagonal()
-    gamma = float(np.clip(len(precision) - evidence.alpha * variances.sum(), 0, len(precision)))
+    p = gram.shape[0]
+    gamma = float(np.clip(p - evidence.alpha * _trace_of_variances(evidence, gram), 0, p))
     # Parameters as many as data leave no freedom to learn the noise from: a thousandth of it stands in.
     freedom = max(n_residuals - gamma, 1e-3 * n_residuals)
     return Evidence(
@@ -72,3 +71,18 @@ def updated_evidence(
         beta=freedom / residual_squares if residual_squares > 0 else evidence.beta,
         gamma=gamma,
     )
+
+
+def _trace_of_variances(evidence: Evidence, gram: Array) -> float:
+    """Trace of ``(beta J^T J + alpha I)^-1``."""
+    if is_numpy_array(gram):
+        precision = evidence.beta * gram
+        add_to_diagonal(precision, evidence.alpha)
+        try:
+            # With A = L L^T the trace is the sum of squares of L^-1, which costs a sixth of the whole inverse.
+            inverse, _ = dtrtri(cholesky(precision, lower=True, overwrite_a=True, check_finite=False), lower=1)
+            return float(np.vdot(inverse, inverse))
+        except LinAlgError:  # rounding has left directions that no reading determines below zero
+            pass
+    values = to_numpy(array_namespace(gram).linalg.eigvalsh(gram))
+    return float((1 / (evidence.beta * np.maximum(values, 0) + evidence.alpha)).sum())
