@@ -110,10 +110,10 @@ def trainbr(
     Every epoch is a Levenberg-Marquardt step on ``beta |e|^2 + alpha |w|^2``, then one round of MacKay's fixed point.
     The number of weights in use, `gamk`, settles by itself, so that no readings need be set aside to stop in time.
 
-    Source: F. D. Foresee, M. T. Hagan, "Gauss-Newton approximation to Bayesian learning", ICNN 1997, 1930-1935. As there
-    the first step is on the errors alone; MATLAB begins as if all weights were in use. Unlike both, alpha and beta then
-    stand while an epoch lowers the cost by over a tenth: MacKay's equations hold at the most probable weights, and far
-    from them the network is easily smoothed flat.
+    Source: F. D. Foresee, M. T. Hagan, "Gauss-Newton approximation to Bayesian learning", ICNN 1997, 1930-1935. As
+    there the first step is on the errors alone; MATLAB begins as if all weights were in use. Unlike both, alpha and
+    beta then stand while an epoch lowers the cost by over a tenth: MacKay's equations hold at the most probable
+    weights, and far from them the network is easily smoothed flat.
 
     Parameters
     ----------
