@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import zipfile
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,9 @@ import pytest
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError, TruearmError
-from truearm.models import MODELS, KinematicModel
+from truearm.models import MODELS, KinematicModel, NetworkModel
 from truearm.models.file import load_model, save_model
+from truearm.models.network import TRAINERS
 
 KEPT_TIP_MM = [758.9268461603382, 14.755674969324792, 237.3313078392036]
 KEPT_STD_MM = [0.006642343415025093, 0.006958388902324782, 0.006697782188492866]
@@ -99,6 +101,53 @@ def test_a_network_of_the_first_format_still_loads():
     tip, covariance = model.predict(model.arm.working[None], return_cov=True)
     np.testing.assert_allclose(tip, [KEPT_NETWORK_TIP_MM], atol=1e-9)
     np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), KEPT_NETWORK_STD_MM, rtol=1e-9)
+
+
+def test_a_model_of_the_first_format_is_written_in_the_second(tmp_path):
+    """Its training is not known any more; all else comes back."""
+    old = load_model(Path(__file__).parent / "network-format-1.truearm")
+    save_model(old, tmp_path / "m")
+    again = load_model(tmp_path / "m")
+    assert old.record_ is None is again.record_
+    q = old.arm.working[None]
+    for one, other in zip(old.predict(q, return_cov=True), again.predict(q, return_cov=True), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.fixture
+def ensemble(arm, rng):
+    def fit(trainer="lm", **options):
+        angles = rng.uniform(-1, 1, (40, 3)) * [1, 40, 1]
+        points = arm.chain.tip_in_base(angles) + rng.normal(0, 0.01, (40, 3))
+        options = {"hidden": (3,), "epochs": 4, "n_members": 3, "n_restarts": 2} | options
+        return NetworkModel(arm, trainer=trainer, **options).fit(angles, points), angles
+
+    return fit
+
+
+@pytest.mark.parametrize("trainer", TRAINERS)
+def test_an_ensemble_comes_back_with_the_records_of_its_trainings(trainer, ensemble, tmp_path):
+    model, angles = ensemble(trainer)
+    save_model(model, tmp_path / "m")
+    again = load_model(tmp_path / "m")
+    for one, other in zip(model.predict(angles, return_cov=True), again.predict(angles, return_cov=True), strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(model.member_scatter(2 * angles), again.member_scatter(2 * angles))
+    for one, other in zip(model.members_, again.members_, strict=True):
+        assert one.start == other.start
+        assert type(one.record) is type(other.record)
+        for field in fields(one.record):
+            expected, got = getattr(one.record, field.name), getattr(other.record, field.name)
+            assert np.asarray(expected).dtype == np.asarray(got).dtype
+            np.testing.assert_array_equal(got, expected)
+    assert again.get_params()["n_members"] == 3
+
+
+def test_a_model_larger_than_its_file_may_be_is_not_written(ensemble, tmp_path, monkeypatch):
+    monkeypatch.setattr("truearm.models.file.MAX_BYTES", 2**20 + 1000)
+    with pytest.raises(TruearmError, match="does not fit a model file"):
+        save_model(ensemble()[0], tmp_path / "m")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_unfitted_model_is_not_saved(arm, tmp_path):
@@ -238,3 +287,40 @@ def test_a_compressed_bomb_is_refused(fitted, tmp_path):
         archive.writestr("model.json", b" " * (80 << 20))
     with pytest.raises(InputError, match="compressed or larger"):
         load_model(path)
+
+
+def edit_member(**changes):
+    def change(files):
+        header = json.loads(files["model.json"])
+        header["members"][1].update(changes)
+        files["model.json"] = json.dumps(header).encode()
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (edit_member(epochs=3), "network_record of shape"),
+        (edit_member(epochs=2**62), "members.1.epochs"),
+        (edit_member(best_epoch=5), "does not hold what its members say"),
+        (edit_member(start=-1), "members.1.start"),
+        (edit_member(stop="x" * 300), "members.1.stop"),
+        (edit_header(members=[]), "has no array 'network_record'"),
+        (edit_header(record=["perf", "magic"]), "unknown columns"),
+        (edit_array("network_record", lambda a: np.where(a == 0, np.nan, a)), "members say"),
+        (edit_array("network_record", lambda a: a[:-1]), "network_record of shape"),
+        (edit_array("network_weights", lambda a: a[:2]), "as many rows"),
+        (edit_array("network_weights", lambda a: a[:0]), "as many rows"),
+        (edit_array("network_weights", lambda a: a[:, 1:]), "network_weights of shape"),
+        (edit_array("network_weights", lambda a: a.sum()), "does not hold what"),
+        (edit_array("network_basis_covariance", np.negative), "not a covariance"),
+        (edit_array("network_weights", lambda a: a * np.inf), "not finite"),
+        (edit_header(format=1), "as many rows"),
+    ],
+)
+def test_an_ensemble_that_is_not_sound_is_refused(change, message, ensemble, tmp_path):
+    save_model(ensemble()[0], tmp_path / "m")
+    rewritten(tmp_path / "m", change)
+    with pytest.raises(InputError, match=message):
+        load_model(tmp_path / "m")
