@@ -28,6 +28,7 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("predict", "predict"),
     ("evaluate", "evaluate"),
     ("report", "report"),
+    ("reproduce", "reproduce"),
 )
 
 

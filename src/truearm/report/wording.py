@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -77,3 +78,9 @@ def whole(cell: Cell) -> Cell:
 def as_figure(number: int, figure: Figure) -> Figure:
     """Say in its caption which figure of the paper a figure stands for."""
     return replace(figure, caption=f"Figure {number} of the paper, ours. {figure.caption}")
+
+
+def paper_figures(figures: Iterable[Figure]) -> dict[int, Figure]:
+    """Find the figures that stand for one of the paper, those of `as_figure`, by its number."""
+    numbered = {figure: re.match(r"Figure (\d+) of the paper, ours\.", figure.caption) for figure in figures}
+    return {int(told[1]): figure for figure, told in numbered.items() if told}
