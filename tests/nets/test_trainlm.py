@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
+import itertools
+import time
+
 import numpy as np
 import pytest
 
@@ -12,7 +16,6 @@ from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.scaling import MinMax
-from truearm.nets.training import dividerand
 from truearm.nets.trainlm import trainlm
 
 
@@ -36,30 +39,107 @@ def halves(problem):
     return part(0), part(1)
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"goal": 1e-6}, "Performance goal met."),
-        ({"epochs": 4}, "Maximum epoch reached."),
-        ({"epochs": 0}, "Maximum epoch reached."),
-        ({"time": 0.0}, "Maximum time elapsed."),
-        ({"min_grad": 1e3}, "Minimum gradient reached."),
-        ({"mu": 1e11}, "Maximum MU reached."),
-    ],
-)
-def test_each_stop_of_matlab(wave, options, sentence):
-    problem, start = wave
-    weights, record = trainlm(problem, start, **options)
-    assert record.stop == sentence
-    assert record.best_epoch == len(record.perf) - 1
-    assert problem.mean_square(weights) == pytest.approx(record.perf[-1], rel=1e-12)
-
-
-def test_validation_stop_restores_the_best_weights(wave):
-    problem, start = wave
+@pytest.fixture
+def noisy(wave):
+    """The wave with noise of 0.2, training and validation data taken in turn."""
+    problem, _ = wave
     rng = np.random.default_rng(0)
-    noisy = FitProblem(problem.network, problem.inputs, problem.targets + rng.normal(0, 0.2, problem.targets.shape))
-    training, validation = halves(noisy)
+    return halves(FitProblem(problem.network, problem.inputs, problem.targets + rng.normal(0, 0.2, (1, 120))))
+
+
+# MATLAB's documented stops (mathworks.com/help/deeplearning/ref/trainlm.html), one by one ----------------------------
+
+
+def test_defaults_are_matlabs():
+    parameters = inspect.signature(trainlm).parameters.values()
+    assert {p.name: p.default for p in parameters if p.default is not p.empty and p.default is not None} == {
+        "epochs": 1000, "goal": 0, "max_fail": 6, "min_grad": 1e-7, "mu": 1e-3, "mu_dec": 0.1, "mu_inc": 10,
+        "mu_max": 1e10, "time": float("inf"),
+    }  # fmt: skip
+
+
+def test_stop_when_the_maximum_number_of_epochs_is_reached(wave):
+    for epochs in (0, 1, 4):
+        _, record = trainlm(*wave, epochs=epochs)
+        assert record.stop == "Maximum epoch reached."
+        assert record.num_epochs == epochs
+
+
+def test_stop_when_the_maximum_amount_of_time_is_exceeded(wave, monkeypatch):
+    looks = itertools.count()
+    monkeypatch.setattr(time, "perf_counter", lambda: float(next(looks)))  # a second passes at every look
+    _, record = trainlm(*wave, time=20.0)
+    assert record.stop == "Maximum time elapsed."
+    assert record.time[-1] >= 20 > record.time[-2]
+
+
+def test_stop_when_performance_is_at_the_goal(wave):
+    _, record = trainlm(*wave, goal=1e-6)
+    assert record.stop == "Performance goal met."
+    assert record.perf[-1] <= 1e-6 < record.perf[-2]
+
+
+def test_stop_when_the_gradient_falls_below_min_grad(wave):
+    _, record = trainlm(*wave, min_grad=1e-3)
+    assert record.stop == "Minimum gradient reached."
+    assert record.gradient[-1] <= 1e-3 < record.gradient[:-1].min()
+
+
+def test_stop_when_mu_exceeds_mu_max(wave):
+    """A goal of nothing on noisy data: at the minimum no step lowers the error, and mu rises to its limit."""
+    training, _ = wave
+    few = FitProblem(training.network, training.inputs[:, ::8], np.cos(40 * training.inputs[:, ::8]))
+    weights, record = trainlm(few, wave[1], min_grad=0.0, mu_max=1e3)
+    assert record.stop == "Maximum MU reached."
+    assert record.mu[-1] >= 1e3 > record.mu[-2]
+    assert record.perf[-1] == record.perf[-2]  # that epoch found nothing
+    assert record.best_epoch == record.num_epochs - 1
+    assert few.mean_square(weights) == pytest.approx(record.perf[-1], rel=1e-12)
+
+
+def test_stop_when_the_validation_error_has_risen_max_fail_times(wave, noisy):
+    training, validation = noisy
+    for max_fail in (1, 3, 6):
+        _, record = trainlm(training, wave[1], validation=validation, max_fail=max_fail)
+        assert record.stop == "Validation stop."
+        assert record.val_fail[-1] == max_fail > record.val_fail[-2]
+        since = record.vperf[record.best_epoch + 1 :]
+        assert (since > record.vperf[record.best_epoch]).sum() == max_fail
+
+
+def test_stop_by_the_user(wave):
+    def interrupt(epoch):
+        if epoch.epoch == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        trainlm(*wave, callback=interrupt)
+
+
+def test_where_several_stops_hold_the_first_in_matlabs_order_is_named(wave, noisy):
+    training, validation = noisy
+    everything = {"goal": 1e9, "epochs": 0, "time": 0.0, "min_grad": 1e9, "mu": 1e11}
+    for name, sentence in (
+        ("goal", "Performance goal met."),
+        ("epochs", "Maximum epoch reached."),
+        ("time", "Maximum time elapsed."),
+        ("min_grad", "Minimum gradient reached."),
+        ("mu", "Maximum MU reached."),
+    ):
+        assert trainlm(training, wave[1], validation=validation, **everything)[1].stop == sentence
+        del everything[name]
+    _, record = trainlm(training, wave[1], validation=validation)
+    assert record.stop == "Validation stop."
+    _, record = trainlm(training, wave[1], validation=validation, epochs=record.num_epochs)
+    assert record.stop == "Maximum epoch reached."
+
+
+# The record tr -------------------------------------------------------------------------------------------------------
+
+
+def test_validation_stop_restores_the_best_weights(wave, noisy):
+    _, start = wave
+    training, validation = noisy
     weights, record = trainlm(training, start, validation=validation, test=validation, max_fail=6)
     assert record.stop == "Validation stop."
     assert record.val_fail[-1] == 6
@@ -74,6 +154,7 @@ def test_the_record_has_an_entry_for_every_epoch(wave):
     _, record = trainlm(problem, start, epochs=5)
     lengths = {len(getattr(record, n)) for n in ("perf", "vperf", "tperf", "mu", "gradient", "val_fail", "time")}
     assert lengths == {6}
+    assert record.num_epochs == 5
     assert record.mu[0] == 1e-3
     assert np.isnan(record.vperf).all()
     # each epoch's damping is the last one's times a whole power of ten
@@ -100,13 +181,12 @@ def test_projection_needs_fewer_epochs(wave):
     assert problem.mean_square(weights) <= 1e-6
 
 
-def test_projection_with_validation_keeps_the_best(wave):
-    problem, start = wave
-    rng = np.random.default_rng(0)
-    noisy = FitProblem(problem.network, problem.inputs, problem.targets + rng.normal(0, 0.2, problem.targets.shape))
-    training, validation = halves(noisy)
-    weights, record = train_lm(training, start, validation=validation, max_fail=5)
+def test_projection_with_validation_keeps_the_best(wave, noisy):
+    _, start = wave
+    training, validation = noisy
+    weights, record = train_lm(training, start, validation=validation, test=validation, max_fail=5)
     assert validation.mean_square(weights) == pytest.approx(record.vperf.min(), rel=1e-9)
+    np.testing.assert_array_equal(record.tperf, record.vperf)
 
 
 def test_training_is_repeatable(wave):
@@ -156,19 +236,6 @@ def test_start_for_logsig_is_centred_on_its_outputs():
     middle = second[:-1].sum(axis=0) * 0.5 + second[-1]
     length = 0.7 * 4 ** (1 / 5)
     np.testing.assert_allclose(np.sort(np.abs(middle)), np.sort(np.abs(4 * length * np.linspace(-1, 1, 4))), rtol=1e-9)
-
-
-def test_dividerand_divides_everything_once():
-    train, validation, test = dividerand(101, seed=5)
-    assert sorted([*train, *validation, *test]) == list(range(101))
-    assert (len(validation), len(test)) == (15, 15)
-    everything, none, none_too = dividerand(10, train=1, validation=0, test=0, seed=5)
-    assert len(everything) == 10
-    assert len(none) == len(none_too) == 0
-    with pytest.raises(InputError, match="no samples left"):
-        dividerand(3, train=0, validation=1, test=0, seed=0)
-    with pytest.raises(InputError, match="shares"):
-        dividerand(3, train=-1, seed=0)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,111 @@
+"""Gradient descent on a parabola, every rule by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truearm.errors import TruearmError
+from truearm.solve import Epochs, Goal, Gradient, Rate, Seconds, gradient_descent
+
+
+class Parabola:
+    """x^2, summed."""
+
+    def gradient(self, x):
+        return float(x @ x), 2 * x
+
+
+def descended(rate, epochs, start=(1.0,), stops=()):
+    told = []
+    last = gradient_descent(Parabola(), start, rate=rate, stops=[*stops, Epochs(epochs)], callback=told.append)
+    assert told[-1] is last
+    assert [state.epoch for state in told] == list(range(last.epoch + 1))
+    return told
+
+
+def test_steps_of_plain_descent():
+    """x -> x - 0.1 * 2 x = 0.8 x."""
+    told = descended(Rate(0.1), 3)
+    np.testing.assert_allclose([state.x[0] for state in told], [1, 0.8, 0.64, 0.512], rtol=1e-15)
+    np.testing.assert_allclose([state.cost for state in told], [1, 0.64, 0.4096, 0.262144], rtol=1e-15)
+    np.testing.assert_allclose([state.gradient_norm for state in told], [2, 1.6, 1.28, 1.024], rtol=1e-15)
+    assert [state.rate for state in told] == [0.1] * 4
+    assert np.isnan(told[0].mu)
+
+
+def test_momentum_carries_the_last_step_on():
+    """First step -0.1 * 2; then 0.9 * -0.2 - 0.1 * 0.1 * 1.6 = -0.196; then 0.9 * -0.196 - 0.01 * 1.208."""
+    told = descended(Rate(0.1, momentum=0.9), 3)
+    np.testing.assert_allclose([state.x[0] for state in told], [1, 0.8, 0.604, 0.604 - 0.18848], rtol=1e-14)
+
+
+ADAPTIVE = {"increase": 1.05, "decrease": 0.7, "most_rise": 1.04}
+
+
+def test_a_lower_cost_raises_the_rate():
+    """1 - 0.25 * 2 = 0.5; then 0.5 - 0.2625 * 1 = 0.2375."""
+    told = descended(Rate(0.25, **ADAPTIVE), 2)
+    np.testing.assert_allclose([state.rate for state in told], [0.25, 0.2625, 0.275625], rtol=1e-14)
+    np.testing.assert_allclose([state.x[0] for state in told], [1, 0.5, 0.2375], rtol=1e-14)
+
+
+def test_a_slightly_higher_cost_is_accepted_and_the_rate_stands():
+    """1 - 1.005 * 2 = -1.01, cost 1.0201, within 4 %."""
+    told = descended(Rate(1.005, **ADAPTIVE), 1)
+    assert told[1].x[0] == pytest.approx(-1.01, rel=1e-14)
+    assert told[1].rate == 1.005
+    assert told[1].moved
+
+
+def test_a_higher_cost_is_refused_and_the_rate_and_momentum_are_cut():
+    """1 - 1.05 * 2 = -1.1, cost 1.21: refused. Then 1 - 0.735 * 2 = -0.47, as a first step; then with momentum:
+    0.9 * -1.47 + 0.1 * 0.77175 * 0.94."""
+    told = descended(Rate(1.05, momentum=0.9, **ADAPTIVE), 3)
+    assert (told[1].x[0], told[1].cost, told[1].moved) == (1, 1, False)
+    assert told[1].rate == pytest.approx(0.735, rel=1e-14)
+    assert told[2].x[0] == pytest.approx(-0.47, rel=1e-14)
+    assert told[2].rate == pytest.approx(0.735 * 1.05, rel=1e-14)
+    # -0.47 - 1.323 + 0.0725445 = -1.72: refused too, as its cost is above 0.2209.
+    assert told[3].x[0] == told[2].x[0]
+    assert told[3].rate == pytest.approx(0.735 * 1.05 * 0.7, rel=1e-14)
+
+
+def test_a_rate_too_large_ends_plain_descent_at_its_last_numbers():
+    """x -> -199 x: after 22 epochs the cost is 1e101."""
+    told = descended(Rate(100.0), 500)
+    assert told[-1].reason.text == "The error has grown beyond all bounds: the learning rate is too large."
+    assert told[-1].cost <= 1e100
+    assert told[-1].epoch == 22
+    assert told[-1].x[0] == told[-2].x[0]
+
+
+@pytest.mark.parametrize(
+    ("stop", "text"),
+    [
+        (Goal(0.3), "Performance goal met."),
+        (Gradient(1.1), "Minimum gradient reached."),
+    ],
+)
+def test_stops_are_asked_in_order_after_every_epoch(stop, text):
+    told = descended(Rate(0.1), 50, stops=[stop])
+    assert told[-1].reason.text == text
+    assert told[-1].epoch == 3
+    told = descended(Rate(0.1), 50, stops=[Seconds(0.0), stop])
+    assert (told[-1].reason.text, told[-1].epoch) == ("Maximum time elapsed.", 0)
+
+
+@pytest.mark.parametrize("rate", [Rate(0.1), Rate(1.05, momentum=0.9, **ADAPTIVE)])
+def test_a_descent_goes_on_from_any_state_as_if_it_had_not_ended(rate):
+    told = descended(rate, 12, start=[1.0, -0.3])
+    for part in told:
+        again = []
+        gradient_descent(Parabola(), part, rate=rate, stops=[Epochs(12)], callback=again.append)
+        assert [(s.epoch, s.cost, s.rate, *s.x, *s.step) for s in again] == [
+            (s.epoch, s.cost, s.rate, *s.x, *s.step) for s in told[part.epoch + 1 :]
+        ]
+
+
+def test_a_start_that_is_no_number_is_an_error():
+    with pytest.raises(TruearmError, match="not a finite number"):
+        gradient_descent(Parabola(), [np.nan], rate=Rate(0.1), stops=[])
