@@ -22,7 +22,8 @@ vectors.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
@@ -34,15 +35,16 @@ from array_api_compat import array_namespace, device, is_numpy_array
 from truearm.errors import InputError
 from truearm.nets.perceptron import Perceptron
 from truearm.solve import NormalEquations
-from truearm.solve.arrays import Array, placed_like, to_numpy
+from truearm.solve.arrays import Array, add_product, placed_like, to_numpy
 from truearm.solve.threads import cores, one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
+P = TypeVar("P")
 T = TypeVar("T")
 
-# Bytes of the pairs that are multiplied together. In main memory they then stay near a core, while the products are long
-# enough for full speed; a GPU wants few large calls.
+# Bytes of the pairs that are multiplied together. In main memory they then stay near a core while the products are
+# long enough for full speed; a GPU wants few large calls.
 CHUNK_BYTES = 5 * 2**20
 CHUNK_BYTES_ELSEWHERE = 2**28
 FEWEST, MOST = 128, 4096  # samples of a chunk
@@ -130,23 +132,26 @@ class FitProblem:
         """Cost, gradient and Gauss-Newton matrix at weights `x` (n_weights,)."""
         layers = self.network.layers(placed_like(x, self.inputs))
         chunks = list(_chunks(self.n, self._chunk()))
+        spaces = threading.local()
 
         def sums_of(group: list[slice]) -> _Sums:
             sums = _Sums(self.network, layers)
+            space = spaces.__dict__.setdefault("own", _Space())
             for columns in group:
-                sums.add(self.inputs[:, columns], self.targets[:, columns])
+                sums.add(self.inputs[:, columns], self.targets[:, columns], space)
             return sums
 
-        first, *others = self._by_thread(sums_of, [chunks[start::GROUPS] for start in range(min(GROUPS, len(chunks)))])
+        first, *others = self.by_thread(sums_of, [chunks[start::GROUPS] for start in range(min(GROUPS, len(chunks)))])
         while others:
             first.merge(others.pop(0))
         return first.equations()
 
     def by_chunk(self, work: Callable[[slice], T]) -> list[T]:
         """What `work` makes of every chunk of samples, threads sharing them; in order."""
-        return self._by_thread(work, list(_chunks(self.n, MOST if is_numpy_array(self.inputs) else self._chunk())))
+        return self.by_thread(work, list(_chunks(self.n, MOST if is_numpy_array(self.inputs) else self._chunk())))
 
-    def _by_thread(self, work: Callable[[list[slice]], T] | Callable[[slice], T], parts: list) -> list[T]:  # type: ignore[type-arg]
+    def by_thread(self, work: Callable[[P], T], parts: Sequence[P]) -> list[T]:
+        """What `work` makes of every part, threads sharing them; in order."""
         # Other libraries have threads, or a GPU, of their own.
         if len(parts) == 1 or not is_numpy_array(self.inputs):
             return [work(part) for part in parts]
@@ -223,6 +228,46 @@ def _blocks(network: Perceptron) -> list[_Block]:
     return found
 
 
+class _Space:
+    """Pairs of a chunk, written into the same arrays for every chunk: fresh memory costs more than to multiply."""
+
+    def __init__(self) -> None:
+        self.arrays: dict[tuple[str, tuple[int, ...]], Array] = {}
+
+    def products(self, a: Array, b: Array) -> Array:
+        """Products ``a[i] b[j]`` of the rows of `a` (k, m) and `b` (l, m): (k l, m)."""
+        (k, m), length = a.shape, b.shape[0]
+        xp, out = array_namespace(a), self._array("pairs", (k * length, m), a)
+        for i in range(k):
+            xp.multiply(a[i, :], b, out=out[i * length : (i + 1) * length, :])
+        return out
+
+    def upper_products(self, what: str, D: Array) -> Array:
+        """``sum_o D[o, k] D[o, r]``, k <= r, row by row, for D (o, k, m): (k (k + 1) / 2, m)."""
+        n_outputs, k, m = D.shape
+        xp, out = array_namespace(D), self._array(what, (k * (k + 1) // 2, m), D)
+        start = 0
+        for i in range(k):
+            row = out[start : start + k - i, :]
+            xp.multiply(D[0, i, :], D[0, i:, :], out=row)
+            for o in range(1, n_outputs):
+                row += D[o, i, :] * D[o, i:, :]
+            start += k - i
+        return out
+
+    def between(self, high: int, W: Array, G: Array, slopes: Array) -> Array:
+        """``slopes[r] sum_q W[r, q] G[q, k]`` for every sample: (r, k, m) from W (r, q) and G (q, k, m)."""
+        xp, out = array_namespace(G), self._array(f"between {high}", (W.shape[0], *G.shape[1:]), G)
+        xp.matmul(W, xp.reshape(G, (G.shape[0], -1)), out=xp.reshape(out, (W.shape[0], -1)))
+        out *= slopes[:, None, :]
+        return out
+
+    def _array(self, what: str, shape: tuple[int, ...], like: Array) -> Array:
+        if (what, shape) not in self.arrays:
+            self.arrays[what, shape] = array_namespace(like).empty(shape, dtype=like.dtype, device=device(like))
+        return self.arrays[what, shape]
+
+
 class _Sums:
     """Sums over samples of a network's gradient and of the products of pairs that make its Gauss-Newton matrix."""
 
@@ -240,26 +285,26 @@ class _Sums:
         n_last = network.shapes[-1][0]
         self.blocks[self.last, self.last] = zeros((n_last, n_last))
 
-    def add(self, inputs: Array, targets: Array) -> None:
-        """Add a chunk: `inputs` (n_inputs, m) and `targets` (n_outputs, m)."""
+    def add(self, inputs: Array, targets: Array, space: _Space) -> None:
+        """Add a chunk: `inputs` (n_inputs, m) and `targets` (n_outputs, m), with `space` for its pairs."""
         passed = _Pass(self.network, self.layers, inputs, targets)
         self.cost += passed.cost
         for gradient, more in zip(self.gradients, passed.gradients(), strict=True):
             gradient += more
         last, a, s, D = self.last, passed.with_bias, passed.slopes, passed.derivatives()
-        self.blocks[last, last] += a[last] @ a[last].T
+        add_product(self.blocks[last, last], a[last], a[last])
         for low in range(last):
+            own = space.upper_products("values", a[low][None, ...])
             if low == last - 1:
-                self.blocks[low, last] += _products(a[low], a[last]) @ s[low].T
-                self.blocks[low, low] += _upper_products(a[low][None, ...]) @ _upper_products(s[low][None, ...]).T
+                add_product(self.blocks[low, last], space.products(a[low], a[last]), s[low])
+                add_product(self.blocks[low, low], own, space.upper_products("derivatives", s[low][None, ...]))
                 continue
-            self.blocks[low, last] += _products(a[low], a[last]) @ _rows(D[low]).T
-            self.blocks[low, low] += _upper_products(a[low][None, ...]) @ _upper_products(D[low]).T
+            add_product(self.blocks[low, last], space.products(a[low], a[last]), _rows(D[low]))
+            add_product(self.blocks[low, low], own, space.upper_products("derivatives", D[low]))
             G = D[low]  # (units above, units of low, m)
             for high in range(last - 1, low, -1):
-                G = _between(self.layers[high + 1][:-1, :], G)
-                G *= s[high][:, None, :]
-                self.blocks[low, high] += _products(a[low], a[high]) @ _rows(G).T
+                G = space.between(high, self.layers[high + 1][:-1, :], G, s[high])
+                add_product(self.blocks[low, high], space.products(a[low], a[high]), _rows(G))
 
     def merge(self, other: _Sums) -> None:
         """Add what another group of chunks came to."""
@@ -317,34 +362,9 @@ def _put(block: Array, values: Array, order: tuple[int, int, int]) -> None:
     block[...] = xp.reshape(xp.permute_dims(values, order), tuple(block.shape))
 
 
-def _between(W: Array, G: Array) -> Array:
-    """``sum_q W[r, q] G[q, k]`` for every sample: (r, k, m) from W (r, q) and G (q, k, m)."""
-    xp = array_namespace(G)
-    return xp.reshape(W @ xp.reshape(G, (G.shape[0], -1)), (W.shape[0], *G.shape[1:]))
-
-
-def _products(a: Array, b: Array) -> Array:
-    """Products ``a[i] b[j]`` of the rows of `a` (k, m) and `b` (l, m): (k l, m)."""
-    return _rows(a[:, None, :] * b[None, :, :])
-
-
 def _rows(pairs: Array) -> Array:
     """Pairs (k, l, m) one below the other: (k l, m)."""
     return array_namespace(pairs).reshape(pairs, (-1, pairs.shape[2]))
-
-
-def _upper_products(D: Array) -> Array:
-    """``sum_o D[o, k] D[o, r]``, k <= r, row by row, for D (o, k, m): (k (k + 1) / 2, m)."""
-    n_outputs, k, m = D.shape
-    out = array_namespace(D).empty((k * (k + 1) // 2, m), dtype=D.dtype, device=device(D))
-    start = 0
-    for i in range(k):
-        row = out[start : start + k - i, :]
-        row[...] = D[0, i, :] * D[0, i:, :]
-        for o in range(1, n_outputs):
-            row += D[o, i, :] * D[o, i:, :]
-        start += k - i
-    return out
 
 
 def _symmetric_index(k: int) -> IntArray:

@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_solve, cholesky, lstsq, solve_triangular
+from array_api_compat import array_namespace, device
 
+from truearm.errors import TruearmError
 from truearm.nets.normal_equations import FitProblem
 from truearm.solve import NormalEquations
+from truearm.solve.arrays import Array, add_to_diagonal, cholesky_solved, placed_like, to_numpy, whitened
 
 FloatArray = npt.NDArray[np.float64]
 
 # A ridge on the output layer's Gram matrix, relative to its mean diagonal: hidden units that have become alike leave it
-# singular to rounding, and any of their shares then fits as well.
-RIDGE = 1e-14
+# singular to rounding, and any of their shares then fits as well. Where rounding still wins, a larger one follows.
+RIDGES = (1e-14, 1e-12, 1e-10)
+# Rows of the hidden weights' matrix that are eliminated together.
+ROWS = 256
+
+
+@dataclass(frozen=True)
+class _Completed:
+    """All weights for given hidden ones, and the cost there."""
+
+    hidden: FloatArray
+    weights: FloatArray
+    cost: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +50,8 @@ class ProjectedProblem:
     """
 
     full: FitProblem
+    # The point last asked for: a solver asks for its cost, then for its equations, then for its weights.
+    _latest: list[_Completed] = field(default_factory=list, repr=False)
 
     @property
     def n_hidden_weights(self) -> int:
@@ -45,37 +61,79 @@ class ProjectedProblem:
 
     def completed(self, hidden_weights: FloatArray) -> FloatArray:
         """All weights (n_weights,): the hidden ones given, with the output layer that fits best."""
-        output_shape = self.full.network.shapes[-1]
-        weights = np.concatenate([hidden_weights, np.zeros(output_shape[0] * output_shape[1])])
-        last_hidden = self.full.network.forward(weights, self.full.inputs)[-2]
-        A = np.concatenate([last_hidden, np.ones((1, last_hidden.shape[1]))])
-        weights[len(hidden_weights) :] = _least_squares(A, self.full.targets).ravel()
-        return weights
+        return self._completed(hidden_weights).weights
 
     def cost(self, x: FloatArray) -> float:
         """Half the sum of squared errors at hidden weights `x` with the best output layer."""
-        return self.full.cost(self.completed(x))
+        return self._completed(x).cost
 
     def normal_equations(self, x: FloatArray) -> NormalEquations:
         """The equations in the hidden weights, the output layer eliminated."""
         full = self.full.normal_equations(self.completed(x))
-        p = len(x)
-        outputs = full.gram[p:, p:].copy()
-        outputs.flat[:: len(outputs) + 1] += RIDGE * outputs.diagonal().mean()
-        half = solve_triangular(cholesky(outputs, lower=True), full.gram[p:, :p], lower=True, check_finite=False)
-        return NormalEquations(full.cost, full.gradient[:p], full.gram[:p, :p] - half.T @ half)
+        p, n_outputs = len(x), self.full.network.shapes[-1][1]
+        gram = full.gram[:p, :p]
+        # All outputs have the same matrix, and none in common: its factor serves them one by one.
+        inner = full.gram[p::n_outputs, p::n_outputs]
+        coupling = [full.gram[p + o :: n_outputs, :p] for o in range(n_outputs)]
+        half = _with_ridge(inner, lambda matrix: whitened(matrix, array_namespace(gram).concat(coupling, axis=1)))
+        parts = [half[:, o * p : (o + 1) * p] for o in range(n_outputs)]
+
+        def eliminate(start: int) -> None:
+            for part in parts:
+                gram[start : start + ROWS, :] -= part[:, start : start + ROWS].T @ part
+
+        self.full.by_thread(eliminate, list(range(0, p, ROWS)))
+        return NormalEquations(full.cost, full.gradient[:p], gram)
+
+    def _completed(self, hidden_weights: FloatArray) -> _Completed:
+        if not (self._latest and np.array_equal(self._latest[0].hidden, hidden_weights)):
+            self._latest[:] = [self._solved(hidden_weights)]
+        return self._latest[0]
+
+    def _solved(self, hidden_weights: FloatArray) -> _Completed:
+        """The output layer by normal equations over all samples, then one refinement and the cost.
+
+        The refinement brings back the digits that squaring the condition number cost.
+        """
+        full = self.full
+        m, n_outputs = full.network.shapes[-1]
+        weights = np.concatenate([hidden_weights, np.zeros(m * n_outputs)])
+        W = np.zeros((m, n_outputs))
+
+        def basis(columns: slice) -> Array:
+            last_hidden = full.network.forward(weights, full.inputs[:, columns])[-2]
+            xp = array_namespace(last_hidden)
+            ones = xp.ones((1, last_hidden.shape[1]), dtype=last_hidden.dtype, device=device(last_hidden))
+            return xp.concat([last_hidden, ones])
+
+        def first(columns: slice) -> tuple[Array, Array]:
+            A = basis(columns)
+            return A @ A.T, A @ full.targets[:, columns].T
+
+        def second(columns: slice) -> tuple[float, Array]:
+            A = basis(columns)
+            errors = placed_like(W.T, A) @ A - full.targets[:, columns]
+            return float((errors * errors).sum()), A @ errors.T
+
+        gram, right = (sum(parts) for parts in zip(*full.by_chunk(first), strict=True))
+        W = to_numpy(_with_ridge(gram, lambda matrix: cholesky_solved(matrix, right)))
+        squares, left_over = (sum(parts) for parts in zip(*full.by_chunk(second), strict=True))
+        change = _with_ridge(gram, lambda matrix: cholesky_solved(matrix, -left_over))
+        gain = 2 * float((change * left_over).sum()) + float((change * (gram @ change)).sum())
+        weights[len(hidden_weights) :] = (W + to_numpy(change)).ravel()
+        return _Completed(hidden_weights.copy(), weights, max(squares + gain, 0.0) / 2)
 
 
-def _least_squares(A: FloatArray, targets: FloatArray) -> FloatArray:
-    """W (k, o) with ``W^T A`` nearest to `targets` (o, n), for A (k, n): normal equations, then one refinement.
-
-    The refinement brings back the digits that squaring the condition number cost.
-    """
-    gram = A @ A.T
-    gram.flat[:: len(gram) + 1] += RIDGE * gram.diagonal().mean()
-    try:
-        factor = cholesky(gram, lower=True)
-    except np.linalg.LinAlgError:
-        return np.asarray(lstsq(A.T, targets.T)[0])
-    W = cho_solve((factor, True), A @ targets.T)
-    return np.asarray(W + cho_solve((factor, True), A @ (targets - W.T @ A).T))
+def _with_ridge(gram: Array, solved: Callable[[Array], Array | None]) -> Array:
+    """What `solved` makes of a positive definite copy of `gram` (m, m), the output layer's Gram matrix."""
+    xp = array_namespace(gram)
+    diagonal = float(xp.linalg.trace(gram)) / gram.shape[0]
+    for ridge in RIDGES:
+        matrix = xp.asarray(gram, copy=True)
+        add_to_diagonal(matrix, ridge * diagonal)
+        solution = solved(matrix)
+        if solution is not None and bool(xp.all(xp.isfinite(solution))):
+            return solution
+    raise TruearmError(
+        "the output layer cannot be solved for: values of the last hidden layer are not finite, or too large"
+    )

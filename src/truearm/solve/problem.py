@@ -7,7 +7,9 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from array_api_compat import array_namespace
+
+from truearm.solve.arrays import Array, add_to_diagonal, cholesky_solved, placed_like, to_numpy
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -23,22 +25,21 @@ class NormalEquations:
     gradient : (p,) array
         ``J^T r``.
     gram : (p, p) array
-        ``J^T J``, symmetric.
+        ``J^T J``, symmetric; of any library of the array API, where it is too large to move.
     """
 
     cost: float
     gradient: FloatArray
-    gram: FloatArray
+    gram: Array
 
     def damped_step(self, mu: float) -> FloatArray | None:
         """The step of ``(J^T J + mu I) step = -J^T r``, or None where that matrix is not positive definite."""
-        damped = self.gram.copy()
-        damped.flat[:: len(damped) + 1] += mu
-        try:
-            factor = cho_factor(damped, lower=True, overwrite_a=True, check_finite=False)
-        except LinAlgError:
+        damped = array_namespace(self.gram).asarray(self.gram, copy=True)
+        add_to_diagonal(damped, mu)
+        solution = cholesky_solved(damped, placed_like(-self.gradient, damped))
+        if solution is None:
             return None
-        step = cho_solve(factor, -self.gradient, check_finite=False)
+        step = to_numpy(solution)
         return step if np.isfinite(step).all() else None
 
     def covariance(self) -> FloatArray:
@@ -46,14 +47,16 @@ class NormalEquations:
 
         Directions that the data do not determine to working precision keep a large but finite variance.
         """
-        scale = 1 / np.sqrt(np.maximum(self.gram.diagonal(), np.finfo(float).tiny))
-        values, vectors = np.linalg.eigh(self.gram * np.outer(scale, scale))
+        gram = to_numpy(self.gram)
+        scale = 1 / np.sqrt(np.maximum(gram.diagonal(), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
         root = (scale[:, None] * vectors) / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
         return np.asarray(root @ root.T)
 
     def predicted_decrease(self, step: FloatArray) -> float:
         """Decrease of the cost by `step` if the model were exact."""
-        return float(-step @ self.gradient - 0.5 * step @ (self.gram @ step))
+        curvature = to_numpy(self.gram @ placed_like(step, self.gram))
+        return float(-step @ self.gradient - 0.5 * step @ curvature)
 
 
 class Problem(Protocol):
