@@ -131,7 +131,7 @@ class FitProblem:
     def normal_equations(self, x: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton matrix at weights `x` (n_weights,)."""
         layers = self.network.layers(placed_like(x, self.inputs))
-        chunks = list(_chunks(self.n, self._chunk()))
+        chunks = list(_chunks(self.n, self.chunk))
         spaces = threading.local()
 
         def sums_of(group: list[slice]) -> _Sums:
@@ -148,7 +148,7 @@ class FitProblem:
 
     def by_chunk(self, work: Callable[[slice], T]) -> list[T]:
         """What `work` makes of every chunk of samples, threads sharing them; in order."""
-        return self.by_thread(work, list(_chunks(self.n, MOST if is_numpy_array(self.inputs) else self._chunk())))
+        return self.by_thread(work, list(_chunks(self.n, MOST if is_numpy_array(self.inputs) else self.chunk)))
 
     def by_thread(self, work: Callable[[P], T], parts: Sequence[P]) -> list[T]:
         """What `work` makes of every part, threads sharing them; in order."""
@@ -158,7 +158,8 @@ class FitProblem:
         with one_blas_thread(), ThreadPoolExecutor(min(cores(), len(parts))) as pool:
             return list(pool.map(work, parts))
 
-    def _chunk(self) -> int:
+    @property
+    def chunk(self) -> int:
         """Samples of a chunk: it depends on the network alone, and so does the order of the sums."""
         rows = max(sum(block.rows) for block in _blocks(self.network))
         if is_numpy_array(self.inputs):
