@@ -90,7 +90,6 @@ class Logbook:
         self._test, self._completed, self._callback, self._checkpoint = test, completed, callback, checkpoint
         self._rows: list[tuple[float, ...]] = []
         self._last: _Standing | None = None
-        self._weights: tuple[FloatArray, FloatArray] | None = None
         self._written = time.perf_counter()
         self._watch: Validation | None = None
         if validation is not None:
@@ -202,7 +201,7 @@ class Logbook:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is not None and issubclass(kind, KeyboardInterrupt | SystemExit):
+        if isinstance(error, KeyboardInterrupt | SystemExit):
             self._write()
 
     def _write(self) -> None:
@@ -226,12 +225,7 @@ class Logbook:
         self._last = _Standing(len(self._rows), saved.x, saved.memory, best, saved.stop)
 
     def _weights_at(self, x: FloatArray) -> FloatArray:
-        """All weights; those last asked for are remembered, as several data sets ask for the same."""
-        if self._completed is None:
-            return x
-        if self._weights is None or self._weights[0] is not x:
-            self._weights = x, self._completed(x)
-        return self._weights[1]
+        return x if self._completed is None else self._completed(x)
 
     def _all_weights(self, x: FloatArray) -> FloatArray:
         return self._weights_at(x).copy()
