@@ -132,6 +132,18 @@ def test_interrupted_in_the_midst_of_an_epoch_it_goes_on_from_the_last_whole_one
         assert_same(whole[trainer, False], trained(trainer, Checkpoint(file, "mine", 1e9)))
 
 
+@pytest.mark.parametrize("trainer", [train_lm, traingdx])
+def test_sums_that_threads_share_come_out_the_same_again(file, trainer):
+    """Enough samples for several chunks, which threads work off in any order."""
+    inputs = np.random.default_rng(0).uniform(-1, 1, (3, 10_000))
+    many = FitProblem(Perceptron.with_layers(3, (5,), 1), inputs, np.sin(inputs.sum(axis=0))[None])
+    start = nguyen_widrow(many.network, seed=0)
+    expected = trainer(many, start, epochs=4)
+    with pytest.raises(KeyboardInterrupt):
+        trainer(many, start, epochs=4, callback=interrupting_at(2), checkpoint=Checkpoint(file, "mine"))
+    assert_same(expected, trainer(many, start, epochs=4, checkpoint=Checkpoint(file, "mine")))
+
+
 @pytest.mark.parametrize(
     ("error", "written"), [(KeyboardInterrupt, True), (SystemExit(143), True), (ZeroDivisionError, False)]
 )

@@ -91,6 +91,21 @@ def test_what_can_never_be_meant_is_refused(wave, trainer, change, message):
 
 
 @pytest.mark.parametrize("trainer", TRAINERS)
+def test_samples_on_another_librarys_arrays_train_alike(wave, trainer):
+    torch = pytest.importorskip("torch", reason="PyTorch is an extra: pip install 'truearm[torch]'")
+    (training, validation, _), start = wave
+
+    def moved(problem):
+        return FitProblem(NETWORK, torch.asarray(problem.inputs), torch.asarray(problem.targets))
+
+    weights, record = trainer(training, start, validation=validation, epochs=4)
+    there, record_there = trainer(moved(training), start, validation=moved(validation), epochs=4)
+    assert isinstance(there, np.ndarray)
+    np.testing.assert_allclose(there, weights, rtol=1e-6, atol=1e-8)  # rounding, grown over four steps
+    np.testing.assert_allclose(record_there.vperf, record.vperf, rtol=1e-6)
+
+
+@pytest.mark.parametrize("trainer", TRAINERS)
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_more_weights_than_errors_still_train(wave, trainer, n):
     (training, *_), start = wave
