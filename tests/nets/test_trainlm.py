@@ -181,6 +181,23 @@ def test_projection_needs_fewer_epochs(wave):
     assert problem.mean_square(weights) <= 1e-6
 
 
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"goal": 0.05}, "Performance goal met."),
+        ({"epochs": 3}, "Maximum epoch reached."),
+        ({"time": 0.0}, "Maximum time elapsed."),
+        ({"epochs": 2000}, "The cost has settled."),
+    ],
+)
+def test_each_stop_of_projection(noisy, options, sentence):
+    x, y = noisy[0].inputs, noisy[0].targets
+    few = FitProblem(Perceptron.with_layers(1, (3,), 1), x, y)
+    weights, record = train_lm(few, nguyen_widrow(few.network, seed=0), **options)
+    assert record.stop == sentence
+    assert few.mean_square(weights) == pytest.approx(record.perf[-1], rel=1e-9)
+
+
 def test_projection_with_validation_keeps_the_best(wave, noisy):
     _, start = wave
     training, validation = noisy

@@ -33,6 +33,11 @@ def train_lm(
 ) -> tuple[FloatArray, TrainingRecord]:
     """Train a network whose output layer is linear: far fewer epochs than `trainlm` for the same error.
 
+    It ends, asked in this order after every epoch, when `perf` is at `goal`, after `epochs`, after `time`, when an
+    epoch lowers the error by less than 1e-8 of it, and when the validation error was above its best `max_fail` times.
+    With more weights than errors it still trains, to a network that repeats them: set data aside for `validation`, or
+    use `trainbr`.
+
     Parameters
     ----------
     training, validation, test : FitProblem
