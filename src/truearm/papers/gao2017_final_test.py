@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from statistics import median
 from typing import Any
 
@@ -38,8 +39,9 @@ def networks(effort: Effort, done: Mapping[Training, Trained], side: Side) -> di
     return {one.seed: done[one] for one in trainings(4, TABLES[4][-1], side, effort) if one in done}
 
 
-def _kinematic(seed: int) -> KinematicModel:
-    readings = EXPERIMENT.measurement(TABLES[4][-1].n_train, seed=seed, stream=TRAINING).readings
+@lru_cache(maxsize=16)
+def _kinematic(n: int, seed: int) -> KinematicModel:
+    readings = EXPERIMENT.measurement(n, seed=seed, stream=TRAINING).readings
     return KinematicModel(load(ARM), free=()).fit_readings(readings)
 
 
@@ -51,7 +53,7 @@ def experiments_of(effort: Effort, done: Mapping[Training, Trained]) -> list[Exp
         measurement = EXPERIMENT.measurement(FINAL_TEST.poses, seed=seed, stream=FINAL)
         angles, points = measurement.readings.angles, measurement.readings.points
         assert points is not None  # a virtual reference sees every pose
-        kinematic = _kinematic(seed)
+        kinematic = _kinematic(TABLES[4][-1].n_train, seed)
         deviations = {
             "nominal": load(ARM).chain.tip_in_base(angles) - points,
             "kinematic": kinematic.predict(angles) - points,
@@ -133,7 +135,7 @@ def outside(effort: Effort, done: Mapping[Training, Trained]) -> dict[str, Any] 
         return None
     errors: dict[str, list[FloatArray]] = {"network": [], "nominal": [], "kinematic": []}
     for seed, network in trained.items():
-        kinematic, arm = _kinematic(seed), virtual_arm(seed)
+        kinematic, arm = _kinematic(TABLES[4][-1].n_train, seed), virtual_arm(seed)
         for distance in DISTANCES_DEG:
             poses = poses_outside(N_OUTSIDE, half_width_deg=EXPERIMENT.half_width_deg, distance_deg=distance, seed=seed)
             readings = arm.measure(poses, seed=10 * seed + OUTSIDE).readings

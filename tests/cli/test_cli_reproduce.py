@@ -1,0 +1,140 @@
+"""``truearm reproduce``: what it writes and says, and how it refuses."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from truearm.papers import gao2017_plan
+from truearm.papers.gao2017_tables import TABLES
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """One row a table, a few poses, units and epochs."""
+    for table, rows in list(TABLES.items()):
+        row = rows[-1]
+        monkeypatch.setitem(TABLES, table, (replace(row, n_train=150, hidden=(4,) * len(row.hidden), mean_mm=150.0),))
+    effort = replace(gao2017_plan.FULL, epochs=5, own_epochs={2: 3, 3: 3, 4: 3}, starts=1, many_starts=1)
+    monkeypatch.setattr(gao2017_plan, "FULL", effort)
+    monkeypatch.setattr(gao2017_plan, "QUICK", replace(effort, quick=True, longest_s=0.0))
+
+
+def test_a_table_is_printed_and_written_with_its_page(truearm, small, tmp_path):
+    ran = truearm("reproduce", "gao2017", "--table", 3, "--out", tmp_path / "new" / "g")
+    assert (ran.code, ran.err) == (0, "")
+    folder = tmp_path / "new" / "g"
+    assert sorted(path.name for path in folder.iterdir()) == ["reproduction.html", "reproduction.json", "runs"]
+    assert len(list((folder / "runs").iterdir())) == 2
+    found = json.loads((folder / "reproduction.json").read_text())
+    (row,) = found["tables"]["3"]
+    lines = ran.out.splitlines()
+    assert lines[0].startswith("Table 3, simulation 2")
+    assert lines[1].split()[:4] == ["row", "network", "by", "mean"]
+    assert lines[2].split() == ["12", "4-4", "paper", "150", "119", "3.0"]
+    for line, side, verdict in ((lines[3], "faithful", "verdict"), (lines[4], "ours", "verdict_ours")):
+        assert line.split()[0] == row[side]["trainer"]
+        assert line.split()[1] == f"{row[side]['median']['mean_many_mm']:.4g}"
+        assert line.endswith(row[verdict])
+    assert "reproduction.html" in lines[-1]
+    assert "Table 3" in (folder / "reproduction.html").read_text()
+
+
+def test_a_second_run_says_the_same_and_trains_nothing(truearm, small, tmp_path, monkeypatch):
+    arguments = ["reproduce", "gao2017", "--table", 4, "--out", tmp_path]
+    first = truearm(*arguments)
+    monkeypatch.setattr("truearm.papers.gao2017_training._train", None)  # called, it would fail
+    assert truearm(*arguments) == first
+    said = first.out
+    assert "Final test: 200 further poses" in said
+    assert said.count("kinematic") == 1
+
+
+def test_json_is_what_the_file_holds(truearm, small, tmp_path):
+    ran = truearm("reproduce", "gao2017", "--table", 3, "--quick", "--out", tmp_path, "--json")
+    assert (ran.code, ran.err) == (0, "")
+    found = json.loads(ran.out)
+    assert found == json.loads((tmp_path / "reproduction.json").read_text())
+    assert found["quick"]
+    assert len(found["left_out"]) == 2
+
+
+@pytest.mark.parametrize("number", [1, 6])
+def test_a_figure_is_drawn(truearm, tmp_path, number):
+    ran = truearm("reproduce", "gao2017", "--figure", number, "--out", tmp_path)
+    assert (ran.code, ran.err) == (0, "")
+    assert (tmp_path / f"figure-{number}.png").read_bytes().startswith(b"\x89PNG")
+    assert f"figure-{number}.png" in ran.out
+    assert not list((tmp_path / "runs").iterdir())
+
+
+def test_stopped_it_says_that_it_goes_on(truearm, small, tmp_path, monkeypatch):
+    from truearm.papers import gao2017_training
+
+    calls, train = [], gao2017_training._train
+
+    def stop_at_the_second(*arguments):
+        calls.append(arguments)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return train(*arguments)
+
+    monkeypatch.setattr(gao2017_training, "_train", stop_at_the_second)
+    arguments = ["reproduce", "gao2017", "--table", 3, "--out", tmp_path]
+    ran = truearm(*arguments)
+    assert (ran.code, ran.out) == (130, "")
+    assert ran.err.splitlines() == [
+        f"truearm: the same command goes on from what is in {tmp_path / 'runs'}",
+        "truearm: interrupted",
+    ]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["runs"]
+    ran = truearm(*arguments)
+    assert (ran.code, ran.err) == (0, "")
+    assert len(calls) == 2 + 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "expected what to reproduce"),
+        (["--table", 1], "expected --table among 2, 3, 4, got 1"),
+        (["--figure", 5], "expected --figure among 1, 2, 3, 4, 6, 7, 8, got 5"),
+        (["--figure", 9], "got 9"),
+        (["--table", 2, "--all"], "expected one of --table, --figure and --all"),
+        (["--table", 2, "--figure", 1], "expected one of --table, --figure and --all"),
+        (["--table", "two"], "--table"),
+    ],
+)
+def test_what_cannot_be_reproduced_is_refused_in_one_line(truearm, tmp_path, snapshot, arguments, said):
+    ran = truearm("reproduce", "gao2017", *arguments, "--out", tmp_path / "g")
+    assert (ran.code, ran.out) == (2, "")
+    assert len(ran.err.splitlines()) == 1
+    assert said in ran.err
+    assert snapshot(tmp_path) == {}
+
+
+def test_another_paper_is_not_known(truearm, tmp_path):
+    ran = truearm("reproduce", "gao2018", "--all", "--out", tmp_path / "g")
+    assert ran.code == 2
+    assert "gao2017" in ran.err
+
+
+def test_a_file_where_the_folder_should_be_is_refused(truearm, tmp_path):
+    (tmp_path / "g").write_text("mine")
+    ran = truearm("reproduce", "gao2017", "--figure", 3, "--out", tmp_path / "g")
+    assert (ran.code, ran.out) == (2, "")
+    assert "got a file" in ran.err
+    assert (tmp_path / "g").read_text() == "mine"
+
+
+def test_a_spoilt_training_is_named_with_what_to_do(truearm, small, tmp_path):
+    arguments = ["reproduce", "gao2017", "--table", 3, "--out", tmp_path]
+    assert truearm(*arguments).code == 0
+    file = sorted((tmp_path / "runs").iterdir())[0]
+    file.write_text("{}")
+    ran = truearm(*arguments)
+    assert ran.code == 2
+    assert str(file) in ran.err
+    assert "delete it" in ran.err
