@@ -47,7 +47,7 @@ def test_as_many_weights_as_data_do_not_overfit(noisy_wave):
 
 @pytest.fixture(scope="module")
 def users_guide():
-    """The case of MATLAB's user's guide, "Automated regularization (trainbr)": sin(2 pi x) and noise of 0.1 at
+    """The case of MATLAB's user's guide on automated regularization: sin(2 pi x) and noise of 0.1 at
     x = -1:.05:1. Trained here with 10, 20 and 40 hidden units."""
     x = np.linspace(-1, 1, 41)[None]
     t = np.sin(2 * np.pi * x) + 0.1 * np.random.default_rng(2).normal(size=x.shape)
@@ -59,8 +59,8 @@ def users_guide():
 
 
 def test_published_number_of_weights_in_use(users_guide):
-    """The guide: "approximately 12 parameters out of the 61 total weights and biases in the 1-20-1 network [...] should
-    remain approximately the same, no matter how large the number of parameters in the network becomes"."""
+    """The guide reports about 12 of 61 for the 1-20-1 network, hardly more for larger ones (as recalled, for a draw of
+    the noise that it does not give)."""
     assert users_guide[20][0].network.n_weights == 61
     assert users_guide[20][2].gamk[-1] == pytest.approx(12, abs=2)  # another draw of the noise than the guide's
     for units in (10, 40):
