@@ -135,6 +135,28 @@ def test_every_number_column_states_its_unit_and_lines_up(html):
     assert ("20", "3", ".31") in cells  # 20.31 °C with u = 0.12 °C
 
 
+def test_columns_of_a_group_stand_under_one_head_with_their_unit():
+    table = Table(
+        (
+            Column("row"),
+            Column("paper", "mm", group="mean error"),
+            Column("ours", "mm", group="mean error"),
+            Column("paper", "s", group="time"),
+            Column("ours", "s", group="time"),
+            Column("verdict"),
+        ),
+        ((1, 8.5, 8.25, 124.0, 2.0, "reproduced"),),
+        "t",
+    )
+    html = render(Page("P", sections=(Section("S", tables=(table,)),)))
+    first, second = re.findall(r"<tr[^>]*>(.*?)</tr>", html.partition("</thead>")[0], flags=re.DOTALL)
+    spans = [int(span) for span in re.findall(r'<th scope="colgroup" colspan="(\d+)"', first)]
+    assert spans == [2, 2]
+    assert sum(spans) + first.count("<td></td>") == second.count("<th ") == 6
+    assert 'mean error <span class="unit">[mm]</span>' in first
+    assert "unit" not in second
+
+
 def test_the_same_page_has_the_same_bytes(html):
     page = made_up_page()
     assert render(page) == render(page) == html

@@ -13,6 +13,7 @@ from truearm.report.quantities import (
     THIN_SPACE,
     TIMES,
     format_given,
+    format_in_text,
     format_number,
     format_quantity,
     format_uncertainty,
@@ -90,3 +91,21 @@ def test_every_finite_number_has_a_short_form(value, digits):
     shown = format_number(value, digits=digits)
     assert len(shown) <= 20
     assert re.fullmatch(rf"[{MINUS}0-9.{THIN_SPACE}{TIMES}⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", shown)
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (8.0, "8"),
+        (7.9999, "8.00"),  # measured, and its digits are told
+        (45, "45"),
+        (-30.0, f"{MINUS}30"),
+        (0.0, "0"),
+        (0.00940, "0.00940"),
+        (12345.0, f"12{THIN_SPACE}345"),
+        (2.0e9, f"2.00{THIN_SPACE}{TIMES}{THIN_SPACE}10\u2079"),
+    ],
+)
+def test_a_sentence_has_whole_numbers_without_decimals(value, shown):
+    assert format_in_text(value) == shown
+    assert format_in_text(value, unit="mm") == f"{shown}{THIN_SPACE}mm"

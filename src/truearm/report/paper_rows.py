@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -105,28 +106,21 @@ def _reached(rows: Sequence[PaperRow], trainer: str) -> str:
 
 def _errors(rows: Sequence[PaperRow], headings: Sequence[str], pens: Mapping[str, Style]) -> Drawing:
     drawing, axes = _sheet(rows, headings, pens, title="mean error", right_in=0.14)
-    values = [row.paper_mm for row in rows] + [e for row in rows for es in row.errors_mm.values() for e in es]
-    log_scale(axes, "x", *_ends(values))
-    for base, row in zip(_bases(rows), rows, strict=True):
-        for shift, (name, pen) in zip(_shifts(pens), pens.items(), strict=True):
-            starts = row.errors_mm.get(name, ())
-            _marks(axes, starts, base + shift, pen, median=float(np.median(starts)) if len(starts) else None)
-        _diamond(axes, row.paper_mm, base)
+    starts = {name: [list(row.errors_mm.get(name, ())) for row in rows] for name in pens}
+    medians = {name: [bool(values) for values in by_row] for name, by_row in starts.items()}
+    _draw(axes, [row.paper_mm for row in rows], starts, medians, pens)
     axes.set_xlabel("mean error of a coordinate [mm]")
     return drawing
 
 
 def _times(rows: Sequence[PaperRow], headings: Sequence[str], pens: Mapping[str, Style]) -> Drawing:
-    drawing, axes = _sheet(
-        rows, headings, pens, title="time to the paper's mean error", right_in=0.2 + 0.36 * len(pens)
-    )
-    got = {(i, name): _numbers(row.seconds.get(name, ())) for i, row in enumerate(rows) for name in pens}
-    log_scale(axes, "x", *_ends([row.paper_s for row in rows] + [s for times in got.values() for s in times]))
-    for i, (base, row) in enumerate(zip(_bases(rows), rows, strict=True)):
-        for k, (shift, (name, pen)) in enumerate(zip(_shifts(pens), pens.items(), strict=True)):
-            times = got[i, name]
-            half = gets_there(row.seconds.get(name, ()))
-            _marks(axes, times, base + shift, pen, median=float(np.median(times)) if half else None)
+    title = "time to the paper's mean error"
+    drawing, axes = _sheet(rows, headings, pens, title=title, right_in=0.2 + 0.36 * len(pens))
+    got = {name: [[s for s in row.seconds.get(name, ()) if s is not None] for row in rows] for name in pens}
+    medians = {name: [gets_there(row.seconds.get(name, ())) for row in rows] for name in pens}
+    _draw(axes, [row.paper_s for row in rows], got, medians, pens)
+    for k, (name, pen) in enumerate(pens.items()):
+        for base, row, times in zip(_bases(rows), rows, got[name], strict=True):
             started = len(row.seconds.get(name, ()))
             if started:
                 axes.annotate(
@@ -140,9 +134,37 @@ def _times(rows: Sequence[PaperRow], headings: Sequence[str], pens: Mapping[str,
                     fontsize=7.5,
                     color=pen.colour,
                 )
-        _diamond(axes, row.paper_s, base)
     axes.set_xlabel("time [s]")
     return drawing
+
+
+def _draw(
+    axes: Axes,
+    paper: Sequence[float],
+    found: Mapping[str, Sequence[Sequence[float]]],
+    with_median: Mapping[str, Sequence[bool]],
+    pens: Mapping[str, Style],
+) -> None:
+    """Draw the paper's value of every row, and each trainer's values with a median where one is asked for."""
+    white: Any = {"linestyle": "none", "markeredgecolor": "white", "markeredgewidth": 0.65}
+    positive = [value for value in paper if value > 0]
+    heights = [base for base, value in zip(_bases(paper), paper, strict=True) if value > 0]
+    values = [value for by_row in found.values() for row in by_row for value in row if value > 0]
+    # Zero has no place on a logarithmic scale.
+    log_scale(axes, "x", min([*positive, *values], default=1.0) / 1.5, max([*positive, *values], default=1.0) * 1.5)
+    for shift, (name, pen) in zip(_shifts(pens), pens.items(), strict=True):
+        dots, middles = [], []
+        for base, row, wanted in zip(_bases(paper), found[name], with_median[name], strict=True):
+            dots += [(value, base + shift) for value in row if value > 0]
+            middles += [(float(np.median(row)), base + shift)] if wanted and np.median(row) > 0 else []
+        small: Any = {"markersize": 2.6, "alpha": 0.55, "markeredgewidth": 0, "linestyle": "none"}
+        axes.plot(*_columns(dots), marker=pen.marker, color=pen.colour, **small)
+        axes.plot(*_columns(middles), marker=pen.marker, color=pen.colour, markersize=5.2, **white)
+    axes.plot(positive, heights, marker=PAPER.marker, color=PAPER.colour, markersize=4.4, zorder=4, **white)
+
+
+def _columns(places: Sequence[tuple[float, float]]) -> tuple[list[float], list[float]]:
+    return [x for x, _ in places], [y for _, y in places]
 
 
 def _sheet(
@@ -169,8 +191,7 @@ def _sheet(
     axes.set_yticks([])
     axes.grid(visible=False, axis="y")
     axes.spines["left"].set_visible(False)
-    for base in _bases(rows):
-        axes.axhline(base, color=FAINT, linewidth=0.5, zorder=0)
+    axes.hlines(list(_bases(rows)), 0, 1, transform=axes.get_yaxis_transform(), color=FAINT, linewidth=0.5, zorder=0)
     where_in = 0.06
     for k, width in enumerate(widths):
         cells = [(float(base), short(row.label[k], longest=24)) for base, row in zip(_bases(rows), rows, strict=True)]
@@ -211,51 +232,11 @@ def _key(drawing: Drawing, pens: Mapping[str, Style], height_in: float) -> None:
     )
 
 
-def _bases(rows: Sequence[PaperRow]) -> range:
+def _bases(rows: Sequence[object]) -> range:
+    """Give each row its height, the first on top."""
     return range(len(rows) - 1, -1, -1)
 
 
 def _shifts(pens: Mapping[str, Style]) -> list[float]:
     """Give each trainer its height within a row, the first on top."""
     return [0.22 - 0.44 * k / max(len(pens) - 1, 1) if len(pens) > 1 else 0.0 for k in range(len(pens))]
-
-
-def _marks(axes: Axes, values: Sequence[float], height: float, pen: Style, *, median: float | None) -> None:
-    positive = [value for value in values if value > 0]
-    axes.plot(
-        positive, [height] * len(positive), pen.marker, color=pen.colour, markersize=2.6, alpha=0.55, markeredgewidth=0
-    )
-    if median is not None and median > 0:
-        axes.plot(
-            [median],
-            [height],
-            pen.marker,
-            color=pen.colour,
-            markersize=5.2,
-            markeredgecolor="white",
-            markeredgewidth=0.7,
-        )
-
-
-def _diamond(axes: Axes, value: float, height: float) -> None:
-    if value > 0:
-        axes.plot(
-            [value],
-            [height],
-            "D",
-            color=PAPER.colour,
-            markersize=4.4,
-            markeredgecolor="white",
-            markeredgewidth=0.6,
-            zorder=4,
-        )
-
-
-def _numbers(values: Iterable[float | None]) -> list[float]:
-    return [value for value in values if value is not None]
-
-
-def _ends(values: Iterable[float]) -> tuple[float, float]:
-    """Give the ends of a logarithmic scale with a little room; zero has no place on it."""
-    positive = [value for value in values if value > 0] or [1.0]
-    return min(positive) / 1.5, max(positive) * 1.5

@@ -37,8 +37,7 @@ def table_section(number: int, rows: Sequence[TableRow] | None, *, styles: Mappi
     if not rows:
         return Section(title, not_run(title, f"--table {number}"))
     told = [
-        f"Table {number} of the paper is {_SUBJECT[number]}. "
-        + " ".join(accuracy_told(rows, name) for name in ("faithful", "lm") if as_accurate(rows, name)[1]),
+        f"Table {number} of the paper is {_SUBJECT[number]}. " + accuracy_told(rows),
         *(
             f"Rule of the verdicts. {capitalised(rule)}."
             for rule in dict.fromkeys(row.rule.rstrip(".") for row in rows)
@@ -90,7 +89,7 @@ def _accuracy(number: int, rows: Sequence[TableRow]) -> Table:
         for row in rows
     ]
     one_size = len({row.n_train for row in rows}) == 1
-    keep = [k for k in range(len(columns)) if (k < 3 and not (k == 1 and one_size)) or _filled(lines, k)]
+    keep = [k for k in range(len(columns)) if not (k == 1 and one_size) and (k < 3 or _filled(lines, k))]
     poses = f", {format_number(rows[0].n_train)} poses" if one_size else ""
     return Table(
         tuple(columns[k] for k in keep),
@@ -273,7 +272,8 @@ def verdicts_of(rows: Iterable[TableRow], name: str) -> Counter[str]:
     return Counter(verdict for verdict in given if verdict)
 
 
-def accuracy_told(rows: Sequence[TableRow], name: str) -> str:
-    """Tell how many rows a trainer makes as accurate as the paper."""
-    as_good, run = as_accurate(rows, name)
-    return f"With {name} half of the starts or more reach the paper's mean error in {as_good} of {counted(run, 'row')}."
+def accuracy_told(rows: Sequence[TableRow]) -> str:
+    """Tell in how many rows each trainer gets as accurate as the paper; empty if nothing was run."""
+    counts = {name: as_accurate(rows, name) for name in ("faithful", "lm")}
+    told = [f"in {good} of {counted(run, 'row')} with {name}" for name, (good, run) in counts.items() if run]
+    return f"Half of the starts or more reach the paper's mean error {' and '.join(told)}." if told else ""

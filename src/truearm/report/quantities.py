@@ -72,8 +72,9 @@ def format_in_text(value: float, *, unit: str = "", digits: int = 3) -> str:
 
     The unit is never parted from it at the end of a line.
     """
-    text = format_number(float(value), digits=digits)
-    if "." in text and not text.partition(".")[2].strip("0"):
+    value = float(value)
+    text = format_number(value, digits=digits)
+    if value.is_integer() and "." in text and TIMES not in text:
         text = text.partition(".")[0]
     return f"{text}{THIN_SPACE}{unit}" if unit else text
 

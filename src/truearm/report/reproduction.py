@@ -17,7 +17,7 @@ from truearm.report.page import Cell, Column, Page, Row, Section, Table
 from truearm.report.paper_claims import joint_ranges_section, learning_rate_section, outside_section, scatter_section
 from truearm.report.paper_final_test import final_test_section, share_section
 from truearm.report.paper_rows import PAPER
-from truearm.report.paper_tables import accuracy_told, as_accurate, sooner, table_section, verdicts_of
+from truearm.report.paper_tables import accuracy_told, sooner, table_section, verdicts_of
 from truearm.report.predictions import predictions_by_pose
 from truearm.report.quantities import format_in_text
 from truearm.report.reproduced import ArmFrames, Reproduced, reproduced
@@ -110,17 +110,14 @@ def _in_short(found: Reproduced) -> Section:
     run = [row for row in rows if row.by_trainer()]
     told = [_PURPOSE]
     if rows:
-        told.append(
-            f"{counted(len(run), 'row')} of {len(rows)} were run. "
-            + " ".join(accuracy_told(rows, name) for name in ("faithful", "lm") if as_accurate(rows, name)[1])
-        )
+        told.append(f"{counted(len(run), 'row')} of {len(rows)} were run. " + accuracy_told(rows))
     times = sooner(rows)
     if times:
-        span = format_in_text(min(times)) + (f" to {format_in_text(max(times))}" if len(times) > 1 else "")
+        span = f" (from {format_in_text(min(times))} to {format_in_text(max(times))})" if len(times) > 1 else ""
         told.append(
-            f"In {counted(len(times), 'row')} both get there; on the same machine faithful then takes {span} times as "
-            f"long as lm, in the median {format_in_text(float(np.median(times)))} times. The paper's own times are of "
-            "a machine it does not describe."
+            f"In {counted(len(times), 'row')} both get there; on the same machine faithful then takes "
+            f"{format_in_text(float(np.median(times)))} times as long as lm in the median{span}. The paper's own times "
+            "are of a machine it does not describe."
         )
     tables = (_verdicts(found),) if rows else ()
     missing = [number for number in (2, 3, 4) if number not in found.tables.by_number()]
