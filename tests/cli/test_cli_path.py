@@ -181,6 +181,43 @@ def test_fit_tells_its_training_error_as_json_too(truearm, made, tmp_path):
     assert f"training error: mean {told['training']['mean_mm']:.4f} mm" in said
 
 
+def test_fit_tells_of_every_networks_training(truearm, made, tmp_path):
+    out = tmp_path / "n.truearm"
+    arguments = ["fit", made / "train.csv", "--arm", "gao2017", "--model", "network", "--hidden", "6", "--epochs", 15]
+    arguments += ["--trainer", "trainlm", "--members", 2, "--restarts", 2, "--validation", 0.2, "--goal", 1e-3]
+    arguments += ["--free", "none", "--out", out]
+    told = json.loads(truearm(*arguments, "--json").out)
+    assert set(told) == {"model", "file", "fit_seconds", "training", "network"}
+    assert told["network"]["trainer"] == "trainlm"
+    model = load_model(out)
+    options = {"trainer": "trainlm", "n_members": 2, "n_restarts": 2, "validation": 0.2, "goal": 1e-3, "epochs": 15}
+    assert options.items() <= model.get_params().items()
+    for told_of, member in zip(told["network"]["members"], model.members_, strict=True):
+        record = member.record
+        assert told_of == {
+            "start": member.start + 1,
+            "epochs": record.num_epochs,
+            "best_epoch": record.best_epoch,
+            "stop": record.stop,
+            "seconds": record.time[-1],
+        }
+    said = truearm(*arguments).out
+    for number, facts in enumerate(told["network"]["members"], 1):
+        assert f"member {number}, start {facts['start']}: {facts['stop'][:-1]} after {facts['epochs']} epochs" in said
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["n.truearm"]
+    points = tmp_path / "p.csv"
+    assert truearm("predict", out, made / "test.csv", "--out", points).code == 0
+    _, covariance = model.predict(read_session(made / "test.csv").angles, return_cov=True)
+    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    np.testing.assert_allclose(pd.read_csv(points)[["sx_mm", "sy_mm", "sz_mm"]], std, rtol=0, atol=0.6e-6)
+
+
+def test_fit_offers_the_models_trainers(truearm):
+    from truearm.models.network import TRAINERS
+
+    assert "|".join(TRAINERS) in truearm("fit", "--help").out
+
+
 def test_the_same_seed_gives_the_same_files(truearm, made, tmp_path):
     truearm("simulate", "gao2017", "--poses", 400, "--seed", 1, "--out", tmp_path / "again.csv")
     assert (tmp_path / "again.csv").read_bytes() == (made / "session.csv").read_bytes()

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,6 +27,12 @@ def say(text: str) -> None:
 def printable(text: str) -> str:
     """The text with bytes of a file name that are no UTF-8 (lone surrogates) spelt out: no terminal shows them."""
     return text.encode("utf-8", "backslashreplace").decode()
+
+
+def note(text: str) -> None:
+    """Print a remark on how it goes; a terminal that is gone (a closed window) is no error."""
+    with suppress(OSError):
+        typer.echo(printable(text), err=True)
 
 
 def _silent(done: int, note: str) -> None:
@@ -65,7 +71,7 @@ def check_apart(out: Path, *inputs: Path) -> None:
 
 @contextmanager
 def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, str], None]]:
-    """Show a progress bar on standard error while the block runs, if a person watches.
+    """Show a progress bar and the time left on standard error while the block runs, if a person watches.
 
     Parameters
     ----------
@@ -82,16 +88,25 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, str
     if not sys.stderr.isatty() or os.environ.get("TERM") in ("dumb", "unknown"):
         yield _silent
         return
-    from rich.console import Console
+    from rich.console import Console, RenderableType
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.table import Column
+    from rich.text import Text
 
-    bar = Progress(
+    class Bar(Progress):
+        """A bar with the note on a line of its own below it: a training has more to tell than a line holds."""
+
+        def get_renderables(self) -> Iterator[RenderableType]:
+            yield self.make_tasks_table(self.tasks)
+            for task in self.tasks:
+                if task.fields["note"]:
+                    yield Text(f"  {task.fields['note']}", no_wrap=True, overflow="ellipsis")
+
+    bar = Bar(
         SpinnerColumn(),
         TextColumn("{task.description}"),
-        BarColumn(bar_width=16),
-        TextColumn("{task.fields[note]}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
+        BarColumn(bar_width=None),
         TimeElapsedColumn(),
+        TextColumn("" if total is None else "left"),
         TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
