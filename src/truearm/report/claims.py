@@ -70,8 +70,8 @@ def scatter_of_starts(
         axes.locator_params(axis="x", nbins=8)
     return Figure(
         (drawing,),
-        caption=f"One training, {short(name, longest=80)}, from different random starts: {told}. The bar is the "
-        "median; the tint reaches from the least to the largest start.",
+        caption=f"{short(name, longest=120)}: {told}. The bar is the median; the tint reaches from the least to the "
+        "largest start.",
         alt=f"Strip of dots: {told}.",
     )
 
@@ -242,7 +242,7 @@ def error_outside(
     network : pair of (n,) arrays
         Median and 95th percentile of the network's error there [mm].
     others : mapping of str to (n,) array
-        Errors of other models there [mm].
+        Mean errors of other models there [mm].
     styles : mapping of str to Style, optional
         From `styles_of`, with ``"network"``.
     """
@@ -286,8 +286,9 @@ def error_outside(
     )
     return Figure(
         (drawing,),
-        caption="Error outside the box that the network was trained in, on a logarithmic scale; the line is the "
-        f"median, the tint reaches to the 95th percentile. {told[0].upper()}{told[1:]}.",
+        caption="Error of a coordinate outside the box that the network was trained in, on a logarithmic scale. Of the "
+        "network the line is the median and the tint reaches to the 95th percentile; the others are means. "
+        f"{told[0].upper()}{told[1:]}.",
         alt=f"Error against the distance outside the box, on a logarithmic scale. {told}.",
     )
 

@@ -25,7 +25,7 @@ def learning_rate_section(found: Reproduced, *, styles: Mapping[str, Style]) -> 
     title = "The learning rate"
     claim = found.claims.learning_rate
     if claim is None:
-        return Section(title, not_run("This part", "--all"))
+        return Section(title, not_run("This part", "--table 2"))
     rates = ", ".join(format_given(rate) for rate in sorted(claim.rates))
     if claim.identical:
         text = (
@@ -54,7 +54,7 @@ def scatter_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Sectio
     title = "The scatter of starts"
     claim = found.claims.scatter
     if claim is None:
-        return Section(title, not_run("This part", "--all"))
+        return Section(title, not_run("This part", "--table 2"))
     starts, published = np.array(claim.mean_mm), np.array(claim.paper_rows_mean_mm)
     inside = (published >= starts.min()) & (published <= starts.max())
     names = [None] * len(published) if claim.paper_rows is None else claim.paper_rows
@@ -129,7 +129,7 @@ def outside_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Sectio
     title = "Outside the box"
     claim = found.claims.outside
     if claim is None:
-        return Section(title, not_run("This part", "--all"))
+        return Section(title, not_run("This part", "--table 4"))
     order = np.argsort(claim.distance_deg)
     distance, median = np.array(claim.distance_deg)[order], np.array(claim.median_mm)[order]
     kinematic = np.array(claim.kinematic_mm)[order]
@@ -137,15 +137,15 @@ def outside_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Sectio
         [float(distance[0]), *crossings(distance, median, claim.nominal_mm)] if median[-1] > claim.nominal_mm else []
     )
     text = (
-        "A direct network knows only the joint angles it was taught; beyond them it guesses. Its median error is "
-        f"{millimetres(float(median[0]))} at {degrees(float(distance[0]))} outside the box and "
+        "A direct network knows only the joint angles it was taught; beyond them it guesses. The median of its errors "
+        f"is {millimetres(float(median[0]))} at {degrees(float(distance[0]))} outside the box and "
         f"{millimetres(float(median[-1]))} at {degrees(float(distance[-1]))}. "
     )
     text += (
         f"From {degrees(worse[-1])} on it errs by more than the uncompensated nominal arm, "
-        f"{millimetres(claim.nominal_mm)}. "
+        f"{millimetres(claim.nominal_mm)} on average. "
         if worse
-        else f"The uncompensated nominal arm errs by {millimetres(claim.nominal_mm)}. "
+        else f"The uncompensated nominal arm errs by {millimetres(claim.nominal_mm)} on average. "
     )
     text += (
         f"A kinematic model identified from the same readings goes from {millimetres(float(kinematic[0]))} to "

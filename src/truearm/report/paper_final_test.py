@@ -29,7 +29,7 @@ def final_test_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Sec
     made = {6: drawn.figure_6, 7: drawn.figure_7, 8: drawn.figure_8}
     told = [not_run(f"Figure {k}", f"--figure {k}") for k, part in made.items() if part is None]
     if found.final_test is None:
-        return Section(title, "\n\n".join([not_run("The final test", "--all"), *told]), figures=tuple(pictures))
+        return Section(title, "\n\n".join([not_run("The final test", "--table 4"), *told]), figures=tuple(pictures))
     test = found.final_test
     removed = test.removed_percent_by_model()
     beside = listed(f"{name} {percentage(share / 100)}" for name, share in removed.items())
@@ -104,7 +104,7 @@ def share_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section:
         else "What a share removed means"
     )
     if percent is None:
-        return Section(title, not_run("This part", "--all"))
+        return Section(title, not_run("This part", "--table 4"))
     nominal, network, floor = percent.nominal_mean_mm, percent.network_mean_mm, percent.floor_mm
     told = (
         f"{percentage(percent.removed_percent / 100)} removed of a mean error of {millimetres(nominal)} leaves "

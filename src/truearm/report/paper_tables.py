@@ -94,8 +94,9 @@ def _accuracy(number: int, rows: Sequence[TableRow]) -> Table:
     return Table(
         tuple(columns[k] for k in keep),
         tuple(tuple(line[k] for k in keep) for line in lines),
-        f"Table {number}, accuracy{poses}. Error of a single coordinate: means on 2000 further poses, median and range "
-        "of the starts; the largest error on as many poses as the paper tested, median of the starts",
+        f"Table {number}, accuracy{poses}. Error of a single coordinate. Mean error: median of the starts on 2000 "
+        "further poses, and the range of the starts on as few poses as the paper tested. Largest error: on as few, "
+        "median of the starts",
     )
 
 
@@ -157,7 +158,7 @@ def _median_and_range(row: TableRow, name: str) -> tuple[Cell, Cell]:
     trained = row.by_trainer().get(name)
     if trained is None:
         return None, None
-    return trained.median.mean_many_mm, span_cell(trained.range.mean_many_mm if len(trained.runs) > 1 else (0.0,))
+    return trained.median.mean_many_mm, span_cell(trained.range.mean_mm if len(trained.runs) > 1 else (0.0,))
 
 
 def _time_to_paper(row: TableRow, name: str) -> tuple[Cell, Cell]:
