@@ -17,15 +17,15 @@ from truearm.report.claims import (
 from truearm.report.page import Section
 from truearm.report.quantities import format_given
 from truearm.report.reproduced import Reproduced
-from truearm.report.wording import capitalised, counted, degrees, millimetres, not_run, rows_named
+from truearm.report.wording import NotRun, capitalised, counted, degrees, millimetres, rows_named
 
 
-def learning_rate_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section:
+def learning_rate_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section | NotRun:
     """Say whether the learning rate matters."""
     title = "The learning rate"
     claim = found.claims.learning_rate
     if claim is None:
-        return Section(title, not_run("This part", "--table 2"))
+        return NotRun("What the learning rate does", "--table 2")
     rates = ", ".join(format_given(rate) for rate in sorted(claim.rates))
     if claim.identical:
         text = (
@@ -49,12 +49,12 @@ def learning_rate_section(found: Reproduced, *, styles: Mapping[str, Style]) -> 
     return Section(title, text, figures=(picture,))
 
 
-def scatter_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section:
+def scatter_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section | NotRun:
     """Set the paper's differences beside the scatter of random starts."""
     title = "The scatter of starts"
     claim = found.claims.scatter
     if claim is None:
-        return Section(title, not_run("This part", "--table 2"))
+        return NotRun("The scatter of starts", "--table 2")
     starts, published = np.array(claim.mean_mm), np.array(claim.paper_rows_mean_mm)
     inside = (published >= starts.min()) & (published <= starts.max())
     names = [None] * len(published) if claim.paper_rows is None else claim.paper_rows
@@ -89,10 +89,10 @@ def joint_ranges_section(found: Reproduced, *, styles: Mapping[str, Style]) -> S
     title = "The joint ranges"
     chosen = found.boxes.simulation_deg
     limits = f"\u00b1{degrees(chosen)} in simulations, \u00b1{degrees(found.boxes.experiment_deg)} in the experiment"
-    told = [f"Every joint is drawn evenly from a range about the pose drawn above: {limits}. {found.boxes.how.strip()}"]
+    told = [f"Every joint is drawn evenly from a range about one working pose: {limits}. {found.boxes.how.strip()}"]
     claim = found.claims.boxes
     if claim is None:
-        return Section(title, "\n\n".join([*told, not_run("The errors in boxes of other widths", "--all")]))
+        return Section(title, "\n\n".join([*told, str(NotRun("The study of boxes of other widths", "--all"))]))
     networks = {"row 1": (claim.row1_mean_mm, claim.paper_row1), "row 15": (claim.row15_mean_mm, claim.paper_row15)}
     for name, (errors, published) in networks.items():
         met = crossings(claim.half_width_deg, errors, published)
@@ -124,12 +124,12 @@ def _if_wrong(widths: Sequence[float], errors: Sequence[float], chosen: float, *
     return f" The error is {', '.join(told)}." if told else ""
 
 
-def outside_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section:
+def outside_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section | NotRun:
     """Say how the direct network fails outside its box."""
     title = "Outside the box"
     claim = found.claims.outside
     if claim is None:
-        return Section(title, not_run("This part", "--table 4"))
+        return NotRun("The error outside the box", "--table 4")
     order = np.argsort(claim.distance_deg)
     distance, median = np.array(claim.distance_deg)[order], np.array(claim.median_mm)[order]
     kinematic = np.array(claim.kinematic_mm)[order]

@@ -11,10 +11,10 @@ from truearm.report.claims import share_removed
 from truearm.report.page import Cell, Column, Section, Table
 from truearm.report.quantities import format_in_text
 from truearm.report.reproduced import FinalTest, Reproduced
-from truearm.report.wording import as_figure, counted, middle_and_span, millimetres, not_run, percentage, whole
+from truearm.report.wording import NotRun, as_figure, counted, middle_and_span, millimetres, percentage, whole
 
 
-def final_test_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section:
+def final_test_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section | NotRun:
     """Set the final test beside the paper's, with Figures 6 to 8."""
     title = "Error before and after (Figures 6 to 8)"
     drawn = found.figures
@@ -27,9 +27,12 @@ def final_test_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Sec
     if drawn.figure_8 is not None:
         pictures.append(as_figure(8, errors_by_reading({"network": drawn.figure_8.deviation_mm}, styles=styles)))
     made = {6: drawn.figure_6, 7: drawn.figure_7, 8: drawn.figure_8}
-    told = [not_run(f"Figure {k}", f"--figure {k}") for k, part in made.items() if part is None]
+    told = [str(NotRun(f"Figure {k}", f"--figure {k}")) for k, part in made.items() if part is None]
+    missing = NotRun("The final test", "--table 4")
+    if found.final_test is None and not pictures:
+        return missing
     if found.final_test is None:
-        return Section(title, "\n\n".join([not_run("The final test", "--table 4"), *told]), figures=tuple(pictures))
+        return Section(title, "\n\n".join([str(missing), *told]), figures=tuple(pictures))
     test = found.final_test
     removed = test.removed_percent_by_model()
     beside = listed(f"{name} {percentage(share / 100)}" for name, share in removed.items())
@@ -94,7 +97,7 @@ def _final_table(test: FinalTest) -> Table:
     )
 
 
-def share_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section:
+def share_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section | NotRun:
     """Say what the share removed means."""
     percent = found.claims.percent
     test = found.final_test
@@ -104,7 +107,7 @@ def share_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section:
         else "What a share removed means"
     )
     if percent is None:
-        return Section(title, not_run("This part", "--table 4"))
+        return NotRun("What a share removed means", "--table 4")
     nominal, network, floor = percent.nominal_mean_mm, percent.network_mean_mm, percent.floor_mm
     told = (
         f"{percentage(percent.removed_percent / 100)} removed of a mean error of {millimetres(nominal)} leaves "

@@ -12,7 +12,7 @@ from truearm.report.page import Cell, Column, Section, Table
 from truearm.report.paper_rows import PaperRow, gets_there, rows_beside_paper
 from truearm.report.quantities import format_given, format_in_text, format_number
 from truearm.report.reproduced import TableRow, Trained
-from truearm.report.wording import capitalised, counted, not_run, rows_named, span_cell
+from truearm.report.wording import NotRun, capitalised, counted, rows_named, span_cell
 
 _SUBJECT = {
     2: "a simulation: one hidden layer, other numbers of poses, goals, learning rates and units",
@@ -21,7 +21,7 @@ _SUBJECT = {
 }
 
 
-def table_section(number: int, rows: Sequence[TableRow] | None, *, styles: Mapping[str, Style]) -> Section:
+def table_section(number: int, rows: Sequence[TableRow] | None, *, styles: Mapping[str, Style]) -> Section | NotRun:
     """Set a table of the paper beside what was found: accuracy, effort, and a picture of both.
 
     Parameters
@@ -35,7 +35,7 @@ def table_section(number: int, rows: Sequence[TableRow] | None, *, styles: Mappi
     """
     title = f"Table {number}"
     if not rows:
-        return Section(title, not_run(title, f"--table {number}"))
+        return NotRun(title, f"--table {number}")
     told = [
         f"Table {number} of the paper is {_SUBJECT[number]}. " + accuracy_told(rows),
         *(

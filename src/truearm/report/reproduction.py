@@ -21,7 +21,7 @@ from truearm.report.paper_tables import accuracy_told, sooner, table_section, ve
 from truearm.report.predictions import predictions_by_pose
 from truearm.report.quantities import format_in_text
 from truearm.report.reproduced import ArmFrames, Reproduced, reproduced
-from truearm.report.wording import COMMAND, as_figure, counted, degrees, not_run, whole
+from truearm.report.wording import COMMAND, NotRun, as_figure, counted, degrees, whole
 
 TITLE = "Gao et al. 2017, reproduced"
 CITED = (
@@ -62,7 +62,7 @@ def reproduction_page(found: Mapping[str, Any]) -> Page:
     """
     all_found = reproduced(found)
     tables = all_found.tables.by_number()
-    sections = [
+    parts: list[Section | NotRun] = [
         _in_short(all_found),
         _arm(all_found),
         _network(all_found),
@@ -75,9 +75,13 @@ def reproduction_page(found: Mapping[str, Any]) -> Page:
         joint_ranges_section(all_found, styles=_PENS),
         outside_section(all_found, styles=_PENS),
     ]
+    sections = [part for part in parts if isinstance(part, Section)]
+    if len(sections) < len(parts):
+        missing = [str(part) for part in parts if isinstance(part, NotRun)]
+        sections.append(Section("Not part of this run", "\n\n".join(missing)))
     if all_found.left_out:
         sections.append(_left_out(all_found))
-    quick = " A quick run; what it left out stands at the end." if all_found.quick else ""
+    quick = " A quick run; what it left out stands at the end." if all_found.quick and all_found.left_out else ""
     return Page(
         title=TITLE,
         subtitle=f"{CITED}.{quick}",
@@ -120,8 +124,6 @@ def _in_short(found: Reproduced) -> Section:
             "are of a machine it does not describe."
         )
     tables = (_verdicts(found),) if rows else ()
-    missing = [number for number in (2, 3, 4) if number not in found.tables.by_number()]
-    told += [not_run(f"Table {number}", f"--table {number}") for number in missing]
     return Section("In short", "\n\n".join(told), tables=tables)
 
 
@@ -138,11 +140,11 @@ def _verdicts(found: Reproduced) -> Table:
     )
 
 
-def _arm(found: Reproduced) -> Section:
+def _arm(found: Reproduced) -> Section | NotRun:
     arm = found.figures.arm
     title = "The arm (Figures 1 and 2)"
     if arm is None:
-        return Section(title, not_run("The drawing of the arm", "--figure 1"))
+        return NotRun("The drawing of the arm", "--figure 1")
     frames, tip = [list(frame) for frame in arm.frames], arm.tip_mm
     pictures = (as_figure(1, arm_in_space(frames, tip)), as_figure(2, joint_frames(frames, tip)))
     return Section(
@@ -168,19 +170,19 @@ def _parameters(arm: ArmFrames) -> Table:
     )
 
 
-def _network(found: Reproduced) -> Section:
+def _network(found: Reproduced) -> Section | NotRun:
     title = "The network (Figure 3)"
     if found.figures.network is None:
-        return Section(title, not_run("The drawing of the network", "--figure 3"))
+        return NotRun("The drawing of the network", "--figure 3")
     return Section(title, figures=(as_figure(3, network_layers(found.figures.network.sizes)),))
 
 
-def _some_poses(found: Reproduced) -> Section:
+def _some_poses(found: Reproduced) -> Section | NotRun:
     title = "Some poses in detail (Figure 4)"
     poses = found.figures.figure_4
     by_name = {} if poses is None else {key: points for key, points in poses.predicted_mm.items() if points is not None}
     if poses is None or not by_name:
-        return Section(title, not_run("Figure 4", "--figure 4"))
+        return NotRun("Figure 4", "--figure 4")
     predicted = {"lm" if key == "ours" else key: points for key, points in by_name.items()}
     pens = {**styles_of(predicted), **{name: _PENS[name] for name in predicted if name in _PENS}}
     return Section(title, figures=(as_figure(4, predictions_by_pose(poses.points_mm, predicted, styles=pens)),))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,9 +15,15 @@ from truearm.report.quantities import format_in_text, format_number
 COMMAND = "truearm reproduce gao2017"
 
 
-def not_run(what: str, option: str) -> str:
-    """Say what is missing, and the option that makes it."""
-    return f"{what} was not part of this run; it is made by: {COMMAND} {option}"
+@dataclass(frozen=True)
+class NotRun:
+    """A part of the reproduction that was not run, and the option of the command that makes it."""
+
+    what: str
+    option: str
+
+    def __str__(self) -> str:
+        return f"{self.what} is not part of this run; it is made by: {COMMAND} {self.option}"
 
 
 def rows_named(numbers: Iterable[int]) -> str:
