@@ -220,6 +220,7 @@ def test_an_empty_page_is_a_page():
 def test_paragraphs_part_at_empty_lines():
     assert paragraphs("one\ntwo\n\n\nthree\r\n\r\nfour") == ["one two", "three", "four"]
     assert paragraphs("  ") == []
+    assert paragraphs("0.45\u202fmm\n and  5\u00a0%") == ["0.45\u202fmm and 5\u00a0%"]  # they stay on one line
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -40,7 +41,9 @@ def write_page(page: Page, path: str | Path) -> None:
 
 def paragraphs(text: str) -> list[str]:
     """Part a text at its empty lines."""
-    return [" ".join(part.split()) for part in text.replace("\r\n", "\n").split("\n\n") if part.strip()]
+    # Not split(): it would part at the spaces that keep a number and its unit on one line.
+    parts = text.replace("\r\n", "\n").split("\n\n")
+    return [re.sub(r"[ \t\n]+", " ", part.strip()) for part in parts if part.strip()]
 
 
 def _picture(drawing: Drawing, prefix: str) -> Markup:
