@@ -23,19 +23,21 @@ class Target:
     ----------
     what : str
     reached, limit : float
-        In the unit that `what` names.
+        In the unit that `what` names; `reached` is None where there is nothing to judge.
     good : {"below", "above"}
         On which side of the limit it shall lie.
     """
 
     what: str
-    reached: float
+    reached: float | None
     limit: float
     good: Literal["below", "above"] = "below"
 
     @property
     def met(self) -> bool:
         """Whether it is reached."""
+        if self.reached is None:
+            return False
         return self.reached <= self.limit if self.good == "below" else self.reached >= self.limit
 
 
@@ -118,5 +120,13 @@ def say_targets(targets: list[Target]) -> None:
     print()
     say_table(
         ["target", "", "reached", ""],
-        [[t.what, f"{sign[t.good]} {t.limit:g}", f"{t.reached:.3g}", "met" if t.met else "missed"] for t in targets],
+        [
+            [
+                t.what,
+                f"{sign[t.good]} {t.limit:g}",
+                "-" if t.reached is None else f"{t.reached:.3g}",
+                "met" if t.met else "missed",
+            ]
+            for t in targets
+        ],
     )
