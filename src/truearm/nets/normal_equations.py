@@ -26,6 +26,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
@@ -155,8 +156,8 @@ class FitProblem:
         # Other libraries have threads, or a GPU, of their own.
         if len(parts) == 1 or not is_numpy_array(self.inputs):
             return [work(part) for part in parts]
-        with one_blas_thread(), ThreadPoolExecutor(min(cores(), len(parts))) as pool:
-            return list(pool.map(work, parts))
+        with one_blas_thread():
+            return list(_threads(cores()).map(work, parts))
 
     @property
     def chunk(self) -> int:
@@ -165,6 +166,12 @@ class FitProblem:
         if is_numpy_array(self.inputs):
             return int(np.clip(CHUNK_BYTES // (8 * rows), FEWEST, MOST))
         return max(CHUNK_BYTES_ELSEWHERE // (8 * rows), FEWEST)
+
+
+@cache
+def _threads(n: int) -> ThreadPoolExecutor:
+    """Threads kept between evaluations: those of a small network are shorter than a thread's start."""
+    return ThreadPoolExecutor(n, thread_name_prefix="samples")
 
 
 class _Pass:
