@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 
 import pytest
@@ -17,9 +18,9 @@ def small(monkeypatch):
     for table, rows in list(TABLES.items()):
         row = rows[-1]
         monkeypatch.setitem(TABLES, table, (replace(row, n_train=150, hidden=(4,) * len(row.hidden), mean_mm=150.0),))
-    effort = replace(gao2017_plan.FULL, epochs=5, own_epochs={2: 3, 3: 3, 4: 3}, starts=1, many_starts=1)
+    effort = replace(gao2017_plan.FULL, epochs=5, own_epochs={2: 3, 3: 3, 4: 3}, starts=((math.inf, 1),), starts_of={})
     monkeypatch.setattr(gao2017_plan, "FULL", effort)
-    monkeypatch.setattr(gao2017_plan, "QUICK", replace(effort, quick=True, longest_s=0.0))
+    monkeypatch.setattr(gao2017_plan, "QUICK", replace(effort, quick=True, starts=((1e-9, 1),)))
 
 
 def test_a_table_is_printed_and_written_with_its_page(truearm, small, tmp_path):

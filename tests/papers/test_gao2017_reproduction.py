@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -24,8 +25,8 @@ EFFORT = replace(
     epochs=5,
     box_epochs=2,
     own_epochs={2: 3, 3: 3, 4: 3},
-    starts=2,
-    many_starts=3,
+    starts=((math.inf, 2),),
+    starts_of={(2, 1): 3},
     half_widths_deg=(20.0, 38.0),
 )
 
@@ -85,7 +86,7 @@ def test_every_row_has_both_sides_with_a_run_a_seed(found):
 
 def test_seeds_differ_in_poses_and_start(found):
     runs = row_of(found, 2, 1)["faithful"]["runs"]
-    assert len({run["mean_many_mm"] for run in runs}) == len(runs) == EFFORT.many_starts
+    assert len({run["mean_many_mm"] for run in runs}) == len(runs) == 3
 
 
 def test_rows_that_differ_in_nothing_that_matters_are_one_training(found):
@@ -96,7 +97,7 @@ def test_rows_that_differ_in_nothing_that_matters_are_one_training(found):
     assert claim["identical"]
     assert claim["rates"] == [0.1, 1.0]
     wanted, _ = planned(["table 2"], EFFORT)
-    assert len(wanted) == len(set(wanted)) == 2 * (EFFORT.many_starts + EFFORT.starts)
+    assert len(wanted) == len(set(wanted)) == 2 * (3 + 2)  # sides, seeds of rows 1 and 15
 
 
 def test_rows_that_the_table_does_not_tell_apart_have_other_activations(found):
@@ -137,7 +138,7 @@ def test_a_part_alone_runs_only_what_it_needs(tmp_path):
 
 
 def test_quick_says_what_it_left_out(tmp_path):
-    quick = replace(EFFORT, quick=True, starts=1, many_starts=1, longest_s=0.0, half_widths_deg=(20.0,))
+    quick = replace(EFFORT, quick=True, starts=((1e-9, 1),), starts_of={}, half_widths_deg=(20.0,))
     found = reproduce(["table 4", "table 3"], effort=quick, folder=tmp_path)
     assert found["quick"]
     assert found["left_out"][0].startswith("Table 3, row 6, trainlm: some ")

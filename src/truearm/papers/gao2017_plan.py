@@ -41,12 +41,11 @@ class Effort:
         Most epochs of ours, by table.
     time_limit_s : float
         Of one training, faithful or ours.
-    starts : int
-        Seeds of a training that is estimated to take at most `long_s`; longer ones get one.
-    many_starts : int
-        Seeds of Table 2, row 1, whose scatter explains other rows.
-    long_s, longest_s : float
-        Trainings estimated above `longest_s` are left out.
+    starts : tuple of (float, int)
+        Seeds of a training by the time it is estimated to take: up to so many seconds, so many seeds. A training that
+        takes longer than all of them is left out.
+    starts_of : dict of (int, int) to int
+        Seeds of a table's row that has more, or fewer, whatever it takes.
     half_widths_deg : tuple of float
         Of the study of boxes.
     """
@@ -56,19 +55,14 @@ class Effort:
     box_epochs: int
     own_epochs: Mapping[int, int]
     time_limit_s: float
-    starts: int
-    many_starts: int
-    long_s: float
-    longest_s: float
+    starts: tuple[tuple[float, int], ...]
+    starts_of: Mapping[tuple[int, int], int]
     half_widths_deg: tuple[float, ...]
 
     def seeds(self, table: int, row: PaperRow, training: Training) -> range:
         """The seeds of a row's training."""
-        if training.estimated_seconds > self.longest_s:
-            return range(0)
-        if training.estimated_seconds > self.long_s:
-            return range(1)
-        return range(self.many_starts if (table, row.row) == (2, 1) else self.starts)
+        by_time = (n for seconds, n in self.starts if training.estimated_seconds <= seconds)
+        return range(self.starts_of.get((table, row.row), next(by_time, 0)))
 
 
 FULL = Effort(
@@ -76,15 +70,18 @@ FULL = Effort(
     epochs=1000,
     box_epochs=300,
     own_epochs={2: 150, 3: 150, 4: 400},
-    time_limit_s=240.0,
-    starts=5,
-    many_starts=10,
-    long_s=120.0,
-    longest_s=math.inf,
+    time_limit_s=120.0,
+    starts=((25.0, 5), (60.0, 2), (math.inf, 1)),
+    # The scatter of starts explains other rows; the final test is made on as many arms.
+    starts_of={(2, 1): 10, (4, 4): 5},
     half_widths_deg=(15.0, 20.0, 25.0, 30.0, 35.0, 38.0, 40.0, 45.0, 50.0, 60.0),
 )
 QUICK = replace(
-    FULL, quick=True, starts=1, many_starts=3, longest_s=40.0, half_widths_deg=(20.0, 30.0, 38.0, 45.0, 60.0)
+    FULL,
+    quick=True,
+    starts=((30.0, 1),),
+    starts_of={(2, 1): 3, (4, 4): 1},
+    half_widths_deg=(20.0, 30.0, 38.0, 50.0),
 )
 
 
@@ -104,6 +101,7 @@ def training_of(table: int, row: PaperRow, side: Side, effort: Effort, *, seed: 
         time_limit_s=effort.time_limit_s,
         seed=seed,
         levels_mm=tuple(sorted({other.mean_mm for other in served})),
+        expected_epochs=max(other.epochs for other in served) if faithful else None,
     )
 
 
@@ -140,6 +138,7 @@ def box_training(row: PaperRow, half_width_deg: float, effort: Effort) -> Traini
         source=Source(half_width_deg, virtual=False),
         epochs=min(training.epochs, effort.box_epochs),
         levels_mm=(),
+        expected_epochs=None,
     )
 
 

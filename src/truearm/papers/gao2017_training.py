@@ -117,6 +117,8 @@ class Training:
         Of the poses, the division and the start weights.
     levels_mm : tuple of float
         Mean absolute coordinate errors on `N_MANY` further poses that the first epoch is wanted of.
+    expected_epochs : int or None
+        After so many it is expected to stop, to plan by; None: after `epochs`.
     """
 
     source: Source
@@ -130,6 +132,7 @@ class Training:
     time_limit_s: float | None
     seed: int
     levels_mm: tuple[float, ...] = ()
+    expected_epochs: int | None = None
 
     @property
     def network(self) -> Perceptron:
@@ -138,8 +141,9 @@ class Training:
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of all settings and the program's version."""
-        return hashlib.sha256(json.dumps([__version__, asdict(self)]).encode()).hexdigest()
+        """SHA-256 of the program's version and all settings but what is expected."""
+        settings = asdict(self) | {"expected_epochs": None}
+        return hashlib.sha256(json.dumps([__version__, settings]).encode()).hexdigest()
 
     @property
     def name(self) -> str:
@@ -150,13 +154,14 @@ class Training:
 
     @property
     def estimated_seconds(self) -> float:
-        """Time on two cores of a present machine [s], to plan by: some 1.2e11 products a second."""
+        """Time on two cores of a present machine [s], to plan by: 1.2e11 products a second."""
         fitted, weights = self.n_train * (1 - 2 * self.set_aside), self.network.n_weights
         if self.trainer in GRADIENT_TRAINERS:
             epoch = 1e-3 + 6 * fitted * weights / 2e10
         else:
-            epoch = 2e-3 + fitted * weights**2 / 1.2e11 + weights**3 / 1e11
-        return min(self.epochs * epoch, self.time_limit_s or math.inf)
+            epoch = 2e-3 + 5e-7 * fitted + fitted * weights**2 / 1.2e11 + weights**3 / 1e11
+        epochs = min(self.epochs, self.expected_epochs or self.epochs)
+        return min(epochs * epoch, self.time_limit_s or math.inf)
 
 
 # Their default learning rate, 0.01, is that of the paper's rows.
