@@ -14,9 +14,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from machine import times_of
 from network_epoch import factored_flops
@@ -68,6 +66,9 @@ def growth(samples: list[int], units: list[int], *, units_fixed: int, samples_fi
 
 def plot(found: dict[str, Any], file: Path) -> None:
     """Draw seconds against samples and weights, and what the flops predict at the rate of the largest epoch."""
+    import matplotlib as mpl  # not in the process whose memory is measured
+    from matplotlib.figure import Figure
+
     mpl.rcParams["svg.hashsalt"] = "growth"
     figure = Figure(figsize=(8, 3.6), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)

@@ -137,6 +137,7 @@ def levenberg_marquardt(
                 damping = damping.failed()
         previous_cost = equations.cost
         if moved:
+            del equations  # as large as the network squared: the old matrix makes room for the new one
             equations = problem.normal_equations(x)
             if renew is not None:
                 problem, equations = renew(x, equations)
