@@ -15,6 +15,10 @@ from truearm.models.network import TRAINERS
 PAGE = Path(__file__).parents[2] / "docs" / "networks.md"
 
 
+def blocks() -> list[str]:
+    return re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
 @pytest.fixture(scope="module")
 def names(tmp_path_factory) -> dict:
     """What the page's blocks define, run one after the other in a folder of their own."""
@@ -22,8 +26,9 @@ def names(tmp_path_factory) -> dict:
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("networks")
         patch.chdir(folder)
-        for block in re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL):
-            exec(block, names)
+        for block in blocks():
+            if "import torch" not in block:
+                exec(block, names)
         names["left"] = sorted(path.name for path in folder.iterdir())
     return names
 
@@ -32,6 +37,14 @@ def test_its_code_runs_and_learns(names):
     assert np.abs(names["points"] - names["test"].points).mean() < 5  # mm
     assert np.abs(names["y"] - np.sin(5 * names["x"])).mean() < 0.05
     assert names["left"] == ["net.truearm"]
+
+
+def test_its_code_for_another_library_runs_and_learns():
+    pytest.importorskip("torch", reason="PyTorch is an extra: pip install 'truearm[torch]'")
+    defined: dict = {}
+    (block,) = (block for block in blocks() if "import torch" in block)
+    exec(block, defined)
+    assert defined["record"].perf[-1] < defined["record"].perf[0] / 100
 
 
 def test_what_it_states_of_an_ensemble_is_so(names):
