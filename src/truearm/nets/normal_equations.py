@@ -22,10 +22,9 @@ vectors.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import TypeVar
 
@@ -48,9 +47,10 @@ T = TypeVar("T")
 # long enough for full speed; a GPU wants few large calls.
 CHUNK_BYTES = 5 * 2**20
 CHUNK_BYTES_ELSEWHERE = 2**28
-FEWEST, MOST = 128, 4096  # samples of a chunk
+FEWEST, MOST = 128, 1024  # samples of a chunk
 # Each group holds sums about as large as a third of the matrix.
 GROUPS = 4
+FLOPS_WORTH_THREADS = 2 * 10**8
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +74,8 @@ class FitProblem:
     network: Perceptron
     inputs: Array
     targets: Array
+    # As many as threads were at work at once.
+    _spaces: list[_Space] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
         sizes = self.network.sizes
@@ -133,13 +135,13 @@ class FitProblem:
         """Cost, gradient and Gauss-Newton matrix at weights `x` (n_weights,)."""
         layers = self.network.layers(placed_like(x, self.inputs))
         chunks = list(_chunks(self.n, self.chunk))
-        spaces = threading.local()
 
         def sums_of(group: list[slice]) -> _Sums:
             sums = _Sums(self.network, layers)
-            space = spaces.__dict__.setdefault("own", _Space())
+            space = self._spaces.pop() if self._spaces else _Space()
             for columns in group:
                 sums.add(self.inputs[:, columns], self.targets[:, columns], space)
+            self._spaces.append(space)
             return sums
 
         first, *others = self.by_thread(sums_of, [chunks[start::GROUPS] for start in range(min(GROUPS, len(chunks)))])
@@ -153,11 +155,17 @@ class FitProblem:
 
     def by_thread(self, work: Callable[[P], T], parts: Sequence[P]) -> list[T]:
         """What `work` makes of every part, threads sharing them; in order."""
-        # Other libraries have threads, or a GPU, of their own.
-        if len(parts) == 1 or not is_numpy_array(self.inputs):
-            return [work(part) for part in parts]
+        # Other libraries have threads, or a GPU, of their own. Threads that do little hinder one another: each has to
+        # wait for the interpreter after every array operation.
         with one_blas_thread():
+            if len(parts) == 1 or not is_numpy_array(self.inputs) or self._flops < FLOPS_WORTH_THREADS:
+                return [work(part) for part in parts]
             return list(_threads(cores()).map(work, parts))
+
+    @property
+    def _flops(self) -> int:
+        """Of the products of pairs in one evaluation of the matrix."""
+        return 2 * self.n * sum(left * right for left, right in (block.rows for block in _blocks(self.network)))
 
     @property
     def chunk(self) -> int:
@@ -237,7 +245,7 @@ def _blocks(network: Perceptron) -> list[_Block]:
 
 
 class _Space:
-    """Pairs of a chunk, written into the same arrays for every chunk: fresh memory costs more than to multiply."""
+    """Pairs of a chunk, written into the same arrays every time: fresh memory costs more than to multiply."""
 
     def __init__(self) -> None:
         self.arrays: dict[tuple[str, tuple[int, ...]], Array] = {}
