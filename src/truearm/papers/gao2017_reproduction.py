@@ -241,7 +241,7 @@ def _note(table: int, row: PaperRow, first: PaperRow, found: Mapping[str, Any]) 
             f"The same training as row {first.row}: Levenberg-Marquardt has no learning rate, and the goal is never "
             "reached."
         )
-    if row.trainer in GRADIENT_TRAINERS:
+    if row.trainer in GRADIENT_TRAINERS or (table, row.row) in ACTIVATIONS:
         notes.append("Ours is that of row 6: the same network and poses.")
     limited = [one["trainer"] for one in found.values() if one is not None and one["time_limit_s"] is not None]
     if limited:
