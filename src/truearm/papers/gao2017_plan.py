@@ -78,7 +78,8 @@ FULL = Effort(
     box_epochs=300,
     own_epochs={2: 150, 3: 150, 4: 400},
     time_limit_s=120.0,
-    starts=((12.0, 5), (45.0, 2), (math.inf, 1)),
+    # Five starts, or as many as take about two minutes.
+    starts=((20.0, 5), (60.0, 2), (math.inf, 1)),
     # The scatter of starts explains other rows; the final test is made on as many arms.
     starts_of={(2, 1): 10, (4, 4): 3},
     half_widths_deg=(15.0, 20.0, 25.0, 30.0, 35.0, 38.0, 40.0, 45.0, 50.0, 60.0),
@@ -86,9 +87,9 @@ FULL = Effort(
 QUICK = replace(
     FULL,
     quick=True,
-    starts=((30.0, 1),),
-    starts_of={(2, 1): 3, (4, 4): 1},
-    half_widths_deg=(20.0, 30.0, 38.0, 50.0),
+    starts=((12.0, 1),),
+    starts_of={(2, 1): 2, (4, 4): 1},
+    half_widths_deg=(20.0, 30.0, 38.0),
 )
 
 
