@@ -23,6 +23,7 @@ from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.variable_projection import ProjectedProblem
+from truearm.solve.threads import one_blas_thread
 
 MU = 1e-3  # any damping: the factor takes as long
 
@@ -35,11 +36,18 @@ def random_problem(units: int, n: int) -> FitProblem:
 
 
 def epoch(units: int, n: int, *, runs: int) -> dict[str, Any]:
-    """Time of an epoch of `lm`, normal equations and one damped step, and the flops it cannot avoid."""
+    """Time of an epoch of `lm`, equations, a damped step and its cost, and the flops it cannot avoid."""
     full = random_problem(units, n)
     problem = ProjectedProblem(full)
     x = nguyen_widrow(full.network, seed=0)[: problem.n_hidden_weights]
-    times = times_of(lambda: problem.normal_equations(x).damped_step(MU), runs=runs)
+
+    def work() -> None:
+        step = problem.normal_equations(x).damped_step(MU)
+        assert step is not None  # MU is large enough
+        problem.cost(x + 1e-6 * step)  # another point than the last one, whose output layer is kept
+
+    with one_blas_thread():  # as `train_lm` does
+        times = times_of(work, runs=runs)
     flops = factored_flops(full.network, n) + len(x) ** 3 / 3  # Cholesky
     return {"samples": n, "weights": full.network.n_weights, "seconds": times.shortest, "flops": float(flops)}
 

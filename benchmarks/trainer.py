@@ -39,12 +39,12 @@ from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.scaling import MinMax
 from truearm.nets.trainlm import trainlm
-from truearm.papers.gao2017_plan import EXPERIMENT, SIMULATION
 from truearm.papers.gao2017_training import MANY, TRAINING, Source
 from truearm.solve import Classical, DampingLimit, NormalEquations, levenberg_marquardt
 
 OURS = "truearm lm"
-TORCH_PUBLISHED_SECONDS = 16.6  # to 3.3e-7, on a machine that its README does not name
+# The boxes that the targets are stated for, whatever the reproduction of the paper finds to be its boxes.
+SIMULATION, EXPERIMENT = Source(38.0, virtual=False), Source(20.0, virtual=True)
 FOREVER = 10**6  # epochs: the goal or the limit ends a training
 
 
@@ -288,7 +288,7 @@ def targets_of(name: str, found: dict[str, Any]) -> list[Target]:
     if name == "poses":
         first, second = (own_seconds(found, level) for level in (0.0315, 0.0215))
         ratios = [ratio_of(found, peer, 0.0315) for peer in found if not peer.startswith("truearm")]
-        peers = [ratio for ratio in ratios if ratio is not None]
+        peers = [ratio for ratio in ratios if ratio is not None and not ratio.gave_up]
         arrived = [ratio for ratio in peers if ratio.reached]
         said = "the best peer that gets there" if arrived else "no peer gets there: at least"
         return [
@@ -300,8 +300,10 @@ def targets_of(name: str, found: dict[str, Any]) -> list[Target]:
         level, ratios = 0.0136, {}
         for peer in found:
             if not peer.startswith("truearm") and (ratio := ratio_of(found, peer, level)) is not None:
-                said = peer if ratio.reached else f"{peer}, which never is" if ratio.gave_up else f"{peer}, at least"
-                ratios[said] = ratio.times
+                said = (
+                    peer if ratio.reached else f"{peer}, which stops before" if ratio.gave_up else f"{peer}, at least"
+                )
+                ratios[said] = None if ratio.gave_up else ratio.times
         return [
             Target(f"experiment, times as fast to {level} mm as {said}", times, 10, "above")
             for said, times in ratios.items()
