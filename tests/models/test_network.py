@@ -15,6 +15,7 @@ from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.models import NetworkModel
 from truearm.models.network import TRAINERS, checkpoints, remove_checkpoints
+from truearm.nets import normal_equations
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import dividerand
@@ -135,12 +136,16 @@ def test_a_larger_ensemble_begins_with_the_smaller_one(arm, readings):
 def test_the_number_of_threads_changes_nothing(arm, readings, monkeypatch):
     options = {"hidden": (6, 5), "n_members": 2, "n_restarts": 2}
     many = Readings(np.tile(readings.angles, (20, 1)), np.tile(readings.points, (20, 1)))  # several chunks
+    asked, pool = [], normal_equations._threads
+    monkeypatch.setattr(normal_equations, "FLOPS_WORTH_THREADS", 0)
+    monkeypatch.setattr(normal_equations, "_threads", lambda n: asked.append(n) or pool(n))
     found = []
     for cores, blas in ((1, 1), (2, 2), (5, 4)):
         monkeypatch.setattr(os, "sched_getaffinity", lambda pid, n=cores: set(range(n)), raising=False)
         with threadpool_limits(blas):
             model = small(arm, epochs=6, **options).fit_readings(many)
         found.append(model)
+    assert set(asked) == {1, 2, 5}
     for other in found[1:]:
         for one, two in zip(found[0].members_, other.members_, strict=True):
             np.testing.assert_array_equal(one.weights, two.weights)
@@ -225,7 +230,7 @@ def test_a_stopped_fit_goes_on_to_the_same_model(step, trainer, arm, readings, t
     model = small(arm, **options).fit_readings(
         readings, progress=lambda done, note: steps.append(done), checkpoint=folder
     )
-    assert min(steps) == step + 1  # what was done is not done again
+    assert min(steps) == step  # what was done is not done again; what was being told is told again
     for one, other in zip(whole.members_, model.members_, strict=True):
         np.testing.assert_array_equal(one.weights, other.weights)
         assert one.start == other.start

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.errors import InputError, TruearmError
+from truearm.nets import normal_equations
 from truearm.nets.checkpoint import Checkpoint, Saved
 from truearm.nets.lm import train_lm
 from truearm.nets.nguyen_widrow import nguyen_widrow
@@ -76,6 +77,10 @@ def interrupting_at(k):
     return callback
 
 
+def assert_told(told, first, result):
+    assert [epoch.epoch for epoch in told] == list(range(first, result[1].num_epochs + 1))
+
+
 def assert_same(one, other, *, time=False):
     (weights, record), (weights_2, record_2) = one, other
     assert weights.tobytes() == weights_2.tobytes()
@@ -109,16 +114,19 @@ def test_interrupted_at_any_epochs_it_ends_as_without_to_the_last_bit(
     file = tmp_path_factory.mktemp("checkpoint") / "training.npz"
     validation = VALIDATION if with_validation else None
     expected = whole[trainer, not with_validation]
+    first = 0
     for stop in sorted(stops):
         try:
             trained(trainer, Checkpoint(file, "mine", 1e9), validation=validation, callback=interrupting_at(stop))
+            first = expected[1].num_epochs + 1
         except KeyboardInterrupt:
-            assert file.exists()
+            assert file.exists() == (stop > 0)
+            first = stop
     told = []
     result = trained(trainer, Checkpoint(file, "mine", 1e9), validation=validation, callback=told.append)
     assert_same(expected, result)
-    # what was told before is not told again
-    assert [epoch.epoch for epoch in told] == list(range(expected[1].num_epochs + 1))[-len(told) or 1000 :]
+    # The epoch whose telling was interrupted is told again, and none before it.
+    assert_told(told, first, expected)
 
 
 @pytest.mark.parametrize("trainer", TRAINERS)
@@ -126,22 +134,33 @@ def test_interrupted_at_any_epochs_it_ends_as_without_to_the_last_bit(
 def test_interrupted_in_the_midst_of_an_epoch_it_goes_on_from_the_last_whole_one(whole, file, trainer, k):
     training = Interrupted(TRAINING.network, TRAINING.inputs, TRAINING.targets)
     object.__setattr__(training, "left", k)
+    before, after = [], []
     with pytest.raises(KeyboardInterrupt):
-        trained(trainer, Checkpoint(file, "mine", 1e9), training=training)
-    if file.exists():  # not where the start itself was interrupted
-        assert_same(whole[trainer, False], trained(trainer, Checkpoint(file, "mine", 1e9)))
+        trained(trainer, Checkpoint(file, "mine", 1e9), training=training, callback=before.append)
+    assert file.exists() == bool(before)  # not where the start itself was interrupted
+    result = trained(trainer, Checkpoint(file, "mine", 1e9), callback=after.append)
+    assert_same(whole[trainer, False], result)
+    assert_told(before + after, 0, result)
 
 
 @pytest.mark.parametrize("trainer", [train_lm, traingdx])
-def test_sums_that_threads_share_come_out_the_same_again(file, trainer):
+def test_sums_that_threads_share_come_out_the_same_again(file, trainer, monkeypatch):
     """Enough samples for several chunks, which threads work off in any order."""
+    asked, pool = [], normal_equations._threads
+    monkeypatch.setattr(normal_equations, "FLOPS_WORTH_THREADS", 0)
+    monkeypatch.setattr(normal_equations, "cores", lambda: 3)
+    monkeypatch.setattr(normal_equations, "_threads", lambda n: asked.append(n) or pool(n))
     inputs = np.random.default_rng(0).uniform(-1, 1, (3, 10_000))
     many = FitProblem(Perceptron.with_layers(3, (5,), 1), inputs, np.sin(inputs.sum(axis=0))[None])
     start = nguyen_widrow(many.network, seed=0)
     expected = trainer(many, start, epochs=4)
     with pytest.raises(KeyboardInterrupt):
         trainer(many, start, epochs=4, callback=interrupting_at(2), checkpoint=Checkpoint(file, "mine"))
-    assert_same(expected, trainer(many, start, epochs=4, checkpoint=Checkpoint(file, "mine")))
+    told = []
+    result = trainer(many, start, epochs=4, checkpoint=Checkpoint(file, "mine"), callback=told.append)
+    assert_same(expected, result)
+    assert_told(told, 2, expected)
+    assert set(asked) == {3}
 
 
 @pytest.mark.parametrize(
@@ -185,7 +204,10 @@ trained(trainbr, Checkpoint({str(file)!r}, "mine", 0.0), callback=die)
 """
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert ran.returncode == -signal.SIGKILL, ran.stderr
-    assert_same(whole[trainbr, False], trained(trainbr, Checkpoint(file, "mine")))
+    told = []
+    result = trained(trainbr, Checkpoint(file, "mine"), callback=told.append)
+    assert_same(whole[trainbr, False], result)
+    assert_told(told, 9, result)
 
 
 def test_the_file_is_written_no_more_often_than_asked(file, monkeypatch):
@@ -202,7 +224,7 @@ def test_the_file_is_written_no_more_often_than_asked(file, monkeypatch):
 
 def test_a_further_stop_of_the_time_counts_what_went_before(file):
     with pytest.raises(KeyboardInterrupt):
-        trained(trainlm, Checkpoint(file, "mine"), callback=interrupting_at(3))
+        trained(trainlm, Checkpoint(file, "mine"), callback=interrupting_at(4))
     # A second is asked for, a thousand have gone by.
     _edit(file, rows=lambda rows: np.where(np.arange(rows.shape[1]) == 6, rows + 1000, rows))
     _, record = trained(trainlm, Checkpoint(file, "mine"), time=1000.0, min_grad=0.0)
@@ -217,7 +239,7 @@ def test_a_further_stop_of_the_time_counts_what_went_before(file):
 @pytest.fixture
 def interrupted(file):
     with pytest.raises(KeyboardInterrupt):
-        trained(traingdx, Checkpoint(file, "mine"), callback=interrupting_at(5))
+        trained(traingdx, Checkpoint(file, "mine"), callback=interrupting_at(6))
     return file
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -132,3 +136,34 @@ def test_projection_survives_hidden_units_that_are_alike():
     first = alike[:9].reshape(3, 3)
     first[:] = first[:, :1]
     assert np.isfinite(ProjectedProblem(fit).normal_equations(alike[:9]).gram).all()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+def test_a_forked_process_has_threads_of_its_own():
+    """The threads of the parent's pool are not in the child, which would wait for them until the time limit."""
+    script = """
+import os, warnings
+import numpy as np
+from truearm.nets import normal_equations
+from truearm.nets.normal_equations import FitProblem
+from truearm.nets.perceptron import Perceptron
+
+normal_equations.FLOPS_WORTH_THREADS = 0
+rng = np.random.default_rng(0)
+network = Perceptron.with_layers(2, (4,), 1)
+fit = FitProblem(network, rng.uniform(-1, 1, (2, 3000)), rng.uniform(-1, 1, (1, 3000)))
+weights = rng.normal(size=network.n_weights)
+before = fit.normal_equations(weights)
+warnings.simplefilter("ignore")  # to fork beside threads is what is tried here
+child = os.fork()
+if child == 0:
+    os._exit(0 if (fit.normal_equations(weights).gram == before.gram).all() else 1)
+assert os.waitpid(child, 0)[1] == 0
+"""
+    process = subprocess.Popen([sys.executable, "-c", script], start_new_session=True, stderr=subprocess.PIPE)
+    try:
+        _, errors = process.communicate(timeout=60)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, 9)  # parent and child
+        raise
+    assert process.returncode == 0, errors.decode()

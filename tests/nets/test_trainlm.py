@@ -274,3 +274,12 @@ def test_weights_travel_as_one_vector():
     assert network.n_weights == 7 * 30 + 31 * 30 + 31 * 3 == 1233
     weights = np.arange(1233.0)
     assert np.concatenate([W.ravel() for W in network.layers(weights)]).tolist() == weights.tolist()
+
+
+@pytest.mark.parametrize("train", [train_lm, trainlm])
+def test_a_start_that_saturates_every_unit_is_no_error(wave, train):
+    """Slopes of exactly zero: nothing to learn from, and no damping measured by them."""
+    problem, start = wave
+    weights, record = train(problem, 1e9 * start, epochs=5)
+    assert np.isfinite(weights).all()
+    assert np.isfinite(record.perf).all()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -109,3 +111,17 @@ def test_a_descent_goes_on_from_any_state_as_if_it_had_not_ended(rate):
 def test_a_start_that_is_no_number_is_an_error():
     with pytest.raises(TruearmError, match="not a finite number"):
         gradient_descent(Parabola(), [np.nan], rate=Rate(0.1), stops=[])
+
+
+def test_the_clock_counts_the_evaluation_at_the_start(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+
+    class Slow(Parabola):
+        def gradient(self, x):
+            now[0] += 7.0
+            return super().gradient(x)
+
+    told = []
+    gradient_descent(Slow(), [1.0], rate=Rate(0.1), stops=[Epochs(1)], callback=told.append)
+    assert [state.seconds for state in told] == [7.0, 14.0]

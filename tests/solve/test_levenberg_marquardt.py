@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 
 import numpy as np
 import pytest
@@ -153,9 +154,9 @@ def test_damping_that_could_never_end_is_refused(make):
         make()
 
 
-def test_damping_never_falls_to_nothing():
-    rule = Classical(mu=1e-19)
-    for _ in range(400):
+@pytest.mark.parametrize("rule", [Classical(mu=1e-19), Nielsen(mu=1e-19)])
+def test_damping_never_falls_to_nothing(rule):
+    for _ in range(1000):
         rule = rule.succeeded(1.0)
     assert rule.failed().mu > rule.mu > 0
 
@@ -178,6 +179,28 @@ def test_nielsens_rule_by_hand():
     assert start.failed().mu == pytest.approx(0.1)
     assert start.failed().failed().failed().mu == pytest.approx(0.05 * 2 * 4 * 8)
     assert start.failed().succeeded(1.0).growth == 2
+
+
+def test_nielsens_rule_starts_above_nothing_where_no_derivative_is_left():
+    start = Nielsen().started(NormalEquations(1.0, np.zeros(2), np.zeros((2, 2))))
+    assert 0 < start.mu < start.maximum
+    flat = Residuals(lambda x: np.array([1.0]), lambda x: np.array([[0.0]]))
+    assert levenberg_marquardt(flat, [3.0], stops=[]).x.tolist() == [3.0]
+
+
+def test_the_clock_counts_the_evaluation_at_the_start(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    problem, told = rosenbrock(), []
+    plain = problem.normal_equations
+
+    def slow(x):
+        now[0] += 7.0
+        return plain(x)
+
+    problem.normal_equations = slow
+    levenberg_marquardt(problem, [-1.2, 1.0], stops=[Epochs(2)], callback=told.append)
+    assert [state.seconds for state in told] == [7.0, 14.0, 21.0]
 
 
 def test_marquardts_rule_by_hand():

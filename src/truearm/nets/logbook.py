@@ -168,6 +168,10 @@ class Logbook:
             vperf, best = self._watch.last_error, self._watch.best
         val_fail = 0 if self._watch is None else best.failures
         tperf = np.nan if self._test is None else self._test.mean_square(self._weights_at(state.x))
+        if self._callback is not None:
+            # Before the epoch is taken in: one whose telling was interrupted is told again.
+            weights = partial(self._all_weights, state.x)
+            self._callback(Epoch(state.epoch, perf, vperf, state.mu, gradient, val_fail, state.seconds, weights))
         self._rows.append((perf, vperf, tperf, state.mu, gradient, val_fail, state.seconds, *extra))
         reason = "" if state.reason is None else state.reason.text
         self._last = _Standing(len(self._rows), state.x, np.array(memory, dtype=float), best, reason)
@@ -175,9 +179,6 @@ class Logbook:
         if self._checkpoint is not None and (reason or now - self._written >= self._checkpoint.seconds):
             self._write()
             self._written = time.perf_counter()
-        if self._callback is not None:
-            weights = partial(self._all_weights, state.x)
-            self._callback(Epoch(state.epoch, perf, vperf, state.mu, gradient, val_fail, state.seconds, weights))
 
     def best_weights(self) -> FloatArray:
         """All weights (n_weights,) of the best epoch by the validation error, or by `perf` without validation data."""

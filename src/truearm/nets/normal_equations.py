@@ -22,6 +22,7 @@ vectors.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -138,7 +139,10 @@ class FitProblem:
 
         def sums_of(group: list[slice]) -> _Sums:
             sums = _Sums(self.network, layers)
-            space = self._spaces.pop() if self._spaces else _Space()
+            try:
+                space = self._spaces.pop()
+            except IndexError:  # asked first, another thread may take the last one in between
+                space = _Space()
             for columns in group:
                 sums.add(self.inputs[:, columns], self.targets[:, columns], space)
             self._spaces.append(space)
@@ -180,6 +184,11 @@ class FitProblem:
 def _threads(n: int) -> ThreadPoolExecutor:
     """Threads kept between evaluations: those of a small network are shorter than a thread's start."""
     return ThreadPoolExecutor(n, thread_name_prefix="samples")
+
+
+if hasattr(os, "register_at_fork"):
+    # A forked process has the pool, but none of its threads: work would wait for them for ever.
+    os.register_at_fork(after_in_child=_threads.cache_clear)
 
 
 class _Pass:

@@ -51,7 +51,8 @@ def trainlm(
         As in MATLAB. `goal` is a mean squared error of scaled outputs, `min_grad` a norm of its gradient, `time` is
         in seconds. The damping `mu` stands beside ``J^T J`` of the scaled errors, summed over samples and outputs.
     callback : callable, optional
-        Told how the training stands after every epoch, and at the start.
+        Told how the training stands after every epoch, and at the start. The checkpoint takes an epoch in once it was
+        told: one whose telling was interrupted is told again.
     checkpoint : Checkpoint, optional
         Where to keep the training, so that it can be stopped and gone on with.
 

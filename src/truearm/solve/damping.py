@@ -104,12 +104,14 @@ class Nielsen:
 
     def started(self, equations: NormalEquations) -> Nielsen:
         """Damping measured by the size of ``J^T J``."""
-        largest = float(equations.gram.diagonal().max())
-        return replace(self, mu=self.relative_start * largest, growth=2.0, maximum=1e16 * max(largest, 1e-300))
+        # Nothing at all where every unit is saturated, or NaN: in this order `max` takes neither.
+        largest = max(SMALLEST, float(equations.gram.diagonal().max()))
+        return replace(self, mu=max(self.relative_start * largest, SMALLEST), growth=2.0, maximum=1e16 * largest)
 
     def succeeded(self, gain: float) -> Nielsen:
-        """Damping times ``max(1/3, 1 - (2 gain - 1)^3)``."""
-        return replace(self, mu=self.mu * max(1 / 3, 1 - (2 * min(gain, 2.0) - 1) ** 3), growth=2.0)
+        """Damping times ``max(1/3, 1 - (2 gain - 1)^3)``; never quite nothing, as with `Classical`."""
+        factor = max(1 / 3, 1 - (2 * min(gain, 2.0) - 1) ** 3)
+        return replace(self, mu=max(self.mu * factor, SMALLEST), growth=2.0)
 
     def failed(self) -> Nielsen:
         """Damping times 2, 4, 8, ... for failures in a row."""

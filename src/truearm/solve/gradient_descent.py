@@ -109,11 +109,11 @@ def gradient_descent(
         If the cost at the start is not a finite number.
     """
     given = start if isinstance(start, DescentState) else None
+    begun = time.perf_counter() - (0.0 if given is None else given.seconds)
     x = np.array(start if given is None else given.x, dtype=float)
     cost, gradient = problem.gradient(x)
     if not np.isfinite(cost):
         raise TruearmError("the cost at the start is not a finite number: check the data for NaN and overflow")
-    begun = time.perf_counter() - (0.0 if given is None else given.seconds)
 
     def stand(epoch: int, previous_cost: float, now: float, step: FloatArray, **more: Any) -> DescentState:
         """The state after an epoch, as told."""

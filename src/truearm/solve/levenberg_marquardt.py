@@ -96,11 +96,11 @@ def levenberg_marquardt(
         If the cost at the start is not a finite number.
     """
     given = start if isinstance(start, State) else None
+    begun = time.perf_counter() - (0.0 if given is None else given.seconds)
     x = np.array(start if given is None else given.x, dtype=float)
     equations = problem.normal_equations(x)
     if not np.isfinite(equations.cost):
         raise TruearmError("the cost at the start is not a finite number: check the data for NaN and overflow")
-    begun = time.perf_counter() - (0.0 if given is None else given.seconds)
 
     def stand(epoch: int, damping: Damping, previous_cost: float, no_step: Reason | None = None) -> State:
         """The state after an epoch, as told; `no_step` is why it did not move, if it did not."""
