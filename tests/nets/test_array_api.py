@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from truearm.errors import InputError
 from truearm.nets.lm import train_lm
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.trainlm import trainlm
 from truearm.nets.variable_projection import ProjectedProblem
-from truearm.solve.arrays import add_product, add_to_diagonal, cholesky_solved, placed_like, to_numpy, whitened
+from truearm.solve.arrays import placed_like, to_numpy
 
 torch = pytest.importorskip("torch", reason="PyTorch is an extra: pip install 'truearm[torch]'")
 
@@ -67,34 +68,17 @@ def test_a_training_goes_the_same_way(train):
     np.testing.assert_allclose(theirs.perf, ours.perf, rtol=1e-6)
 
 
-def test_products_are_added_in_place():
-    rng = np.random.default_rng(0)
-    total, left, right = rng.normal(size=(5, 7)), rng.normal(size=(5, 11)), rng.normal(size=(7, 11))
-    expected = total + left @ right.T
-    for kind in (np.array, torch.tensor):
-        sums = kind(total)
-        add_product(sums, kind(left), kind(right))
-        np.testing.assert_allclose(to_numpy(sums), expected, atol=1e-13)
-        shifted = kind(total[:, :5])
-        add_to_diagonal(shifted, 2.0)
-        np.testing.assert_array_equal(to_numpy(shifted), total[:, :5] + 2 * np.eye(5))
-
-
-def test_cholesky_is_the_same():
-    rng = np.random.default_rng(0)
-    root, right = rng.normal(size=(6, 6)), rng.normal(size=(6, 2))
-    matrix = root @ root.T + np.eye(6)
-    for kind in (np.array, torch.tensor):
-        for column in (right, right[:, 0]):
-            solution = to_numpy(cholesky_solved(kind(matrix), kind(column)))
-            np.testing.assert_allclose(matrix @ solution, column, atol=1e-12)
-        half = to_numpy(whitened(kind(matrix), kind(right)))
-        np.testing.assert_allclose(half.T @ half, right.T @ np.linalg.solve(matrix, right), atol=1e-12)
-        assert cholesky_solved(kind(-matrix), kind(right)) is None
-        assert whitened(kind(-matrix), kind(right)) is None
-
-
 def test_vectors_are_placed_and_fetched():
     tensor = placed_like(np.arange(3.0), torch.zeros(1, dtype=torch.float64))
     assert torch.is_tensor(tensor)
     np.testing.assert_array_equal(to_numpy(tensor), [0, 1, 2])
+
+
+def test_single_precision_and_two_libraries_are_refused():
+    network = Perceptron.with_layers(2, (3,), 1)
+    x, y = np.zeros((2, 5)), np.zeros((1, 5))
+    with pytest.raises(InputError, match=r"expected inputs of double precision .*got torch.float32.*double\(\)"):
+        FitProblem(network, torch.zeros(2, 5), torch.asarray(y))
+    for inputs, targets in ((torch.asarray(x), y), (x, torch.asarray(y))):
+        with pytest.raises(InputError, match="inputs and targets of one library on one device"):
+            FitProblem(network, inputs, targets)

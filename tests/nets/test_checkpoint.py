@@ -54,9 +54,9 @@ class Interrupted(FitProblem):
         if self.left == 0:
             raise KeyboardInterrupt
 
-    def by_chunk(self, work):
+    def summed(self, work, chunk=None):
         self._count()
-        return super().by_chunk(work)
+        return super().summed(work, chunk)
 
     def normal_equations(self, x):
         self._count()

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from truearm.errors import InputError
 from truearm.nets import normal_equations
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
@@ -167,3 +168,62 @@ assert os.waitpid(child, 0)[1] == 0
         os.killpg(process.pid, 9)  # parent and child
         raise
     assert process.returncode == 0, errors.decode()
+
+
+@pytest.mark.parametrize("n", [1, 700, 5000])
+@pytest.mark.parametrize("sizes", [(2, 5, 3), (6, 30, 30, 3), (2, 20, 20, 20, 1)])
+def test_cost_and_equations_agree_to_the_last_bit(sizes, n):
+    """Otherwise a step that changes nothing but rounding passes for one that lowers the cost."""
+    fit, weights = problem(sizes, "tansig", n=n)
+    assert fit.cost(weights) == fit.normal_equations(weights).cost
+    projected = ProjectedProblem(fit)
+    hidden = weights[: projected.n_hidden_weights]
+    assert projected.cost(hidden) == projected.normal_equations(hidden).cost == fit.cost(projected.completed(hidden))
+
+
+def test_sums_hold_no_more_at_once_however_many_the_chunks():
+    """Results of chunks that are there at the same time: those of the groups, and one to be added."""
+    alive = most = 0
+
+    class Counted:
+        def __init__(self):
+            nonlocal alive, most
+            alive += 1
+            most = max(most, alive)
+
+        def __del__(self):
+            nonlocal alive
+            alive -= 1
+
+        def __add__(self, other):
+            return Counted()
+
+    fit, _ = problem((1, 1, 1), "tansig", n=5000)
+    fit.summed(lambda columns: [Counted()], 10)
+    assert most <= normal_equations.GROUPS + 3
+
+
+def test_completed_weights_are_the_callers_own():
+    fit, weights = problem((2, 4, 1), "tansig")
+    projected = ProjectedProblem(fit)
+    hidden = weights[: projected.n_hidden_weights]
+    kept = projected.completed(hidden).copy()
+    projected.completed(hidden)[:] = np.nan
+    np.testing.assert_array_equal(projected.completed(hidden), kept)
+
+
+@pytest.mark.parametrize("what", ["inputs", "targets"])
+@pytest.mark.parametrize("dtype", [np.float32, np.int64, np.complex128, bool])
+def test_numbers_that_are_no_doubles_are_refused(what, dtype):
+    arrays = {"inputs": np.zeros((2, 5)), "targets": np.zeros((1, 5))}
+    arrays[what] = arrays[what].astype(dtype)
+    with pytest.raises(InputError, match=rf"expected {what} of double precision .*astype\(float\)"):
+        FitProblem(Perceptron.with_layers(2, (3,), 1), **arrays)
+
+
+@pytest.mark.parametrize("what", ["inputs", "targets"])
+def test_what_is_no_array_is_refused(what):
+    arrays = {"inputs": np.zeros((2, 5)), "targets": np.zeros((1, 5))}
+    arrays[what] = arrays[what].tolist()
+    with pytest.raises(InputError, match=f"expected {what} as an array of NumPy or PyTorch, got list"):
+        FitProblem(Perceptron.with_layers(2, (3,), 1), **arrays)

@@ -62,6 +62,11 @@ class Logbook:
         Told every epoch.
     checkpoint : Checkpoint, optional
 
+    Attributes
+    ----------
+    resumed : dict or None
+        The last row of the record that the checkpoint held, by name; None where the training begins.
+
     Raises
     ------
     InputError
@@ -88,6 +93,7 @@ class Logbook:
         self.half = training.n_errors / 2  # cost = half * mse
         self._trainer, self._columns = trainer, COLUMNS + extra
         self._test, self._completed, self._callback, self._checkpoint = test, completed, callback, checkpoint
+        self.resumed: dict[str, float] | None = None
         self._rows: list[tuple[float, ...]] = []
         self._last: _Standing | None = None
         self._written = time.perf_counter()
@@ -110,11 +116,6 @@ class Logbook:
     def ended(self) -> bool:
         """Whether the training has come to its end."""
         return self._last is not None and self._last.stop != ""
-
-    @property
-    def resumed(self) -> dict[str, float] | None:
-        """The last row of the record that the checkpoint held, by name; None where the training begins."""
-        return dict(zip(self._columns, self._rows[-1], strict=True)) if self._rows else None
 
     @property
     def x(self) -> FloatArray:
@@ -142,9 +143,9 @@ class Logbook:
         return State(
             epoch=self.epoch,
             x=self.x,
-            cost=row["perf"] * self.half,
+            cost=np.nan,  # the solver works out these three again
             previous_cost=np.nan,
-            gradient_norm=row["gradient"],
+            gradient_norm=np.nan,
             seconds=row["time"],
             damping=damping,
         )
@@ -223,13 +224,14 @@ class Logbook:
         if self._watch is not None:
             self._watch.best = best
         self._rows = [tuple(row) for row in saved.rows.tolist()]
+        self.resumed = dict(zip(self._columns, self._rows[-1], strict=True))
         self._last = _Standing(len(self._rows), saved.x, saved.memory, best, saved.stop)
 
     def _weights_at(self, x: FloatArray) -> FloatArray:
         return x if self._completed is None else self._completed(x)
 
     def _all_weights(self, x: FloatArray) -> FloatArray:
-        return self._weights_at(x).copy()
+        return x.copy() if self._completed is None else self._completed(x)
 
 
 def damping_memory(state: State) -> tuple[float, ...]:

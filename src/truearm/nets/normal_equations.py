@@ -16,22 +16,21 @@ in which the outputs are summed before the samples. Three things make the sums s
 Samples go in chunks, so that memory does not grow with them. Chunks are dealt to a fixed number of groups, which
 threads work off while the BLAS keeps to one thread each: the result does not depend on how many threads there are.
 
-The samples may be arrays of any library of the array API, on a GPU for instance; weights and gradients are NumPy
-vectors.
+The samples may be arrays of NumPy or of PyTorch, on a GPU for instance; weights and gradients are NumPy vectors.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import cache
-from typing import TypeVar
+from functools import cache, reduce
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from array_api_compat import array_namespace, device, is_numpy_array
+from array_api_compat import array_namespace, device, is_numpy_array, is_torch_array
 
 from truearm.errors import InputError
 from truearm.nets.perceptron import Perceptron
@@ -62,14 +61,15 @@ class FitProblem:
     ----------
     network : Perceptron
     inputs : (n_inputs, n) array
-        Scaled inputs, samples in columns.
+        Scaled inputs, samples in columns: doubles, of NumPy or PyTorch.
     targets : (n_outputs, n) array
         Scaled targets.
 
     Raises
     ------
     InputError
-        If the shapes do not fit the network, there are no samples, or a number is not finite.
+        If the shapes do not fit the network, there are no samples, a number is not finite or not a double, or inputs
+        and targets are not of one library on one device.
     """
 
     network: Perceptron
@@ -81,15 +81,33 @@ class FitProblem:
     def __post_init__(self) -> None:
         sizes = self.network.sizes
         for what, array, rows in (("inputs", self.inputs, sizes[0]), ("targets", self.targets, sizes[-1])):
+            if not (is_numpy_array(array) or is_torch_array(array)):
+                raise InputError(
+                    f"expected {what} as an array of NumPy or PyTorch, got {type(array).__name__}",
+                    hint="numpy.asarray(values, dtype=float)",
+                )
             if array.ndim != 2 or array.shape[0] != rows or array.shape[1] < 1:
                 raise InputError(
                     f"expected {what} of shape ({rows}, n), samples in columns, for a network of sizes {sizes}, got "
                     f"{tuple(array.shape)}"
                 )
             xp = array_namespace(array)
+            if array.dtype != xp.float64:
+                raise InputError(
+                    f"expected {what} of double precision (float64), got {array.dtype}: training would stall far above "
+                    "the error it can reach",
+                    hint="convert them: values.astype(float) in NumPy, values.double() in PyTorch",
+                )
             if not bool(xp.all(xp.isfinite(array))):
                 sample = int(xp.argmin(xp.astype(xp.all(xp.isfinite(array), axis=0), xp.int8)))
                 raise InputError(f"expected finite {what}, got NaN or infinity in sample {sample + 1}")
+        if is_numpy_array(self.inputs) != is_numpy_array(self.targets) or device(self.inputs) != device(self.targets):
+            raise InputError(
+                "expected inputs and targets of one library on one device, got "
+                f"{type(self.inputs).__name__} on {device(self.inputs)} and {type(self.targets).__name__} on "
+                f"{device(self.targets)}",
+                hint="place the targets where the inputs are",
+            )
         if self.inputs.shape[1] != self.targets.shape[1]:
             raise InputError(
                 f"expected as many inputs as targets, got {self.inputs.shape[1]} and {self.targets.shape[1]} samples"
@@ -106,13 +124,18 @@ class FitProblem:
         return int(self.targets.shape[0]) * self.n
 
     def cost(self, x: FloatArray) -> float:
-        """Half the sum of squared errors at weights `x` (n_weights,)."""
+        """Half the sum of squared errors at weights `x` (n_weights,): that of the normal equations, to the last bit.
 
-        def squares(columns: slice) -> float:
-            errors = self.network.outputs(x, self.inputs[:, columns]) - self.targets[:, columns]
-            return float((errors * errors).sum())
+        A step that changes nothing but rounding is then never taken for one that lowers the cost.
+        """
+        layers = self.network.layers(placed_like(x, self.inputs))
 
-        return sum(self.by_chunk(squares)) / 2
+        def squares(columns: slice) -> tuple[float]:
+            errors = self.network.through(layers, self.inputs[:, columns])[-1] - self.targets[:, columns]
+            return (float((errors * errors).sum()),)
+
+        (total,) = self.summed(squares, self.chunk)
+        return float(total) / 2
 
     def mean_square(self, x: FloatArray) -> float:
         """MATLAB's ``mse`` of the scaled outputs."""
@@ -122,20 +145,16 @@ class FitProblem:
         """Cost and its gradient (n_weights,) at weights `x` (n_weights,): a step of backpropagation."""
         layers = self.network.layers(placed_like(x, self.inputs))
 
-        def part(columns: slice) -> tuple[float, list[Array]]:
+        def part(columns: slice) -> list[Any]:
             passed = _Pass(self.network, layers, self.inputs[:, columns], self.targets[:, columns])
-            return passed.cost, passed.gradients()
+            return [passed.cost, *passed.gradients()]
 
-        cost, gradients = 0.0, [0.0] * len(layers)
-        for chunk_cost, chunk_gradients in self.by_chunk(part):
-            cost += chunk_cost
-            gradients = [whole + more for whole, more in zip(gradients, chunk_gradients, strict=True)]
+        cost, *gradients = self.summed(part)
         return cost, _as_vector(gradients)
 
     def normal_equations(self, x: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton matrix at weights `x` (n_weights,)."""
         layers = self.network.layers(placed_like(x, self.inputs))
-        chunks = list(_chunks(self.n, self.chunk))
 
         def sums_of(group: list[slice]) -> _Sums:
             sums = _Sums(self.network, layers)
@@ -148,14 +167,24 @@ class FitProblem:
             self._spaces.append(space)
             return sums
 
-        first, *others = self.by_thread(sums_of, [chunks[start::GROUPS] for start in range(min(GROUPS, len(chunks)))])
+        first, *others = self.by_thread(sums_of, self._groups(self.chunk))
         while others:
             first.merge(others.pop(0))
         return first.equations()
 
-    def by_chunk(self, work: Callable[[slice], T]) -> list[T]:
-        """What `work` makes of every chunk of samples, threads sharing them; in order."""
-        return self.by_thread(work, list(_chunks(self.n, MOST if is_numpy_array(self.inputs) else self.chunk)))
+    def summed(self, work: Callable[[slice], Sequence[Any]], chunk: int | None = None) -> Sequence[Any]:
+        """What `work` makes of chunks of samples, numbers or arrays, each added up; threads share the chunks.
+
+        A chunk has `chunk` samples; by default as many as arithmetic without pairs of values is fast with.
+        """
+        size = chunk or (MOST if is_numpy_array(self.inputs) else self.chunk)
+        groups = self.by_thread(lambda group: reduce(_added, map(work, group)), self._groups(size))
+        return reduce(_added, groups)
+
+    def _groups(self, size: int) -> list[list[slice]]:
+        """Chunks of `size` samples, dealt to groups: the order of the sums, whatever the threads."""
+        chunks = [slice(start, min(start + size, self.n)) for start in range(0, self.n, size)]
+        return [chunks[start::GROUPS] for start in range(min(GROUPS, len(chunks)))]
 
     def by_thread(self, work: Callable[[P], T], parts: Sequence[P]) -> list[T]:
         """What `work` makes of every part, threads sharing them; in order."""
@@ -198,15 +227,14 @@ class _Pass:
         self.layers = layers
         self.last = len(layers) - 1
         xp = array_namespace(inputs)
-        # A column of ones below the values of every layer, so that its products need no second look at the bias.
-        self.with_bias, self.slopes, h = [], [], inputs
+        # A row of ones below the values of every layer, so that their products need no second look at the bias.
         ones = xp.ones((1, inputs.shape[1]), dtype=inputs.dtype, device=device(inputs))
-        for W, activation in zip(layers, network.activations, strict=True):
-            a = xp.concat([h, ones])
-            self.with_bias.append(a)
-            h = activation.value(W.T @ a)
-            self.slopes.append(activation.derivative(h))
-        self.errors = h - targets
+        *values, outputs = network.through(layers, inputs)
+        self.with_bias = [xp.concat([h, ones]) for h in values]
+        self.slopes = [
+            activation.derivative(h) for activation, h in zip(network.activations[:-1], values[1:], strict=True)
+        ]
+        self.errors = outputs - targets
         self.cost = 0.5 * float((self.errors * self.errors).sum())
 
     def gradients(self) -> list[Array]:
@@ -409,6 +437,5 @@ def _as_vector(layers: list[Array]) -> FloatArray:
     return np.concatenate([to_numpy(layer).ravel() for layer in layers])
 
 
-def _chunks(n: int, size: int) -> Iterator[slice]:
-    for start in range(0, n, size):
-        yield slice(start, min(start + size, n))
+def _added(one: Sequence[Any], other: Sequence[Any]) -> Sequence[Any]:
+    return [left + right for left, right in zip(one, other, strict=True)]

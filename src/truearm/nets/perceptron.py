@@ -82,10 +82,14 @@ class Perceptron:
         ----------
         weights : (n_weights,) array
         inputs : (n_inputs, n) array
-            Samples in columns; of any library of the array API, and so are the values.
+            Samples in columns; of NumPy or PyTorch, and so are the values.
         """
+        return self.through(self.layers(placed_like(weights, inputs)), inputs)
+
+    def through(self, layers: Sequence[Array], inputs: Array) -> list[Array]:
+        """The same from the layers' ``W_l``, which lie where the inputs do."""
         values = [inputs]
-        for W, activation in zip(self.layers(placed_like(weights, inputs)), self.activations, strict=True):
+        for W, activation in zip(layers, self.activations, strict=True):
             net = W[:-1, :].T @ values[-1]
             net += W[-1, :][:, None]
             values.append(activation.value(net))

@@ -51,7 +51,7 @@ class ProjectedProblem:
 
     full: FitProblem
     # The point last asked for: a solver asks for its cost, then for its equations, then for its weights.
-    _latest: list[_Completed] = field(default_factory=list, repr=False)
+    _latest: list[_Completed] = field(default_factory=list, init=False, repr=False)
 
     @property
     def n_hidden_weights(self) -> int:
@@ -61,7 +61,7 @@ class ProjectedProblem:
 
     def completed(self, hidden_weights: FloatArray) -> FloatArray:
         """All weights (n_weights,): the hidden ones given, with the output layer that fits best."""
-        return self._completed(hidden_weights).weights
+        return self._completed(hidden_weights).weights.copy()
 
     def cost(self, x: FloatArray) -> float:
         """Half the sum of squared errors at hidden weights `x` with the best output layer."""
@@ -69,7 +69,7 @@ class ProjectedProblem:
 
     def normal_equations(self, x: FloatArray) -> NormalEquations:
         """The equations in the hidden weights, the output layer eliminated."""
-        full = self.full.normal_equations(self.completed(x))
+        full = self.full.normal_equations(self._completed(x).weights)
         p, n_outputs = len(x), self.full.network.shapes[-1][1]
         gram = full.gram[:p, :p]
         # All outputs have the same matrix, and none in common: its factor serves them one by one.
@@ -110,18 +110,16 @@ class ProjectedProblem:
             A = basis(columns)
             return A @ A.T, A @ full.targets[:, columns].T
 
-        def second(columns: slice) -> tuple[float, Array]:
+        def second(columns: slice) -> tuple[Array]:
             A = basis(columns)
-            errors = placed_like(W.T, A) @ A - full.targets[:, columns]
-            return float((errors * errors).sum()), A @ errors.T
+            return (A @ (placed_like(W.T, A) @ A - full.targets[:, columns]).T,)
 
-        gram, right = (sum(parts) for parts in zip(*full.by_chunk(first), strict=True))
+        gram, right = full.summed(first)
         W = to_numpy(_with_ridge(gram, lambda matrix: cholesky_solved(matrix, right)))
-        squares, left_over = (sum(parts) for parts in zip(*full.by_chunk(second), strict=True))
+        (left_over,) = full.summed(second)
         change = _with_ridge(gram, lambda matrix: cholesky_solved(matrix, -left_over))
-        gain = 2 * float((change * left_over).sum()) + float((change * (gram @ change)).sum())
         weights[len(hidden_weights) :] = (W + to_numpy(change)).ravel()
-        return _Completed(hidden_weights.copy(), weights, max(squares + gain, 0.0) / 2)
+        return _Completed(hidden_weights.copy(), weights, full.cost(weights))
 
 
 def _with_ridge(gram: Array, solved: Callable[[Array], Array | None]) -> Array:

@@ -1,7 +1,8 @@
-"""Arrays of any library of the Python array API: NumPy by default, PyTorch or CuPy where the samples lie there.
+"""Arrays of NumPy, or of PyTorch where the samples lie there, on a GPU for instance.
 
 Parameters and steps travel as NumPy vectors, which are small; samples, and the matrices summed over them, stay where
-the samples are. What the standard lacks, solving with a Cholesky factor, is here once.
+the samples are. Nearly all arithmetic is that of the Python array API, which both have; what it lacks, sums in place
+and solving with a Cholesky factor, is here once.
 
 Source: Python array API standard 2024.12, https://data-apis.org/array-api/2024.12.
 """
@@ -14,11 +15,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from array_api_compat import array_namespace, device, is_cupy_array, is_numpy_array, is_torch_array
+from array_api_compat import array_namespace, device, is_torch_array
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cython_blas, solve_triangular
 
 FloatArray = npt.NDArray[np.float64]
-# An array of doubles of any such library; static types know NumPy's only.
+# An array of doubles of either library; static types know NumPy's only.
 Array = Any
 
 
@@ -30,20 +31,15 @@ def placed_like(values: npt.ArrayLike, like: Array) -> Array:
 
 def to_numpy(values: Array) -> FloatArray:
     """`values` as a NumPy array in main memory."""
-    if is_numpy_array(values):
-        return np.asarray(values)
-    if is_torch_array(values):
-        return np.asarray(values.detach().cpu().numpy())
-    if is_cupy_array(values):
-        return np.asarray(values.get())
-    return np.asarray(values)
+    return np.asarray(values.detach().cpu().numpy() if is_torch_array(values) else values)
 
 
 def add_to_diagonal(matrix: Array, value: float) -> None:
     """Add a number to the diagonal of `matrix` (p, p), in place."""
-    # The diagonal of a matrix is every (p + 1)-th of its elements: one strided view in every library.
-    flat = array_namespace(matrix).reshape(matrix, (-1,), copy=False)
-    flat[:: matrix.shape[0] + 1] += value
+    if is_torch_array(matrix):
+        matrix.diagonal().add_(value)
+    else:
+        matrix.flat[:: matrix.shape[0] + 1] += value
 
 
 def add_product(total: Array, left: Array, right: Array) -> None:
@@ -54,7 +50,9 @@ def add_product(total: Array, left: Array, right: Array) -> None:
     total : (k, l) array
     left, right : (k, m) and (l, m) array
     """
-    if is_numpy_array(total) and _DGEMM is not None and all(map(_in_rows, (total, left, right))):
+    if is_torch_array(total):
+        total.addmm_(left, right.T)
+    elif _DGEMM is not None and all(map(_in_rows, (total, left, right))) and total.flags.writeable:
         (k, m), rows = left.shape, right.shape[0]
         if total.shape != (k, rows) or right.shape[1] != m:
             raise ValueError(f"shapes do not fit: {total.shape} += {left.shape} @ {right.shape}^T")
@@ -65,8 +63,6 @@ def add_product(total: Array, left: Array, right: Array) -> None:
         )
         one = ctypes.c_double(1.0)
         _DGEMM(b"T", b"N", *sizes, one, R, ld_r, L, ld_l, one, S, ld_s)
-    elif is_torch_array(total):
-        total.addmm_(left, right.T)
     else:
         total += left @ right.T
 
@@ -74,7 +70,7 @@ def add_product(total: Array, left: Array, right: Array) -> None:
 def _in_rows(array: Array) -> bool:
     """Whether the elements of a matrix's row stand side by side, as doubles."""
     rows_apart = array.strides[0] >= 8 * array.shape[1] and array.strides[0] % 8 == 0
-    return bool(is_numpy_array(array) and array.dtype == np.float64 and array.strides[1] == 8 and rows_apart)
+    return bool(array.dtype == np.float64 and array.strides[1] == 8 and rows_apart)
 
 
 def _dgemm() -> Callable[..., None] | None:
@@ -89,8 +85,10 @@ def _dgemm() -> Callable[..., None] | None:
         ("PyCapsule_GetPointer", ctypes.pythonapi)
     )
     name = name_of(capsule)
-    kinds = ["int" if "int *" in part else "char" if "char" in part else "d" for part in name.decode().split(",")]
-    if kinds != ["char"] * 2 + ["int"] * 3 + ["d"] * 2 + ["int", "d", "int"] + ["d"] * 2 + ["int"]:
+    kinds = name.decode().removeprefix("void (").removesuffix(")").split(", ")
+    kinds = ["double *" if kind.endswith("_d *") else kind for kind in kinds]
+    text, whole, real = "char *", "int *", "double *"
+    if kinds != [text, text, whole, whole, whole, real, real, whole, real, whole, real, real, whole]:
         return None
     char, integer, number, data = (
         ctypes.c_char_p,
@@ -118,11 +116,10 @@ def cholesky_solved(matrix: Array, right: Array) -> Array | None:
     lower = _cholesky(matrix)
     if lower is None:
         return None
-    if is_numpy_array(lower):
-        return cho_solve((lower, True), right, check_finite=False)
-    column = right if right.ndim == 2 else right[:, None]
-    solution = _triangular(lower.T, _triangular(lower, column), upper=True)
-    return solution if right.ndim == 2 else solution[:, 0]
+    if is_torch_array(lower):
+        column = right if right.ndim == 2 else right[:, None]
+        return column.cholesky_solve(lower).reshape(right.shape)
+    return cho_solve((lower, True), right, check_finite=False)
 
 
 def whitened(matrix: Array, right: Array) -> Array | None:
@@ -135,7 +132,13 @@ def whitened(matrix: Array, right: Array) -> Array | None:
     right : (p, k) array
     """
     lower = _cholesky(matrix)
-    return None if lower is None else _triangular(lower, right)
+    if lower is None:
+        return None
+    if is_torch_array(lower):
+        import torch
+
+        return torch.linalg.solve_triangular(lower, right, upper=False)
+    return solve_triangular(lower, right, lower=True, check_finite=False)
 
 
 def _cholesky(matrix: Array) -> Array | None:
@@ -146,21 +149,7 @@ def _cholesky(matrix: Array) -> Array | None:
         lower, failed = torch.linalg.cholesky_ex(matrix)
         return None if bool(failed) else lower
     try:
-        if is_numpy_array(matrix):
-            # Transposed, its rows are the columns that LAPACK wants: the factor takes the matrix's own place.
-            return cho_factor(matrix.T, lower=True, overwrite_a=True, check_finite=False)[0]
-        return array_namespace(matrix).linalg.cholesky(matrix)
+        # Transposed, its rows are the columns that LAPACK wants: the factor takes the matrix's own place.
+        return cho_factor(matrix.T, lower=True, overwrite_a=True, check_finite=False)[0]
     except (LinAlgError, ValueError, ArithmeticError):
         return None
-
-
-def _triangular(factor: Array, right: Array, *, upper: bool = False) -> Array:
-    """Solution (p, k) of ``factor x = right`` for a triangular factor."""
-    if is_numpy_array(factor):
-        return solve_triangular(factor, right, lower=not upper, check_finite=False)
-    if is_torch_array(factor):
-        import torch
-
-        return torch.linalg.solve_triangular(factor, right, upper=upper)
-    # The standard has no triangular solve; a general one costs a factorisation more.
-    return array_namespace(factor).linalg.solve(factor, right)

@@ -51,7 +51,7 @@ def updated_evidence(
     evidence : Evidence
         Precisions so far.
     gram : (p, p) array
-        ``J^T J`` of the unweighted residuals, an array of any library.
+        ``J^T J`` of the unweighted residuals, of NumPy or PyTorch.
     parameter_squares, residual_squares : float
         ``|x|^2`` and ``|r|^2`` at or near the most probable parameters under `evidence`.
     n_residuals : int

@@ -25,7 +25,7 @@ class NormalEquations:
     gradient : (p,) array
         ``J^T r``.
     gram : (p, p) array
-        ``J^T J``, symmetric; of any library of the array API, where it is too large to move.
+        ``J^T J``, symmetric; of NumPy or PyTorch, wherever the samples are.
     """
 
     cost: float

@@ -1,0 +1,80 @@
+"""What the array API lacks, on NumPy and, where it is installed, on PyTorch."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+import pytest
+from scipy.linalg import cython_blas
+
+from truearm.solve import arrays
+from truearm.solve.arrays import add_product, add_to_diagonal, cholesky_solved, to_numpy, whitened
+
+
+@pytest.fixture(params=["numpy", "torch"])
+def made(request):
+    """Makes a copy, in rows, of a NumPy array in the library tried."""
+    if request.param == "numpy":
+        return np.array
+    return pytest.importorskip("torch", reason="PyTorch is an extra: pip install 'truearm[torch]'").tensor
+
+
+def test_products_are_added_in_place(made, rng):
+    total, left, right = rng.normal(size=(5, 7)), rng.normal(size=(5, 11)), rng.normal(size=(7, 11))
+    sums = made(total)
+    add_product(sums, made(left), made(right))
+    np.testing.assert_allclose(to_numpy(sums), total + left @ right.T, atol=1e-13)
+
+
+def test_every_layout_in_memory_adds_up_alike(rng):
+    """Rows apart, columns side by side, every other element: by the BLAS or without it."""
+    total, left, right = rng.normal(size=(5, 7)), rng.normal(size=(5, 11)), rng.normal(size=(7, 11))
+    for laid in (
+        np.asfortranarray,
+        lambda a: np.repeat(a, 2, axis=1)[:, ::2],
+        lambda a: np.tile(a, 2)[:, : a.shape[1]],
+    ):
+        sums = laid(total)
+        add_product(sums, laid(left), laid(right))
+        np.testing.assert_allclose(sums, total + left @ right.T, atol=1e-13)
+
+
+def test_what_must_not_be_written_is_not(rng):
+    total = np.zeros((2, 2))
+    total.flags.writeable = False
+    with pytest.raises(ValueError, match="read-only"):
+        add_product(total, rng.normal(size=(2, 3)), rng.normal(size=(2, 3)))
+    assert not total.any()
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_a_number_is_added_to_the_diagonal(made, order, rng):
+    matrix = rng.normal(size=(5, 5))
+    shifted = made(matrix) if order == "C" else made(np.ascontiguousarray(matrix.T)).T
+    add_to_diagonal(shifted, 2.0)
+    np.testing.assert_array_equal(to_numpy(shifted), matrix + 2 * np.eye(5))
+
+
+def test_a_cholesky_factor_solves(made, rng):
+    root, right = rng.normal(size=(6, 6)), rng.normal(size=(6, 2))
+    matrix = root @ root.T + np.eye(6)
+    for column in (right, right[:, 0]):
+        solution = to_numpy(cholesky_solved(made(matrix), made(column)))
+        np.testing.assert_allclose(matrix @ solution, column, atol=1e-12)
+    half = to_numpy(whitened(made(matrix), made(right)))
+    np.testing.assert_allclose(half.T @ half, right.T @ np.linalg.solve(matrix, right), atol=1e-12)
+    assert cholesky_solved(made(-matrix), made(right)) is None
+    assert whitened(made(-matrix), made(right)) is None
+
+
+@pytest.mark.parametrize("other", [b"long int *", b"npy_int64 *"])
+def test_a_blas_with_other_integers_is_not_called(other, monkeypatch):
+    """Calling it with C's would read and write beyond them."""
+    named = ctypes.PYFUNCTYPE(ctypes.c_char_p, ctypes.py_object)(("PyCapsule_GetName", ctypes.pythonapi))
+    made = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)(
+        ("PyCapsule_New", ctypes.pythonapi)
+    )
+    name = named(cython_blas.__pyx_capi__["dgemm"]).replace(b"int *", other)  # a capsule does not keep its own copy
+    monkeypatch.setitem(cython_blas.__pyx_capi__, "dgemm", made(1, name, None))
+    assert arrays._dgemm() is None
