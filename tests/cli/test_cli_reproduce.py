@@ -27,11 +27,12 @@ def test_a_table_is_printed_and_written_with_its_page(truearm, small, tmp_path):
     ran = truearm("reproduce", "gao2017", "--table", 3, "--out", tmp_path / "new" / "g")
     assert (ran.code, ran.err) == (0, "")
     folder = tmp_path / "new" / "g"
-    assert sorted(path.name for path in folder.iterdir()) == ["reproduction.html", "reproduction.json", "runs"]
+    assert sorted(path.name for path in folder.iterdir()) == ["runs", "table-3.html", "table-3.json"]
     assert len(list((folder / "runs").iterdir())) == 2
-    found = json.loads((folder / "reproduction.json").read_text())
+    found = json.loads((folder / "table-3.json").read_text())
     (row,) = found["tables"]["3"]
     lines = ran.out.splitlines()
+    assert lines.pop(0).startswith("trainlm fits 70 % of the poses")
     assert lines[0].startswith("Table 3, simulation 2")
     assert lines[1].split()[:4] == ["row", "network", "by", "mean"]
     assert lines[2].split() == ["12", "4-4", "paper", "150", "119", "3.0"]
@@ -39,8 +40,8 @@ def test_a_table_is_printed_and_written_with_its_page(truearm, small, tmp_path):
         assert line.split()[0] == row[side]["trainer"]
         assert line.split()[1] == f"{row[side]['median']['mean_many_mm']:.4g}"
         assert line.endswith(row[verdict])
-    assert "reproduction.html" in lines[-1]
-    assert "Table 3" in (folder / "reproduction.html").read_text()
+    assert "table-3.html" in lines[-1]
+    assert "Table 3" in (folder / "table-3.html").read_text()
 
 
 def test_a_second_run_says_the_same_and_trains_nothing(truearm, small, tmp_path, monkeypatch):
@@ -57,7 +58,7 @@ def test_json_is_what_the_file_holds(truearm, small, tmp_path):
     ran = truearm("reproduce", "gao2017", "--table", 3, "--quick", "--out", tmp_path, "--json")
     assert (ran.code, ran.err) == (0, "")
     found = json.loads(ran.out)
-    assert found == json.loads((tmp_path / "reproduction.json").read_text())
+    assert found == json.loads((tmp_path / "table-3.json").read_text())
     assert found["quick"]
     assert len(found["left_out"]) == 2
 
@@ -68,6 +69,8 @@ def test_a_figure_is_drawn(truearm, tmp_path, number):
     assert (ran.code, ran.err) == (0, "")
     assert (tmp_path / f"figure-{number}.png").read_bytes().startswith(b"\x89PNG")
     assert f"figure-{number}.png" in ran.out
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == [*(f"figure-{number}.{kind}" for kind in ("html", "json", "png")), "runs"]
     assert not list((tmp_path / "runs").iterdir())
 
 

@@ -12,6 +12,7 @@ from truearm.errors import InputError
 from truearm.report.html import render
 from truearm.report.reproduced import reproduced
 from truearm.report.reproduction import reproduction_page
+from truearm.report.wording import span_cell
 
 PARTS = {
     "figures.arm": ("The arm (Figures 1 and 2)", "--figure 1"),
@@ -56,7 +57,7 @@ def put(found, place, value):
 
 def page_of(found, *kept):
     """Make the page of some parts of findings; the others were not run."""
-    for place in {*PARTS, "claims.percent"} - set(kept):
+    for place in {*PARTS} - set(kept):
         put(found, place, None)
     return reproduction_page(found)
 
@@ -147,15 +148,36 @@ def test_notes_time_limits_and_repeated_trainings_are_told(found):
     page = page_of(found, "tables.2", "tables.3")
     assert "Row 9: Made up: a reading of the paper." in section(page, "Table 3").text
     assert "time limit 240 s in row 2" in words(section(page, "Table 3").text)
-    assert "Rows 6 to 11 repeat the training of row 1." in section(page, "Table 2").text
-    assert "Rule of the verdicts. Reproduced: the faithful median" in section(page, "Table 2").text
+    accuracy = section(page, "Table 2").tables[0]
+    where = [(column.group, column.heading) for column in accuracy.columns].index(("verdict", "faithful"))
+    assert [line[where] for line in accuracy.rows[4:7]] == ["reproduced", "as row 1", "as row 1"]
+    assert "Rule of the verdicts. Reproduced: the median" in section(page, "Table 2").text
 
 
-def test_machine_versions_and_duration_are_facts(page):
-    facts = dict(page.facts)
-    assert facts["machine"] == "made-up CPU, 2 cores"
-    assert facts["versions"] == "truearm 0.1.0, Python 3.11.7, NumPy 2.4.6"
-    assert words(facts["duration"]) == "3300 s (55 min)"
+def test_every_machine_and_the_time_of_the_trainings_are_facts(found):
+    found["machines"].append({"cpu": "another", "cores": 1, "python": "3.12.1", "numpy": "2.4.6"})
+    facts = reproduction_page(found).facts
+    assert [words(told) for name, told in facts if name == "machine"] == [
+        "made-up CPU, 2 cores, Python 3.11.7, NumPy 2.4.6",
+        "another, 1 core, Python 3.12.1, NumPy 2.4.6",
+    ]
+    assert dict(facts)["version"] == "truearm 0.1.0"
+    told = "3300 s (55 min), ended 2001-01-01T00:00:00+00:00 to 2001-01-01T01:00:00+00:00"
+    assert words(dict(facts)["training time"]) == told
+
+
+def test_the_range_is_that_of_the_means_on_2000_poses(page, findings):
+    accuracy = section(page, "Table 4").tables[0]
+    where = [(column.group, column.heading) for column in accuracy.columns].index(("mean error", "faithful")) + 1
+    for row, line in zip(findings["tables"]["4"], accuracy.rows, strict=True):
+        errors = [run["mean_many_mm"] for run in row["faithful"]["runs"]]
+        assert line[where] == span_cell(errors)
+    assert "median and range of the starts" in accuracy.caption
+
+
+def test_wherever_the_two_are_compared_it_is_said_how_many_poses_each_fits(page):
+    for title in ("In short", "Table 2", "Table 3", "Table 4", "Error before and after (Figures 6 to 8)"):
+        assert "Faithful fits 70 % of the poses" in section(page, title).text
 
 
 # Parts that were not run ---------------------------------------------------------------------------------------------
@@ -190,12 +212,12 @@ def test_one_figure_of_the_final_test_is_drawn_without_the_others(found):
 
 
 def test_a_row_that_was_not_run_keeps_its_place(found):
-    found["tables"]["4"][0] |= {"faithful": None, "ours": None, "ratio": {"mean": {"faithful": None, "ours": None}}}
+    found["tables"]["4"][0] |= {"faithful": None, "ours": None, "ratio": {"faithful": None, "ours": None}}
     found["tables"]["4"][0] |= {"verdict": "left out", "verdict_ours": "left out"}
     page = page_of(found, "tables.4")
     accuracy = section(page, "Table 4").tables[0]
     assert len(accuracy.rows) == 4
-    assert accuracy.rows[0][-1] == "left\u00a0out"
+    assert accuracy.rows[0][-1] == "left out"
     assert "of 3 rows with lm" in section(page, "Table 4").text
     assert "3 rows of 4 were run" in section(page, "In short").text
 
@@ -228,7 +250,7 @@ def test_how_many_rows_reach_the_papers_accuracy_is_counted(found):
             # Of three starts two are half or more, one is not.
             run["seconds_to_paper"] = 1.0 if k < (2 if i < 3 else 1) else None
     text = section(page_of(found, "tables.4"), "Table 4").text
-    assert "reach the paper's mean error in 0 of 4 rows with faithful and in 3 of 4 rows with lm." in text
+    assert "reach the paper's mean error in 0 of 4 rows with faithful and in 3 of 4 rows with lm;" in text
 
 
 def test_how_much_sooner_lm_is_there_is_the_median_of_rows(found):
@@ -247,41 +269,73 @@ def test_how_much_sooner_lm_is_there_is_the_median_of_rows(found):
 
 def test_verdicts_are_counted_by_table(found):
     found["tables"]["3"][0]["verdict"] = "not reached"
+    found["tables"]["4"][0]["verdict"] = "stopped by our limit"
+    found["tables"]["4"][3] |= {"verdict": "used to fix the box", "verdict_ours": "used to fix the box"}
     page = page_of(found, "tables.3", "tables.4")
     table = section(page, "In short").tables[0]
     where = [(column.group, column.heading) for column in table.columns].index(("faithful, rows", "not reached"))
     assert [line[where] for line in table.rows] == [1, 0]
-    assert page.summary[0].value == "15 of 16"
-    assert page.summary[1].value == "14 of 14"  # two rows have no lm
+    assert page.summary[0].value == "13 of 14"  # of 16, one was cut short and one fixed the box
+    assert page.summary[1].value == "13 of 13"  # two rows have no lm
 
 
-def test_a_learning_rate_that_matters_would_be_told(found, page):
-    assert section(page, "The learning rate").text.startswith("It has no effect.")
-    found["claims"]["learning_rate"] |= {"mean_mm": [8.6, 8.7, 9.1], "identical": False}
-    text = words(section(page_of(found, "claims.learning_rate"), "The learning rate").text)
-    assert "from 8.60 mm to 9.10 mm: not the same" in text
-    assert "no effect" not in text
+def test_a_training_that_rows_share_counts_once(found):
+    for row in found["tables"]["2"]:
+        for name in ("faithful", "ours"):
+            for run in row[name]["runs"]:
+                run["seconds_to_paper"] = 1.0
+    found["tables"]["2"][0] |= {"verdict": "used to fix the box"}
+    page = page_of(found, "tables.2")
+    assert page.summary[0].value == "10 of 10"  # 17 rows without 6 to 11 and the first
+    assert page.summary[1].value == "11 of 11"
+    text = words(section(page, "Table 2").text)
+    assert "in 10 of 10 rows with faithful and in 11 of 11 rows with lm; rows that fixed the box" in text
+    assert "In 11 rows both get there" in section(page, "In short").text
 
 
-@pytest.mark.parametrize(
-    ("published", "told"),
-    [
-        ([8.5, 9.5], "All of them lie within"),
-        ([8.5, 11.5], "1 of them lie within the range of the starts"),
-        ([11.0, 12.0], "None of them lies within"),
-    ],
-)
-def test_the_scatter_of_starts_is_weighed_against_the_papers_values(found, published, told):
+def test_gradient_descent_has_no_time_to_the_papers_error(found):
+    for row in found["tables"]["3"]:
+        for run in row["faithful"]["runs"]:
+            run["seconds_to_paper"] = 1.0
+    part = section(page_of(found, "tables.3"), "Table 3")
+    effort = part.tables[1]
+    where = [(column.group, column.heading) for column in effort.columns].index(
+        ("time to the paper's mean error", "faithful")
+    )
+    assert [line[where] for line in effort.rows] == [1.0] * 10 + [None] * 2
+    assert "in 10 of 10 rows with faithful" in part.text
+
+
+def test_there_is_no_learning_rate(page):
+    text = words(section(page, "The learning rate").text)
+    assert "trainlm takes no learning rate. The paper's rows 1, 8 and 9, with the rates 0.01, 0.1, 1" in text
+    assert "a mean error of 8.61 mm, the median of its starts; the paper's values go from 8.16 mm to 8.74 mm." in text
+    assert "identical" not in text
+
+
+def test_the_spread_of_starts_stands_beside_that_of_the_papers_values(found):
     found["claims"]["scatter"] |= {
         "mean_mm": [8.0, 9.0, 10.0],
-        "max_mm": [20.0, 21.0, 22.0],
+        "mean_many_mm": [8.5, 9.0, 9.5],
+        "relative_spread": 2 / 9,
         "paper_rows": [6, 7],
-        "paper_rows_mean_mm": published,
+        "paper_rows_mean_mm": [10.0, 11.0],
+        "paper_relative_spread": 1 / 10.5,
     }
     text = words(section(page_of(found, "claims.scatter"), "The scatter of starts").text)
-    assert told in text
-    assert "mean errors from 8 mm to 10 mm, median 9 mm" in text
-    assert ("11.5 mm (row 7)" in text) == (published[1] == 11.5)
+    assert "mean errors from 8 mm to 10 mm" in text
+    assert "From the least to the largest is 22.2 % of the median" in text
+    assert "they spread over 9.50 % of theirs" in text
+    assert "On 2000 poses the same starts go from 8.50 mm to 9.50 mm" in text
+    assert "Only the spreads are compared" in text
+
+
+def test_what_remains_of_the_rows_that_fixed_the_box_is_told(found):
+    for row, ratio in zip(found["tables"]["2"], (2.0, 0.5, 8.0), strict=False):
+        row |= {"verdict": "used to fix the box", "ratio": {"faithful": ratio, "ours": 1.0}}
+    text = words(section(page_of(found, "tables.2"), "The joint ranges").text)
+    # The cube root of 2 x 0.5 x 8.
+    assert "the 3 rows of Table 2 that fixed it err, faithful, by 0.500 to 8 times the paper's average, 2 times" in text
 
 
 def test_where_the_papers_values_are_met_and_what_a_wrong_box_does_is_told(found):
@@ -300,85 +354,71 @@ def test_where_the_papers_values_are_met_and_what_a_wrong_box_does_is_told(found
     assert "Row 15 of Table 2 has the paper's mean error, 5 mm, in none of the boxes tried." in text
 
 
-def test_from_where_on_the_network_is_worse_than_nothing_is_told(found, page):
+def test_from_where_on_lm_is_worse_than_nothing_is_told(found):
     found["claims"]["outside"] |= {
         "distance_deg": [0.0, 10.0, 20.0],
-        "median_mm": [0.01, 0.1, 10.0],
-        "p95_mm": [0.1, 1.0, 100.0],
-        "nominal_mm": 1.0,
-        "kinematic_mm": [0.01, 0.01, 0.02],
+        "lm_median_mm": [0.01, 0.1, 10.0],
+        "lm_p95_mm": [0.1, 1.0, 100.0],
+        "nominal_median_mm": [1.0, 1.0, 1.0],
+        "kinematic_median_mm": [0.01, 0.01, 0.02],
     }
     text = words(section(page_of(found, "claims.outside"), "Outside the box").text)
-    assert "0.0100 mm at 0 deg outside the box and 10 mm at 20 deg. From 15 deg on it errs by more" in text
-    found["claims"]["outside"]["nominal_mm"] = 50.0
+    assert "With the farthest joint 0 deg beyond the box the median of the errors of lm is 0.0100 mm" in text
+    assert "From 15 deg on lm errs by more than the nominal arm." in text
+    found["claims"]["outside"]["nominal_median_mm"] = [50.0] * 3
     text = words(section(page_of(found, "claims.outside"), "Outside the box").text)
-    assert "The uncompensated nominal arm errs by 50 mm on average." in text
+    assert "of the uncompensated nominal arm 50 mm and 50 mm" in text
     assert "From" not in text
 
 
 def test_a_share_is_told_with_what_is_left_and_the_floor(found):
-    found["claims"]["percent"] |= {
-        "nominal_mean_mm": 1.0,
-        "network_mean_mm": 0.03,
-        "floor_mm": 0.02,
-        "removed_percent": 97,
-    }
-    text = words(section(page_of(found, "claims.percent"), "What a share removed means").text)
-    assert "97 % removed of a mean error of 1 mm leaves 0.0300 mm" in text
-    assert "more than 98 % could not be removed, and the network's error is 1.50 times that floor" in text
+    for run in found["final_test"]["runs"]:
+        run |= {"nominal": {"mean_mm": 1.0, "max_mm": 2.0}, "noise_floor_mm": 0.02}
+        run["ours"]["mean_mm"] = 0.03
+    page = page_of(found, "final_test")
+    text = words(section(page, "What 97\u202f% means").text)
+    assert "With lm 97 % removed of a mean error of 1 mm leaves 0.0300 mm" in text
+    assert "more than 98 % could not be removed, and the error of lm is 1.50 times that floor" in text
     assert "0.100 mm, the same 0.0300 mm left would be 70 % removed" in text
+    for run in found["final_test"]["runs"]:
+        run["ours"] = None
+    assert "What a share removed means is not part of this run" in page_of(found, "final_test").sections[-1].text
 
 
 # Bad findings --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "place",
+    ("place", "told"),
     [
-        *("truearm", "machine.cpu", "quick", "left_out", "seconds", "boxes.how", "tables.3", "final_test"),
-        *("tables.2.[0].paper.mean_mm", "tables.4.[3].faithful.runs.[2].seconds_to_paper", "tables.2.[1].verdict"),
-        *("claims.outside.p95_mm", "figures.8", "figures.arm.frames", "final_test.runs.[1].ours.over_0/05"),
+        ("truearm", "findings of a reproduction: truearm: Field required"),
+        ("machines.[0].cpu", "machines.0.cpu: Field required"),
+        ("tables.2.[0].paper.mean_mm", "tables.2.0.paper.mean_mm: Field required"),
+        ("claims.outside.lm_p95_mm", "claims.outside.lm_p95_mm: Field required"),
+        ("final_test.runs.[1].ours.over_0/05", "final_test.runs.1.ours.over_0.05: Field required"),
     ],
 )
-def test_a_missing_key_is_named_with_its_place(found, place):
+def test_a_missing_key_is_named_with_its_place(found, place, told):
     *way, last = (int(key[1:-1]) if key[0] == "[" else key.replace("/", ".") for key in place.split("."))
     inner = found
     for key in way:
         inner = inner[key]
     del inner[last]
-    named = re.escape(place.replace(".[", "[").replace("/", "."))
-    with pytest.raises(InputError, match=f"expected the key {named} in the findings of a reproduction, got none"):
+    with pytest.raises(InputError, match=re.escape(told)):
         reproduced(found)
 
 
 @pytest.mark.parametrize(
     ("place", "value", "told"),
     [
-        ("seconds", float("nan"), "seconds: .*finite number, got nan"),
-        ("seconds", float("inf"), "seconds: .*finite"),
-        ("seconds", -1.0, "seconds: .*greater than or equal to 0, got -1.0"),
-        ("seconds", "12", "seconds: .*number, got '12'"),
-        ("seconds", 1e300, "seconds: .*less than"),
-        ("quick", "perhaps", "quick: .*boolean"),
-        ("machine", None, "machine: .*"),
-        ("machine.cores", 2.5, "machine.cores: .*integer"),
-        ("truearm", "x" * 5000, "truearm: .*at most 4000 characters, got 'x{50,59}…"),
-        ("boxes.simulation_deg", 0.0, "boxes.simulation_deg: .*greater than"),
-        ("left_out", [1], r"left_out\[0\]: .*string"),
-        ("tables", [], "tables: .*"),
-        ("figures.network", {"sizes": [6]}, "figures.network.sizes: .*at least 2"),
-        ("figures.network", {"sizes": [6, 10**9, 3]}, r"figures.network.sizes\[1\]: .*"),
-        ("figures.6", {"deviation_mm": [[1.0, 2.0]]}, r"figures.6.deviation_mm\[0\].*"),
-        ("figures.6", {"deviation_mm": []}, "figures.6.deviation_mm: .*at least 1"),
-        (
-            "figures.7",
-            {"points_mm": [[1.0, 2, 3]] * 2, "predicted_mm": [[1.0, 2, 3]]},
-            "of one length, got points_mm 2",
-        ),
-        ("claims.learning_rate", {"rates": [1.0], "mean_mm": [], "identical": True}, "claims.learning_rate.mean_mm"),
-        ("claims.scatter.paper_rows", [1], "claims.scatter: expected lists of one length, .* paper_rows 1"),
-        ("claims.outside.p95_mm", [1.0], "claims.outside: expected lists of one length, got distance_deg 8"),
-        ("claims.outside.median_mm", 3.0, "claims.outside.median_mm: .*list, got 3.0"),
+        ("training_seconds", float("nan"), "training_seconds: .*"),
+        ("training_seconds", -1.0, "training_seconds: .*greater than or equal to 0"),
+        ("training_seconds", "12", "training_seconds: .*number"),
+        ("training_seconds", 1e300, "training_seconds: .*less than"),
+        ("machines", [], "machines: .*at least 1"),
+        ("truearm", "x" * 5000, "truearm: .*at most 4000 characters"),
+        ("figures.6", {"deviation_mm": [[1.0, None]]}, "figures.6.deviation_mm.0.1: .*"),
+        ("claims.outside.lm_median_mm", 3.0, "claims.outside.lm_median_mm: .*list"),
     ],
 )
 def test_a_bad_value_is_named_with_its_place(found, place, value, told):
@@ -389,21 +429,15 @@ def test_a_bad_value_is_named_with_its_place(found, place, value, told):
 
 @pytest.mark.parametrize("found", [None, [], "x", {1: 2}])
 def test_what_are_no_findings_is_refused(found):
-    with pytest.raises(InputError, match=r"as a mapping|expected the key"):
+    with pytest.raises(InputError, match="findings of a reproduction"):
         reproduction_page(found)
 
 
-def test_the_findings_are_left_as_they_were(findings):
-    before = copy.deepcopy(findings)
-    reproduced(findings)
-    assert findings == before
-
-
 def test_texts_of_the_findings_are_text_and_not_markup(found):
-    found |= {"truearm": HOSTILE, "left_out": [HOSTILE]}
-    found["machine"]["cpu"] = found["boxes"]["how"] = found["claims"]["scatter"]["what"] = HOSTILE
+    found |= {"truearm": HOSTILE, "left_out": [HOSTILE], "rule": HOSTILE, "trained": [HOSTILE]}
+    found["machines"][0]["cpu"] = found["boxes"]["how"] = found["claims"]["scatter"]["what"] = HOSTILE
     for row in found["tables"]["4"]:
-        row |= {"verdict": HOSTILE, "verdict_ours": HOSTILE, "rule": HOSTILE, "note": HOSTILE, "activation": HOSTILE}
+        row |= {"verdict": HOSTILE, "verdict_ours": HOSTILE, "note": HOSTILE, "activation": HOSTILE}
         row["paper"]["trainer"] = HOSTILE
         for run in row["faithful"]["runs"]:
             run["stop"] = HOSTILE
@@ -421,7 +455,6 @@ def test_numbers_far_apart_are_drawn(found):
         for run in row["faithful"]["runs"]:
             run["mean_many_mm"] = float(10 ** random.uniform(-11, 11))
             run["seconds_to_paper"] = 0.0
-    found["claims"]["percent"] |= {"floor_mm": 1e-11, "network_mean_mm": 1e9}
     found["claims"]["scatter"]["mean_mm"] = [1.0] * 30
-    page = page_of(found, "tables.4", "claims.percent", "claims.scatter")
-    assert Outline(render(page)).tags.count("figure") == 3
+    page = page_of(found, "tables.4", "claims.scatter")
+    assert Outline(render(page)).tags.count("figure") == 2

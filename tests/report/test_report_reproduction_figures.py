@@ -57,7 +57,7 @@ def every_figure():
         "network": network_layers([6, 30, 30, 3]),
         "rows": rows_beside_paper([row, row], headings=("row", "units")),
         "scatter": scatter_of_starts([8.0, 9.0], [8.5]),
-        "rate": error_against_rate([0.1, 1.0], [8.0, 8.0], published=([0.1], [8.5])),
+        "rate": error_against_rate([0.1, 1.0], [8.5, 8.0], 8.2),
         "box": error_against_box([20, 40], {"row 1": [1.0, 4.0]}, {"row 1": 2.0}, chosen=38),
         "outside": error_outside([0, 10], ([0.01, 1.0], [0.1, 9.0]), {"nominal": [0.4, 0.4]}),
         "share": share_removed({"nominal": 0.45, "network": 0.01}, before="nominal"),
@@ -258,14 +258,15 @@ def test_figures_of_claims_hold_what_they_were_given():
     assert holds(scatter, (8.5, 0.0))
     assert holds(rate, (1.0, 8.0))
     assert holds(rate, (0.1, 8.5))
+    assert any((line[:, 1] == 8.2).all() for line in rate)
     assert holds(box, (20.0, 1.0))
     assert holds(box, (30.0, 2.0))  # where 2 mm is met
     assert holds(outside, (10.0, 1.0))
     assert holds(outside, (10.0, 9.0))
     assert holds(outside, (0.0, 0.4))
     assert "row 1 at \u00b130 deg" in figures["box"].caption
-    assert "1 of 1 published values between them" in figures["scatter"].caption
-    assert "8.00 mm throughout here" in figures["rate"].caption
+    assert "2 starts from 8.00 to 9.00 mm, 1 published values 8.50 mm throughout" in figures["scatter"].caption
+    assert "rows from 8.00 to 8.50 mm; here one training, 8.20 mm" in figures["rate"].caption
 
 
 def test_the_upper_scale_of_the_share_is_the_share():
@@ -292,14 +293,10 @@ def test_true_and_predicted_coordinates_and_their_differences_are_drawn():
     [
         (lambda: scatter_of_starts([], [1.0]), "at least one reading in numbers of 'starts'"),
         (lambda: scatter_of_starts([1.0], [0.0]), "published errors above zero, got 0 at place 1"),
-        (lambda: error_against_rate([1.0, 2.0], [1.0]), "an error for each of 2 rates, got 1"),
-        (
-            lambda: error_against_rate([1.0], [1.0], published=([1.0], [1.0, 2.0])),
-            "an error for each of 1 rates, got 2",
-        ),
+        (lambda: error_against_rate([1.0, 2.0], [1.0], 1.0), "an error for each of 2 rates, got 1"),
         (lambda: error_against_box([1.0], {"a": [1.0, 2.0]}, {"a": 1.0}, chosen=1), "'a' for 1 half-widths, got 2"),
         (lambda: error_against_box([1.0], {"a": [1.0]}, {}, chosen=1), "published error for every network, got none"),
-        (lambda: error_outside([0.0], ([1.0], [1.0, 2.0]), {}), "'network, 95 %' at 1 distances, got 2"),
+        (lambda: error_outside([0.0], ([1.0], [1.0, 2.0]), {}), "'lm, 95 %' at 1 distances, got 2"),
         (lambda: error_outside([np.nan], ([1.0], [1.0]), {}), "finite numbers in distances from the box"),
         (lambda: share_removed({"a": 1.0}, before="b"), "the error of 'b' among the errors, got a"),
         (lambda: share_removed({"a": -1.0}, before="a"), "of zero or more, got -1"),

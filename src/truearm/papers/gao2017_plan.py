@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from truearm.papers.gao2017_tables import TABLES, PaperRow
-from truearm.papers.gao2017_training import Source, Training
+from truearm.papers.gao2017_training import GRADIENT_TRAINERS, Source, Training
 
 Side = Literal["faithful", "ours"]
 SIDES: tuple[Side, Side] = ("faithful", "ours")
@@ -31,8 +31,13 @@ SOURCES = {2: SIMULATION, 3: SIMULATION, 4: EXPERIMENT}
 # Only a linear layer explains such a factor. Which of the two rows has which is a guess.
 ACTIVATIONS: Mapping[tuple[int, int], tuple[str, ...]] = {(3, 9): ("tansig", "purelin"), (3, 10): ("purelin", "tansig")}
 
+# Rows that speak for the boxes: SIMULATION is the half-width at which the geometric mean of ours (faithful) by the
+# paper's average is nearest to 1 over the distinct rows of Table 2 with 10000 poses; EXPERIMENT is the demo's box, in
+# which lm comes below the paper's average of row 4 of Table 4. To find such a row reproduced would be to find it twice.
+FIX_THE_BOX = frozenset({(2, 1), *((2, number) for number in range(12, 18)), (4, 4)})
+
 PARTS = ("table 2", "table 3", "table 4", "boxes", *(f"figure {number}" for number in (1, 2, 3, 4, 6, 7, 8)))
-"""What can be asked for; Figure 5 of the paper shows no result."""
+"""What can be asked for; Figure 5 of the paper is not made."""
 
 
 @dataclass(frozen=True)
@@ -82,14 +87,17 @@ FULL = Effort(
     starts=((20.0, 5), (60.0, 2), (math.inf, 1)),
     # The scatter of starts explains other rows; the final test is made on as many arms.
     starts_of={(2, 1): 10, (4, 4): 3},
-    half_widths_deg=(15.0, 20.0, 25.0, 30.0, 35.0, 38.0, 40.0, 45.0, 50.0, 60.0),
+    half_widths_deg=tuple(
+        sorted({15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 60.0, SIMULATION.half_width_deg}),
+    ),
 )
 QUICK = replace(
     FULL,
     quick=True,
-    starts=((12.0, 1),),
-    starts_of={(2, 1): 2, (4, 4): 1},
-    half_widths_deg=(20.0, 30.0, 38.0),
+    # What is estimated at 193 s.
+    starts=((4.0, 1),),
+    starts_of={(2, 1): 1, (4, 4): 1},
+    half_widths_deg=(25.0, SIMULATION.half_width_deg),
 )
 
 
@@ -108,7 +116,7 @@ def training_of(table: int, row: PaperRow, side: Side, effort: Effort, *, seed: 
         set_aside=0.15 if faithful else 0.0,
         time_limit_s=effort.time_limit_s,
         seed=seed,
-        levels_mm=tuple(sorted({other.mean_mm for other in served})),
+        levels_mm=tuple(sorted({other.mean_mm for other in served if other.trainer not in GRADIENT_TRAINERS})),
         expected_epochs=max(other.epochs for other in served) if faithful else None,
     )
 
@@ -122,7 +130,8 @@ def activations_of(table: int, row: PaperRow, side: Side = "faithful") -> tuple[
 def alike(table: int, row: PaperRow, side: Side) -> list[PaperRow]:
     """The rows of a table that one training serves.
 
-    Levenberg-Marquardt has no learning rate, and the goals of rows that differ in nothing else are never reached.
+    ``trainlm`` takes no learning rate. Rows that differ in nothing but the goal are alike as long as no start meets the
+    goal of the first, which the row's note tells. Ours has no goal, one activation and one trainer.
     """
 
     def settings(other: PaperRow) -> tuple[Any, ...]:
@@ -160,7 +169,7 @@ def planned(parts: Sequence[str], effort: Effort) -> tuple[list[Training], list[
             for side in SIDES:
                 found = trainings(table, row, side, effort)
                 wanted += found
-                if not found:
+                if not found and alike(table, row, side)[0] is row:
                     one = training_of(table, row, side, effort, seed=0)
                     left_out.append(
                         f"Table {table}, row {row.row}, {one.trainer}: some {one.estimated_seconds:.0f} s a start"
@@ -170,9 +179,11 @@ def planned(parts: Sequence[str], effort: Effort) -> tuple[list[Training], list[
         missing = [f"{h:g}" for h in FULL.half_widths_deg if h not in effort.half_widths_deg]
         if effort.quick and missing:
             left_out.append(f"Study of boxes: half-widths of {', '.join(missing)} deg")
-    for number, (table, row) in {4: (2, TABLES[2][0]), 7: (4, TABLES[4][-1]), 8: (4, TABLES[4][-1])}.items():
+    drawn: dict[int, tuple[int, Sequence[Side]]] = {4: (2, SIDES), 7: (4, ("ours",)), 8: (4, ("ours",))}
+    for number, (table, sides) in drawn.items():
         if f"figure {number}" in parts:
-            wanted += [one for side in SIDES for one in trainings(table, row, side, effort)[:1]]
+            row = TABLES[2][0] if table == 2 else TABLES[4][-1]
+            wanted += [one for side in sides for one in trainings(table, row, side, effort)[:1]]
     return list(dict.fromkeys(wanted)), left_out
 
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import platform
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, TypeVar
+from time import perf_counter
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +33,7 @@ from truearm.nets.traingdx import traingdx
 from truearm.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.nets.trainlm import trainlm
 from truearm.poses import box
+from truearm.solve.threads import cores
 from truearm.virtual import Measurement, VirtualArm, load_preset
 from truearm.writing import whole_file
 
@@ -41,7 +46,8 @@ N_MANY = 2000
 """Further poses that an error is judged by, beside the few that the paper tested on."""
 TRAINING, FURTHER, MANY, OUTSIDE, FINAL = 0, 1, 3, 4, 5
 """Streams of poses and noise of one seed; `gao2017.experiment` has 0 to 2."""
-GOAL_MET = "Performance goal met."
+RECIPE = 1
+"""Raised whenever the course of a training changes, so that no result of an older course is taken for one of it."""
 LARGEST_FILE = 20_000_000  # bytes: a network of the paper takes less than one
 
 
@@ -141,9 +147,9 @@ class Training:
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of the program's version and all settings but what is expected."""
+        """SHA-256 of the program's version, the recipe and all settings but what is expected."""
         settings = asdict(self) | {"expected_epochs": None}
-        return hashlib.sha256(json.dumps([__version__, settings]).encode()).hexdigest()
+        return hashlib.sha256(json.dumps([__version__, RECIPE, settings]).encode()).hexdigest()
 
     @property
     def name(self) -> str:
@@ -178,8 +184,13 @@ class Trained:
     epochs : int
         Done, whichever of them had the weights that were kept.
     seconds : float
+        Without those of the tests on further poses that went along.
     stop : str
         Why it ended, in MATLAB's words.
+    machine : dict
+        What it ran on: cpu, cores, python, numpy.
+    ended : str
+        Date and time, UTC.
     reached : dict of float to (int, float)
         The epoch and the time [s] at which each of the training's levels was reached; no entry where it was not.
     weights : (n_weights,) array
@@ -191,6 +202,8 @@ class Trained:
     epochs: int
     seconds: float
     stop: str
+    machine: dict[str, Any]
+    ended: str
     reached: dict[float, tuple[int, float]]
     weights: FloatArray
     angle_scale: MinMax
@@ -210,32 +223,55 @@ class Trained:
 def trained(training: Training, folder: Path, tell: Tell) -> Trained:
     """Train, go on with a training that was stopped, or read what a finished one left.
 
-    A finished training leaves ``NAME.json`` in `folder`; one that was stopped leaves ``NAME.checkpoint`` and, if a
-    level was reached already, ``NAME.reached.json``.
+    A finished training leaves ``NAME.json`` in `folder`; one that was stopped leaves ``NAME.checkpoint`` and, of the
+    tests on further poses, ``NAME.reached.json``.
 
     Raises
     ------
     InputError
         If a file in `folder` is damaged, or of another training.
     """
-    finished, levels = folder / f"{training.name}.json", folder / f"{training.name}.reached.json"
+    finished, watch_file = folder / f"{training.name}.json", folder / f"{training.name}.reached.json"
     if finished.exists():
         return _Finished.read(finished, training)
     checkpoint = Checkpoint(folder / f"{training.name}.checkpoint", training.fingerprint)
-    reached = _Levels.read(levels, training) if levels.exists() else {}
-    done = _train(training, checkpoint, reached, lambda: _Levels.of(training, reached).write(levels), tell)
-    _Finished.of(done).write(finished)
-    for left in (checkpoint.file, levels):
+    watched = _Watched()
+    if watch_file.exists() and checkpoint.file.exists():
+        kept = _read(_Kept, watch_file, training)
+        watched = _Watched(kept.levels(), kept.watched)
+
+    def keep() -> None:
+        _write(
+            _Kept(fingerprint=training.fingerprint, reached=_listed(watched.reached), watched=watched.seconds),
+            watch_file,
+        )
+
+    done = _train(training, checkpoint, watched, keep, tell)
+    _write(_Finished.of(done), finished)
+    for left in (checkpoint.file, watch_file):
         left.unlink(missing_ok=True)
     return done
 
 
+def machine() -> dict[str, Any]:
+    """What the times are taken on."""
+    cpu, info = platform.processor() or platform.machine(), Path("/proc/cpuinfo")
+    if info.exists():
+        lines = info.read_text(encoding="utf-8", errors="replace").splitlines()
+        cpu = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), cpu)
+    return {"cpu": cpu, "cores": cores(), "python": platform.python_version(), "numpy": version("numpy")}
+
+
+@dataclass
+class _Watched:
+    """Levels reached so far, and the time that the tests on further poses took [s]."""
+
+    reached: dict[float, tuple[int, float]] = field(default_factory=dict)
+    seconds: float = 0.0
+
+
 def _train(
-    training: Training,
-    checkpoint: Checkpoint,
-    reached: dict[float, tuple[int, float]],
-    keep: Callable[[], None],
-    tell: Tell,
+    training: Training, checkpoint: Checkpoint, watched: _Watched, keep: Callable[[], None], tell: Tell
 ) -> Trained:
     angles, points = training.source.data(training.n_train, seed=training.seed, stream=TRAINING)
     angle_scale = MinMax.of(angles.T, what="the angle of joint")
@@ -252,25 +288,34 @@ def _train(
     many_inputs = angle_scale.scaled(many_angles.T)
 
     def watch(epoch: Epoch) -> None:
-        sought = [level for level in training.levels_mm if level not in reached]
+        # A test is no part of the training: the trainer's clock has run through all before this one.
+        begun, seconds = perf_counter(), epoch.seconds - watched.seconds
+        sought = [level for level in training.levels_mm if level not in watched.reached]
         if sought:
             found = point_scale.restored(network.outputs(epoch.weights(), many_inputs)).T
             error = float(np.abs(found - many_points).mean())
-            new = {level: (epoch.epoch, epoch.seconds) for level in sought if error <= level}
+            new = {level: (epoch.epoch, max(seconds, 0.0)) for level in sought if error <= level}
             if new:
-                reached.update(new)
+                watched.reached.update(new)
                 keep()
         limit = training.time_limit_s or math.inf
         rms = math.sqrt(epoch.perf * float(np.mean(point_scale.half_range**2)))
         tell(max(epoch.epoch / training.epochs, epoch.seconds / limit), f"epoch {epoch.epoch}, {rms:.4f} mm rms")
+        watched.seconds += perf_counter() - begun
 
-    weights, record = _run(training, fit, validation, watch, checkpoint)
+    try:
+        weights, record = _run(training, fit, validation, watch, checkpoint)
+    except (KeyboardInterrupt, SystemExit):
+        keep()
+        raise
     return Trained(
         training,
         epochs=len(record.perf) - 1,
-        seconds=float(record.time[-1]),
+        seconds=max(float(record.time[-1]) - watched.seconds, 0.0),
         stop=record.stop,
-        reached=reached,
+        machine=machine(),
+        ended=datetime.now(UTC).isoformat(timespec="seconds"),
+        reached=watched.reached,
         weights=weights,
         angle_scale=angle_scale,
         point_scale=point_scale,
@@ -301,47 +346,41 @@ def _run(
 
 _Number = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
 _Count = Annotated[int, Field(ge=0, le=10**9)]
-_Level = tuple[_Number, _Count, Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]]
+_Seconds = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 _Ends = Annotated[list[_Number], Field(min_length=1, max_length=100)]
+_Text = Annotated[str, Field(max_length=1000)]
+
+
+class _Machine(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    cpu: _Text
+    cores: _Count
+    python: _Text
+    numpy: _Text
 
 
 class _Kept(BaseModel):
-    """What a file of a training begins with."""
+    """What the tests on further poses found; of a training that was stopped, all that is kept beside its checkpoint."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
     fingerprint: Annotated[str, Field(max_length=64)]
-    reached: Annotated[list[_Level], Field(max_length=100)]
-
-    def write(self, file: Path) -> None:
-        with whole_file(file) as beside:
-            beside.write_text(self.model_dump_json() + "\n", encoding="utf-8", newline="\n")
+    reached: Annotated[list[tuple[_Number, _Count, _Seconds]], Field(max_length=100)]
+    watched: _Seconds
 
     def levels(self) -> dict[float, tuple[int, float]]:
         return {level: (epoch, seconds) for level, epoch, seconds in self.reached}
-
-
-K = TypeVar("K", bound=_Kept)
-
-
-class _Levels(_Kept):
-    """Levels that an unfinished training has reached."""
-
-    @classmethod
-    def of(cls, training: Training, reached: dict[float, tuple[int, float]]) -> _Levels:
-        return cls(fingerprint=training.fingerprint, reached=_listed(reached))
-
-    @classmethod
-    def read(cls, file: Path, training: Training) -> dict[float, tuple[int, float]]:
-        return _read(cls, file, training).levels()
 
 
 class _Finished(_Kept):
     """A finished training."""
 
     epochs: _Count
-    seconds: Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
-    stop: Annotated[str, Field(max_length=1000)]
+    seconds: _Seconds
+    stop: _Text
+    machine: _Machine
+    ended: _Text
     angle_range: tuple[_Ends, _Ends]
     point_range: tuple[_Ends, _Ends]
     weights: Annotated[list[_Number], Field(max_length=1_000_000)]
@@ -351,9 +390,12 @@ class _Finished(_Kept):
         return cls(
             fingerprint=done.training.fingerprint,
             reached=_listed(done.reached),
+            watched=0.0,
             epochs=done.epochs,
             seconds=done.seconds,
             stop=done.stop,
+            machine=_Machine(**done.machine),
+            ended=done.ended,
             angle_range=_range_of(done.angle_scale),
             point_range=_range_of(done.point_scale),
             weights=done.weights.tolist(),
@@ -368,11 +410,15 @@ class _Finished(_Kept):
             raise _damaged(file, f"expected {training.network.n_weights} weights and ranges of 6 and 3 numbers")
         if not ((angle_scale.half_range > 0).all() and (point_scale.half_range > 0).all()):
             raise _damaged(file, "expected ranges with the lower end first")
+        if kept.epochs > training.epochs:
+            raise _damaged(file, f"expected at most {training.epochs} epochs, got {kept.epochs}")
         return Trained(
             training,
             epochs=kept.epochs,
             seconds=kept.seconds,
             stop=kept.stop,
+            machine=kept.machine.model_dump(),
+            ended=kept.ended,
             reached=kept.levels(),
             weights=np.array(kept.weights),
             angle_scale=angle_scale,
@@ -380,17 +426,31 @@ class _Finished(_Kept):
         )
 
 
+K = TypeVar("K", bound=_Kept)
+
+
 def _read(kind: type[K], file: Path, training: Training) -> K:
-    if file.stat().st_size > LARGEST_FILE:
-        raise _damaged(file, f"expected less than {LARGEST_FILE} bytes")
+    if not file.is_file():
+        raise _damaged(file, "expected a file")
+    with file.open("rb") as stream:
+        data = stream.read(LARGEST_FILE + 1)
+    if len(data) > LARGEST_FILE:
+        raise _damaged(file, f"expected at most {LARGEST_FILE} bytes")
     try:
-        kept = kind.model_validate_json(file.read_bytes())
+        kept = kind.model_validate_json(data)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise _damaged(file, f"{'.'.join(map(str, first['loc']))}: {first['msg']}".removeprefix(": ")) from None
     if kept.fingerprint != training.fingerprint:
         raise _damaged(file, "its fingerprint is that of another training")
+    if any(level not in training.levels_mm or epoch > training.epochs for level, epoch, _ in kept.reached):
+        raise _damaged(file, f"expected levels of this training, reached within {training.epochs} epochs")
     return kept
+
+
+def _write(kept: _Kept, file: Path) -> None:
+    with whole_file(file) as beside:
+        beside.write_text(kept.model_dump_json() + "\n", encoding="utf-8", newline="\n")
 
 
 def _damaged(file: Path, problem: str) -> InputError:

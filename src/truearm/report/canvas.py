@@ -75,12 +75,15 @@ class Figure:
         Below the figure; and in its place for those who do not see it.
     columns : int
         Panels side by side on a wide page, 1 to 3.
+    number : int, optional
+        Of the paper's figure that this one stands for.
     """
 
     panels: tuple[Drawing, ...]
     caption: str
     alt: str
     columns: int = 1
+    number: int | None = None
 
     def __post_init__(self) -> None:
         if not self.panels:

@@ -48,12 +48,7 @@ def scatter_of_starts(
     """
     starts, published = _positive(starts, "starts"), _positive(published, "published errors")
     pen = style or styles_of([name])[name]
-    inside = int(np.count_nonzero((published >= starts.min()) & (published <= starts.max())))
-    low, high = format_number(float(starts.min())), format_number(float(starts.max()))
-    told = (
-        f"{format_number(len(starts))} starts from {low} to {high} mm, and {inside} of {len(published)} published "
-        "values between them"
-    )
+    told = f"{len(starts)} starts {_from_to(starts)}, {len(published)} published values {_from_to(published)}"
     with drawing_rules():
         drawing, (axes,) = panel(_WIDTH_IN, 1.75, top_in=0.1)
         _roomy_left(drawing, 0.95)
@@ -77,57 +72,33 @@ def scatter_of_starts(
 
 
 def error_against_rate(
-    rates: npt.ArrayLike,
-    errors: npt.ArrayLike,
-    *,
-    published: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
-    style: Style | None = None,
+    rates: npt.ArrayLike, published: npt.ArrayLike, found: float, *, style: Style | None = None
 ) -> Figure:
-    """Draw the error of one training, from one start, against the learning rate it was given.
+    """Draw published errors against the learning rate, and the error of the one training that they are.
 
     Parameters
     ----------
-    rates, errors : (n,) arrays
-        Learning rates, and mean errors [mm].
-    published : pair of (k,) arrays, optional
-        Published rates and mean errors [mm].
+    rates, published : (n,) arrays
+        Published learning rates, and mean errors [mm].
+    found : float
+        Mean error found, at whatever rate [mm].
     style : Style, optional
-        Of our own errors.
+        Of what was found.
     """
-    rates, errors = _positive(rates, "rates"), _positive(errors, "errors")
-    if len(rates) != len(errors):
-        raise InputError(f"expected an error for each of {len(rates)} rates, got {len(errors)}")
+    rates, published, (found,) = _positive(rates, "rates"), _positive(published, "errors"), _positive([found], "errors")
+    if len(rates) != len(published):
+        raise InputError(f"expected an error for each of {len(rates)} rates, got {len(published)}")
     pen = style or styles_of(["found"])["found"]
-    order = np.argsort(rates)
-    span = _from_to(errors)
-    paper_rates, paper_errors = np.empty(0), np.empty(0)
-    if published is not None:
-        paper_rates, paper_errors = (_positive(values, "published rates") for values in published)
-        if len(paper_rates) != len(paper_errors):
-            raise InputError(f"expected an error for each of {len(paper_rates)} rates, got {len(paper_errors)}")
     with drawing_rules():
         drawing, (axes,) = panel(_WIDTH_IN, 2.5, top_in=0.32)
-        axes.plot(paper_rates, paper_errors, "D", color=PAPER.colour, markersize=5, label="paper")
-        axes.plot(
-            rates[order],
-            errors[order],
-            pen.marker,
-            linestyle="-",
-            color=pen.colour,
-            markersize=6,
-            label="one start here",
-        )
-        both = np.concatenate([rates, paper_rates])
-        log_scale(axes, "x", both.min() / 2, both.max() * 2)
-        axes.set_ylim(0, 1.15 * max(errors.max(), *paper_errors, 0.0))
+        axes.plot(rates, published, "D", color=PAPER.colour, markersize=5, label="paper")
+        axes.axhline(found, color=pen.colour, linewidth=1.4, label="here, median of the starts")
+        log_scale(axes, "x", rates.min() / 2, rates.max() * 2)
+        axes.set_ylim(0, 1.15 * max(found, published.max()))
         axes.set(xlabel="learning rate", ylabel="mean error [mm]")
         _key(axes)
-    paper_told = f"; the paper's rows {_from_to(paper_errors)}" if len(paper_errors) else ""
-    return Figure(
-        (drawing,),
-        caption=f"Mean error against the learning rate, all else the same: {span} here{paper_told}.",
-        alt=f"Mean error against the learning rate at {len(rates)} rates: {span} here{paper_told}.",
-    )
+    told = f"the paper's rows {_from_to(published)}; here one training, {format_number(float(found))} mm"
+    return Figure((drawing,), caption=f"Mean error against the learning rate: {told}.", alt=f"Mean errors: {told}.")
 
 
 def error_against_box(
@@ -228,40 +199,38 @@ def crossings(x: npt.ArrayLike, y: npt.ArrayLike, level: float) -> list[float]:
 
 def error_outside(
     beyond: npt.ArrayLike,
-    network: tuple[npt.ArrayLike, npt.ArrayLike],
+    lm: tuple[npt.ArrayLike, npt.ArrayLike],
     others: Mapping[str, npt.ArrayLike],
     *,
     styles: Mapping[str, Style] | None = None,
 ) -> Figure:
-    """Draw the error of a network against how far outside its box the arm stands.
+    """Draw the error of a direct network, lm, against how far outside its box the arm stands.
 
     Parameters
     ----------
     beyond : (n,) array
         How far the farthest joint lies beyond the box [deg]; zero inside.
-    network : pair of (n,) arrays
+    lm : pair of (n,) arrays
         Median and 95th percentile of the network's error there [mm].
     others : mapping of str to (n,) array
-        Mean errors of other models there [mm].
+        Median errors of other models there [mm].
     styles : mapping of str to Style, optional
-        From `styles_of`, with ``"network"``.
+        From `styles_of`, with ``"lm"``.
     """
     beyond = finite(beyond, "distances from the box")
-    median, p95 = (_positive(values, "errors of the network") for values in network)
+    median, p95 = (_positive(values, "errors of lm") for values in lm)
     by_name = {name: _positive(values, f"errors of {name!r}") for name, values in others.items()}
-    for name, values in {"network": median, "network, 95 %": p95, **by_name}.items():
+    for name, values in {"lm": median, "lm, 95 %": p95, **by_name}.items():
         if len(values) != len(beyond):
             raise InputError(f"expected errors of {name!r} at {len(beyond)} distances, got {len(values)}")
-    pens = styles_of(["network", *by_name], styles)
+    pens = styles_of(["lm", *by_name], styles)
     order = np.argsort(beyond)
-    pen = pens["network"]
+    pen = pens["lm"]
     with drawing_rules():
         drawing, (axes,) = panel(_WIDTH_IN, 3.0, top_in=0.32)
         axes.fill_between(beyond[order], median[order], p95[order], color=pen.colour, alpha=0.15, linewidth=0)
         axes.plot(beyond[order], p95[order], color=pen.colour, linewidth=0.8, linestyle=(0, (4, 2)))
-        axes.plot(
-            beyond[order], median[order], pen.marker, linestyle="-", color=pen.colour, markersize=5, label="network"
-        )
+        axes.plot(beyond[order], median[order], pen.marker, linestyle="-", color=pen.colour, markersize=5, label="lm")
         for name, values in by_name.items():
             other = pens[name]
             axes.plot(
@@ -282,12 +251,12 @@ def error_outside(
         f"{short(name)} {format_number(float(values[order[0]]), digits=2)} mm at "
         f"{format_in_text(beyond[order[0]])} deg and {format_number(float(values[farthest]), digits=2)} mm at "
         f"{format_in_text(beyond[farthest])} deg"
-        for name, values in {"network": median, **by_name}.items()
+        for name, values in {"lm": median, **by_name}.items()
     )
     return Figure(
         (drawing,),
-        caption="Error of a coordinate outside the box that the network was trained in, on a logarithmic scale. Of the "
-        "network the line is the median and the tint reaches to the 95th percentile; the others are means. "
+        caption="Error of a coordinate outside the box that lm was trained in, on a logarithmic scale: medians, and of "
+        "lm a tint up to the 95th percentile. "
         f"{told[0].upper()}{told[1:]}.",
         alt=f"Error against the distance outside the box, on a logarithmic scale. {told}.",
     )

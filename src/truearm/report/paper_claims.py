@@ -15,73 +15,61 @@ from truearm.report.claims import (
     scatter_of_starts,
 )
 from truearm.report.page import Section
-from truearm.report.quantities import format_given
-from truearm.report.reproduced import Reproduced
-from truearm.report.wording import NotRun, capitalised, counted, degrees, millimetres, rows_named
+from truearm.report.quantities import format_given, format_in_text
+from truearm.report.reproduced import Reproduced, TableRow
+from truearm.report.wording import (
+    FIXED_THE_BOX,
+    NotRun,
+    capitalised,
+    counted,
+    degrees,
+    millimetres,
+    percentage,
+    rows_named,
+)
 
 
 def learning_rate_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section | NotRun:
-    """Say whether the learning rate matters."""
-    title = "The learning rate"
+    """Say that there is no learning rate."""
     claim = found.claims.learning_rate
     if claim is None:
         return NotRun("What the learning rate does", "--table 2")
     rates = ", ".join(format_given(rate) for rate in sorted(claim.rates))
-    if claim.identical:
-        text = (
-            f"It has no effect. Trained from one start at the rates {rates}, the network ends with the same mean error "
-            f"to the last digit, {millimetres(claim.mean_mm[0])}. A step of the Levenberg-Marquardt method is settled "
-            "by its damping; it has no learning rate, and trainlm takes none."
-        )
-    else:
-        text = (
-            f"Trained from one start at the rates {rates}, the network ends with mean errors from "
-            f"{millimetres(min(claim.mean_mm))} to {millimetres(max(claim.mean_mm))}: not the same."
-        )
-    published = None
-    if claim.paper_mean_mm is not None:
-        published = (claim.rates, claim.paper_mean_mm)
-        text += (
-            f" The paper's rows at these rates differ, from {millimetres(min(claim.paper_mean_mm))} to "
-            f"{millimetres(max(claim.paper_mean_mm))}; what else differs from run to run is the random start."
-        )
-    picture = error_against_rate(claim.rates, claim.mean_mm, published=published, style=styles["faithful"])
-    return Section(title, text, figures=(picture,))
+    text = (
+        "It has no effect, because there is none: a step of the Levenberg-Marquardt method is settled by its "
+        "damping, and "
+        f"trainlm takes no learning rate. The paper's {rows_named(claim.rows)}, with the rates {rates}, are one "
+        f"training. "
+        f"Here it ends with a mean error of {millimetres(claim.mean_mm)}, the median of its starts; the paper's "
+        f"values go "
+        f"from {millimetres(min(claim.paper_mean_mm))} to {millimetres(max(claim.paper_mean_mm))}."
+    )
+    picture = error_against_rate(claim.rates, claim.paper_mean_mm, claim.mean_mm, style=styles["faithful"])
+    return Section("The learning rate", text, figures=(picture,))
 
 
 def scatter_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section | NotRun:
-    """Set the paper's differences beside the scatter of random starts."""
-    title = "The scatter of starts"
+    """Set the spread of the paper's values beside that of random starts."""
     claim = found.claims.scatter
     if claim is None:
         return NotRun("The scatter of starts", "--table 2")
-    starts, published = np.array(claim.mean_mm), np.array(claim.paper_rows_mean_mm)
-    inside = (published >= starts.min()) & (published <= starts.max())
-    names = [None] * len(published) if claim.paper_rows is None else claim.paper_rows
-    beyond = [
-        millimetres(float(value)) + ("" if name is None else f" (row {name})")
-        for value, name, within in zip(published, names, inside, strict=False)
-        if not within
-    ]
-    of_rows = "" if claim.paper_rows is None else f" ({rows_named(claim.paper_rows)})"
+    starts, many, published = claim.mean_mm, claim.mean_many_mm, claim.paper_rows_mean_mm
     text = (
-        f"{claim.what.strip().rstrip('.')}: mean errors from {millimetres(float(starts.min()))} to "
-        f"{millimetres(float(starts.max()))}, median {millimetres(float(np.median(starts)))}, and nothing differs but "
-        f"the random numbers. The paper's {counted(len(published), 'value')}{of_rows}, from "
-        f"{millimetres(float(published.min()))} to {millimetres(float(published.max()))}, are put down to other goals "
-        "and learning rates. "
+        f"{claim.what.strip().rstrip('.')}: mean errors from {millimetres(min(starts))} to "
+        f"{millimetres(max(starts))}, and "
+        f"nothing differs but the random numbers. From the least to the largest is "
+        f"{percentage(claim.relative_spread)} of "
+        f"the median. The paper's {counted(len(published), 'value')} ({rows_named(claim.paper_rows)}), from "
+        f"{millimetres(min(published))} to {millimetres(max(published))}, are put down to other goals and learning "
+        f"rates; "
+        f"they spread over {percentage(claim.paper_relative_spread)} of theirs. Only the spreads are compared: the "
+        f"level "
+        f"depends on the box. On 2000 poses the same starts go from {millimetres(min(many))} to "
+        f"{millimetres(max(many))}; "
+        "the rest is the choice of ten test poses."
     )
-    if not beyond:
-        text += "All of them lie within the range of the starts: random numbers alone make such differences."
-    elif inside.any():
-        text += (
-            f"{int(inside.sum())} of them lie within the range of the starts: random numbers alone make such "
-            f"differences. Outside it: {', '.join(beyond)}."
-        )
-    else:
-        text += "None of them lies within the range of the starts."
     picture = scatter_of_starts(starts, published, name=claim.what, style=styles["faithful"])
-    return Section(title, text, figures=(picture,))
+    return Section("The scatter of starts", text, figures=(picture,))
 
 
 def joint_ranges_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section:
@@ -90,6 +78,7 @@ def joint_ranges_section(found: Reproduced, *, styles: Mapping[str, Style]) -> S
     chosen = found.boxes.simulation_deg
     limits = f"\u00b1{degrees(chosen)} in simulations, \u00b1{degrees(found.boxes.experiment_deg)} in the experiment"
     told = [f"Every joint is drawn evenly from a range about one working pose: {limits}. {found.boxes.how.strip()}"]
+    told += _what_remains(found.rows_by_table().get(2, []))
     claim = found.claims.boxes
     if claim is None:
         return Section(title, "\n\n".join([*told, str(NotRun("The study of boxes of other widths", "--all"))]))
@@ -112,6 +101,20 @@ def joint_ranges_section(found: Reproduced, *, styles: Mapping[str, Style]) -> S
     return Section(title, "\n\n".join(told), figures=(picture,))
 
 
+def _what_remains(rows: Sequence[TableRow]) -> list[str]:
+    """Tell how well the rows that fixed the box agree with it."""
+    ratios = [row.ratio.faithful for row in rows if row.verdict == FIXED_THE_BOX and row.ratio.faithful]
+    if not ratios:
+        return []
+    mean = format_in_text(float(np.exp(np.mean(np.log(ratios)))))
+    told = (
+        f"What remains: in this run the {counted(len(ratios), 'row')} of Table 2 that fixed it err, faithful, by "
+        f"{format_in_text(min(ratios))} to {format_in_text(max(ratios))} times the paper's average, {mean} times in "
+        "the geometric mean."
+    )
+    return [told]
+
+
 def _if_wrong(widths: Sequence[float], errors: Sequence[float], chosen: float, *, by: float = 5.0) -> str:
     """Tell the error in boxes somewhat narrower and wider, where they lie within what was tried."""
     order = np.argsort(widths)
@@ -131,30 +134,25 @@ def outside_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Sectio
     if claim is None:
         return NotRun("The error outside the box", "--table 4")
     order = np.argsort(claim.distance_deg)
-    distance, median = np.array(claim.distance_deg)[order], np.array(claim.median_mm)[order]
-    kinematic = np.array(claim.kinematic_mm)[order]
-    worse = (
-        [float(distance[0]), *crossings(distance, median, claim.nominal_mm)] if median[-1] > claim.nominal_mm else []
+    distance = np.array(claim.distance_deg)[order]
+    lm, nominal, kinematic = (
+        np.array(values)[order] for values in (claim.lm_median_mm, claim.nominal_median_mm, claim.kinematic_median_mm)
     )
+    worse = [float(distance[0]), *crossings(distance, lm / nominal, 1.0)] if lm[-1] > nominal[-1] else []
     text = (
-        "A direct network knows only the joint angles it was taught; beyond them it guesses. The median of its errors "
-        f"is {millimetres(float(median[0]))} at {degrees(float(distance[0]))} outside the box and "
-        f"{millimetres(float(median[-1]))} at {degrees(float(distance[-1]))}. "
-    )
-    text += (
-        f"From {degrees(worse[-1])} on it errs by more than the uncompensated nominal arm, "
-        f"{millimetres(claim.nominal_mm)} on average. "
-        if worse
-        else f"The uncompensated nominal arm errs by {millimetres(claim.nominal_mm)} on average. "
-    )
-    text += (
-        f"A kinematic model identified from the same readings goes from {millimetres(float(kinematic[0]))} to "
-        f"{millimetres(float(kinematic[-1]))}."
+        "A direct network knows only the joint angles it was taught; beyond them it guesses. With the farthest joint "
+        f"{degrees(float(distance[0]))} beyond the box the median of the errors of lm is "
+        f"{millimetres(float(lm[0]))}, with "
+        f"it {degrees(float(distance[-1]))} beyond {millimetres(float(lm[-1]))}; of the uncompensated nominal arm "
+        f"{millimetres(float(nominal[0]))} and {millimetres(float(nominal[-1]))}; of a kinematic model identified "
+        f"from the "
+        f"same readings {millimetres(float(kinematic[0]))} and {millimetres(float(kinematic[-1]))}."
+        + (f" From {degrees(worse[-1])} on lm errs by more than the nominal arm." if worse else "")
     )
     picture = error_outside(
         claim.distance_deg,
-        (claim.median_mm, claim.p95_mm),
-        {"nominal": [claim.nominal_mm] * len(claim.distance_deg), "kinematic": claim.kinematic_mm},
+        (claim.lm_median_mm, claim.lm_p95_mm),
+        {"nominal": claim.nominal_median_mm, "kinematic": claim.kinematic_median_mm},
         styles=styles,
     )
     return Section(title, text, figures=(picture,))

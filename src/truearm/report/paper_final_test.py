@@ -11,7 +11,16 @@ from truearm.report.claims import share_removed
 from truearm.report.page import Cell, Column, Section, Table
 from truearm.report.quantities import format_in_text
 from truearm.report.reproduced import FinalTest, Reproduced
-from truearm.report.wording import NotRun, as_figure, counted, middle_and_span, millimetres, percentage, whole
+from truearm.report.wording import (
+    SHARES,
+    NotRun,
+    as_figure,
+    counted,
+    middle_and_span,
+    millimetres,
+    percentage,
+    whole,
+)
 
 
 def final_test_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section | NotRun:
@@ -21,11 +30,11 @@ def final_test_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Sec
     pictures: list[Figure] = []
     if drawn.figure_6 is not None:
         pictures.append(as_figure(6, errors_by_reading({"nominal": drawn.figure_6.deviation_mm}, styles=styles)))
-    if drawn.figure_7 is not None:
-        points, predicted = drawn.figure_7.points_mm, drawn.figure_7.predicted_mm
-        pictures.append(as_figure(7, coordinates_by_reading(points, {"network": predicted}, styles=styles)))
+    if drawn.figure_7 is not None and drawn.figure_7.predicted_mm["ours"] is not None:
+        points, predicted = drawn.figure_7.points_mm, drawn.figure_7.predicted_mm["ours"]
+        pictures.append(as_figure(7, coordinates_by_reading(points, {"lm": predicted}, styles=styles)))
     if drawn.figure_8 is not None:
-        pictures.append(as_figure(8, errors_by_reading({"network": drawn.figure_8.deviation_mm}, styles=styles)))
+        pictures.append(as_figure(8, errors_by_reading({"lm": drawn.figure_8.deviation_mm}, styles=styles)))
     made = {6: drawn.figure_6, 7: drawn.figure_7, 8: drawn.figure_8}
     told = [str(NotRun(f"Figure {k}", f"--figure {k}")) for k, part in made.items() if part is None]
     missing = NotRun("The final test", "--table 4")
@@ -34,13 +43,14 @@ def final_test_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Sec
     if found.final_test is None:
         return Section(title, "\n\n".join([str(missing), *told]), figures=tuple(pictures))
     test = found.final_test
-    removed = test.removed_percent_by_model()
+    removed = test.removed_percent()
     beside = listed(f"{name} {percentage(share / 100)}" for name, share in removed.items())
     first = (
         f"The paper's final test: {test.poses} further poses, and the share of the nominal error that is gone. The "
-        f"paper says {percentage(test.paper.removed_percent / 100)}. On {counted(len(test.runs), 'virtual arm')} the "
+        f"paper says {percentage(test.paper.network.removed_percent / 100)}. On "
+        f"{counted(len(test.runs), 'virtual arm')} the "
         f"median is: {beside or 'nothing was fitted'}. An error is the absolute error of one coordinate, of "
-        f"{3 * test.poses} in all."
+        f"{3 * test.poses} in all. {SHARES}"
     )
     return Section(title, "\n\n".join([first, *told]), tables=(_final_table(test),), figures=tuple(pictures))
 
@@ -57,13 +67,13 @@ def _final_table(test: FinalTest) -> Table:
             None,
             test.paper.network.over_0_05,
             test.paper.network.over_0_08,
-            test.paper.removed_percent,
+            test.paper.network.removed_percent,
             None,
         ),
         (
             "nominal",
-            *middle_and_span([run.nominal_mean_mm for run in runs]),
-            *middle_and_span([run.nominal_max_mm for run in runs]),
+            *middle_and_span([run.nominal.mean_mm for run in runs]),
+            *middle_and_span([run.nominal.max_mm for run in runs]),
             *[None] * 4,
         ),
     ]
@@ -76,7 +86,7 @@ def _final_table(test: FinalTest) -> Table:
                 whole(float(median(fit.over_0_05 for fit in fits))),
                 whole(float(median(fit.over_0_08 for fit in fits))),
                 float(median(fit.removed_percent for fit in fits)),
-                float(median(fit.seconds for fit in fits)),
+                float(median(fit.seconds or 0.0 for fit in fits)),
             )
         )
     lines.append(("noise floor", *middle_and_span([run.noise_floor_mm for run in runs]), *[None] * 6))
@@ -99,31 +109,31 @@ def _final_table(test: FinalTest) -> Table:
 
 def share_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section | NotRun:
     """Say what the share removed means."""
-    percent = found.claims.percent
     test = found.final_test
-    title = (
-        f"What {percentage(test.paper.removed_percent / 100)} means"
-        if test is not None
-        else "What a share removed means"
-    )
-    if percent is None:
+    if test is None or "lm" not in test.fits():
         return NotRun("What a share removed means", "--table 4")
-    nominal, network, floor = percent.nominal_mean_mm, percent.network_mean_mm, percent.floor_mm
-    told = (
-        f"{percentage(percent.removed_percent / 100)} removed of a mean error of {millimetres(nominal)} leaves "
-        f"{millimetres(network)}. The noise of the readings alone, which no model can know, makes "
-        f"{millimetres(floor)}: more than {percentage(1 - floor / nominal)} could not be removed, and the network's "
-        f"error is {format_in_text(network / floor)} times that floor.\n\n"
-        "A share says as much of the state before as of the model. Had the arm been ten times better before, "
-        f"{millimetres(nominal / 10)}, the same {millimetres(network)} left would be "
-        f"{percentage(1 - network / (nominal / 10))} removed. What counts in use is the error that is left, and where: "
-        "the share holds inside the box of joint angles that the network was trained in."
+    nominal, floor = (
+        float(median(values))
+        for values in ([run.nominal.mean_mm for run in test.runs], [run.noise_floor_mm for run in test.runs])
     )
-    errors = {"nominal": nominal}
-    if test is not None:
-        errors["paper"] = test.paper.network.mean_mm
-        errors |= {name: float(median(fit.mean_mm for fit in fits)) for name, fits in test.fits().items()}
-    else:
-        errors["network"] = network
-    errors["noise floor"] = floor
-    return Section(title, told, figures=(share_removed(errors, before="nominal", styles=styles),))
+    errors = {name: float(median(fit.mean_mm for fit in fits)) for name, fits in test.fits().items()}
+    left = errors["lm"]
+    told = (
+        f"With lm {percentage(1 - left / nominal)} removed of a mean error of {millimetres(nominal)} leaves "
+        f"{millimetres(left)}. The noise of the readings alone, which no model can know, makes {millimetres(floor)}: "
+        f"more "
+        f"than {percentage(1 - floor / nominal)} could not be removed, and the error of lm is "
+        f"{format_in_text(left / floor)} times that floor.\n\n"
+        "A share says as much of the state before as of the model. Had the arm been ten times better before, "
+        f"{millimetres(nominal / 10)}, the same {millimetres(left)} left would be "
+        f"{percentage(1 - left / (nominal / 10))} "
+        "removed. What counts in use is the error that is left, and where: the share holds inside the box of joint "
+        "angles "
+        f"that the network was trained in. {SHARES}"
+    )
+    drawn = {"nominal": nominal, "paper": test.paper.network.mean_mm, **errors, "noise floor": floor}
+    return Section(
+        f"What {percentage(test.paper.network.removed_percent / 100)} means",
+        told,
+        figures=(share_removed(drawn, before="nominal", styles=styles),),
+    )

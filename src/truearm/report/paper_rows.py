@@ -85,7 +85,8 @@ def rows_beside_paper(
         caption="Left: mean error of each start (small marks) and the median (large) beside the paper's value (black "
         "diamond). Right: time until the error first was at or below the paper's, median of the starts that got there, "
         "beside the paper's training time, which was measured on another machine; the numbers at the edge are the "
-        f"starts that got there. Both scales are logarithmic. As accurate as the paper in half of the starts or more: "
+        f"starts that got there. Faithful fits 70 % of the poses, lm all. Both scales are logarithmic. As accurate "
+        f"as the paper in half of the starts or more: "
         f"{told or 'nothing was run'}.",
         alt=f"Dot plots, a row for each of {len(rows)} rows of the paper's table: mean errors, and times to the "
         f"paper's accuracy. As accurate as the paper in half of the starts or more: {told or 'nothing was run'}.",

@@ -12,7 +12,7 @@ from truearm.report.page import Cell, Column, Section, Table
 from truearm.report.paper_rows import PaperRow, gets_there, rows_beside_paper
 from truearm.report.quantities import format_given, format_in_text, format_number
 from truearm.report.reproduced import TableRow, Trained
-from truearm.report.wording import NotRun, capitalised, counted, rows_named, span_cell
+from truearm.report.wording import FIXED_THE_BOX, SHARES, NotRun, capitalised, counted, rows_named, span_cell
 
 _SUBJECT = {
     2: "a simulation: one hidden layer, other numbers of poses, goals, learning rates and units",
@@ -21,7 +21,9 @@ _SUBJECT = {
 }
 
 
-def table_section(number: int, rows: Sequence[TableRow] | None, *, styles: Mapping[str, Style]) -> Section | NotRun:
+def table_section(
+    number: int, rows: Sequence[TableRow] | None, rule: str, *, styles: Mapping[str, Style]
+) -> Section | NotRun:
     """Set a table of the paper beside what was found: accuracy, effort, and a picture of both.
 
     Parameters
@@ -30,6 +32,8 @@ def table_section(number: int, rows: Sequence[TableRow] | None, *, styles: Mappi
         Of the table: 2, 3 or 4.
     rows : sequence of TableRow, optional
         None or empty if the table was not run.
+    rule : str
+        Of the verdicts.
     styles : mapping of str to Style
         For ``faithful`` and ``lm``.
     """
@@ -38,10 +42,7 @@ def table_section(number: int, rows: Sequence[TableRow] | None, *, styles: Mappi
         return NotRun(title, f"--table {number}")
     told = [
         f"Table {number} of the paper is {_SUBJECT[number]}. " + accuracy_told(rows),
-        *(
-            f"Rule of the verdicts. {capitalised(rule)}."
-            for rule in dict.fromkeys(row.rule.rstrip(".") for row in rows)
-        ),
+        f"Rule of the verdicts. {capitalised(rule.rstrip('.'))}.",
         _starts_told(rows),
         *_notes_told(rows),
     ]
@@ -81,10 +82,10 @@ def _accuracy(number: int, rows: Sequence[TableRow]) -> Table:
             *_median_and_range(row, "lm"),
             row.paper.max_mm,
             *(_of(row, name, lambda trained: trained.median.max_mm) for name in ("faithful", "lm")),
-            row.ratio.mean.faithful,
-            row.ratio.mean.ours,
-            row.verdict.replace(" ", "\u00a0"),
-            row.verdict_ours and row.verdict_ours.replace(" ", "\u00a0"),
+            row.ratio.faithful,
+            row.ratio.ours,
+            row.verdict or f"as row {row.same_training_as}",
+            row.verdict_ours,
         )
         for row in rows
     ]
@@ -94,9 +95,9 @@ def _accuracy(number: int, rows: Sequence[TableRow]) -> Table:
     return Table(
         tuple(columns[k] for k in keep),
         tuple(tuple(line[k] for k in keep) for line in lines),
-        f"Table {number}, accuracy{poses}. Error of a single coordinate. Mean error: median of the starts on 2000 "
-        "further poses, and the range of the starts on as few poses as the paper tested. Largest error: on as few, "
-        "median of the starts",
+        f"Table {number}, accuracy{poses}. Error of a single coordinate. Mean error: on 2000 further poses, "
+        "median and range of the starts. Largest error: on as many poses as the paper tested, median of the starts. "
+        f"{SHARES.rstrip('.')}",
     )
 
 
@@ -122,8 +123,8 @@ def _effort(number: int, rows: Sequence[TableRow]) -> Table:
         (
             row.row,
             _units(row),
-            None if row.learning_rate is None else format_given(row.learning_rate),
-            None if row.goal is None else _power(row.goal),
+            format_given(row.learning_rate),
+            _power(row.goal),
             row.paper.epochs,
             *(_of(row, name, lambda trained: round(trained.median.epochs)) for name in ("faithful", "lm")),
             row.paper.seconds,
@@ -137,16 +138,13 @@ def _effort(number: int, rows: Sequence[TableRow]) -> Table:
     # Settings that no row of the table varies are said in its caption.
     same = {k: {line[k] for line in lines} for k in (2, 3)}
     keep = [k for k in range(len(columns)) if (k not in same or len(same[k]) > 1) and (k < 2 or _filled(lines, k))]
-    fixed = "".join(
-        f", {columns[k].heading} {next(iter(values))}"
-        for k, values in same.items()
-        if len(values) == 1 and None not in values
-    )
+    fixed = "".join(f", {columns[k].heading} {next(iter(values))}" for k, values in same.items() if len(values) == 1)
     return Table(
         tuple(columns[k] for k in keep),
         tuple(tuple(line[k] for k in keep) for line in lines),
         f"Table {number}, effort{fixed}. Medians of the starts. Time to the paper's mean error: until the error on "
-        "2000 further poses first was at or below it, median of the starts that got there, and how many did",
+        "2000 further poses first was at or below it, median of the starts that got there, and how many did. "
+        f"{SHARES.rstrip('.')}",
     )
 
 
@@ -158,12 +156,17 @@ def _median_and_range(row: TableRow, name: str) -> tuple[Cell, Cell]:
     trained = row.by_trainer().get(name)
     if trained is None:
         return None, None
-    return trained.median.mean_many_mm, span_cell(trained.range.mean_mm if len(trained.runs) > 1 else (0.0,))
+    return trained.median.mean_many_mm, span_cell(trained.range_mm if len(trained.runs) > 1 else (0.0,))
+
+
+def _timed(row: TableRow) -> bool:
+    """Whether a time to the paper's error says something: gradient descent gets nowhere."""
+    return row.paper.trainer == "trainlm"
 
 
 def _time_to_paper(row: TableRow, name: str) -> tuple[Cell, Cell]:
     trained = row.by_trainer().get(name)
-    if trained is None:
+    if trained is None or not _timed(row):
         return None, None
     times = [run.seconds_to_paper for run in trained.runs]
     reached = [time for time in times if time is not None]
@@ -197,7 +200,7 @@ def _beside(row: TableRow) -> PaperRow:
         row.paper.mean_mm,
         row.paper.seconds,
         {name: [run.mean_many_mm for run in t.runs] for name, t in trained.items()},
-        {name: [run.seconds_to_paper for run in t.runs] for name, t in trained.items()},
+        {name: [run.seconds_to_paper for run in t.runs] for name, t in trained.items() if _timed(row)},
     )
 
 
@@ -229,16 +232,7 @@ def _notes_told(rows: Sequence[TableRow]) -> list[str]:
     for row in rows:
         if row.note:
             notes.setdefault(row.note.strip(), []).append(row.row)
-    told = [f"{capitalised(rows_named(numbers))}: {note}" for note, numbers in notes.items()]
-    same: dict[int, list[int]] = {}
-    for row in rows:
-        if row.same_training_as is not None and not row.note:
-            same.setdefault(row.same_training_as, []).append(row.row)
-    told += [
-        f"{capitalised(rows_named(numbers))} {'repeat' if len(numbers) > 1 else 'repeats'} the training of row {first}."
-        for first, numbers in same.items()
-    ]
-    return told
+    return [f"{capitalised(rows_named(numbers))}: {note}" for note, numbers in notes.items()]
 
 
 def _power(value: float) -> str:
@@ -248,18 +242,28 @@ def _power(value: float) -> str:
 
 
 def as_accurate(rows: Iterable[TableRow], name: str) -> tuple[int, int]:
-    """In how many rows at least half of the starts became as accurate as the paper, and how many rows were run."""
-    run = [row.by_trainer()[name].runs for row in rows if name in row.by_trainer()]
-    return sum(gets_there([start.seconds_to_paper for start in starts]) for starts in run), len(run)
+    """In how many rows at least half of the starts became as accurate as the paper, and how many rows were run.
+
+    A training that several rows share counts once, a row that fixed the box or that has no time is not counted.
+    """
+    run = [
+        [start.seconds_to_paper for start in row.by_trainer()[name].runs]
+        for row in rows
+        if _timed(row) and row.verdicts().get(name, FIXED_THE_BOX) != FIXED_THE_BOX
+    ]
+    return sum(map(gets_there, run)), len(run)
 
 
 def sooner(rows: Iterable[TableRow]) -> list[float]:
-    """For each row where both get there, how many times sooner lm has the paper's mean error than faithful."""
+    """For each row where both get there, how many times sooner lm has the paper's mean error than faithful.
+
+    Only rows of trainlm whose two trainings no other row has.
+    """
     ratios = []
     for row in rows:
         times = {}
-        for name, trained in row.by_trainer().items():
-            seconds = [run.seconds_to_paper for run in trained.runs]
+        for name in row.verdicts() if _timed(row) else ():
+            seconds = [run.seconds_to_paper for run in row.by_trainer()[name].runs]
             if gets_there(seconds):
                 times[name] = float(np.median([s for s in seconds if s is not None]))
         if len(times) == 2 and times["lm"] > 0:
@@ -268,13 +272,17 @@ def sooner(rows: Iterable[TableRow]) -> list[float]:
 
 
 def verdicts_of(rows: Iterable[TableRow], name: str) -> Counter[str]:
-    """Verdicts of the rows that a trainer was run for."""
-    given = [row.verdict if name == "faithful" else row.verdict_ours for row in rows if name in row.by_trainer()]
-    return Counter(verdict for verdict in given if verdict)
+    """Verdicts of the trainings that were run, each once."""
+    return Counter(verdicts[name] for row in rows if name in (verdicts := row.verdicts()))
 
 
 def accuracy_told(rows: Sequence[TableRow]) -> str:
     """Tell in how many rows each trainer gets as accurate as the paper; empty if nothing was run."""
     counts = {name: as_accurate(rows, name) for name in ("faithful", "lm")}
     told = [f"in {good} of {counted(run, 'row')} with {name}" for name, (good, run) in counts.items() if run]
-    return f"Half of the starts or more reach the paper's mean error {' and '.join(told)}." if told else ""
+    if not told:
+        return ""
+    return (
+        f"Half of the starts or more reach the paper's mean error {' and '.join(told)}; rows that fixed the box, and "
+        f"repeats, are not counted. {SHARES}"
+    )
