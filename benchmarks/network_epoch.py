@@ -77,8 +77,10 @@ def bare_products(network: Perceptron, n: int, chunk: int) -> Callable[[], None]
             for (left, right), total in zip(pairs, sums[group], strict=True):
                 add_product(total, left[:, :size], right[:, :size])
 
+    pool = ThreadPoolExecutor(cores())  # kept from run to run, as ours is
+
     def all_groups() -> None:
-        with one_blas_thread(), ThreadPoolExecutor(min(cores(), len(groups))) as pool:
+        with one_blas_thread():
             list(pool.map(work, range(len(groups))))
 
     return all_groups

@@ -278,6 +278,14 @@ def test_a_checkpoint_of_other_readings_is_refused(arm, readings, tmp_path):
         small(arm).fit_readings(Readings(readings.angles, points), checkpoint=tmp_path)
 
 
+def test_a_checkpoint_folder_that_cannot_be_made_is_refused(arm, readings, tmp_path):
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "none" / "kept", tmp_path / "file"):
+        with pytest.raises(InputError, match="the folder for the training cannot be made") as caught:
+            small(arm).fit_readings(readings, checkpoint=folder)
+        assert caught.value.file == folder
+
+
 def test_only_what_trainings_left_is_removed(tmp_path):
     folder = tmp_path / "kept"
     folder.mkdir()

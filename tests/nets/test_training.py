@@ -119,6 +119,7 @@ def test_dividerand_divides_everything_once():
     train, validation, test = dividerand(101, seed=5)
     assert sorted([*train, *validation, *test]) == list(range(101))
     assert (len(validation), len(test)) == (15, 15)
+    assert [len(part) for part in dividerand(30, seed=5)] == [20, 5, 5]  # 4.5 is rounded up, as in MATLAB
     everything, none, none_too = dividerand(10, train=1, validation=0, test=0, seed=5)
     assert len(everything) == 10
     assert len(none) == len(none_too) == 0

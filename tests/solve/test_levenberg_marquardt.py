@@ -123,6 +123,53 @@ def test_it_ends_where_no_step_helps():
     assert at_the_minimum.reason.converged
 
 
+def test_derivatives_of_the_wrong_sign_are_no_convergence():
+    plain = rosenbrock()
+    result = levenberg_marquardt(Residuals(plain.residuals, lambda x: -plain.jacobian(x)), [-1.2, 1.0])
+    assert "derivatives promise it" in result.reason.text
+    assert not result.reason.converged
+
+
+@pytest.mark.parametrize("damping", [Nielsen(), Classical()])
+def test_a_matrix_of_no_numbers_is_no_convergence(damping):
+    problem = rosenbrock()
+    problem.normal_equations = lambda x: NormalEquations(1.0, np.ones(2), np.full((2, 2), np.nan))
+    result = levenberg_marquardt(problem, [-1.2, 1.0], damping=damping)
+    assert "No step can be computed" in result.reason.text
+    assert not result.reason.converged
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_exact_fit_converges_though_rounding_is_left(seed):
+    """Distances near 1e3 to points in space, planted without noise: costs of 1e-25 that no step makes less."""
+    rng = np.random.default_rng(seed)
+    beacons, place = rng.uniform(-1e3, 1e3, (40, 3)), rng.uniform(-100, 100, 3)
+    distances = np.linalg.norm(place - beacons, axis=1)
+    problem = Residuals(
+        lambda x: np.linalg.norm(x - beacons, axis=1) - distances,
+        lambda x: (x - beacons) / np.linalg.norm(x - beacons, axis=1)[:, None],
+    )
+    result = levenberg_marquardt(problem, np.zeros(3))
+    assert result.reason.converged
+    np.testing.assert_allclose(result.x, place, atol=1e-9)
+
+
+def test_a_step_is_tried_with_the_largest_damping_too():
+    """Damping of 1 and 10 fails, 100 = mu_max succeeds: the slope is ten times too large."""
+    problem = Residuals(lambda x: np.array([x[0]]), lambda x: np.array([[1.0]]))
+    problem.normal_equations = lambda x: NormalEquations(0.5 * float(x @ x), 40 * x, np.eye(1))
+    told = []
+    stops = [Epochs(1)]
+    levenberg_marquardt(problem, [1.0], damping=Classical(1.0, maximum=100.0), stops=stops, callback=told.append)
+    assert told[1].moved
+    assert told[1].x[0] == pytest.approx(1 - 40 / 101)
+
+
+def test_a_largest_damping_without_bound_ends_too():
+    flat = Residuals(lambda x: np.array([1.0]), lambda x: np.array([[1.0]]))
+    assert not levenberg_marquardt(flat, [0.0], damping=Classical(maximum=np.inf), stops=[]).reason.converged
+
+
 def test_a_start_that_is_no_number_is_an_error():
     problem = Residuals(lambda x: np.array([np.nan]), lambda x: np.array([[1.0]]))
     with pytest.raises(TruearmError, match="not a finite number"):
@@ -227,7 +274,8 @@ def state(**changes):
         (DampingLimit(), {"damping": Classical(mu=1e10)}, {"damping": Classical(mu=1e9)}),
         (DampingLimit(), {"damping": Classical(mu=2.0, maximum=1.0)}, {"damping": None}),
         (Settled(0.1), {"cost": 1.85}, {"cost": 1.75}),
-        (Settled(0.1), {"cost": 1.0, "moved": False}, {"epoch": 0, "previous_cost": np.inf}),
+        (Settled(0.1), {"cost": 2.0}, {"epoch": 0, "previous_cost": np.inf}),
+        (Settled(0.1), {"cost": 2.0}, {"cost": 2.0, "moved": False}),
     ],
 )
 def test_each_stop_at_its_threshold(stop, ends, goes_on):

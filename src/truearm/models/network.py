@@ -166,7 +166,14 @@ class NetworkModel(Compensator):
         self.point_scale_ = MinMax.of(points.T, what="coordinate")
         inputs, targets = self.angle_scale_.scaled(readings.angles.T), self.point_scale_.scaled(points.T)
         if checkpoint is not None:
-            checkpoint.mkdir(exist_ok=True)
+            try:
+                checkpoint.mkdir(exist_ok=True)
+            except OSError as error:
+                raise InputError(
+                    f"the folder for the training cannot be made: {error.strerror}",
+                    file=checkpoint,
+                    hint="a name that is no file's, in a folder that exists and may be written to",
+                ) from None
         members, judges = [], []
         for number in range(self.n_members):
             train, aside, _ = dividerand(

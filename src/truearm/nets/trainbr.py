@@ -126,6 +126,8 @@ def trainbr(
         Only recorded: they stop nothing, as in MATLAB (``max_fail`` 0).
     epochs, goal, min_grad, mu, mu_dec, mu_inc, mu_max, time
         As in MATLAB; `goal` is a mean squared error of scaled outputs, `min_grad` a norm of the gradient of the cost.
+        The cost here is half of beta times the squared errors and so on, with a beta that is twice MATLAB's: the same
+        `mu` damps half as much.
     callback, checkpoint
         As in `trainlm`.
 

@@ -141,7 +141,7 @@ def dividerand(
     shares = np.array([train, validation, test], dtype=float)
     if (shares < 0).any() or not np.isfinite(shares).all() or shares.sum() <= 0:
         raise InputError(f"expected shares of training, validation and test data of 0 or more, got {shares.tolist()}")
-    n_validation, n_test = (round(n * float(share)) for share in shares[1:] / shares.sum())
+    n_validation, n_test = (int(np.floor(n * float(share) + 0.5)) for share in shares[1:] / shares.sum())
     if n - n_validation - n_test < 1:
         raise InputError(f"no samples left to train on: {n} in all, {n_validation} to validate, {n_test} to test")
     order = np.random.default_rng([seed, *b"dividerand"]).permutation(n)

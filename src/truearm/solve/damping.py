@@ -21,7 +21,7 @@ class Damping(Protocol):
 
     @property
     def maximum(self) -> float:
-        """Above this the search for a better point is given up."""
+        """Above this the search for a better point is given up; at it one more step is tried, as in MATLAB."""
         ...
 
     def started(self, equations: NormalEquations) -> Self:

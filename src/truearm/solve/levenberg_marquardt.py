@@ -16,10 +16,13 @@ from truearm.solve.stops import Epochs, Gradient, Reason, Settled, State, Stop, 
 
 FloatArray = npt.NDArray[np.float64]
 
-# A promise below this share of the cost is rounding: where no step keeps it, the minimum is found.
-ROUNDING = 1e-9
+MOST_DAMPING = np.finfo(float).max
+# A promise below this share of the cost is no sign of wrong derivatives. Where a fit is exact, what is left over is
+# rounding, and p parameters promise to take some p / n of it away, as of any noise.
+ROUNDING = 0.5
 SETTLED = Reason("No step lowers the cost any more.", True)
 STUCK = Reason("No step lowers the cost, though the derivatives promise it: they may be wrong.", False)
+UNSOLVED = Reason("No step can be computed: the normal equations have no solution at any damping.", False)
 DEFAULT_STOPS: tuple[Stop, ...] = (Gradient(0.0), Settled(), Epochs(200))
 
 
@@ -122,8 +125,8 @@ def levenberg_marquardt(
     state = given or stand(0, (damping or Nielsen()).started(equations), np.inf)
     while state.reason is None:
         assert state.damping is not None  # every state of this solver has one
-        damping, moved, promised = state.damping, False, 0.0
-        while damping.mu < damping.maximum and not moved:
+        damping, moved, promised = state.damping, False, -np.inf
+        while damping.mu <= min(damping.maximum, MOST_DAMPING) and not moved:
             step = equations.damped_step(damping.mu)
             if step is None:
                 damping = damping.failed()
@@ -141,6 +144,12 @@ def levenberg_marquardt(
             equations = problem.normal_equations(x)
             if renew is not None:
                 problem, equations = renew(x, equations)
-        no_step = SETTLED if promised <= ROUNDING * equations.cost else STUCK
-        state = stand(state.epoch + 1, damping, previous_cost, None if moved else no_step)
+        state = stand(state.epoch + 1, damping, previous_cost, None if moved else _without_step(promised, equations))
     return Result(x, equations, state.reason, state.epoch)
+
+
+def _without_step(promised: float, equations: NormalEquations) -> Reason:
+    """Why an epoch did not move, whose steps promised to lower the cost by so much at most."""
+    if promised == -np.inf:
+        return UNSOLVED
+    return SETTLED if promised <= ROUNDING * equations.cost else STUCK

@@ -132,15 +132,20 @@ class DampingLimit:
 
 @dataclass(frozen=True)
 class Settled:
-    """Stop when an epoch lowers the cost by less than `relative` of it, or not at all."""
+    """Stop when an epoch lowers the cost by less than `relative` of it.
+
+    One that does not lower it at all ends the minimisation by itself, and tells why.
+    """
 
     relative: float = 1e-10
 
     def __call__(self, state: State) -> Reason | None:
-        """Settled when the cost has stopped falling."""
-        if state.epoch == 0:
-            return None
-        if state.moved and state.previous_cost - state.cost > self.relative * state.previous_cost:
+        """Settled when the cost has all but stopped falling."""
+        if (
+            state.epoch == 0
+            or not state.moved
+            or state.previous_cost - state.cost > self.relative * state.previous_cost
+        ):
             return None
         return Reason("The cost has settled.", True)
 
