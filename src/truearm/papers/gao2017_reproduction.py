@@ -46,12 +46,11 @@ from truearm.papers.gao2017_training import (
 
 HOW = (
     "The paper does not give the joint ranges. The simulations' box is the one in which the distinct rows of Table 2 "
-    "with "
-    "10000 poses (1 and 12 to 17, networks of 3 to 100 units, trained faithfully) err by the paper's averages, as the "
-    "geometric mean of their ratios has it; no box fits every row. The experiment's box is the one of truearm demo, in "
-    "which lm comes below the paper's average of row 4 of Table 4; no criterion singles it out. Were the paper's "
-    "ranges "
-    "wider, its networks would be better than ours, and worse were they narrower: errors grow steeply with the box."
+    "with 10000 poses (1 and 12 to 17, networks of 3 to 100 units, trained faithfully) err by the paper's averages, "
+    "as the geometric mean of their ratios has it; no box fits every row. The experiment's box is the one of truearm "
+    "demo, in which lm comes below the paper's average of row 4 of Table 4; no criterion singles it out. Were the "
+    "paper's ranges wider, its networks would be better than ours, and worse were they narrower: errors grow steeply "
+    "with the box."
 )
 
 FACTORS = {2: 1.5, 3: 1.5, 4: 1.2}
@@ -59,11 +58,9 @@ RULE = (
     f"reproduced: the median of our starts, each tested on {N_MANY} further poses, is within a factor of the paper's "
     f"average, {FACTORS[2]:g} in Tables 2 and 3 and {FACTORS[4]:g} in Table 4; better: it is smaller than that; not "
     "reached: it is larger. The factors are what chance makes of the paper's few test poses: 95 % of the averages "
-    "over 10 "
-    "poses lie within 0.64 and 1.53 times that over all, over 100 poses within 0.87 and 1.15. Not counted are rows "
-    "that "
-    "were used to fix the box, for they would agree by construction; rows stopped by our limit, in which a "
-    "training was cut short; and rows that repeat the training of another, which have no verdict"
+    "over 10 poses lie within 0.64 and 1.53 times that over all, over 100 poses within 0.87 and 1.15. Not counted "
+    "are rows that were used to fix the box, for they would agree by construction; rows stopped by our limit, in "
+    "which a training was cut short; and rows that repeat the training of another, which have no verdict"
 )
 LEFT_OUT, FIXED_THE_BOX, CUT_SHORT = "left out", "used to fix the box", "stopped by our limit"
 GOAL_MET, TIME_OVER = "Performance goal met.", "Maximum time elapsed."
@@ -246,8 +243,7 @@ def _note(table: int, row: PaperRow, first: PaperRow, found: Mapping[str, Any]) 
     if table == 3 and row.row == 1:
         notes.append(
             "Goal 4e-9 in all rows, by the paper's text; its table says 4e-5, which is about 3 mm of mean error in "
-            "this "
-            "box."
+            "this box."
         )
     if first is not row:
         notes.append(f"The same training as row {first.row}: {_same(row, first, found['faithful'])}.")

@@ -37,12 +37,10 @@ def learning_rate_section(found: Reproduced, *, styles: Mapping[str, Style]) -> 
     rates = ", ".join(format_given(rate) for rate in sorted(claim.rates))
     text = (
         "It has no effect, because there is none: a step of the Levenberg-Marquardt method is settled by its "
-        "damping, and "
-        f"trainlm takes no learning rate. The paper's {rows_named(claim.rows)}, with the rates {rates}, are one "
-        f"training. "
-        f"Here it ends with a mean error of {millimetres(claim.mean_mm)}, the median of its starts; the paper's "
-        f"values go "
-        f"from {millimetres(min(claim.paper_mean_mm))} to {millimetres(max(claim.paper_mean_mm))}."
+        f"damping, and trainlm takes no learning rate. The paper's {rows_named(claim.rows)}, with the rates {rates}, "
+        f"are one training. Here it ends with a mean error of {millimetres(claim.mean_mm)}, the median of its starts; "
+        f"the paper's values go from {millimetres(min(claim.paper_mean_mm))} to "
+        f"{millimetres(max(claim.paper_mean_mm))}."
     )
     picture = error_against_rate(claim.rates, claim.paper_mean_mm, claim.mean_mm, style=styles["faithful"])
     return Section("The learning rate", text, figures=(picture,))
@@ -56,17 +54,12 @@ def scatter_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Sectio
     starts, many, published = claim.mean_mm, claim.mean_many_mm, claim.paper_rows_mean_mm
     text = (
         f"{claim.what.strip().rstrip('.')}: mean errors from {millimetres(min(starts))} to "
-        f"{millimetres(max(starts))}, and "
-        f"nothing differs but the random numbers. From the least to the largest is "
-        f"{percentage(claim.relative_spread)} of "
-        f"the median. The paper's {counted(len(published), 'value')} ({rows_named(claim.paper_rows)}), from "
-        f"{millimetres(min(published))} to {millimetres(max(published))}, are put down to other goals and learning "
-        f"rates; "
-        f"they spread over {percentage(claim.paper_relative_spread)} of theirs. Only the spreads are compared: the "
-        f"level "
-        f"depends on the box. On 2000 poses the same starts go from {millimetres(min(many))} to "
-        f"{millimetres(max(many))}; "
-        "the rest is the choice of ten test poses."
+        f"{millimetres(max(starts))}, and nothing differs but the random numbers. From the least to the largest is "
+        f"{percentage(claim.relative_spread)} of the median. The paper's {counted(len(published), 'value')} "
+        f"({rows_named(claim.paper_rows)}), from {millimetres(min(published))} to {millimetres(max(published))}, are "
+        f"put down to other goals and learning rates; they spread over {percentage(claim.paper_relative_spread)} of "
+        "theirs. Only the spreads are compared: the level depends on the box. On 2000 poses the same starts go from "
+        f"{millimetres(min(many))} to {millimetres(max(many))}; the rest is the choice of ten test poses."
     )
     picture = scatter_of_starts(starts, published, name=claim.what, style=styles["faithful"])
     return Section("The scatter of starts", text, figures=(picture,))
@@ -141,12 +134,10 @@ def outside_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Sectio
     worse = [float(distance[0]), *crossings(distance, lm / nominal, 1.0)] if lm[-1] > nominal[-1] else []
     text = (
         "A direct network knows only the joint angles it was taught; beyond them it guesses. With the farthest joint "
-        f"{degrees(float(distance[0]))} beyond the box the median of the errors of lm is "
-        f"{millimetres(float(lm[0]))}, with "
-        f"it {degrees(float(distance[-1]))} beyond {millimetres(float(lm[-1]))}; of the uncompensated nominal arm "
-        f"{millimetres(float(nominal[0]))} and {millimetres(float(nominal[-1]))}; of a kinematic model identified "
-        f"from the "
-        f"same readings {millimetres(float(kinematic[0]))} and {millimetres(float(kinematic[-1]))}."
+        f"{degrees(float(distance[0]))} beyond the box the median of the errors of lm is {millimetres(float(lm[0]))}, "
+        f"with it {degrees(float(distance[-1]))} beyond {millimetres(float(lm[-1]))}; of the uncompensated nominal "
+        f"arm {millimetres(float(nominal[0]))} and {millimetres(float(nominal[-1]))}; of a kinematic model identified "
+        f"from the same readings {millimetres(float(kinematic[0]))} and {millimetres(float(kinematic[-1]))}."
         + (f" From {degrees(worse[-1])} on lm errs by more than the nominal arm." if worse else "")
     )
     picture = error_outside(

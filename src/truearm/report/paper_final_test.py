@@ -121,15 +121,12 @@ def share_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section 
     told = (
         f"With lm {percentage(1 - left / nominal)} removed of a mean error of {millimetres(nominal)} leaves "
         f"{millimetres(left)}. The noise of the readings alone, which no model can know, makes {millimetres(floor)}: "
-        f"more "
-        f"than {percentage(1 - floor / nominal)} could not be removed, and the error of lm is "
+        f"more than {percentage(1 - floor / nominal)} could not be removed, and the error of lm is "
         f"{format_in_text(left / floor)} times that floor.\n\n"
         "A share says as much of the state before as of the model. Had the arm been ten times better before, "
         f"{millimetres(nominal / 10)}, the same {millimetres(left)} left would be "
-        f"{percentage(1 - left / (nominal / 10))} "
-        "removed. What counts in use is the error that is left, and where: the share holds inside the box of joint "
-        "angles "
-        f"that the network was trained in. {SHARES}"
+        f"{percentage(1 - left / (nominal / 10))} removed. What counts in use is the error that is left, and where: "
+        f"the share holds inside the box of joint angles that the network was trained in. {SHARES}"
     )
     drawn = {"nominal": nominal, "paper": test.paper.network.mean_mm, **errors, "noise floor": floor}
     return Section(

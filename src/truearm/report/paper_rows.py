@@ -16,7 +16,6 @@ from matplotlib.lines import Line2D
 from truearm.errors import InputError
 from truearm.report.arrays import finite
 from truearm.report.canvas import FAINT, INK, Figure, Style, drawing_rules, log_scale, short, styles_of
-from truearm.report.quantities import format_number
 
 PAPER = Style(INK, "D", ":")  # the paper's own numbers, in every figure
 _WIDTH_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 4.7, 0.27, 0.52, 0.44
@@ -79,17 +78,14 @@ def rows_beside_paper(
     pens = styles_of(trainers, styles)
     with drawing_rules():
         panels = (_errors(rows, headings, pens), _times(rows, headings[:1], pens))
-    told = "; ".join(f"{short(name)} {_reached(rows, name)}" for name in trainers)
     return Figure(
         panels,
         caption="Left: mean error of each start (small marks) and the median (large) beside the paper's value (black "
         "diamond). Right: time until the error first was at or below the paper's, median of the starts that got there, "
         "beside the paper's training time, which was measured on another machine; the numbers at the edge are the "
-        f"starts that got there. Faithful fits 70 % of the poses, lm all. Both scales are logarithmic. As accurate "
-        f"as the paper in half of the starts or more: "
-        f"{told or 'nothing was run'}.",
+        "starts that got there. Faithful fits 70 % of the poses, lm all. Both scales are logarithmic.",
         alt=f"Dot plots, a row for each of {len(rows)} rows of the paper's table: mean errors, and times to the "
-        f"paper's accuracy. As accurate as the paper in half of the starts or more: {told or 'nothing was run'}.",
+        "paper's accuracy.",
         columns=2,
     )
 
@@ -98,11 +94,6 @@ def gets_there(seconds: Sequence[float | None]) -> bool:
     """Whether at least half of the starts became as accurate as the paper."""
     reached = sum(second is not None for second in seconds)
     return len(seconds) > 0 and 2 * reached >= len(seconds)
-
-
-def _reached(rows: Sequence[PaperRow], trainer: str) -> str:
-    run = [row.seconds[trainer] for row in rows if row.seconds.get(trainer)]
-    return f"in {format_number(sum(map(gets_there, run)))} of {format_number(len(run))} rows"
 
 
 def _errors(rows: Sequence[PaperRow], headings: Sequence[str], pens: Mapping[str, Style]) -> Drawing:
