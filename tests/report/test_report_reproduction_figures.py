@@ -225,11 +225,6 @@ def test_half_of_the_starts_are_enough(seconds, there):
             lambda: rows_beside_paper([PaperRow(("1",), 1.0, 1.0, {}, {})], headings=("row", "units")),
             "a label of 2 cells for every row",
         ),
-        (lambda: PaperRow(("1",), -1.0, 1.0, {}, {}), "zero or more in row '1', got -1.0"),
-        (lambda: PaperRow(("1",), 1.0, float("inf"), {}, {}), "zero or more in row '1', got inf"),
-        (lambda: PaperRow(("1",), 1.0, 1.0, {"a": [np.nan]}, {}), "finite numbers in errors of 'a' in row '1'"),
-        (lambda: PaperRow(("1",), 1.0, 1.0, {"a": []}, {}), "at least one reading in errors of 'a' in row '1'"),
-        (lambda: PaperRow(("1",), 1.0, 1.0, {}, {"a": [-2.0]}), "zero or more in row '1', got -2.0"),
     ],
 )
 def test_rows_that_cannot_be_are_refused(draw, told):

@@ -96,7 +96,8 @@ def joint_ranges_section(found: Reproduced, *, styles: Mapping[str, Style]) -> S
 
 def _what_remains(rows: Sequence[TableRow]) -> list[str]:
     """Tell how well the rows that fixed the box agree with it."""
-    ratios = [row.ratio.faithful for row in rows if row.verdict == FIXED_THE_BOX and row.ratio.faithful]
+    fixed = [row.ratio["faithful"] for row in rows if row.verdict == FIXED_THE_BOX]
+    ratios = [ratio for ratio in fixed if ratio]
     if not ratios:
         return []
     mean = format_in_text(float(np.exp(np.mean(np.log(ratios)))))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +13,6 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.lines import Line2D
 
 from truearm.errors import InputError
-from truearm.report.arrays import finite
 from truearm.report.canvas import FAINT, INK, Figure, Style, drawing_rules, log_scale, short, styles_of
 
 PAPER = Style(INK, "D", ":")  # the paper's own numbers, in every figure
@@ -44,15 +42,6 @@ class PaperRow:
     paper_s: float
     errors_mm: Mapping[str, Sequence[float]]
     seconds: Mapping[str, Sequence[float | None]]
-
-    def __post_init__(self) -> None:
-        name = " ".join(self.label)
-        for trainer, values in self.errors_mm.items():
-            finite(values, f"errors of {trainer!r} in row {name!r}")
-        reached = [second for values in self.seconds.values() for second in values if second is not None]
-        for value in (self.paper_mm, self.paper_s, *reached, *(e for es in self.errors_mm.values() for e in es)):
-            if not (math.isfinite(value) and value >= 0):
-                raise InputError(f"expected errors and times of zero or more in row {name!r}, got {value}")
 
 
 def rows_beside_paper(

@@ -82,8 +82,8 @@ def _accuracy(number: int, rows: Sequence[TableRow]) -> Table:
             *_median_and_range(row, "lm"),
             row.paper.max_mm,
             *(_of(row, name, lambda trained: trained.median.max_mm) for name in ("faithful", "lm")),
-            row.ratio.faithful,
-            row.ratio.ours,
+            row.ratio["faithful"],
+            row.ratio["ours"],
             row.verdict or f"as row {row.same_training_as}",
             row.verdict_ours,
         )

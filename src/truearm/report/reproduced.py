@@ -62,13 +62,6 @@ class Trained(_Record):
     range_mm: Annotated[list[Positive], Field(min_length=2, max_length=2)]
 
 
-class Ratio(_Record):
-    """Our median error by the paper's."""
-
-    faithful: Size | None
-    ours: Size | None
-
-
 class TableRow(_Record):
     """One row of a table of the paper: its settings, its result, and what was found."""
 
@@ -82,7 +75,7 @@ class TableRow(_Record):
     paper: PaperResult
     faithful: Trained | None
     ours: Trained | None
-    ratio: Ratio
+    ratio: dict[str, Size | None]
     verdict: Text | None
     verdict_ours: Text | None
     note: Text | None
