@@ -97,8 +97,6 @@ def fit(
             prismatic=nominal.chain.prismatic,
         )
         check_reach(readings, reach=nominal.chain.reach)
-        if model == "network" and trainer != "trainbr":
-            _check_enough(readings, options["hidden"])
     trains = model == "network"
     with (
         Kept(out) if trains else nullcontext() as kept,
@@ -170,18 +168,6 @@ class Kept:
                 file=self.folder,
                 hint="the command that was stopped here, another --out, or delete the folder to begin anew",
             ) from None
-
-
-def _check_enough(readings: Readings, hidden: tuple[int, ...]) -> None:
-    """Refuse a network with more weights than numbers to learn from: it would remember and know nothing."""
-    from truearm.nets.perceptron import Perceptron
-
-    n_weights = Perceptron.with_layers(readings.n_joints, hidden, 3).n_weights
-    if 3 * len(readings) < n_weights:
-        raise readings.error(
-            f"a network of {n_weights} weights needs at least {ceil(n_weights / 3)} readings, got {len(readings)}",
-            hint="more readings, a smaller --hidden, --trainer trainbr, or --model kinematic, which needs some 50",
-        )
 
 
 def _check_same_arm(as_drawn: Compensator, readings: Readings) -> None:

@@ -182,7 +182,7 @@ class NetworkModel(Compensator):
             training = FitProblem(self.network_, inputs[:, train], targets[:, train])
             validation = FitProblem(self.network_, inputs[:, aside], targets[:, aside]) if len(aside) else None
             if validation is None:
-                self._check_enough(training)
+                self._check_enough(training, readings)
             start, weights, record = self._trained(number, training, validation, progress, checkpoint)
             with one_blas_thread():
                 members.append(Member(weights, self._basis_covariance(weights, training.inputs), start, record))
@@ -259,14 +259,14 @@ class NetworkModel(Compensator):
         digest.update(np.ascontiguousarray(start, dtype="<f8").tobytes())
         return digest.hexdigest()
 
-    def _check_enough(self, training: FitProblem) -> None:
+    def _check_enough(self, training: FitProblem, readings: Readings) -> None:
         """Refuse to train a network, with nothing set aside, that can repeat every reading."""
         if self.trainer != "trainbr" and training.n_errors <= self.network_.n_weights:
-            raise InputError(
+            raise readings.error(
                 f"{training.inputs.shape[1]} readings give {training.n_errors} coordinates for "
                 f"{self.network_.n_weights} weights: the network would repeat them, and nothing would tell how wrong "
                 "it is elsewhere",
-                hint="set readings aside (validation=0.15), trainbr, more readings, or fewer hidden units",
+                hint="set readings aside (validation=0.15), trainbr, more readings, fewer units, the kinematic model",
             )
 
     def _check_options(self) -> None:
@@ -382,5 +382,5 @@ def _check_motion(arm: Arm, readings: Readings, points: FloatArray) -> None:
             raise readings.error(
                 f"the coordinate {axis} is {values[0]:.6g} mm in all {len(readings)} readings: a network has nothing "
                 "to learn in it",
-                hint="readings that leave this plane, or the kinematic model",
+                hint="readings that leave this plane, the kinematic model",
             )

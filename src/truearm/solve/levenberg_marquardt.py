@@ -17,9 +17,11 @@ from truearm.solve.stops import Epochs, Gradient, Reason, Settled, State, Stop, 
 FloatArray = npt.NDArray[np.float64]
 
 MOST_DAMPING = np.finfo(float).max
-# A promise below this share of the cost is no sign of wrong derivatives. Where a fit is exact, what is left over is
-# rounding, and p parameters promise to take some p / n of it away, as of any noise.
-ROUNDING = 0.5
+# A promise below this share of the cost is rounding: where no step keeps it, the minimum is found. So it is where the
+# fit is exact: what is left over is itself rounding, and steps promise to take some of it away, as of any noise. There
+# the cost is a staircase, level under short steps that promise more than that; under wrong derivatives it slopes.
+ROUNDING = 1e-9
+LAST_DIGITS = 1e-12
 SETTLED = Reason("No step lowers the cost any more.", True)
 STUCK = Reason("No step lowers the cost, though the derivatives promise it: they may be wrong.", False)
 UNSOLVED = Reason("No step can be computed: the normal equations have no solution at any damping.", False)
@@ -125,31 +127,31 @@ def levenberg_marquardt(
     state = given or stand(0, (damping or Nielsen()).started(equations), np.inf)
     while state.reason is None:
         assert state.damping is not None  # every state of this solver has one
-        damping, moved, promised = state.damping, False, -np.inf
+        damping, moved, promised, level, higher = state.damping, False, -np.inf, False, False
         while damping.mu <= min(damping.maximum, MOST_DAMPING) and not moved:
             step = equations.damped_step(damping.mu)
             if step is None:
                 damping = damping.failed()
                 continue
             cost, promise = problem.cost(x + step), equations.predicted_decrease(step)
-            promised = max(promised, promise)
+            # A step in the last digits of x has nothing to keep.
+            promised = max(promised, promise if np.linalg.norm(step) > LAST_DIGITS * np.linalg.norm(x) else 0.0)
             if cost < equations.cost:
                 damping = damping.succeeded((equations.cost - cost) / promise if promise > 0 else 0.0)
                 x, moved = x + step, True
             else:
                 damping = damping.failed()
+                level = level or (cost == equations.cost and promise > ROUNDING * cost)
+                higher = higher or cost > equations.cost
         previous_cost = equations.cost
         if moved:
             del equations  # as large as the network squared: the old matrix makes room for the new one
             equations = problem.normal_equations(x)
             if renew is not None:
                 problem, equations = renew(x, equations)
-        state = stand(state.epoch + 1, damping, previous_cost, None if moved else _without_step(promised, equations))
+        no_step = None
+        if not moved:
+            settled = (level and higher) or promised <= ROUNDING * equations.cost
+            no_step = UNSOLVED if promised == -np.inf else SETTLED if settled else STUCK
+        state = stand(state.epoch + 1, damping, previous_cost, no_step)
     return Result(x, equations, state.reason, state.epoch)
-
-
-def _without_step(promised: float, equations: NormalEquations) -> Reason:
-    """Why an epoch did not move, whose steps promised to lower the cost by so much at most."""
-    if promised == -np.inf:
-        return UNSOLVED
-    return SETTLED if promised <= ROUNDING * equations.cost else STUCK
