@@ -227,3 +227,28 @@ def test_what_is_no_array_is_refused(what):
     arrays[what] = arrays[what].tolist()
     with pytest.raises(InputError, match=f"expected {what} as an array of NumPy or PyTorch, got list"):
         FitProblem(Perceptron.with_layers(2, (3,), 1), **arrays)
+
+
+@pytest.mark.parametrize("sizes", [(2, 4, 2), (3, 4, 3, 2)])
+def test_bending_equals_differences_of_the_projected_errors(sizes):
+    """J by central differences (h^2 = 1e-10), the second derivative along a short step too (its own differences reach
+    a tenth of the step: (0.1 |step|)^2 / 12 of the fourth derivative, 1e-5 of it)."""
+    fit, weights = problem(sizes, "tansig", n=40)
+    projected = ProjectedProblem(fit)
+    p = projected.n_hidden_weights
+    x = weights[:p]
+    step = 0.05 * np.random.default_rng(3).normal(size=p)
+
+    def errors(x):
+        return (fit.network.outputs(projected.completed(x), fit.inputs) - fit.targets).ravel()
+
+    h = 1e-5
+    J = np.stack([(errors(x + h * e) - errors(x - h * e)) / (2 * h) for e in np.eye(p)], axis=1)
+    second = (errors(x + 0.01 * step) - 2 * errors(x) + errors(x - 0.01 * step)) / 0.01**2
+    # What the output layer could take away does not count: of J only the part without it is kept.
+    a = fit.network.forward(projected.completed(x), fit.inputs)[-2]
+    A = np.concatenate([a, np.ones((1, a.shape[1]))]).T
+    leaves = np.eye(len(A)) - A @ np.linalg.pinv(A)
+    second = (second.reshape(sizes[-1], -1) @ leaves).ravel()
+    expected = J.T @ second
+    np.testing.assert_allclose(projected.bending(x, step), expected, atol=1e-3 * np.abs(expected).max())

@@ -1,4 +1,4 @@
-"""Our own training: variable projection with Nielsen's damping."""
+"""Our own training: variable projection, Nielsen's damping, geodesic acceleration."""
 
 from __future__ import annotations
 
@@ -32,6 +32,9 @@ def train_lm(
     checkpoint: Checkpoint | None = None,
 ) -> tuple[FloatArray, TrainingRecord]:
     """Train a network whose output layer is linear: far fewer epochs than `trainlm` for the same error.
+
+    The output layer is eliminated (`ProjectedProblem`), damping is Nielsen's, and steps are bent by their second
+    derivative (geodesic acceleration, see `levenberg_marquardt`).
 
     It ends, asked in this order after every epoch, when `perf` is at `goal`, after `epochs`, after `time`, when an
     epoch lowers the error by less than 1e-8 of it, and when the validation error was above its best `max_fail` times.
@@ -92,6 +95,7 @@ def train_lm(
                 damping=damping,
                 stops=[Goal(goal * log.half), Epochs(epochs), Seconds(time), Settled(1e-8), *log.stops],
                 callback=keep,
+                bending=problem.bending,
             )
     with one_blas_thread():
         return log.best_weights(), log.record(TrainingRecord)

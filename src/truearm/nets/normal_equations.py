@@ -147,10 +147,24 @@ class FitProblem:
 
         def part(columns: slice) -> list[Any]:
             passed = _Pass(self.network, layers, self.inputs[:, columns], self.targets[:, columns])
-            return [passed.cost, *passed.gradients()]
+            return [passed.cost, *passed.gradients(passed.errors)]
 
         cost, *gradients = self.summed(part)
         return cost, _as_vector(gradients)
+
+    def pulled_back(self, x: FloatArray, outputs: Callable[[slice, Array], Array]) -> FloatArray:
+        """``J^T v`` (n_weights,) at weights `x` (n_weights,).
+
+        `outputs` gives v (n_outputs, m) of a chunk of samples from its slice and from what the output layer weighs, the
+        values of the last hidden layer and ones.
+        """
+        layers = self.network.layers(placed_like(x, self.inputs))
+
+        def part(columns: slice) -> list[Array]:
+            passed = _Pass(self.network, layers, self.inputs[:, columns], self.targets[:, columns])
+            return passed.gradients(outputs(columns, passed.with_bias[-1]))
+
+        return _as_vector(list(self.summed(part)))
 
     def normal_equations(self, x: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton matrix at weights `x` (n_weights,)."""
@@ -237,9 +251,9 @@ class _Pass:
         self.errors = outputs - targets
         self.cost = 0.5 * float((self.errors * self.errors).sum())
 
-    def gradients(self) -> list[Array]:
-        """Gradient of the cost by every layer's weights."""
-        found, back = [], self.errors
+    def gradients(self, back: Array) -> list[Array]:
+        """``J^T`` times `back` (n_outputs, m), layer by layer: of the errors, the gradient of the cost."""
+        found = []
         for layer in range(self.last, -1, -1):
             found.append(self.with_bias[layer] @ back.T)
             if layer:
@@ -342,7 +356,7 @@ class _Sums:
         """Add a chunk: `inputs` (n_inputs, m) and `targets` (n_outputs, m), with `space` for its pairs."""
         passed = _Pass(self.network, self.layers, inputs, targets)
         self.cost += passed.cost
-        for gradient, more in zip(self.gradients, passed.gradients(), strict=True):
+        for gradient, more in zip(self.gradients, passed.gradients(passed.errors), strict=True):
             gradient += more
         last, a, s, D = self.last, passed.with_bias, passed.slopes, passed.derivatives()
         add_product(self.blocks[last, last], a[last], a[last])

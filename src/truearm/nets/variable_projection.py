@@ -19,6 +19,9 @@ FloatArray = npt.NDArray[np.float64]
 # A ridge on the output layer's Gram matrix, relative to its mean diagonal: hidden units that have become alike leave it
 # singular to rounding, and any of their shares then fits as well. Where rounding still wins, a larger one follows.
 RIDGES = (1e-14, 1e-12, 1e-10)
+# Share of a step for differences along it: second ones lose 1e-16 / DIFFERENCE^2 of the errors, and take in
+# DIFFERENCE^2 / 12 of the fourth derivative.
+DIFFERENCE = 0.1
 # Rows of the hidden weights' matrix that are eliminated together.
 ROWS = 256
 
@@ -85,6 +88,36 @@ class ProjectedProblem:
         self.full.by_thread(eliminate, list(range(0, p, ROWS)))
         return NormalEquations(full.cost, full.gradient[:p], gram)
 
+    def bending(self, x: FloatArray, step: FloatArray) -> FloatArray:
+        """``J^T r''`` (p,) at hidden weights `x`, with the errors' second derivative along `step` (p,).
+
+        By central differences of the errors, the output layer following. Of J only the part that leaves the output
+        layer's space counts (Kaufman): so r'' is brought there first.
+        """
+        full = self.full
+        here = self._completed(x).weights
+        ahead, behind = (self._solved(x + sign * DIFFERENCE * step).weights for sign in (1, -1))
+
+        seconds: dict[int, Array] = {}
+
+        def products(columns: slice) -> tuple[Array, Array]:
+            inputs, A = full.inputs[:, columns], self._basis(here, columns)
+            sides = full.network.outputs(ahead, inputs) + full.network.outputs(behind, inputs)
+            seconds[columns.start] = (sides - 2 * full.network.outputs(here, inputs)) / DIFFERENCE**2
+            return A @ A.T, A @ seconds[columns.start].T
+
+        gram, right = full.summed(products)
+        W = _with_ridge(gram, lambda matrix: cholesky_solved(matrix, right))
+        pulled = full.pulled_back(here, lambda columns, A: seconds[columns.start] - W.T @ A)
+        return pulled[: len(x)]
+
+    def _basis(self, weights: FloatArray, columns: slice) -> Array:
+        """Values of the last hidden layer and ones (m, samples), what the output layer weighs."""
+        last_hidden = self.full.network.forward(weights, self.full.inputs[:, columns])[-2]
+        xp = array_namespace(last_hidden)
+        ones = xp.ones((1, last_hidden.shape[1]), dtype=last_hidden.dtype, device=device(last_hidden))
+        return xp.concat([last_hidden, ones])
+
     def _completed(self, hidden_weights: FloatArray) -> _Completed:
         if not (self._latest and np.array_equal(self._latest[0].hidden, hidden_weights)):
             self._latest[:] = [self._solved(hidden_weights)]
@@ -100,18 +133,12 @@ class ProjectedProblem:
         weights = np.concatenate([hidden_weights, np.zeros(m * n_outputs)])
         W = np.zeros((m, n_outputs))
 
-        def basis(columns: slice) -> Array:
-            last_hidden = full.network.forward(weights, full.inputs[:, columns])[-2]
-            xp = array_namespace(last_hidden)
-            ones = xp.ones((1, last_hidden.shape[1]), dtype=last_hidden.dtype, device=device(last_hidden))
-            return xp.concat([last_hidden, ones])
-
         def first(columns: slice) -> tuple[Array, Array]:
-            A = basis(columns)
+            A = self._basis(weights, columns)
             return A @ A.T, A @ full.targets[:, columns].T
 
         def second(columns: slice) -> tuple[Array]:
-            A = basis(columns)
+            A = self._basis(weights, columns)
             return (A @ (placed_like(W.T, A) @ A - full.targets[:, columns]).T,)
 
         gram, right = full.summed(first)

@@ -104,22 +104,31 @@ def _dgemm() -> Callable[..., None] | None:
 _DGEMM = _dgemm()
 
 
-def cholesky_solved(matrix: Array, right: Array) -> Array | None:
-    """Solution of ``matrix x = right``, or None where `matrix` is not positive definite.
+def cholesky_solver(matrix: Array) -> Callable[[Array], Array] | None:
+    """``matrix^-1`` as a function of the right side, (p,) or (p, k); None where `matrix` is not positive definite.
 
     Parameters
     ----------
     matrix : (p, p) array
         Symmetric; spoilt where the library can do without a copy.
-    right : (p,) or (p, k) array
     """
     lower = _cholesky(matrix)
     if lower is None:
         return None
-    if is_torch_array(lower):
-        column = right if right.ndim == 2 else right[:, None]
-        return column.cholesky_solve(lower).reshape(right.shape)
-    return cho_solve((lower, True), right, check_finite=False)
+
+    def solved(right: Array) -> Array:
+        if is_torch_array(lower):
+            column = right if right.ndim == 2 else right[:, None]
+            return column.cholesky_solve(lower).reshape(right.shape)
+        return cho_solve((lower, True), right, check_finite=False)
+
+    return solved
+
+
+def cholesky_solved(matrix: Array, right: Array) -> Array | None:
+    """Solution of ``matrix x = right``, or None where `matrix` is not positive definite; see `cholesky_solver`."""
+    solver = cholesky_solver(matrix)
+    return None if solver is None else solver(right)
 
 
 def whitened(matrix: Array, right: Array) -> Array | None:

@@ -22,6 +22,9 @@ MOST_DAMPING = np.finfo(float).max
 # the cost is a staircase, level under short steps that promise more than that; under wrong derivatives it slopes.
 ROUNDING = 1e-9
 LAST_DIGITS = 1e-12
+# A bend is a correction: a longer one comes from where its own derivatives no longer hold. Transtrum and Sethna propose
+# 3/8; with the lower of both costs taken, 1/2 needed fewer epochs.
+MOST_BENDING = 0.5
 SETTLED = Reason("No step lowers the cost any more.", True)
 STUCK = Reason("No step lowers the cost, though the derivatives promise it: they may be wrong.", False)
 UNSOLVED = Reason("No step can be computed: the normal equations have no solution at any damping.", False)
@@ -67,6 +70,7 @@ def levenberg_marquardt(
     stops: Sequence[Stop] = DEFAULT_STOPS,
     callback: Callable[[State], None] | None = None,
     renew: Callable[[FloatArray, NormalEquations], tuple[Problem, NormalEquations]] | None = None,
+    bending: Callable[[FloatArray, FloatArray], FloatArray] | None = None,
 ) -> Result:
     """Minimise half a sum of squares.
 
@@ -89,6 +93,11 @@ def levenberg_marquardt(
     renew : callable, optional
         Given the parameters (p,) and their equations after every epoch that moved, gives the problem to go on with and
         its equations there: weights that follow the data.
+    bending : callable, optional
+        Given the parameters (p,) and a step (p,), gives ``J^T r''`` (p,), with the second derivative of the residuals
+        along the step. Steps are then bent by ``-(J^T J + mu I)^-1 J^T r'' / 2`` where that is at most half as long as
+        the step and lowers the cost further (geodesic acceleration; M. K. Transtrum, J. P. Sethna, "Improvements to
+        the Levenberg-Marquardt algorithm for nonlinear least-squares minimization", arXiv:1201.5885, 2012).
 
     Returns
     -------
@@ -129,11 +138,17 @@ def levenberg_marquardt(
         assert state.damping is not None  # every state of this solver has one
         damping, moved, promised, level, higher = state.damping, False, -np.inf, False, False
         while damping.mu <= min(damping.maximum, MOST_DAMPING) and not moved:
-            step = equations.damped_step(damping.mu)
-            if step is None:
+            solved = equations.damped(damping.mu)
+            step = None if solved is None else solved(-equations.gradient)
+            if solved is None or step is None:
                 damping = damping.failed()
                 continue
             cost, promise = problem.cost(x + step), equations.predicted_decrease(step)
+            bend = None if bending is None else solved(-bending(x, step) / 2)
+            if bend is not None and np.linalg.norm(bend) <= MOST_BENDING * np.linalg.norm(step):
+                bent_cost = problem.cost(x + (step + bend))
+                if bent_cost < cost:
+                    cost, step = bent_cost, step + bend
             # A step in the last digits of x has nothing to keep.
             promised = max(promised, promise if np.linalg.norm(step) > LAST_DIGITS * np.linalg.norm(x) else 0.0)
             if cost < equations.cost:

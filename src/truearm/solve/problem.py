@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from array_api_compat import array_namespace
 
-from truearm.solve.arrays import Array, add_to_diagonal, cholesky_solved, placed_like, to_numpy
+from truearm.solve.arrays import Array, add_to_diagonal, cholesky_solver, placed_like, to_numpy
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -34,13 +35,25 @@ class NormalEquations:
 
     def damped_step(self, mu: float) -> FloatArray | None:
         """The step of ``(J^T J + mu I) step = -J^T r``, or None where that matrix is not positive definite."""
-        damped = array_namespace(self.gram).asarray(self.gram, copy=True)
-        add_to_diagonal(damped, mu)
-        solution = cholesky_solved(damped, placed_like(-self.gradient, damped))
-        if solution is None:
+        solved = self.damped(mu)
+        return None if solved is None else solved(-self.gradient)
+
+    def damped(self, mu: float) -> Callable[[FloatArray], FloatArray | None] | None:
+        """``(J^T J + mu I)^-1`` as a function of a vector (p,); None where that matrix is not positive definite.
+
+        One factorisation serves every vector; a solution that is not finite is None.
+        """
+        matrix = array_namespace(self.gram).asarray(self.gram, copy=True)
+        add_to_diagonal(matrix, mu)
+        solver = cholesky_solver(matrix)
+        if solver is None:
             return None
-        step = to_numpy(solution)
-        return step if np.isfinite(step).all() else None
+
+        def solved(right: FloatArray) -> FloatArray | None:
+            solution = to_numpy(solver(placed_like(right, self.gram)))
+            return solution if np.isfinite(solution).all() else None
+
+        return solved
 
     def covariance(self) -> FloatArray:
         """(p, p) inverse of ``J^T J``: the parameters' covariance if the residuals have unit variance.
