@@ -29,7 +29,7 @@ EFFORT = replace(
     own_epochs={2: 3, 3: 3, 4: 3},
     starts=((math.inf, 2),),
     starts_of={(2, 1): 3},
-    half_widths_deg=(20.0, 38.0),
+    half_widths_deg=(20.0, 34.0),
 )
 
 

@@ -22,7 +22,7 @@ from truearm.papers.gao2017_training import GRADIENT_TRAINERS, Source, Training
 Side = Literal["faithful", "ours"]
 SIDES: tuple[Side, Side] = ("faithful", "ours")
 
-SIMULATION = Source(half_width_deg=38.0, virtual=False)
+SIMULATION = Source(half_width_deg=34.0, virtual=False)
 EXPERIMENT = Source(half_width_deg=20.0, virtual=True)
 SOURCES = {2: SIMULATION, 3: SIMULATION, 4: EXPERIMENT}
 
@@ -81,7 +81,7 @@ FULL = Effort(
     quick=False,
     epochs=1000,
     box_epochs=300,
-    own_epochs={2: 150, 3: 150, 4: 400},
+    own_epochs={2: 60, 3: 80, 4: 150},
     time_limit_s=120.0,
     # Five starts, or as many as take about two minutes.
     starts=((20.0, 5), (60.0, 2), (math.inf, 1)),
