@@ -160,7 +160,7 @@ def levenberg_marquardt(
                 higher = higher or cost > equations.cost
         previous_cost = equations.cost
         if moved:
-            del equations  # as large as the network squared: the old matrix makes room for the new one
+            del equations, solved  # as large as the parameters squared: matrix and factor make room for the new ones
             equations = problem.normal_equations(x)
             if renew is not None:
                 problem, equations = renew(x, equations)
