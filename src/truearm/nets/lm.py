@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.nets.checkpoint import Checkpoint
-from truearm.nets.logbook import Logbook, damping_memory
+from truearm.nets.logbook import Logbook
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import Epoch, TrainingRecord, check_stops, checked_start
 from truearm.nets.variable_projection import ProjectedProblem
-from truearm.solve import Epochs, Goal, Nielsen, Seconds, Settled, State, levenberg_marquardt
+from truearm.solve import Epochs, Goal, Nielsen, Seconds, Settled, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
@@ -79,14 +79,6 @@ def train_lm(
         checkpoint=checkpoint,
     )
 
-    def keep(state: State) -> None:
-        log.keep(
-            state,
-            perf=state.cost / log.half,
-            gradient=state.gradient_norm / log.half,
-            memory=damping_memory(state),
-        )
-
     if not log.ended:
         with one_blas_thread(), log:
             levenberg_marquardt(
@@ -94,7 +86,7 @@ def train_lm(
                 log.damped_start(damping),
                 damping=damping,
                 stops=[Goal(goal * log.half), Epochs(epochs), Seconds(time), Settled(1e-8), *log.stops],
-                callback=keep,
+                callback=log.keep_damped,
                 bending=problem.bending,
             )
     with one_blas_thread():

@@ -181,6 +181,11 @@ class Logbook:
             self._write()
             self._written = time.perf_counter()
 
+    def keep_damped(self, state: State) -> None:
+        """Take in a state of Levenberg-Marquardt on the errors alone."""
+        perf, gradient = state.cost / self.half, state.gradient_norm / self.half
+        self.keep(state, perf=perf, gradient=gradient, memory=damping_memory(state))
+
     def best_weights(self) -> FloatArray:
         """All weights (n_weights,) of the best epoch by the validation error, or by `perf` without validation data."""
         assert self._last is not None  # the start is kept at least

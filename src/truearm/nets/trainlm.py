@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.nets.checkpoint import Checkpoint
-from truearm.nets.logbook import Logbook, damping_memory
+from truearm.nets.logbook import Logbook
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import Epoch, TrainingRecord, check_stops, checked_start
-from truearm.solve import Classical, DampingLimit, Epochs, Goal, Gradient, Seconds, State, levenberg_marquardt
+from truearm.solve import Classical, DampingLimit, Epochs, Goal, Gradient, Seconds, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
@@ -83,14 +83,6 @@ def trainlm(
         checkpoint=checkpoint,
     )
 
-    def keep(state: State) -> None:
-        log.keep(
-            state,
-            perf=state.cost / log.half,
-            gradient=state.gradient_norm / log.half,
-            memory=damping_memory(state),
-        )
-
     if not log.ended:
         with one_blas_thread(), log:
             levenberg_marquardt(
@@ -105,6 +97,6 @@ def trainlm(
                     DampingLimit(),
                     *log.stops,
                 ],
-                callback=keep,
+                callback=log.keep_damped,
             )
     return log.best_weights(), log.record(TrainingRecord)
