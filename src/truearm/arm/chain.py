@@ -20,7 +20,7 @@ translation acts.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -29,7 +29,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.motions import exponential_derivative as exponential_derivative
-from truearm.arm.motions import moved_by
+from truearm.arm.motions import moved_by, rotations_and_jacobians
 from truearm.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
@@ -208,13 +208,24 @@ class Chain:
             tip[:, rows], _ = self._small_motions_into(_by_component(angles[rows]), by_motion[..., rows])
         return SmallMotions(tip.T, by_motion.transpose(3, 0, 1, 2))
 
-    def small_motions_by_chunk(self, angles: npt.ArrayLike) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
+    def small_motions_by_chunk(
+        self,
+        angles: npt.ArrayLike,
+        motions: Callable[[slice], FloatArray] | None = None,
+        *,
+        chunk: int = CHUNK,
+    ) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
         """Give the same in cache-sized pieces laid out by component, for sums over many poses.
 
         Parameters
         ----------
         angles : (n, n_joints) array
             Joint angles [rad], or displacements of sliding joints [mm].
+        motions : callable, optional
+            Gives the finite motions (n_places, 6, m) [rad, mm] of a piece, composed exactly; of length 1 in place of m
+            where they are the same in every pose. The derivatives are then those by the motions' components.
+        chunk : int
+            Poses of a piece.
 
         Yields
         ------
@@ -226,12 +237,12 @@ class Chain:
             As in `SmallMotions`, poses last. The array is used again for the next piece.
         """
         angles = self._checked(angles)
-        work = np.empty((self.n_places, 6, 3, min(CHUNK, len(angles))))
-        for rows in _chunks(len(angles)):
+        work = np.empty((self.n_places, 6, 3, min(chunk, len(angles))))
+        for rows in _chunks(len(angles), chunk):
             q = _by_component(angles[rows])
             if q.shape[1] < work.shape[3]:  # the last piece
                 work = np.empty((*work.shape[:3], q.shape[1]))
-            yield rows, *self._small_motions_into(q, work)
+            yield rows, *self._small_motions_into(q, work, None if motions is None else motions(rows))
 
     def with_motions(self, motions: npt.ArrayLike) -> Chain:
         """Build the chain with a constant finite motion composed at every place.
@@ -307,13 +318,20 @@ class Chain:
         out[2] = v[2]
         return out
 
-    def _inward(self, turns: tuple[FloatArray, FloatArray]) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (place, R_base_place (3 rows, 3 columns, m)) from the base to the last joint."""
+    def _inward(
+        self, turns: tuple[FloatArray, FloatArray], turned_by: FloatArray | None = None
+    ) -> Iterator[tuple[int, FloatArray]]:
+        """Yield (place, R_base_place (3 rows, 3 columns, m)) from the base to the last joint.
+
+        The rotations `turned_by` (n_places, 3, 3, m) of motions stand behind their places.
+        """
         cos, sin = turns
         R = np.empty((3, 3, cos.shape[1]))
         R[:] = self.fixed[0, :3, :3, None]
         yield 0, R
         for i in range(1, self.n_joints + 1):
+            if turned_by is not None:
+                R = np.einsum("abm,bcm->acm", R, turned_by[i - 1])
             if i > 1:
                 R = np.matmul(self.fixed[i - 1, :3, :3].T, R)
             if not self.slides[i - 1]:
@@ -327,11 +345,17 @@ class Chain:
                 R = turned
             yield i, R
 
-    def _small_motions_into(self, q: FloatArray, out: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _small_motions_into(
+        self, q: FloatArray, out: FloatArray, motions: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         turns = _cos_sin(q)
-        tip_in_place = dict(self._outward(q, turns, None))
-        for place, R in self._inward(turns):
-            x, y, z = tip_in_place[place]
+        tip_in_place = dict(self._outward(q, turns, motions))
+        turned_by, jacobians = None, None
+        if motions is not None:
+            both = [rotations_and_jacobians(motion[:3]) for motion in motions]
+            turned_by, jacobians = (np.stack(arrays) for arrays in zip(*both, strict=True))
+        for place, R in self._inward(turns, turned_by):
+            x, y, z = tip_in_place[place] if motions is None else tip_in_place[place] - motions[place, 3:]
             axes = R.transpose(1, 0, 2)  # (3 axes, 3 components, m)
             # z x (p - o) with p - o = R (x, y, z): a combination of the two other axes.
             np.multiply(y, axes[2], out=out[place, 0])
@@ -341,6 +365,10 @@ class Chain:
             np.multiply(x, axes[1], out=out[place, 2])
             out[place, 2] -= y * axes[0]
             out[place, 3:] = axes
+            if jacobians is not None:
+                out[place, :3] = np.einsum("dcm,dbm->cbm", jacobians[place], out[place, :3])
+        if turned_by is not None:
+            R = np.einsum("abm,bcm->acm", R, turned_by[-2])
         out[-1, :3] = 0.0
         out[-1, 3:] = np.matmul(self.fixed[-1, :3, :3].T, R).transpose(1, 0, 2)
         return tip_in_place[-1], out
@@ -377,6 +405,6 @@ def _by_component(angles: FloatArray) -> FloatArray:
     return np.ascontiguousarray(angles.T)
 
 
-def _chunks(n: int) -> Iterator[slice]:
-    for start in range(0, n, CHUNK):
-        yield slice(start, min(start + CHUNK, n))
+def _chunks(n: int, size: int = CHUNK) -> Iterator[slice]:
+    for start in range(0, n, size):
+        yield slice(start, min(start + size, n))

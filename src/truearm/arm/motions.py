@@ -1,4 +1,4 @@
-"""Finite motions ``v -> t + Rot(r) v``: their action on vectors and their derivative."""
+"""Finite motions ``v -> t + Rot(r) v``: their action on vectors and axes, and their derivative."""
 
 from __future__ import annotations
 
@@ -57,3 +57,32 @@ def moved_by(v: FloatArray, motion: FloatArray) -> FloatArray:
     rv = np.cross(r, v, axis=0)
     moved: FloatArray = v + sinc * rv + (0.5 * half * half) * np.cross(r, rv, axis=0) + t
     return moved
+
+
+def rotations_and_jacobians(r: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotation matrices of rotation vectors and their left Jacobians.
+
+    Parameters
+    ----------
+    r : (3, m) array
+        [rad], shorter than pi.
+
+    Returns
+    -------
+    R, J : (3, 3, m) array
+        ``Rot(r + dr) = Rot(J dr) Rot(r)`` to first order in dr; see `exponential_derivative`.
+    """
+    square = (r * r).sum(axis=0)
+    angle = np.sqrt(square)
+    small = angle < 1e-4  # the next terms are angle^4 / 120: below rounding
+    safe = np.where(small, 1.0, angle)
+    sinc = np.where(small, 1 - square / 6, np.sin(safe) / safe)
+    b = np.where(small, 0.5 - square / 24, (1 - np.cos(safe)) / safe**2)
+    c = np.where(small, 1 / 6 - square / 120, (safe - np.sin(safe)) / safe**3)
+    outer = r[:, None] * r[None, :]  # K^2 = r r^T - |r|^2
+    eye = np.eye(3)[:, :, None]
+    K = np.zeros((3, 3, r.shape[1]))
+    K[0, 1], K[0, 2], K[1, 2] = -r[2], r[1], -r[0]
+    K -= K.transpose(1, 0, 2)
+    K2 = outer - square * eye
+    return eye + sinc * K + b * K2, eye + b * K + c * K2
