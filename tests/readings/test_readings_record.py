@@ -15,12 +15,12 @@ from truearm.readings import Readings
         ({"angles": np.zeros(3)}, r"shape \(n, n_joints\), got \(3,\)"),
         ({"angles": np.zeros((3, 0))}, "shape"),
         ({"points": np.zeros((2, 3))}, r"points of shape \(3, 3\)"),
-        ({"point_std": np.ones((3, 2))}, "point_std of shape"),
+        ({"points": np.zeros((3, 3)), "point_std": np.ones((3, 2))}, "point_std of shape"),
         ({"temperature_degC": np.zeros(2)}, "temperature_degC of shape"),
         ({"seat": np.array(["a"])}, r"seat of shape \(3,\)"),
         ({"angles": [[1.0], [np.nan], [2.0]]}, "finite numbers in angles, got .* in reading 2"),
         ({"temperature_degC": [1, 2, np.inf]}, "in reading 3"),
-        ({"point_std": [[1, 1, 1], [1, 1, 1], [1, 1, -1]]}, "must be positive, got .* in reading 3"),
+        ({"points": np.zeros((3, 3)), "point_std": [[1, 1, 1], [1, 1, 1], [1, 1, -1]]}, "must be positive, got .* in reading 3"),
     ],
 )
 def test_fields_that_do_not_fit_are_refused(fields, said):

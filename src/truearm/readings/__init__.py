@@ -1,9 +1,11 @@
-"""Readings of an arm: the record, the session file, foreign tables, what a fit demands, fair splits."""
+"""Readings of an arm: the record, the session file, lengths, foreign tables, what a fit demands, fair splits."""
 
 from truearm.readings.checks import check_angles, check_fit, check_reach
 from truearm.readings.deviations import ComparedErrors, Errors, compared_errors, errors_of
 from truearm.readings.files import check_session_path, read_session, write_session
+from truearm.readings.lengths import Lengths, read_lengths, write_lengths
 from truearm.readings.readings import Readings
+from truearm.readings.seats import SeatErrors, length_errors, seat_errors
 from truearm.readings.split import hold_out
 from truearm.readings.tables import JointScale, TableColumns, import_table
 
@@ -11,7 +13,9 @@ __all__ = [
     "ComparedErrors",
     "Errors",
     "JointScale",
+    "Lengths",
     "Readings",
+    "SeatErrors",
     "TableColumns",
     "check_angles",
     "check_fit",
@@ -21,6 +25,10 @@ __all__ = [
     "errors_of",
     "hold_out",
     "import_table",
+    "length_errors",
+    "read_lengths",
     "read_session",
+    "seat_errors",
+    "write_lengths",
     "write_session",
 ]

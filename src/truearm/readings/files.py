@@ -6,7 +6,7 @@ import csv
 import importlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -134,7 +134,7 @@ def _readings(
         file=file,
         angle_columns=columns.angles,
         first_line=first_line,
-        **dict(zip(columns.words, words, strict=True)),
+        **cast(Any, dict(zip(columns.words, words, strict=True))),
     )
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +14,17 @@ import numpy.typing as npt
 from truearm.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 NameArray = npt.NDArray[np.str_]
 
 # Columns with one name a reading, in the order of the session file.
-NAMED = ("seat", "position", "session")
+NAMED = ("seat", "sphere", "plane", "line", "position", "session")
+
+# Names of further columns of numbers, such as the torque of a joint (load_1_Nm).
+LOAD = re.compile(r"load_[\w.-]+")
+
+# A quaternion's length may differ from 1 by this much: what rounding to two decimals leaves. It is made 1 then.
+QUATERNION_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +36,10 @@ class Readings:
     angles : (n, n_joints) array
         Joint angles as read [rad], or displacements of sliding joints [mm]. They may pass a full turn.
     points : (n, 3) array, optional
-        The tip as a reference instrument saw it, in the reference's frame [mm].
+        The tip as a reference instrument saw it, in the reference's frame [mm]. A row of NaN: the instrument did not
+        see that reading. None where it saw no reading at all.
     point_std : (n, 3) array, optional
-        Standard uncertainties of `points` along its axes [mm].
+        Standard uncertainties of `points` along its axes [mm]; NaN where there is no point.
     seat : (n,) array of str, optional
         Name of the seat that held the tip; the same name is the same, unknown point. Empty: no seat.
     position : (n,) array of str, optional
@@ -38,6 +49,12 @@ class Readings:
         Name of the set-up (base and reference unmoved) in which the reading was taken.
     temperature_degC : (n,) array, optional
         Temperature of the arm [degC].
+    quaternion : (n, 4) array, optional
+        Orientation of the flange in the reference's frame, a unit quaternion w, x, y, z. A row of NaN: not measured.
+    sphere, plane, line : (n,) array of str, optional
+        Name of the surface (line) that the tip touched; the same name is the same, unknown one. Empty: none.
+    columns : mapping of str to (n,) array, optional
+        Further columns of numbers by their name, which starts with ``load_``: torque or load of a joint.
     file : Path, optional
         Where the readings were read from; it serves messages.
     angle_columns : tuple of str, optional
@@ -48,7 +65,8 @@ class Readings:
     Raises
     ------
     InputError
-        If lengths do not fit each other or a number is not finite.
+        If lengths do not fit each other, a number is not finite, a point or a quaternion is there in part, or a
+        quaternion is not of length 1.
     """
 
     angles: FloatArray
@@ -58,6 +76,11 @@ class Readings:
     position: NameArray | None = None
     session: NameArray | None = None
     temperature_degC: FloatArray | None = None
+    quaternion: FloatArray | None = None
+    sphere: NameArray | None = None
+    plane: NameArray | None = None
+    line: NameArray | None = None
+    columns: Mapping[str, FloatArray] = field(default_factory=dict)
     file: Path | None = None
     angle_columns: tuple[str, ...] | None = None
     first_line: int | None = None
@@ -68,13 +91,15 @@ class Readings:
             raise InputError(f"expected angles of shape (n, n_joints), got {angles.shape}")
         object.__setattr__(self, "angles", angles)
         n = len(angles)
-        for name, shape in (("points", (n, 3)), ("point_std", (n, 3)), ("temperature_degC", (n,))):
+        for name, shape in (
+            ("points", (n, 3)),
+            ("point_std", (n, 3)),
+            ("temperature_degC", (n,)),
+            ("quaternion", (n, 4)),
+        ):
             value = getattr(self, name)
             if value is not None:
-                value = np.asarray(value, dtype=float)
-                if value.shape != shape:
-                    raise InputError(f"expected {name} of shape {shape}, got {value.shape}")
-                object.__setattr__(self, name, value)
+                object.__setattr__(self, name, _shaped(value, shape, name))
         for name in NAMED:
             value = getattr(self, name)
             if value is not None:
@@ -82,18 +107,80 @@ class Readings:
                 if value.shape != (n,):
                     raise InputError(f"expected {name} of shape {(n,)}, got {value.shape}")
                 object.__setattr__(self, name, value)
-        for name in ("angles", "points", "point_std", "temperature_degC"):
-            value = getattr(self, name)
+        if bad := [name for name in self.columns if not LOAD.fullmatch(name)]:
+            raise InputError(f"expected names of further columns such as load_1_Nm, got {bad[0]!r}")
+        object.__setattr__(self, "columns", {k: _shaped(v, (n,), k) for k, v in self.columns.items()})
+        self._check_numbers()
+        self._check_std()
+        self._settle_quaternion()
+        if n and not self.has_point.any():
+            object.__setattr__(self, "points", None)
+            object.__setattr__(self, "point_std", None)
+
+    def _check_numbers(self) -> None:
+        """Finite everywhere; points, their uncertainties and quaternions may be missing, but only whole."""
+        plain = {"angles": self.angles, "temperature_degC": self.temperature_degC, **self.columns}
+        for name, value in plain.items():
             if value is not None and not np.isfinite(value).all():
                 row = int(np.argwhere(~np.isfinite(value))[0, 0])
                 raise self.error(f"expected finite numbers in {name}, got {value[row]} in {self.called(row)}", row)
-        if self.point_std is not None and not (self.point_std > 0).all():
+        whole = {"points": "x, y and z", "point_std": "sx, sy and sz", "quaternion": "w, x, y and z"}
+        for name, parts in whole.items():
+            value = getattr(self, name)
+            if value is None or np.isfinite(value).all():
+                continue
+            bad = np.isinf(value).any(axis=1) | (np.isnan(value).any(axis=1) & ~np.isnan(value).all(axis=1))
+            if bad.any():
+                row = int(np.argmax(bad))
+                what = "expected finite numbers" if np.isinf(value[row]).any() else f"expected {parts} or none of them"
+                raise self.error(
+                    f"{what} in {name}, got {value[row].tolist()} in {self.called(row)}",
+                    row,
+                    hint="fill in what is missing, or leave all of them out",
+                )
+
+    def _check_std(self) -> None:
+        if self.point_std is None:
+            return
+        if self.points is None:
+            raise self.error("point_std needs points: there is no reference to be uncertain")
+        odd = np.isnan(self.point_std[:, 0]) == self.has_point
+        if odd.any():
+            row = int(np.argmax(odd))
+            what = "a point without" if self.has_point[row] else "no point, but"
+            raise self.error(
+                f"{self.called(row)} has {what} a standard uncertainty",
+                row,
+                hint="state it for every point and for nothing else, or leave the uncertainties out of the file",
+            )
+        if (self.point_std <= 0).any():
             row = int(np.argwhere(self.point_std <= 0)[0, 0])
             raise self.error(
                 f"standard uncertainties must be positive, got {self.point_std[row].tolist()} mm in {self.called(row)}",
                 row,
                 hint="leave the uncertainties out of the file if they are not known",
             )
+
+    def _settle_quaternion(self) -> None:
+        """Make quaternions exactly of length 1, or None where no reading has one."""
+        if self.quaternion is None or not len(self):
+            return
+        length = np.linalg.norm(self.quaternion, axis=1)
+        if np.isnan(length).all():
+            object.__setattr__(self, "quaternion", None)
+            return
+        off = np.abs(length - 1)
+        if np.nanmax(off) > QUATERNION_TOLERANCE:
+            row = int(np.nanargmax(off > QUATERNION_TOLERANCE))
+            raise self.error(
+                f"expected a quaternion of length 1, got length {length[row]:.6g} in {self.called(row)}",
+                row,
+                hint="an orientation as w, x, y, z; the scalar part w comes first",
+            )
+        # One that is right already stays as it is, to the last bit.
+        rounded = (off > 1e-12)[:, None]
+        settled = np.where(rounded, self.quaternion / length[:, None], self.quaternion)
+        object.__setattr__(self, "quaternion", settled)
 
     def __len__(self) -> int:
         return len(self.angles)
@@ -102,6 +189,11 @@ class Readings:
     def n_joints(self) -> int:
         """Number of joints."""
         return int(self.angles.shape[1])
+
+    @property
+    def has_point(self) -> BoolArray:
+        """(n,) Whether each reading has a reference point."""
+        return np.zeros(len(self), bool) if self.points is None else ~np.isnan(self.points[:, 0])
 
     def called(self, row: int) -> str:
         """Name the reading in row `row` (counted from 0) for a message: its line in the file, or its number."""
@@ -116,7 +208,16 @@ class Readings:
 
     def rows(self, which: npt.ArrayLike) -> Readings:
         """Select readings by `which` (indices, slice or mask). They no longer know their file."""
+        index: Any = which
         chosen = {
-            f.name: getattr(self, f.name)[which] for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)
+            f.name: getattr(self, f.name)[index] for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)
         }
-        return replace(self, **chosen, file=None, first_line=None)
+        columns = {name: values[index] for name, values in self.columns.items()}
+        return replace(self, **chosen, columns=columns, file=None, first_line=None)
+
+
+def _shaped(value: npt.ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:
+    array = np.asarray(value, dtype=float)
+    if array.shape != shape:
+        raise InputError(f"expected {name} of shape {shape}, got {array.shape}")
+    return array

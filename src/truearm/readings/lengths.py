@@ -1,0 +1,180 @@
+"""Known lengths between seats, as a calibrated bar or a plate states them, and their small file."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.readings.delimited import read_columns, read_sheet, shown
+from truearm.readings.readings import FloatArray, NameArray
+from truearm.writing import whole_file
+
+ENDS = ("seat_a", "seat_b")
+NUMBERS = ("length_mm", "u_mm")
+
+
+@dataclass(frozen=True, eq=False)
+class Lengths:
+    """Lengths between the centres of seats, one row each.
+
+    Parameters
+    ----------
+    seat_a, seat_b : (m,) array of str
+        Names of the two seats.
+    length_mm : (m,) array
+        Length between them [mm].
+    u_mm : (m,) array
+        Its standard uncertainty [mm].
+    file : Path, optional
+        Where the lengths were read from; it serves messages.
+    first_line : int, optional
+        The line of the first length in `file`, counted from 1.
+
+    Raises
+    ------
+    InputError
+        If there is no length, shapes do not fit each other, a name is empty, the two seats of a row are one, a length
+        or an uncertainty is not positive and finite, or two rows state the length between the same seats.
+    """
+
+    seat_a: NameArray
+    seat_b: NameArray
+    length_mm: FloatArray
+    u_mm: FloatArray
+    file: Path | None = None
+    first_line: int | None = None
+
+    def __post_init__(self) -> None:
+        for names, kind in ((ENDS, np.str_), (NUMBERS, float)):
+            for name in names:
+                value = np.asarray(getattr(self, name), dtype=kind)
+                if value.shape != np.shape(self.seat_a) or value.ndim != 1:
+                    raise InputError(f"expected one {name} for each length, got shape {value.shape}")
+                object.__setattr__(self, name, value)
+        if not len(self):
+            raise InputError("expected one or more lengths, got none", file=self.file)
+        for name in ENDS:
+            if (empty := getattr(self, name) == "").any():
+                raise self.error("expected the name of a seat, got an empty cell", int(np.argmax(empty)), column=name)
+        if (same := self.seat_a == self.seat_b).any():
+            row = int(np.argmax(same))
+            raise self.error(
+                f"expected a length between two seats, got {shown(str(self.seat_a[row]))} twice", row, column="seat_b"
+            )
+        for name in NUMBERS:
+            values = getattr(self, name)
+            if (bad := ~(np.isfinite(values) & (values > 0))).any():
+                row = int(np.argmax(bad))
+                what = "length" if name == "length_mm" else "standard uncertainty"
+                raise self.error(f"expected a positive {what}, got {values[row]:.6g} mm", row, column=name)
+        self._check_once()
+
+    def __len__(self) -> int:
+        return len(self.seat_a)
+
+    def between(self, seats: Iterable[str]) -> Lengths:
+        """Select the lengths between `seats`, those of one session.
+
+        A length of which neither seat is among them belongs to another part of the measurements (one that was held
+        out to test on) and is left out.
+
+        Raises
+        ------
+        InputError
+            If only one of the two seats of a length is among them, or no length is between them.
+        """
+        known = sorted(set(seats) - {""})
+        here = np.stack([np.isin(self.seat_a, known), np.isin(self.seat_b, known)])
+        if (lone := here.any(axis=0) & ~here.all(axis=0)).any():
+            row = int(np.argmax(lone))
+            end = ENDS[int(np.argmin(here[:, row]))]
+            raise self._unknown(str(getattr(self, end)[row]), row, end, known)
+        which = here.all(axis=0)
+        if not which.any():
+            raise self._unknown(str(self.seat_a[0]), 0, ENDS[0], known)
+        if which.all():
+            return self
+        return Lengths(self.seat_a[which], self.seat_b[which], self.length_mm[which], self.u_mm[which])
+
+    def error(self, problem: str, row: int, *, column: str | None = None, hint: str | None = None) -> InputError:
+        """Make an error that knows these lengths' file, and the line of `row` (counted from 0)."""
+        if self.first_line is None:
+            return InputError(f"length {row + 1}: {problem}", file=self.file, column=column, hint=hint)
+        return InputError(problem, file=self.file, line=self.first_line + row, column=column, hint=hint)
+
+    def _check_once(self) -> None:
+        pairs: dict[tuple[str, ...], int] = {}
+        for row, pair in enumerate(zip(self.seat_a.tolist(), self.seat_b.tolist(), strict=True)):
+            first = pairs.setdefault(tuple(sorted(pair)), row)
+            if first != row:
+                where = f"length {first + 1}" if self.first_line is None else f"line {self.first_line + first}"
+                raise self.error(
+                    f"the length between {shown(pair[0])} and {shown(pair[1])} stands in {where} already",
+                    row,
+                    hint="state it once, with the uncertainty of the mean if it was measured several times",
+                )
+
+    def _unknown(self, name: str, row: int, column: str, known: list[str]) -> InputError:
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = close[0] if close else "the names of seats as the session has them"
+        return self.error(f"the session has no seat {shown(name)}", row, column=column, hint=hint)
+
+
+def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Lengths:
+    """Read a file of lengths (docs/session-file.md): CSV with the columns ``seat_a, seat_b, length_mm, u_mm``.
+
+    Parameters
+    ----------
+    path : path
+        As the session file in CSV: comma, decimal point, UTF-8. Columns whose name starts with ``note`` are not read.
+    seats : iterable of str, optional
+        The session's seats: only the lengths between them, see `Lengths.between`.
+
+    Raises
+    ------
+    InputError
+        If anything is not as the format demands: the file, the line and the column, and what to try.
+    """
+    path = Path(path)
+    sheet = read_sheet(path)
+    wanted = (*ENDS, *NUMBERS)
+    for i, name in enumerate(sheet.names):
+        if name in sheet.names[:i]:
+            raise InputError("the column stands twice", file=path, line=1, column=name, hint="delete one of the two")
+        if name not in wanted and not name.startswith("note"):
+            raise InputError(
+                f"unknown column {shown(name)}", file=path, line=1, column=name or i + 1, hint=", ".join(wanted)
+            )
+    if missing := [name for name in wanted if name not in sheet.names]:
+        raise InputError(f"the column {missing[0]} is missing", file=path, line=1, hint=", ".join(wanted))
+    numbers, ends = read_columns(sheet, [sheet.names.index(n) for n in NUMBERS], [sheet.names.index(n) for n in ENDS])
+    lengths = Lengths(ends[0], ends[1], numbers[:, 0], numbers[:, 1], file=path, first_line=sheet.first_line)
+    return lengths if seats is None else lengths.between(seats)
+
+
+def write_lengths(lengths: Lengths, path: str | Path) -> None:
+    """Write a file of lengths; a failed run leaves none, or the one that was there.
+
+    Raises
+    ------
+    InputError
+        If the file name does not end in ``.csv``, the file cannot be written, or a name holds a line break.
+    """
+    path = Path(path)
+    if path.suffix != ".csv":
+        raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
+    for column in ENDS:
+        for name in getattr(lengths, column).tolist():
+            if any(sign in name for sign in "\n\r\0"):
+                raise InputError(f"a seat must be one line of text, got {shown(name)}", file=path, column=column)
+    table = [getattr(lengths, name).tolist() for name in (*ENDS, *NUMBERS)]
+    with whole_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow((*ENDS, *NUMBERS))
+        writer.writerows(zip(*table, strict=True))

@@ -1,0 +1,132 @@
+"""How well predicted points agree with seats and with the lengths between them: errors without a reference point."""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+from truearm.readings.lengths import Lengths
+from truearm.readings.readings import FloatArray, NameArray
+
+
+class OneSeat(TypedDict):
+    """Distances of a seat's points from their mean [mm]."""
+
+    mean_mm: float
+    rms_mm: float
+    max_mm: float
+    n: int
+
+
+class SeatErrors(TypedDict):
+    """Distances of points from the mean of their seat [mm]: over all seats, and seat by seat."""
+
+    seat_mean_mm: float
+    seat_rms_mm: float
+    seat_max_mm: float
+    n_in_seats: int
+    seats: dict[str, OneSeat]
+
+
+def seat_errors(points: npt.ArrayLike, seat: npt.ArrayLike) -> SeatErrors:
+    """Distance of each predicted point to the mean of its seat.
+
+    Only the scatter is seen: what shifts all points of a seat alike does not show, and few points in a seat draw their
+    mean to themselves (of n points with independent errors, the mean square comes out smaller by 1 - 1/n).
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Predicted tips [mm].
+    seat : (n,) array of str
+        The seat of each; empty where there is none. A seat with one reading counts nothing.
+
+    Returns
+    -------
+    SeatErrors
+        `n_in_seats` is the number of points counted; `seats` has the seats by name.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, or no seat has two readings.
+    """
+    points, seat = _checked(points, seat)
+    names, group, means = _seat_means(points, seat)
+    rows = seat != ""
+    counts = np.bincount(group, minlength=len(names))
+    distances = np.linalg.norm(points[rows] - means[group], axis=1)
+    several = counts[group] > 1
+    if not several.any():
+        raise InputError(
+            "expected a seat with two or more readings, got none",
+            hint="readings of one seat have the same name in the column seat",
+        )
+    table = {str(name): _summary(distances[group == i]) for i, name in enumerate(names) if counts[i] > 1}
+    whole = _summary(distances[several])
+    return SeatErrors(
+        seat_mean_mm=whole["mean_mm"],
+        seat_rms_mm=whole["rms_mm"],
+        seat_max_mm=whole["max_mm"],
+        n_in_seats=whole["n"],
+        seats=table,
+    )
+
+
+def length_errors(points: npt.ArrayLike, seat: npt.ArrayLike, lengths: Lengths) -> FloatArray:
+    """Distance between the mean points of two seats, less the known length between them.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Predicted tips [mm].
+    seat : (n,) array of str
+        The seat of each; empty where there is none. Here a seat with one reading serves too.
+    lengths : Lengths
+        The known lengths; those between other seats are refused (`Lengths.between` selects).
+
+    Returns
+    -------
+    (m,) array
+        Too long is positive [mm], one for each of `lengths`.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, or a length ends at a seat without readings.
+    """
+    points, seat = _checked(points, seat)
+    names, _, means = _seat_means(points, seat)
+    if len(lengths.between(names)) < len(lengths):
+        row = int(np.argmin(np.isin(lengths.seat_a, names)))
+        raise lengths.error(f"the readings have no seat {str(lengths.seat_a[row])!r}", row, column="seat_a")
+    a, b = (np.searchsorted(names, ends) for ends in (lengths.seat_a, lengths.seat_b))
+    return np.asarray(np.linalg.norm(means[a] - means[b], axis=1) - lengths.length_mm)
+
+
+def _checked(points: npt.ArrayLike, seat: npt.ArrayLike) -> tuple[FloatArray, NameArray]:
+    points, seat = np.asarray(points, dtype=float), np.asarray(seat, dtype=np.str_)
+    if points.ndim != 2 or points.shape[1] != 3 or seat.shape != points.shape[:1]:
+        raise InputError(f"expected points (n, 3) and a seat for each, got shapes {points.shape} and {seat.shape}")
+    return points, seat
+
+
+def _seat_means(points: FloatArray, seat: NameArray) -> tuple[NameArray, npt.NDArray[np.intp], FloatArray]:
+    """Names of the seats in order, the number of each seated reading's seat, and the seats' mean points."""
+    rows = seat != ""
+    names, group = np.unique(seat[rows], return_inverse=True)
+    counts = np.bincount(group, minlength=len(names))
+    sums = np.stack([np.bincount(group, points[rows, k], minlength=len(names)) for k in range(3)], axis=1)
+    return names, group, sums / np.maximum(counts, 1)[:, None]
+
+
+def _summary(distances: FloatArray) -> OneSeat:
+    return OneSeat(
+        mean_mm=float(distances.mean()),
+        rms_mm=float(np.sqrt(np.mean(distances**2))),
+        max_mm=float(distances.max()),
+        n=len(distances),
+    )
