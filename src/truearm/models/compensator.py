@@ -18,15 +18,12 @@ from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identify.points import PointFit, fit_points, placed_roughly
 from truearm.readings.readings import Readings
+from truearm.terms import FREE_BASE, FREE_TIP
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 FREE_PARTS = ("base", "tip")
-# What is free still has a prior, wide beyond any workshop: on an arm of few joints a shift of the base may look like
-# one of the tip, and then it decides.
-FREE_BASE = (1.0, 1.0, 1.0, 1e4, 1e4, 1e4)  # rad, mm
-FREE_TIP = 1e3  # mm
 # Share of the reach by which an arm as drawn may miss its readings. Ten times what the kinematic model expects of its
 # constants (3 mrad, 3 mm) stays below; another arm, a wrong unit or a wrong sign does not.
 MOST_NOMINAL_ERROR = 0.05

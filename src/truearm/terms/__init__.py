@@ -1,20 +1,59 @@
-"""Basis functions of an arm's state: what shapes the small motions that make a real arm differ from its drawing.
+"""Terms: the small motions that make a real arm differ from its drawing, and the functions that shape them.
 
-Functions of arrays only. The virtual arm draws errors from them, identification fits them.
+The virtual arm draws errors from the functions, identification fits the terms' coefficients. Single causes of errors
+are in `truearm.terms.catalogue`.
 """
 
+from truearm.terms.basis import (
+    Basis,
+    Column,
+    Constant,
+    Direction,
+    GravityTorque,
+    Harmonics,
+    Temperature,
+    basis_from_data,
+    registered,
+)
+from truearm.terms.catalogue import (
+    FREE_BASE,
+    FREE_TIP,
+    LeftOut,
+    candidate_terms,
+    constants,
+    place_name,
+)
 from truearm.terms.gravity import GravityLoads, LinkMasses, gravity_loads, gravity_torques, uniform_links
 from truearm.terms.joint import harmonics
+from truearm.terms.state import ArmState
+from truearm.terms.term import Term
 from truearm.terms.thermal import REFERENCE_TEMPERATURE_DEGC, growth_motions, link_vectors
 
 __all__ = [
+    "FREE_BASE",
+    "FREE_TIP",
     "REFERENCE_TEMPERATURE_DEGC",
+    "ArmState",
+    "Basis",
+    "Column",
+    "Constant",
+    "Direction",
     "GravityLoads",
+    "GravityTorque",
+    "Harmonics",
+    "LeftOut",
     "LinkMasses",
+    "Temperature",
+    "Term",
+    "basis_from_data",
+    "candidate_terms",
+    "constants",
     "gravity_loads",
     "gravity_torques",
     "growth_motions",
     "harmonics",
     "link_vectors",
+    "place_name",
+    "registered",
     "uniform_links",
 ]
