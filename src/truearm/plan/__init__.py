@@ -1,0 +1,1 @@
+"""Which readings to take next: observability, selection of poses and of places for seats and bars."""
