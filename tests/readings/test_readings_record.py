@@ -20,7 +20,7 @@ from truearm.readings import Readings
         ({"seat": np.array(["a"])}, r"seat of shape \(3,\)"),
         ({"angles": [[1.0], [np.nan], [2.0]]}, "finite numbers in angles, got .* in reading 2"),
         ({"temperature_degC": [1, 2, np.inf]}, "in reading 3"),
-        ({"points": np.zeros((3, 3)), "point_std": [[1, 1, 1], [1, 1, 1], [1, 1, -1]]}, "must be positive, got .* in reading 3"),
+        ({"points": np.ones((3, 3)), "point_std": np.diag([1, 1, -1]) + 1.5}, "must be positive, got .* in reading 3"),
     ],
 )
 def test_fields_that_do_not_fit_are_refused(fields, said):

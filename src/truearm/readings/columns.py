@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.readings import NAMED
+from truearm.readings.readings import LOAD, NAMED
 
 TEMPERATURE = "temperature_degC"
 
@@ -20,24 +20,32 @@ TEMPERATURE = "temperature_degC"
 FACTOR = {"deg": np.pi / 180, "rad": 1.0, "mm": 1.0, "m": 1000.0}
 
 ANGLE = re.compile(r"q([1-9]\d*)_(deg|rad|mm)")
+QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
 _POINT = re.compile(r"(s?[xyz])_(mm|m)")
 _Key = TypeVar("_Key", int, str)
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Which columns of a session file hold what; the number columns in the order angles, points, std, temperature."""
+    """Which columns of a session file hold what; `numbers` in the order of the fields."""
 
     angles: tuple[str, ...]
     points: tuple[str, ...] = ()
     point_std: tuple[str, ...] = ()
+    quaternion: tuple[str, ...] = ()
     temperature: tuple[str, ...] = ()
+    loads: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
 
     @property
     def numbers(self) -> tuple[str, ...]:
         """Names of the columns that hold numbers."""
-        return self.angles + self.points + self.point_std + self.temperature
+        return self.angles + self.points + self.point_std + self.quaternion + self.temperature + self.loads
+
+    @property
+    def optional(self) -> tuple[str, ...]:
+        """Names of the number columns in which a reading's cells may all be empty."""
+        return self.points + self.point_std + self.quaternion
 
 
 def unit_of(column: str) -> str:
@@ -60,21 +68,28 @@ def recognise(names: Sequence[str], *, file: Path, line: int | None, n_joints: i
             raise InputError("the column stands twice", file=file, line=line, column=name, hint="delete one of the two")
     angles: dict[int, str] = {}
     points: dict[str, str] = {}
-    words = []
+    quaternion: dict[str, str] = {}
+    loads, words = [], []
     for name in names:
         if match := ANGLE.fullmatch(name):
             _once(angles, int(match[1]), name, file, line)
         elif match := _POINT.fullmatch(name):
             _once(points, match[1], name, file, line)
+        elif name in QUATERNION:
+            quaternion[name] = name
+        elif LOAD.fullmatch(name):
+            loads.append(name)
         elif name in NAMED:
             words.append(name)
         elif name != TEMPERATURE and not name.startswith("note"):
             raise InputError(*_unknown(name), file=file, line=line, column=name, hint=_instead(name))
     return Columns(
         _joints(angles, file, line, n_joints),
-        _triple("", points, file, line),
+        _together("xyz", points, file, line),
         _std(points, file, line),
+        _together(QUATERNION, quaternion, file, line),
         (TEMPERATURE,) if TEMPERATURE in names else (),
+        tuple(loads),
         tuple(words),
     )
 
@@ -119,20 +134,20 @@ def _joints(found: dict[int, str], file: Path, line: int | None, n_joints: int |
     return tuple(found[i] for i in range(1, last + 1))
 
 
-def _triple(prefix: str, found: dict[str, str], file: Path, line: int | None) -> tuple[str, ...]:
-    """Find the columns of x, y and z, or none of them."""
-    keys = [prefix + axis for axis in "xyz"]
+def _together(keys: Sequence[str], found: dict[str, str], file: Path, line: int | None) -> tuple[str, ...]:
+    """Find the columns of all `keys`, or none of them."""
     missing = [key for key in keys if key not in found]
-    if len(missing) == 3:
+    if len(missing) == len(keys):
         return ()
     if missing:
         present = ", ".join(found[key] for key in keys if key in found)
-        raise InputError(f"the column {missing[0]}_mm is missing beside {present}", file=file, line=line)
+        name = missing[0] if missing[0] in QUATERNION else f"{missing[0]}_mm"
+        raise InputError(f"the column {name} is missing beside {present}", file=file, line=line)
     return tuple(found[key] for key in keys)
 
 
 def _std(found: dict[str, str], file: Path, line: int | None) -> tuple[str, ...]:
-    std = _triple("s", found, file, line)
+    std = _together(("sx", "sy", "sz"), found, file, line)
     if std and "x" not in found:
         raise InputError(
             f"{std[0]} .. are uncertainties of a reference point, but x_mm, y_mm and z_mm are missing",
@@ -153,6 +168,10 @@ def _instead(name: str) -> str:
     if match := re.fullmatch(r"(?:q|j|joint|theta|angle|axis|a)_?0*(\d+)(?:\D.*)?", plain):
         q = f"q{int(match[1]) or 1}"
         return f"{q}_deg or {q}_rad ({q}_mm for a sliding joint): units stand in the names"
+    if match := re.fullmatch(r"(?:q|quat|quaternion)_?([wxyz])", plain):
+        return f"quat_{match[1]}: the orientation as a unit quaternion, w first"
+    if re.match(r"(load|torque|tau|moment|current)s?_?\d*(_|$)", plain):
+        return "load_1_Nm or the like: loads of joints have names of letters, digits and _ that start with load_"
     if match := re.fullmatch(r"(s|u|std|sigma)?_?([xyz])(?:_.*)?", plain):
         axis = ("s" if match[1] else "") + match[2]
         return f"{axis}_mm or {axis}_m: units stand in the names"

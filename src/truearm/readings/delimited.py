@@ -125,8 +125,12 @@ def read_sheet(
     return sheet
 
 
-def read_columns(sheet: Sheet, numbers: Sequence[int], words: Sequence[int] = ()) -> tuple[FloatArray, list[NameArray]]:
+def read_columns(
+    sheet: Sheet, numbers: Sequence[int], words: Sequence[int] = (), optional: Sequence[int] = ()
+) -> tuple[FloatArray, list[NameArray]]:
     """Read the columns `numbers` as (n, len(numbers)) floats, exactly as written, and the columns `words` as text.
+
+    An empty cell in those of `numbers` that are `optional` is read as NaN.
 
     Raises
     ------
@@ -134,45 +138,61 @@ def read_columns(sheet: Sheet, numbers: Sequence[int], words: Sequence[int] = ()
         If a cell of `numbers` is not a finite number: the first such cell in the file, with what to try; or if a name
         is too long.
     """
-    try:
-        return _read(sheet, numbers, words)
-    except InputError:
-        raise
-    except (ValueError, OverflowError):
-        raise _first_fault(sheet, numbers) from None
+    for empty in ((), optional) if optional else ((),):  # looking for empty cells takes time, and most files have none
+        try:
+            return _read(sheet, numbers, words, empty)
+        except InputError:
+            raise
+        except (ValueError, OverflowError):
+            continue
+    raise _first_fault(sheet, numbers, optional)
 
 
-def _read(sheet: Sheet, numbers: Sequence[int], words: Sequence[int]) -> tuple[FloatArray, list[NameArray]]:
+def _read(
+    sheet: Sheet, numbers: Sequence[int], words: Sequence[int], optional: Sequence[int]
+) -> tuple[FloatArray, list[NameArray]]:
     """Do the work of `read_columns`; a ValueError does not say where the fault is."""
+    table = _parsed(sheet, {**dict.fromkeys(numbers, float), **dict.fromkeys(words, str)}, optional)
+    found = np.empty((len(table), len(numbers)))
+    for k, i in enumerate(numbers):
+        found[:, k] = table[i].to_numpy()
+    missing = np.isnan(found) & np.isin(numbers, optional)
+    if not (np.isfinite(found) | missing).all():
+        raise ValueError("a number is not finite")
+    if missing.any():  # pandas takes the word nan for an empty cell
+        cells = _parsed(sheet, dict.fromkeys(optional, str), ())
+        if any((cells[i].to_numpy()[missing[:, k]] != "").any() for k, i in enumerate(numbers) if i in optional):
+            raise ValueError("nan is no number")
+    # pandas takes a column of nothing but True and False for noughts and ones.
+    truth = any(word in sheet.rows for word in (b"rue", b"RUE", b"alse", b"ALSE"))
+    if truth and ((found == 0) | (found == 1) | missing).all(axis=0).any() and _fault_in(sheet, numbers, optional):
+        raise ValueError("a truth value is no number")
+    return found, [_names(table[i].to_numpy(), sheet, i) for i in words]
+
+
+def _parsed(sheet: Sheet, kinds: dict[int, Any], optional: Sequence[int]) -> Any:
+    """Parse the columns `kinds` as what they are said to be; empty cells of the columns `optional` as NaN."""
     import io
 
     import pandas as pd
 
-    wanted = sorted({*numbers, *words})
-    table = pd.read_csv(
+    missing: dict[str, Any] = {"na_filter": False}
+    if optional:
+        missing = {"keep_default_na": False, "na_values": {i: [""] for i in optional}}
+    return pd.read_csv(
         io.BytesIO(sheet.rows),
         sep=sheet.separator,
         decimal=sheet.decimal,
         header=None,
-        usecols=wanted,
-        dtype={i: str if i in words else float for i in wanted},
-        na_filter=False,
+        usecols=sorted(kinds),
+        dtype=kinds,
         index_col=False,
         skip_blank_lines=False,
         engine="c",
         encoding="utf-8",
+        **missing,
         **_exactly(pd.__version__),
     )
-    found = np.empty((len(table), len(numbers)))
-    for k, i in enumerate(numbers):
-        found[:, k] = table[i].to_numpy()
-    if not np.isfinite(found).all():
-        raise ValueError("a number is not finite")
-    # pandas takes a column of nothing but True and False for noughts and ones.
-    truth = any(word in sheet.rows for word in (b"rue", b"RUE", b"alse", b"ALSE"))
-    if truth and ((found == 0) | (found == 1)).all(axis=0).any() and _fault_in(sheet, numbers):
-        raise ValueError("a truth value is no number")
-    return found, [_names(table[i].to_numpy(), sheet, i) for i in words]
 
 
 def _names(cells: npt.NDArray[np.object_], sheet: Sheet, index: int) -> NameArray:
@@ -320,27 +340,29 @@ def _ragged(sheet: Sheet, line: int, cells: list[str]) -> InputError:
     return InputError(problem, file=sheet.file, line=line, hint=hint)
 
 
-def _first_fault(sheet: Sheet, numbers: Sequence[int]) -> InputError:
+def _first_fault(sheet: Sheet, numbers: Sequence[int], optional: Sequence[int]) -> InputError:
     """Find the first cell of the columns `numbers` that is no finite number: the faulty block fast, then its cells."""
     start, line = 0, sheet.first_line
     while start < len(sheet.rows):
         end = sheet.rows.find(b"\n", start + _BLOCK) + 1 or len(sheet.rows)
         block = replace(sheet, rows=sheet.rows[start:end], first_line=line)
         try:
-            _read(block, numbers, ())
+            _read(block, numbers, (), optional)
         except (ValueError, OverflowError):
-            if fault := _fault_in(block, numbers):
+            if fault := _fault_in(block, numbers, optional):
                 return fault
         start, line = end, line + block.rows.count(b"\n")
     return InputError("expected numbers, got cells that cannot be read as numbers", file=sheet.file)
 
 
-def _fault_in(sheet: Sheet, numbers: Sequence[int]) -> InputError | None:
+def _fault_in(sheet: Sheet, numbers: Sequence[int], optional: Sequence[int]) -> InputError | None:
     """Look at every cell of the columns `numbers`, slowly, for the first that is no finite number."""
     sign = re.escape(sheet.decimal)
     number = re.compile(rf"[+-]?(\d+{sign}?\d*|{sign}\d+)([eE][+-]?\d+)?", re.ASCII)
     for line, cells in sheet.cells():
         for i in sorted(numbers):
+            if cells[i] == "" and i in optional:
+                continue
             cell = cells[i].strip(" \t")
             if not number.fullmatch(cell) or not np.isfinite(float(cell.replace(sheet.decimal, "."))):
                 problem, hint = _said_of(cells[i], sheet)
@@ -351,6 +373,8 @@ def _fault_in(sheet: Sheet, numbers: Sequence[int]) -> InputError | None:
 def _said_of(cell: str, sheet: Sheet) -> tuple[str, str | None]:
     """Say what is wrong with a cell that should be a number, and what to try."""
     text = cell.strip()
+    if cell and not text:
+        return f"expected a number, got {shown(cell)}", "fill in the number, or leave nothing where none is needed"
     if not text:
         return "expected a number, got an empty cell", "delete the reading, or fill in its number"
     if text.lower().lstrip("+-") in ("nan", "na", "n/a", "null", "none", "inf", "infinity"):

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.readings.columns import ANGLE, FACTOR, TEMPERATURE, Columns, recognise, unit_of
+from truearm.readings.columns import ANGLE, FACTOR, QUATERNION, TEMPERATURE, Columns, recognise, unit_of
 from truearm.readings.delimited import MAX_NAME, FloatArray, NameArray, Sheet, read_columns, read_sheet, shown
 from truearm.readings.readings import NAMED, Readings
 from truearm.writing import check_writable, whole_file
@@ -52,9 +52,8 @@ def read_session(path: str | Path, *, n_joints: int | None = None) -> Readings:
     sheet = read_sheet(path)
     _check_separator(sheet)
     columns = recognise(sheet.names, file=path, line=1, n_joints=n_joints)
-    numbers, words = read_columns(
-        sheet, [sheet.names.index(c) for c in columns.numbers], [sheet.names.index(c) for c in columns.words]
-    )
+    groups = ([sheet.names.index(c) for c in g] for g in (columns.numbers, columns.words, columns.optional))
+    numbers, words = read_columns(sheet, *groups)
     return _readings(columns, numbers, words, file=path, first_line=sheet.first_line)
 
 
@@ -96,9 +95,11 @@ def write_session(
     with whole_file(path) as beside:
         if path.suffix == ".parquet":
             arrow, parquet = _pyarrow(path)
-            parquet.write_table(
-                arrow.table({n: v.tolist() if v.dtype.kind == "U" else v for n, v in columns.items()}), beside
-            )
+            # from_pandas: what is missing (NaN) becomes an empty cell.
+            table = {
+                n: arrow.array(v.tolist() if v.dtype.kind == "U" else v, from_pandas=True) for n, v in columns.items()
+            }
+            parquet.write_table(arrow.table(table), beside)
         else:
             _write_csv(columns, beside)
 
@@ -123,14 +124,19 @@ def _readings(
     columns: Columns, numbers: FloatArray, words: Sequence[NameArray], *, file: Path, first_line: int | None
 ) -> Readings:
     """Make the record, in the units of the house."""
-    ends = np.cumsum([len(columns.angles), len(columns.points), len(columns.point_std)])
-    scaled = numbers * [FACTOR.get(unit_of(name), 1.0) for name in columns.numbers]
-    angles, points, std, temperature = np.split(scaled, ends, axis=1)
+    groups = (columns.angles, columns.points, columns.point_std, columns.quaternion, columns.temperature)
+    parts = np.split(numbers, np.cumsum([len(group) for group in groups]), axis=1)
+    angles, points, std = (
+        part * [FACTOR[unit_of(name)] for name in names] for part, names in zip(parts, groups[:3], strict=False)
+    )
+    quaternion, temperature, loads = parts[3:]
     return Readings(
         angles,
         points if columns.points else None,
         point_std=std if columns.point_std else None,
         temperature_degC=temperature[:, 0] if columns.temperature else None,
+        quaternion=quaternion if columns.quaternion else None,
+        columns=dict(zip(columns.loads, loads.T, strict=True)),
         file=file,
         angle_columns=columns.angles,
         first_line=first_line,
@@ -176,11 +182,14 @@ def _table(readings: Readings, units: Sequence[str]) -> dict[str, FloatArray | N
     for prefix, values in (("", readings.points), ("s", readings.point_std)):
         if values is not None:
             table |= {f"{prefix}{axis}_mm": values[:, k] for k, axis in enumerate("xyz")}
+    if readings.quaternion is not None:
+        table |= {name: readings.quaternion[:, k] for k, name in enumerate(QUATERNION)}
     for name in NAMED:
         if (words := getattr(readings, name)) is not None:
             table[name] = words
     if readings.temperature_degC is not None:
         table[TEMPERATURE] = readings.temperature_degC
+    table.update(readings.columns)
     return table
 
 
@@ -191,7 +200,15 @@ def _write_csv(table: dict[str, FloatArray | NameArray], path: Path) -> None:
         values = list(table.values())
         for start in range(0, len(values[0]), _CHUNK):
             # Python's floats write themselves with the fewest digits that come back the same.
-            writer.writerows(zip(*(v[start : start + _CHUNK].tolist() for v in values), strict=True))
+            writer.writerows(zip(*(_cells(v[start : start + _CHUNK]) for v in values), strict=True))
+
+
+def _cells(values: FloatArray | NameArray) -> list[Any]:
+    """Cells of a column as the writer takes them; a number that is missing is an empty cell."""
+    cells: list[Any] = values.tolist()
+    if values.dtype.kind == "f" and np.isnan(values).any():
+        return ["" if cell != cell else cell for cell in cells]
+    return cells
 
 
 def _first_broken(words: NameArray) -> str | None:
@@ -224,7 +241,9 @@ def _read_parquet(path: Path, n_joints: int | None) -> Readings:
     arrow, parquet = _pyarrow(path)
     try:
         columns, table = _parquet_table(parquet, path, n_joints)
-        numbers = np.stack([_parquet_numbers(arrow, table[c], c, path) for c in columns.numbers], axis=1)
+        numbers = np.stack(
+            [_parquet_numbers(arrow, table[c], c, path, c in columns.optional) for c in columns.numbers], axis=1
+        )
         words = [_parquet_words(arrow, table[c], c, path) for c in columns.words]
     except InputError:
         raise
@@ -247,12 +266,16 @@ def _parquet_table(parquet: Any, path: Path, n_joints: int | None) -> tuple[Colu
         return columns, file.read([*columns.numbers, *columns.words])
 
 
-def _parquet_numbers(arrow: Any, column: Any, name: str, path: Path) -> FloatArray:
+def _parquet_numbers(arrow: Any, column: Any, name: str, path: Path, optional: bool) -> FloatArray:
+    if optional and arrow.types.is_null(column.type):  # every cell is empty
+        return np.full(len(column), np.nan)
     if not (arrow.types.is_floating(column.type) or arrow.types.is_integer(column.type)):
         raise InputError(f"expected numbers, got a column of type {column.type}", file=path, column=name)
     values: FloatArray = column.to_numpy().astype(float)
-    if not np.isfinite(values).all():
-        row = int(np.argmin(np.isfinite(values)))
+    # Makers of Parquet files write either an empty cell or NaN for what is missing.
+    good = np.isfinite(values) | np.isnan(values) if optional else np.isfinite(values)
+    if not good.all():
+        row = int(np.argmin(good))
         got = "an empty cell" if column[row].as_py() is None else repr(float(values[row]))
         raise InputError(f"expected a finite number, got {got} in reading {row + 1}", file=path, column=name)
     return values
@@ -261,11 +284,12 @@ def _parquet_numbers(arrow: Any, column: Any, name: str, path: Path) -> FloatArr
 def _parquet_words(arrow: Any, column: Any, name: str, path: Path) -> NameArray:
     if arrow.types.is_dictionary(column.type):  # pandas' categories
         column = arrow.chunked_array([chunk.dictionary_decode() for chunk in column.chunks])
+    if arrow.types.is_null(column.type):  # every cell is empty
+        return np.full(len(column), "")
     if not (arrow.types.is_string(column.type) or arrow.types.is_large_string(column.type)):
         raise InputError(f"expected names (text), got a column of type {column.type}", file=path, column=name)
     if column.null_count:
-        row = column.to_pylist().index(None)
-        raise InputError(f"expected a name, got an empty cell in reading {row + 1}", file=path, column=name, hint="''")
+        column = column.fill_null("")
     longest = arrow.compute.max(arrow.compute.utf8_length(column)).as_py() or 0
     if longest > MAX_NAME:
         raise InputError(f"expected names of at most {MAX_NAME} signs, got one of {longest}", file=path, column=name)
