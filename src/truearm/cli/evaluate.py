@@ -1,49 +1,117 @@
-"""``truearm evaluate``: how far a model's points are from the reference."""
+"""``truearm evaluate``: how far a model's points are from the reference, or from agreeing in their seats."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, progress, say, say_json, say_table
+from truearm.cli.console import Json, note, progress, say, say_json, say_table
+
+if TYPE_CHECKING:
+    from truearm.models.compensator import FloatArray
+    from truearm.readings import Lengths, Readings
 
 
 def evaluate(
     model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
     session: Annotated[
-        Path, typer.Argument(metavar="SESSION", help="Session file with reference points the model has not seen.")
+        Path,
+        typer.Argument(metavar="SESSION", help="Session file with reference points or seats the model has not seen."),
     ],
+    lengths: Annotated[
+        Path | None, typer.Option("--lengths", help="File of known lengths between the session's seats, .csv.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Test a model on readings it has not seen.
 
     Its errors are printed beside those of the nominal arm: the drawing, its base and tip (where they were free) fitted
-    to the model's own training readings.
+    to the model's own training readings. Readings with a reference point are compared with it; readings in a seat with
+    the mean of the points predicted there; the distance between two such means with the length that is known.
     """
-    from truearm.cli.predict import load_with_reference
+    from truearm.cli.predict import check_reference, load_for
     from truearm.cli.report import remarks
     from truearm.models import NominalModel
     from truearm.readings import compared_errors, errors_of
 
     with progress(f"reading {session.name}"):
-        fitted, readings = load_with_reference(model, session, purpose="evaluate against")
-    assert readings.points is not None  # checked
-    nominal = fitted.predict_nominal(readings.angles)
-    errors = compared_errors(fitted.predict(readings.angles), nominal, readings.points)
+        fitted, readings = load_for(model, session)
+        check_reference(readings, fitted, purpose="evaluate against", seats=True)
+        known = None if lengths is None else _lengths(lengths, readings)
+    predicted = {"nominal": fitted.predict_nominal(readings.angles), "model": fitted.predict(readings.angles)}
+    in_seats = {name: _in_seats(points, readings, known) for name, points in predicted.items()}
+    errors = None
+    if readings.points is not None:
+        errors = compared_errors(predicted["model"], predicted["nominal"], readings.points)
     if as_json:
-        say_json(dict(errors))
+        say_json({**(errors or {}), **in_seats["model"]})
         return
-    columns = {"nominal": errors_of(nominal, readings.points)}
-    if not isinstance(fitted, NominalModel):
-        columns["model"] = errors
-    rows = [[name, *(f"{c[name]:.4f}" for c in columns.values())] for name in errors if name.endswith("_mm")]  # type: ignore[literal-required]
-    say_table([f"{errors['n']} readings", *columns], rows)
-    if "model" in columns:
-        say(_compared(errors["removed_percent"]))
+    names = ["nominal"] if isinstance(fitted, NominalModel) else ["nominal", "model"]
+    if readings.points is not None and errors is not None:
+        of_points = {name: errors_of(predicted[name], readings.points) for name in names}
+        _say_errors(f"{errors['n']} readings", {name: dict(found) for name, found in of_points.items()})
+        if len(names) > 1:
+            say(_compared(errors["removed_percent"]))
+    in_seats = {name: in_seats[name] for name in names}
+    if seats := in_seats["nominal"].get("seats"):
+        _say_errors(f"{in_seats['nominal']['n_in_seats']} readings in {len(seats)} seats", in_seats)
+    if known is not None:
+        _say_lengths(known, in_seats)
     for remark in remarks(fitted, readings):
         say(remark)
+
+
+def _lengths(path: Path, readings: Readings) -> Lengths:
+    """The lengths between the session's seats."""
+    from truearm.errors import InputError
+    from truearm.readings import read_lengths
+
+    if readings.seat is None:
+        raise InputError("lengths are between seats, and the session names none", file=path, hint="a column seat")
+    stated = read_lengths(path)
+    known = stated.between(readings.seat.tolist())
+    if len(known) < len(stated):
+        note(
+            f"{len(stated) - len(known)} of {len(stated)} lengths are between seats that the session has not: left out"
+        )
+    return known
+
+
+def _in_seats(points: FloatArray, readings: Readings, known: Lengths | None) -> dict[str, Any]:
+    """Errors of predicted points in the session's seats, as far as it has seats with two readings, and of lengths."""
+    import numpy as np
+
+    from truearm.readings import length_errors, seat_errors
+
+    found: dict[str, Any] = {}
+    if readings.seat is None:
+        return found
+    several = np.unique(readings.seat[readings.seat != ""], return_counts=True)[1].max(initial=0) > 1
+    if several or (readings.points is None and known is None):
+        found |= seat_errors(points, readings.seat)
+    if known is not None:
+        errors = length_errors(points, readings.seat, known).tolist()
+        rows = {name: getattr(known, name).tolist() for name in ("seat_a", "seat_b", "length_mm", "u_mm")}
+        rows["length_error_mm"] = errors
+        found["lengths"] = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
+    return found
+
+
+def _say_errors(head: str, columns: dict[str, dict[str, Any]]) -> None:
+    first = next(iter(columns.values()))
+    rows = [[name, *(f"{c[name]:.4f}" for c in columns.values())] for name in first if name.endswith("_mm")]
+    say_table([head, *columns], rows)
+
+
+def _say_lengths(known: Lengths, in_seats: dict[str, dict[str, Any]]) -> None:
+    rows = [
+        [f"{one['seat_a']} to {one['seat_b']}", f"{one['length_mm']:.4f}", f"{one['u_mm']:.4f}"]
+        + [f"{found['lengths'][i]['length_error_mm']:+.4f}" for found in in_seats.values()]
+        for i, one in enumerate(in_seats["nominal"]["lengths"])
+    ]
+    say_table([f"length_error_mm of {len(known)} lengths", "length_mm", "u_mm", *in_seats], rows)
 
 
 def _compared(removed_percent: float) -> str:

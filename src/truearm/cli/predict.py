@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truearm.cli.console import check_apart, progress, say
+from truearm.cli.console import check_apart, note, progress, say
 
 if TYPE_CHECKING:
     from truearm.models import Compensator
@@ -23,7 +23,7 @@ def predict(
     """Compensate: turn joint angles into corrected coordinates.
 
     Columns of the table: x_mm, y_mm, z_mm in the frame of the reference; sx_mm, sy_mm, sz_mm standard uncertainties;
-    outside_training 1 where a joint is beyond the angles the model learned from; seat, position, session as given.
+    outside_training 1 where a joint is beyond the angles the model learned from; names (seat, position, ..) as given.
     """
     import numpy as np
 
@@ -50,12 +50,13 @@ def predict(
 def _write(out: Path, readings: Readings, points: FloatArray, std: FloatArray, outside: BoolArray) -> None:
     import pandas as pd
 
+    from truearm.readings.readings import NAMED
     from truearm.writing import whole_file
 
     columns: dict[str, object] = {f"{axis}_mm": points[:, i] for i, axis in enumerate("xyz")}
     columns |= {f"s{axis}_mm": std[:, i] for i, axis in enumerate("xyz")}
     columns["outside_training"] = outside.astype(int)
-    for name in ("seat", "position", "session"):
+    for name in NAMED:
         if getattr(readings, name) is not None:
             columns[name] = getattr(readings, name)
     with whole_file(out) as beside:
@@ -87,13 +88,27 @@ def load_for(model: Path, session: Path) -> tuple[Compensator, Readings]:
 
 
 def load_with_reference(model: Path, session: Path, *, purpose: str) -> tuple[Compensator, Readings]:
-    """The same, for readings with reference points that the arm can reach."""
+    """The same, for the readings with reference points, which the arm can reach; the others are left out."""
+    fitted, readings = load_for(model, session)
+    check_reference(readings, fitted, purpose=purpose)
+    with_point = readings.has_point
+    if with_point.all():
+        return fitted, readings
+    note(f"{int((~with_point).sum())} of {len(readings)} readings have no reference point and are left out")
+    return fitted, readings.rows(with_point)
+
+
+def check_reference(readings: Readings, fitted: Compensator, *, purpose: str, seats: bool = False) -> None:
+    """Check that there is something to hold a model's points against: reference points, or `seats` instead.
+
+    Raises
+    ------
+    InputError
+        If there is nothing of the kind, or the arm cannot reach a point.
+    """
     from truearm.readings import check_reach
 
-    fitted, readings = load_for(model, session)
-    if readings.points is None:
-        raise readings.error(
-            f"expected reference points to {purpose}, the session has none", hint="truearm predict needs none"
-        )
+    if readings.points is None and not (seats and readings.seat is not None and (readings.seat != "").any()):
+        what = "reference points or seats" if seats else "reference points"
+        raise readings.error(f"expected {what} to {purpose}, the session has none", hint="truearm predict needs none")
     check_reach(readings, reach=fitted.arm.chain.reach)
-    return fitted, readings

@@ -110,18 +110,18 @@ def remarks(model: Compensator, readings: Readings) -> list[str]:
     from truearm.models.compensator import MOST_NOMINAL_ERROR, fingerprint
     from truearm.readings import errors_of
 
-    assert readings.points is not None  # checked by the caller
     said = []
-    missed = errors_of(model.predict_nominal(readings.angles), readings.points)["mean_mm"]
-    if missed > MOST_NOMINAL_ERROR * model.arm.chain.reach:
-        said.append(
-            f"The nominal arm misses these points by {missed:.0f} mm: probably they are of another arm or set-up, or a "
-            "unit, sign or zero is wrong. Check the session."
-        )
+    if readings.points is not None:
+        missed = errors_of(model.predict_nominal(readings.angles), readings.points)["mean_mm"]
+        if missed > MOST_NOMINAL_ERROR * model.arm.chain.reach:
+            said.append(
+                f"The nominal arm misses these points by {missed:.0f} mm: probably they are of another arm or set-up, "
+                "or a unit, sign or zero is wrong. Check the session."
+            )
     outside = int(model.outside_training(readings.angles).sum())
     if outside:
         said.append(f"{outside} of {len(readings)} readings have a joint beyond the training angles.")
-    if fingerprint(readings.angles, readings.points) == model.data_fingerprint_:
+    if readings.points is not None and fingerprint(readings.angles, readings.points) == model.data_fingerprint_:
         said.append("These are the readings it learned from: an honest test needs others (truearm split).")
     return said
 

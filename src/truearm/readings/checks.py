@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from truearm.readings.readings import FloatArray, Readings
+from truearm.readings.readings import TOUCHED, BoolArray, FloatArray, Readings
 
 # An angle may pass its limit by this much [rad or mm]: rounding, not a wrong angle.
 LIMIT_TOLERANCE = 1e-6
@@ -27,43 +27,70 @@ def check_fit(
     upper: npt.ArrayLike,
     min_rows: int,
     prismatic: npt.ArrayLike | None = None,
+    relations: bool = False,
 ) -> None:
     """Check that a model of an arm can be fitted to readings.
 
     Parameters
     ----------
     readings : Readings
-        Angles and reference points.
+        Angles and reference points, or other references.
     joint_names : sequence of str
         The arm's joints, base to tip.
     lower, upper : (n_joints,) array
         Joint limits [rad, or mm for sliding joints]; infinite where there is none.
     min_rows : int
-        The fewest readings that the model can be fitted to.
+        The fewest readings with a reference that the model can be fitted to.
     prismatic : (n_joints,) bool array, optional
         Which joints slide; none by default. Only messages need it.
+    relations : bool
+        Whether the model learns from seats, spheres, planes, lines and orientations too; by default it needs a
+        reference point at every reading.
 
     Raises
     ------
     InputError
-        If the number of joints is wrong, reference points are missing, there are too few readings, a joint, the
-        whole arm or the reference never moves, an angle is outside its limits, or a reading stands twice.
+        If the number of joints is wrong, references are missing, there are too few readings, a joint, the whole arm or
+        the reference never moves, an angle is outside its limits, or a reading stands twice.
     """
     _check_joints(readings, joint_names)
-    if readings.points is None:
+    known = has_reference(readings) if relations else readings.has_point
+    if not known.any():
         raise readings.error(
-            "the readings have no reference points, and a fit needs them",
-            hint="add columns x_mm, y_mm, z_mm with the tip as a reference instrument saw it",
+            "the readings have no reference points, and a fit needs them"
+            if not relations
+            else "the readings have no reference at all (points, seats, spheres, planes, lines, orientations)",
+            hint="add columns x_mm, y_mm, z_mm with the tip as a reference instrument saw it"
+            + (", or a column seat with the names of seats" if relations else ""),
         )
-    if len(readings) < min_rows:
+    if not (known.all() or relations):
+        row = int(np.argmin(known))
         raise readings.error(
-            f"expected at least {min_rows} readings, got {len(readings)}",
+            f"{int((~known).sum())} of {len(readings)} readings have no reference point, the first of them"
+            f" {readings.called(row)}, and this model learns from points alone",
+            row,
+            hint="leave these readings out, or take a model that learns from seats",
+        )
+    if (n := int(known.sum())) < min_rows:
+        raise readings.error(
+            f"expected at least {min_rows} readings, got {n}",
             hint="measure more poses, spread over all joints",
         )
     _check_limits(readings, joint_names, lower, upper, prismatic)
     _check_motion(readings, joint_names)
     _check_reference(readings)
     _check_copies(readings)
+
+
+def has_reference(readings: Readings) -> BoolArray:
+    """(n,) Whether something is known of the tip at each reading: a point, an orientation, a seat or a surface."""
+    known = readings.has_point
+    if readings.quaternion is not None:
+        known |= ~np.isnan(readings.quaternion[:, 0])
+    for name in TOUCHED:
+        if (names := getattr(readings, name)) is not None:
+            known |= names != ""
+    return known
 
 
 def check_angles(
@@ -104,7 +131,7 @@ def check_reach(readings: Readings, *, reach: float) -> None:
     """
     if readings.points is None:
         return
-    middle = np.median(readings.points, axis=0)
+    middle = np.nanmedian(readings.points, axis=0)
     off = np.abs(readings.points - middle).max(axis=1)
     far = off > MOST_REACHES * reach
     if not far.any():
@@ -113,7 +140,7 @@ def check_reach(readings: Readings, *, reach: float) -> None:
     where = f" of {readings.called(row)}" if readings.first_line is None else ""
     raise readings.error(
         f"the reference point{where} lies {off[row]:.4g} mm from the middle of all, farther than an arm with a reach of"
-        f" {reach:.4g} mm can be ({int(far.sum())} of {len(readings)} readings)",
+        f" {reach:.4g} mm can be ({int(far.sum())} of {int(readings.has_point.sum())} readings)",
         row,
         hint="check the unit of the points, or delete the reading",
     )
@@ -171,8 +198,9 @@ def _check_motion(readings: Readings, joint_names: Sequence[str]) -> None:
 
 
 def _check_reference(readings: Readings) -> None:
-    assert readings.points is not None  # checked by the caller
-    if len(readings) > 1 and (np.ptp(readings.points, axis=0) == 0).all():
+    if readings.points is None or len(readings) < 2:
+        return
+    if (np.ptp(readings.points, axis=0) == 0).all():  # never so where a point is missing
         raise readings.error(
             f"all {len(readings)} readings have the same reference point, though the joints move",
             hint="check the columns of the reference; readings of one seat need another seat beside it",
@@ -183,10 +211,15 @@ def _check_copies(readings: Readings) -> None:
     """Refuse the same angles with the same reference: no arm and no tracker repeats to the last digit."""
     import pandas as pd
 
-    assert readings.points is not None  # checked by the caller
-    table: FloatArray = np.hstack([readings.angles, readings.points])
-    frame = pd.DataFrame(table)
-    copies = frame.duplicated().to_numpy()
+    parts: list[FloatArray] = [readings.angles]
+    for values in (readings.points, readings.quaternion):
+        if values is not None:  # what is missing equals what is missing
+            parts += [np.nan_to_num(values), np.isnan(values[:, :1]).astype(float)]
+    for name in TOUCHED:
+        if (names := getattr(readings, name)) is not None:
+            parts.append(np.unique(names, return_inverse=True)[1].astype(float)[:, None])
+    table: FloatArray = np.hstack(parts)
+    copies = pd.DataFrame(table).duplicated().to_numpy()
     if not copies.any():
         return
     second = int(np.argmax(copies))

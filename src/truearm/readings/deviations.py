@@ -36,17 +36,18 @@ def errors_of(found: FloatArray, points: FloatArray) -> Errors:
     Parameters
     ----------
     found, points : (n, 3) array
-        [mm].
+        [mm]. Rows of `points` that are NaN (no reference point) count nothing.
 
     Returns
     -------
     Errors
         `mean_mm`, `rms_mm`, `p95_mm`, `max_mm` of the distances; `mean_abs_coordinate_mm`, `max_abs_coordinate_mm` of
-        single coordinates, the measure of Gao et al. (2017), section 4.
+        single coordinates, the measure of Gao et al. (2017), section 4; `n` the readings counted.
     """
-    if len(points) < 1:
+    there = ~np.isnan(points).all(axis=1)
+    if not there.any():
         raise InputError("expected one or more readings to evaluate, got none")
-    residuals = found - points
+    residuals = (found - points)[there]
     distances = np.linalg.norm(residuals, axis=1)
     return Errors(
         mean_mm=float(distances.mean()),
@@ -55,7 +56,7 @@ def errors_of(found: FloatArray, points: FloatArray) -> Errors:
         max_mm=float(distances.max()),
         mean_abs_coordinate_mm=float(np.abs(residuals).mean()),
         max_abs_coordinate_mm=float(np.abs(residuals).max()),
-        n=len(points),
+        n=len(residuals),
     )
 
 

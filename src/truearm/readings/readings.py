@@ -17,8 +17,9 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 NameArray = npt.NDArray[np.str_]
 
-# Columns with one name a reading, in the order of the session file.
-NAMED = ("seat", "sphere", "plane", "line", "position", "session")
+# Columns with one name a reading, in the order of the session file; the first of them name what the tip was on.
+TOUCHED = ("seat", "sphere", "plane", "line")
+NAMED = (*TOUCHED, "position", "session")
 
 # Names of further columns of numbers, such as the torque of a joint (load_1_Nm).
 LOAD = re.compile(r"load_[\w.-]+")
@@ -134,7 +135,7 @@ class Readings:
                 row = int(np.argmax(bad))
                 what = "expected finite numbers" if np.isinf(value[row]).any() else f"expected {parts} or none of them"
                 raise self.error(
-                    f"{what} in {name}, got {value[row].tolist()} in {self.called(row)}",
+                    f"{what} in {name}, got {value[row].tolist()}{self._where(row)}",
                     row,
                     hint="fill in what is missing, or leave all of them out",
                 )
@@ -147,11 +148,11 @@ class Readings:
         odd = np.isnan(self.point_std[:, 0]) == self.has_point
         if odd.any():
             row = int(np.argmax(odd))
-            what = "a point without" if self.has_point[row] else "no point, but"
+            what = "a point without one" if self.has_point[row] else "one without a point"
             raise self.error(
-                f"{self.called(row)} has {what} a standard uncertainty",
+                f"expected a standard uncertainty where there is a point and only there, got {what}{self._where(row)}",
                 row,
-                hint="state it for every point and for nothing else, or leave the uncertainties out of the file",
+                hint="leave the uncertainties out of the file if they are not all known",
             )
         if (self.point_std <= 0).any():
             row = int(np.argwhere(self.point_std <= 0)[0, 0])
@@ -173,7 +174,7 @@ class Readings:
         if np.nanmax(off) > QUATERNION_TOLERANCE:
             row = int(np.nanargmax(off > QUATERNION_TOLERANCE))
             raise self.error(
-                f"expected a quaternion of length 1, got length {length[row]:.6g} in {self.called(row)}",
+                f"expected a quaternion of length 1, got length {length[row]:.6g}{self._where(row)}",
                 row,
                 hint="an orientation as w, x, y, z; the scalar part w comes first",
             )
@@ -198,6 +199,10 @@ class Readings:
     def called(self, row: int) -> str:
         """Name the reading in row `row` (counted from 0) for a message: its line in the file, or its number."""
         return f"reading {row + 1}" if self.first_line is None else f"line {self.first_line + row}"
+
+    def _where(self, row: int) -> str:
+        """Name the row within a message that does not begin with its line."""
+        return f" in {self.called(row)}" if self.first_line is None else ""
 
     def error(
         self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None

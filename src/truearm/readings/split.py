@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.readings.readings import NAMED, Readings
+from truearm.readings.readings import Readings
 
 By = Literal["position", "seat", "session", "row"]
 
@@ -59,7 +59,7 @@ def _groups(readings: Readings, by: By) -> npt.NDArray[np.intp]:
         return np.arange(len(readings))
     names = getattr(readings, by)
     if names is None:
-        present = [name for name in NAMED if getattr(readings, name) is not None]
+        present = [name for name in get_args(By)[:-1] if getattr(readings, name) is not None]
         raise readings.error(
             f"the readings have no column {by!r} to split by",
             hint=f"by {' or '.join([*present, 'row'])}, or name a {by} for every reading",
