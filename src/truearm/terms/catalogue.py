@@ -211,7 +211,7 @@ def candidate_terms(
     """Offer all terms that the readings allow, and say which they do not.
 
     A harmonic is left out where the joint moved by less than a quarter of its period, or where the joint's angles stand
-    further apart than half a period, so that it could not be told from a lower one. A function that is the same at
+    half a period apart or more, so that it could not be told from a lower one. A function that is the same at
     every reading is left out as it cannot be told from a constant.
 
     Parameters
@@ -236,7 +236,7 @@ def candidate_terms(
         if chain.slides[joint - 1]:
             left_out.append(LeftOut(f"J{joint} harmonics", f"J{joint} slides"))
             continue
-        shown, lost = _shown_orders(joint, state.angles[:, joint - 1], highest)
+        shown, lost = _shown_orders(joint, state.angles[:, joint - 1], max(highest, *WOBBLE_ORDERS))
         left_out += lost
         for band in _bands(highest):
             if kept := tuple(k for k in band if k in shown):
@@ -265,13 +265,14 @@ def place_name(chain: Chain, place: int) -> str:
 def _shown_orders(joint: int, angles: FloatArray, highest: int) -> tuple[set[int], list[LeftOut]]:
     """Which harmonics a joint's angles can show, and which not."""
     moved = float(np.ptp(angles)) if len(angles) else 0.0
-    n_angles = _count_apart(
-        angles if moved < 2 * np.pi else np.mod(angles, 2 * np.pi), LEAST_PHASE / 2 / max(highest, 1)
-    )
+    if moved >= 2 * np.pi:
+        angles = np.mod(angles, 2 * np.pi)
+    n_angles = _count_apart(angles, LEAST_PHASE / 2 / highest)
+    # Half a period between neighbours, but for rounding: from there on a harmonic looks like one of lower order.
+    widest = 0.999 * np.pi * (n_angles - 1)
     orders = range(1, highest + 1)
     slow = [k for k in orders if k * moved < LEAST_PHASE]
-    # n angles spread over a turn tell n functions, two an order, from each other; over less, as many higher orders.
-    fast = [k for k in orders if k not in slow and k * min(moved, 2 * np.pi) > np.pi * n_angles]
+    fast = [k for k in orders if k not in slow and k * min(moved, 2 * np.pi) > widest]
     lost = [
         LeftOut(f"J{joint} {_orders_name(orders)}", reason)
         for orders, reason in (
