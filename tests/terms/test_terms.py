@@ -9,6 +9,7 @@ from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.terms import (
     LinkMasses,
+    directions,
     gravity_loads,
     gravity_torques,
     growth_motions,
@@ -29,15 +30,6 @@ def horizontal_arm(n: int = 1, *, length_mm: float = 1000.0) -> Chain:
     return Chain(np.stack([hinge, *[along] * (n - 1), np.eye(4)]), [length_mm, 0, 0])
 
 
-def random_chain(seed: int, n: int = 5, *, sliding: bool = False) -> Chain:
-    rng = np.random.default_rng(seed)
-    fixed = np.tile(np.eye(4), (n + 1, 1, 1))
-    fixed[:, :3, :3] = np.linalg.qr(rng.normal(size=(n + 1, 3, 3)))[0]
-    fixed[:, 0, :3] *= np.sign(np.linalg.det(fixed[:, :3, :3]))[:, None]
-    fixed[:, :3, 3] = rng.normal(0, 300, (n + 1, 3))
-    return Chain(fixed, rng.normal(0, 100, 3), np.arange(n) == 2 if sliding else None)
-
-
 def test_harmonics_are_cosines_and_sines_of_multiples():
     got = harmonics(np.array([[0.3, -1.2]]), [1, 2, 0.4])
     assert got.shape == (1, 2, 3, 2)
@@ -48,6 +40,12 @@ def test_harmonics_are_cosines_and_sines_of_multiples():
 def test_whole_harmonics_repeat_after_a_turn(angle, order):
     # Rounding of the argument k q, about 200 here, leaves 1e-13.
     assert harmonics(angle + 2 * np.pi, [order]) == pytest.approx(harmonics(angle, [order]), abs=1e-12)
+
+
+def test_direction_is_the_sign_of_the_last_movement():
+    angles = np.array([[0, 0], [1, 0], [1, 0], [0.5, -1], [0.5, 3]])
+    assert directions(angles).tolist() == [[0, 0], [1, 0], [1, 0], [-1, -1], [-1, 1]]
+    assert directions(np.zeros((0, 2))).shape == (0, 2)
 
 
 def test_horizontal_link_of_even_mass_pulls_half_its_length():
@@ -74,9 +72,9 @@ def test_two_links_and_a_mass_at_the_end_add_by_their_levers():
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 1000), st.booleans())
-def test_torque_is_the_work_of_the_weights_in_a_small_turn(seed, sliding):
+def test_torque_is_the_work_of_the_weights_in_a_small_turn(make_chain, seed, sliding):
     """Virtual work: torque about an axis = change of height of the masses by a small turn about it, times weight."""
-    chain = random_chain(seed, sliding=sliding)
+    chain = make_chain(seed, sliding=sliding)
     rng = np.random.default_rng(seed + 1)
     links = LinkMasses(rng.uniform(0, 5, 5), rng.normal(0, 200, (5, 3)))
     angles = rng.uniform(-3, 3, (7, 5))
@@ -101,8 +99,8 @@ def test_gravity_follows_its_direction_in_the_base():
     )
 
 
-def test_links_run_from_joint_to_joint_and_the_last_to_the_tip():
-    chain = random_chain(3)
+def test_links_run_from_joint_to_joint_and_the_last_to_the_tip(make_chain):
+    chain = make_chain(3)
     vectors = link_vectors(chain)
     # Cutting the chain after joint i and putting the tip at the link's end reaches the next joint's origin.
     cut = Chain(np.concatenate([chain.fixed[:5], np.eye(4)[None]]), vectors[5])

@@ -10,7 +10,7 @@ from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.virtual import PRESETS, Preset, VirtualArm, load_preset, magnitudes
-from truearm.virtual.state import at_rest, directions, hand_forces, link_temperatures, mean_hand_force
+from truearm.virtual.state import at_rest, hand_forces, link_temperatures, mean_hand_force
 from truearm.virtual.systematic import ARCSEC, beam, eccentric_reading
 
 WORKING_DEG = (0, -60, 0, 60, 0, 60)
@@ -268,11 +268,6 @@ def test_encoder_noise_and_reference_noise_have_their_size():
     assert (taken.readings.angles - taken.true_angles).std() / ARCSEC == pytest.approx(2.0, rel=0.04)
     assert (taken.readings.points - taken.true_tips).std() == pytest.approx(0.004, rel=0.04)
     assert (taken.readings.point_std == 0.004).all()
-
-
-def test_direction_is_the_sign_of_the_last_movement():
-    angles = np.array([[0, 0], [1, 0], [1, 0], [0.5, -1], [0.5, 3]])
-    assert directions(angles).tolist() == [[0, 0], [1, 0], [1, 0], [-1, -1], [-1, 1]]
 
 
 def test_hysteresis_separates_the_two_directions_by_twice_its_size():

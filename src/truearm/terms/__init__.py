@@ -24,7 +24,7 @@ from truearm.terms.catalogue import (
     place_name,
 )
 from truearm.terms.gravity import GravityLoads, LinkMasses, gravity_loads, gravity_torques, uniform_links
-from truearm.terms.joint import harmonics
+from truearm.terms.joint import directions, harmonics
 from truearm.terms.state import ArmState
 from truearm.terms.term import Term
 from truearm.terms.thermal import REFERENCE_TEMPERATURE_DEGC, growth_motions, link_vectors
@@ -48,6 +48,7 @@ __all__ = [
     "basis_from_data",
     "candidate_terms",
     "constants",
+    "directions",
     "gravity_loads",
     "gravity_torques",
     "growth_motions",

@@ -1,4 +1,4 @@
-"""Functions of a joint's own angle."""
+"""Functions of a joint's own angle and of the way it came."""
 
 from __future__ import annotations
 
@@ -31,3 +31,14 @@ def harmonics(angles: npt.ArrayLike, orders: Sequence[float]) -> FloatArray:
     """
     turns = np.asarray(angles, dtype=float)[..., None] * np.asarray(orders, dtype=float)
     return np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+
+
+def directions(angles: npt.ArrayLike) -> FloatArray:
+    """Sign of each joint's last movement in a sequence of readings, (n, n_joints).
+
+    A joint that stands still keeps its sign; before its first movement it counts as 0.
+    """
+    angles = np.asarray(angles, dtype=float)
+    signs = np.sign(np.diff(angles, axis=0, prepend=angles[:1]))
+    last_moved = np.where(signs != 0, np.arange(len(signs))[:, None], 0)
+    return np.take_along_axis(signs, np.maximum.accumulate(last_moved, axis=0), axis=0)

@@ -11,6 +11,7 @@ from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.readings.deviations import Errors, errors_of
 from truearm.readings.readings import Readings
+from truearm.terms import directions
 from truearm.virtual.constrained import constrain_geometry
 from truearm.virtual.motions import motions, true_tips
 from truearm.virtual.presets import Preset
@@ -18,7 +19,6 @@ from truearm.virtual.state import (
     State,
     air_temperatures,
     at_rest,
-    directions,
     given_temperatures,
     hand_forces,
     link_temperatures,

@@ -62,17 +62,6 @@ def at_rest(chain: Chain, n: int, *, temperature_degC: float = REFERENCE_TEMPERA
     )
 
 
-def directions(angles: npt.ArrayLike) -> FloatArray:
-    """Sign of each joint's last movement in a sequence of readings, (n, n_joints).
-
-    A joint that stands still keeps its sign; before its first movement it counts as 0.
-    """
-    angles = np.asarray(angles, dtype=float)
-    signs = np.sign(np.diff(angles, axis=0, prepend=angles[:1]))
-    last_moved = np.where(signs != 0, np.arange(len(signs))[:, None], 0)
-    return np.take_along_axis(signs, np.maximum.accumulate(last_moved, axis=0), axis=0)
-
-
 def link_temperatures(air_degC: FloatArray, lag_s: npt.ArrayLike, *, interval_s: float) -> FloatArray:
     """Temperatures that follow the air with first-order lags, from balance at the first reading.
 
