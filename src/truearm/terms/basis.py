@@ -155,7 +155,7 @@ class Harmonics(Basis):
         """(2 n_orders, n) cosines and sines.
 
         Orders that follow each other come from the addition theorems, four products instead of a cosine and a sine;
-        rounding grows with the length of such a row, 1e-14 at 80.
+        rounding grows with the length of such a row, to 2e-14 at 80.
         """
         angle = _of_joint(state.angles, self.joint)
         out = np.empty((2 * len(self.orders), len(angle)))
