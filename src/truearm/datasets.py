@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from importlib import resources
@@ -20,6 +20,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.readings.files import AngleUnit
+from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
 from truearm.readings.tables import JointScale, TableColumns, import_table
 
@@ -62,6 +63,8 @@ class DataSet:
         The unit in which it was published.
     load : callable
         Reads it.
+    lengths : callable, optional
+        Gives the known lengths between its seats.
     """
 
     source: Source
@@ -70,11 +73,18 @@ class DataSet:
     arm: str
     angle_unit: AngleUnit
     load: Callable[[], Readings]
+    lengths: Callable[[], Lengths] | None = None
 
 
 def load(name: str) -> Readings:
     """Load a set by its name in `SETS`."""
     return _named(name).load()
+
+
+def load_lengths(name: str) -> Lengths | None:
+    """Load the known lengths between the seats of a set, by its name in `SETS`; None where none are known."""
+    lengths = _named(name).lengths
+    return None if lengths is None else lengths()
 
 
 def load_ur10_leica(series: Literal["A", "B"]) -> Readings:
@@ -139,7 +149,7 @@ def load_wam() -> Readings:
 def load_mukca(robot: MukcaRobot, *positions: str) -> Readings:
     """Load a hand-guided ball held in sockets (TU Delft, MUKCa): angles and seats, no reference points.
 
-    The two sockets of one tool position are 50 mm apart.
+    The two sockets of one tool position are 50 mm apart: `load_mukca_lengths`.
 
     Parameters
     ----------
@@ -153,15 +163,11 @@ def load_mukca(robot: MukcaRobot, *positions: str) -> Readings:
     Readings
         `seat` is ``robot/position/hole_0`` or ``hole_1``, `position` is ``robot/position``.
     """
-    name = f"mukca-{robot}"
-    folder = fetch(name)
-    present = sorted({path.split("/")[-2] for path in _files(_named(name))})
-    if unknown := [p for p in positions if p not in present]:
-        raise InputError(f"{robot} has no tool position {unknown[0]!r}", hint=f"one of {', '.join(present)}")
+    folder = fetch(f"mukca-{robot}")
     n_joints = 6 if robot.startswith("dinova") else 7
     columns = TableColumns([str(i + 1) for i in range(n_joints)])
     angles, seats = [], []
-    for position in positions or present:
+    for position in _tool_positions(robot, positions):
         for hole in ("hole_0", "hole_1"):
             part = import_table(folder / position / f"{hole}.csv", columns, JointScale("rad"), header=False)
             angles.append(part.angles)
@@ -170,6 +176,22 @@ def load_mukca(robot: MukcaRobot, *positions: str) -> Readings:
         np.concatenate(angles), seat=np.array(seats), position=np.array([s.rpartition("/")[0] for s in seats])
     )
 
+
+def load_mukca_lengths(robot: MukcaRobot, *positions: str) -> Lengths:
+    """Give the distance between the two sockets of every tool position of `load_mukca`: 50 mm.
+
+    The publisher states no uncertainty. The sockets are in one 3D-printed part; a standard uncertainty of
+    `MUKCA_U_MM` is assumed of it here.
+    """
+    chosen = [f"{robot}/{position}" for position in _tool_positions(robot, positions)]
+    n = len(chosen)
+    hole_0, hole_1 = (np.array([f"{position}/{hole}" for position in chosen]) for hole in ("hole_0", "hole_1"))
+    return Lengths(hole_0, hole_1, np.full(n, MUKCA_LENGTH_MM), np.full(n, MUKCA_U_MM))
+
+
+# Distance of the sockets as published, and what a printed part may be off by: an assumption of ours.
+MUKCA_LENGTH_MM = 50.0
+MUKCA_U_MM = 0.1
 
 _MUKCA: tuple[tuple[MukcaRobot, str, str], ...] = (
     ("panda_1", "Franka Panda, 182 readings", "panda"),
@@ -219,6 +241,7 @@ SETS: dict[str, DataSet] = {
             arm,
             "rad",
             partial(load_mukca, robot),
+            partial(load_mukca_lengths, robot),
         )
         for robot, title, arm in _MUKCA
     },
@@ -286,6 +309,14 @@ def _load_tsinghua(name: str, n_joints: int) -> Readings:
     # The publisher does not say the sign of the differences. Added to the target, they let the cable-driven WAM hang
     # low, as gravity demands.
     return replace(target, points=target.points + off.points)
+
+
+def _tool_positions(robot: MukcaRobot, chosen: Sequence[str]) -> Sequence[str]:
+    """The tool positions chosen, or all that the robot has."""
+    present = sorted({path.split("/")[-2] for path in _files(_named(f"mukca-{robot}"))})
+    if unknown := [p for p in chosen if p not in present]:
+        raise InputError(f"{robot} has no tool position {unknown[0]!r}", hint=f"one of {', '.join(present)}")
+    return chosen or present
 
 
 @cache

@@ -17,24 +17,36 @@ def fetch(
 ) -> None:
     """Get the published readings of a real arm.
 
-    They are downloaded once, checked against the published files, and written as a session file.
+    They are downloaded once, checked against the published files, and written as a session file. Where lengths between
+    its seats are known, they are written beside it, to OUT-lengths.csv.
     """
     from truearm import datasets
     from truearm.errors import InputError
-    from truearm.readings import check_session_path, write_session
+    from truearm.readings import check_session_path, write_lengths, write_session
+    from truearm.writing import check_writable, whole_file
 
     if show or not name:
         say_table(["name", "set", "arm"], [[n, s.title, s.arm] for n, s in datasets.SETS.items()], left=(0, 1, 2))
         return
     path = out or Path(f"{name}.csv")
-    if out is None and path.exists():
-        raise InputError("the file exists already", file=path, hint=f"--out {path} to replace it")
+    beside = path.with_name(f"{path.stem}-lengths.csv")
+    lengths = datasets.load_lengths(name)
+    for written in (path, beside) if lengths else (path,):
+        if out is None and written.exists():
+            raise InputError("the file exists already", file=written, hint=f"--out {path} to replace it")
     check_session_path(path)
+    check_writable(beside)
     with progress(f"getting {name}"):
         readings = datasets.load(name)
         data_set = datasets.SETS[name]
-        write_session(readings, path, angle_unit=data_set.angle_unit)
+        # Both or none, as they belong together.
+        with whole_file(path) as session:
+            write_session(readings, session, angle_unit=data_set.angle_unit)
+            if lengths:
+                write_lengths(lengths, beside)
     source = data_set.source
     say(f"{path}: {len(readings)} readings of {readings.n_joints} joints, nominal arm {data_set.arm}.")
+    if lengths:
+        say(f"{beside}: {len(lengths)} lengths between its seats; their uncertainty is our assumption.")
     repository = datasets.UPSTREAM[source].rpartition("/")[0]
     say(f"From github.com/{repository} (MIT licence). Cite: {datasets.CITATION[source]}.")

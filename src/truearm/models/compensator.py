@@ -112,6 +112,12 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
                 "expected reference points (x_mm, y_mm, z_mm) to learn from, the readings have none",
                 file=readings.file,
             )
+        if not readings.has_point.all():
+            raise readings.error(
+                f"expected a reference point at every reading, {int((~readings.has_point).sum())} of {len(readings)}"
+                " have none",
+                hint="readings.rows(readings.has_point) has the others",
+            )
         if len(readings) < MIN_ROWS:
             raise InputError(f"expected {MIN_ROWS} or more readings, got {len(readings)}", file=readings.file)
         begun = time.perf_counter()
