@@ -39,6 +39,7 @@ from scipy.linalg import cho_solve, qr
 
 from truearm.errors import InputError
 from truearm.solve.arrays import whitened
+from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -98,11 +99,11 @@ class DesignProblem:
         object.__setattr__(self, "factors", factors)
         for name in ("prior_precision", "target"):
             object.__setattr__(self, name, _symmetric(name, getattr(self, name), factors.shape[2]))
-        if _variance(self.prior_precision, np.zeros((0, factors.shape[2]))) is None:
-            raise InputError(
-                "the prior precision must be positive definite", hint="a prior for every parameter, however wide"
-            )
-        self._target_factor  # noqa: B018  # refuses a target that is none
+        with one_blas_thread():
+            if _variance(self.prior_precision, self._target_factor) is None:
+                raise InputError(
+                    "the prior precision must be positive definite", hint="a prior for every parameter, however wide"
+                )
 
     @property
     def n_candidates(self) -> int:
@@ -127,7 +128,8 @@ class DesignProblem:
     def course(self, rows: npt.ArrayLike) -> FloatArray:
         """``trace(M C)`` before any and after each of the candidates `rows` in turn, (len(rows) + 1,) [mm^2]."""
         order = np.asarray(rows, dtype=np.intp)
-        return np.array([self.variance(order[:count]) for count in range(len(order) + 1)])
+        with one_blas_thread():
+            return np.array([self.variance(order[:count]) for count in range(len(order) + 1)])
 
     @cached_property
     def _target_factor(self) -> FloatArray:
@@ -249,11 +251,12 @@ def choose(
     if strategy == "random":
         return Chosen(np.random.default_rng(seed).permutation(pool)[:n])
     criterion: Criterion = IOptimality() if strategy == "I-optimal" else DOptimality()
-    free = DesignProblem(problem.factors[pool], problem.information(fixed), problem.target)
-    start = greedy(free, n, criterion, progress=progress)
-    best = exchanged(free, start.rows, criterion, progress=progress)
-    chosen = DesignProblem(free.factors[best.rows], free.prior_precision, free.target)
-    order = greedy(chosen, n, criterion).rows
+    with one_blas_thread():
+        free = DesignProblem(problem.factors[pool], problem.information(fixed), problem.target)
+        start = greedy(free, n, criterion, progress=progress)
+        best = exchanged(free, start.rows, criterion, progress=progress)
+        chosen = DesignProblem(free.factors[best.rows], free.prior_precision, free.target)
+        order = greedy(chosen, n, criterion).rows
     return Chosen(pool[best.rows[order]], best.swaps)
 
 
