@@ -39,3 +39,12 @@ def test_an_arm_without_error_has_nothing_to_remove():
 def test_no_readings_no_errors():
     with pytest.raises(InputError, match="got none"):
         errors_of(np.empty((0, 3)), np.empty((0, 3)))
+
+
+def test_readings_without_a_reference_point_count_nothing():
+    points = np.array([[10.0, 20, 30], [np.nan] * 3, [1, 2, 3]])
+    found = np.array([[13.0, 20, 26], [5, 5, 5], [1, 2, 3]])
+    assert errors_of(found, points) == errors_of(found[::2], points[::2])
+    assert errors_of(found, points)["n"] == 2
+    with pytest.raises(InputError, match="got none"):
+        errors_of(found[1:2], points[1:2])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
@@ -13,6 +13,7 @@ def readings_of(names, by="position"):
     return Readings(np.arange(len(names), dtype=float)[:, None], **{by: np.array(names, dtype=np.str_)})
 
 
+@settings(deadline=None)
 @given(
     names=st.lists(st.sampled_from("abcdefg"), min_size=2, max_size=40).filter(lambda names: len(set(names)) > 1),
     by=st.sampled_from(["position", "seat", "session"]),
@@ -59,6 +60,27 @@ def test_a_reading_without_a_name_belongs_nowhere(tmp_path):
     with pytest.raises(InputError, match="line 3 names no position") as caught:
         hold_out(read_session(path), fraction=0.3, seed=0)
     assert (caught.value.line, caught.value.column) == (3, "position")
+
+
+def test_a_split_keeps_what_else_is_known_of_a_reading():
+    """Rows without a point, orientations, loads and names go where their reading goes."""
+    n = 8
+    points = np.arange(3.0 * n).reshape(n, 3)
+    points[::2] = np.nan
+    whole = Readings(
+        np.arange(n, dtype=float)[:, None],
+        points,
+        seat=np.array(["", "A"] * 4),
+        position=np.repeat(["P", "Q", "R", "S"], 2),
+        quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
+        columns={"load_1_Nm": np.arange(n) * 2.0},
+    )
+    for part in hold_out(whole, fraction=0.25, seed=0):
+        rows = part.angles[:, 0].astype(int)
+        np.testing.assert_array_equal(part.points, points[rows])
+        np.testing.assert_array_equal(part.columns["load_1_Nm"], rows * 2)
+        assert part.has_point.tolist() == [bool(row % 2) for row in rows]
+        assert len(part.quaternion) == len(rows)
 
 
 def test_splits_that_make_no_sense_are_refused():

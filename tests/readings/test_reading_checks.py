@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.readings import Readings, check_angles, check_fit, check_reach, read_session
+from truearm.readings import Readings, check_angles, check_fit, check_reach, has_reference, read_session
 
 NAMES = ("waist", "elbow")
 LOWER, UPPER = np.radians([-180.0, -90.0]), np.radians([180.0, 90.0])
@@ -47,6 +47,45 @@ def test_missing_reference_points_are_said(tmp_path):
     error = refusal(session(tmp_path, ["1,2", "3,4"], header="q1_deg,q2_deg\n"))
     assert "no reference points" in error.problem
     assert "x_mm, y_mm, z_mm" in error.hint
+
+
+SEATS = "q1_deg,q2_deg,x_mm,y_mm,z_mm,seat,sphere\n"
+MIXED = ["10,20,1,2,3,,", "30,-40,,,,A,", "50,60,,,,A,", "60,70,,,,,ball"]
+
+
+def test_a_model_of_points_alone_needs_one_at_every_reading(tmp_path):
+    readings = session(tmp_path, MIXED, header=SEATS)
+    error = refusal(readings)
+    assert error.line == 3
+    assert "3 of 4 readings have no reference point, the first of them line 3" in error.problem
+    assert "learns from seats" in error.hint
+    check(readings, relations=True)
+    check(readings.rows(readings.has_point), min_rows=1)
+
+
+def test_a_model_of_relations_needs_something_known_of_some_tips(tmp_path):
+    readings = session(tmp_path, [*MIXED, "70,80,,,,,"], header=SEATS)
+    assert has_reference(readings).tolist() == [True, True, True, True, False]
+    check(readings, min_rows=4, relations=True)
+    assert "expected at least 5 readings, got 4" in refusal(readings, min_rows=5, relations=True).problem
+    error = refusal(session(tmp_path, ["1,2,", "3,4,"], header="q1_deg,q2_deg,seat\n"), relations=True)
+    assert "no reference at all (points, seats" in error.problem
+    assert "column seat" in error.hint
+    turned = Readings(np.zeros((2, 2)), quaternion=[[1, 0, 0, 0], [np.nan] * 4], line=np.array(["", ""]))
+    assert has_reference(turned).tolist() == [True, False]
+
+
+def test_copies_in_a_seat_are_named(tmp_path):
+    """The same angles in another seat, or with a point, are another reading: what is wrong with it shows later."""
+    check(session(tmp_path, [*MIXED, "30,-40,,,,B,", "30,-40,0,0,0,A,"], header=SEATS), relations=True)
+    error = refusal(session(tmp_path, [*MIXED, MIXED[1]], header=SEATS), relations=True)
+    assert error.line == 6
+    assert "line 3 and line 6 are the same reading" in error.problem
+
+
+def test_seats_of_one_known_point_may_repeat_it(tmp_path):
+    header = "q1_deg,q2_deg,x_mm,y_mm,z_mm,seat\n"
+    check(session(tmp_path, ["10,20,1,2,3,A", "30,-40,1,2,3,A", "50,60,,,,A"], header=header), relations=True)
 
 
 def test_too_few_poses_are_refused(tmp_path):
@@ -122,8 +161,10 @@ def test_points_that_no_single_arm_can_have_touched(rng):
     angles = rng.uniform(-1, 1, (20, 2))
     check_reach(Readings(angles, points), reach=1000.0)
     check_reach(Readings(angles), reach=1000.0)
+    points[3] = np.nan
+    check_reach(Readings(angles, points), reach=1000.0)
     points[7, 1] = 4.2e6
-    with pytest.raises(InputError, match=r"4\.2e\+06 mm from the middle of all.*1 of 20 readings"):
+    with pytest.raises(InputError, match=r"4\.2e\+06 mm from the middle of all.*1 of 19 readings"):
         check_reach(Readings(angles, points), reach=1000.0)
     far = Readings(angles, points, file=Path("s.csv"), first_line=2)
     with pytest.raises(InputError, match=r"s\.csv, line 9: the reference point lies") as caught:

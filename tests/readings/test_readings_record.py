@@ -8,6 +8,8 @@ import pytest
 from truearm.errors import InputError
 from truearm.readings import Readings
 
+GAP = [[1.0, 2.0, 3.0], [np.nan] * 3, [4.0, 5.0, 6.0]]
+
 
 @pytest.mark.parametrize(
     ("fields", "said"),
@@ -17,10 +19,24 @@ from truearm.readings import Readings
         ({"points": np.zeros((2, 3))}, r"points of shape \(3, 3\)"),
         ({"points": np.zeros((3, 3)), "point_std": np.ones((3, 2))}, "point_std of shape"),
         ({"temperature_degC": np.zeros(2)}, "temperature_degC of shape"),
+        ({"quaternion": np.zeros((3, 3))}, r"quaternion of shape \(3, 4\)"),
+        ({"quaternion": np.zeros((3, 4))}, "quaternion of length 1, got length 0 in reading 1"),
+        ({"quaternion": [[1, 0, 0, 0], [1, 0.2, 0, 0], [2, 0, 0, 0]]}, "got length 1.0198 in reading 2"),
+        ({"quaternion": [[1, 0, 0, 0], [np.nan, 0, 0, 0], [1, 0, 0, 0]]}, "none of them in quaternion.*in reading 2"),
+        ({"points": [[1, 2, 3], [1, np.nan, 3], [1, 2, 3]]}, "x, y and z or none of them in points.*in reading 2"),
+        ({"points": [[1, 2, 3], [np.nan] * 3, [np.inf] * 3]}, "finite numbers in points.*in reading 3"),
+        ({"point_std": np.ones((3, 3))}, "point_std needs points"),
+        ({"points": GAP, "point_std": np.ones((3, 3))}, "only there, got one without a point in reading 2"),
+        ({"points": np.ones((3, 3)), "point_std": GAP}, "only there, got a point without one in reading 2"),
+        ({"columns": {"torque": np.ones(3)}}, "names of further columns such as load_1_Nm, got 'torque'"),
+        ({"columns": {"load_\n": np.ones(3)}}, "names of further columns"),
+        ({"columns": {"load_1": np.ones(2)}}, r"load_1 of shape \(3,\)"),
+        ({"columns": {"load_1": [1, np.nan, 2]}}, "finite numbers in load_1, got nan in reading 2"),
+        ({"sphere": np.array(["a"])}, r"sphere of shape \(3,\)"),
         ({"seat": np.array(["a"])}, r"seat of shape \(3,\)"),
         ({"angles": [[1.0], [np.nan], [2.0]]}, "finite numbers in angles, got .* in reading 2"),
         ({"temperature_degC": [1, 2, np.inf]}, "in reading 3"),
-        ({"points": np.ones((3, 3)), "point_std": np.diag([1, 1, -1]) + 1.5}, "must be positive, got .* in reading 3"),
+        ({"points": np.ones((3, 3)), "point_std": np.diag([1, 1, -2]) + 1.5}, "must be positive, got .* in reading 3"),
     ],
 )
 def test_fields_that_do_not_fit_are_refused(fields, said):
@@ -34,6 +50,9 @@ def test_rows_select_every_field_and_forget_the_file():
         np.arange(6.0).reshape(3, 2),
         np.ones((3, 3)),
         seat=names,
+        plane=names,
+        quaternion=np.eye(4)[:3],
+        columns={"load_1": np.array([7.0, 8.0, 9.0])},
         temperature_degC=np.array([20.0, 21.0, 22.0]),
         file=Path("s.csv"),
         angle_columns=("q1_rad", "q2_mm"),
@@ -43,9 +62,34 @@ def test_rows_select_every_field_and_forget_the_file():
     np.testing.assert_array_equal(part.angles, [[4, 5], [0, 1]])
     assert part.seat.tolist() == ["c", "a"]
     assert part.temperature_degC.tolist() == [22, 20]
+    assert part.plane.tolist() == ["c", "a"]
+    np.testing.assert_array_equal(part.quaternion, np.eye(4)[[2, 0]])
+    assert part.columns["load_1"].tolist() == [9, 7]
+    assert whole.rows([True, False, True]).columns["load_1"].tolist() == [7, 9]
     assert part.position is None
     assert (part.file, part.first_line) == (None, None)
     assert part.angle_columns == ("q1_rad", "q2_mm")
+
+
+def test_a_reading_without_a_point_is_known_as_such():
+    readings = Readings(np.zeros((3, 1)), GAP, point_std=GAP)
+    assert readings.has_point.tolist() == [True, False, True]
+    assert Readings(np.zeros((2, 1))).has_point.tolist() == [False, False]
+    none = readings.rows([1])
+    assert none.points is None
+    assert none.point_std is None
+    assert not none.has_point.any()
+    assert readings.rows(np.zeros(3, bool)).points.shape == (0, 3)
+
+
+def test_a_rounded_quaternion_is_made_one_and_an_exact_one_stays_as_it_is():
+    rounded = [0.71, 0.0, 0.71, 0.0]
+    exact = [0.6, 0.0, 0.8, 0.0]
+    readings = Readings(np.zeros((3, 1)), quaternion=[rounded, exact, [np.nan] * 4])
+    # 0.71 / sqrt(2 0.71^2) is sqrt(1/2), right to a few units in the last place of a double.
+    np.testing.assert_allclose(readings.quaternion[0], np.sqrt([0.5, 0, 0.5, 0]), rtol=1e-15)
+    np.testing.assert_array_equal(readings.quaternion[1:], [exact, [np.nan] * 4])
+    assert Readings(np.zeros((1, 1)), quaternion=[[np.nan] * 4]).quaternion is None
 
 
 def test_a_message_names_the_line_where_there_is_one():

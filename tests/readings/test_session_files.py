@@ -35,30 +35,47 @@ finite = st.floats(-1e6, 1e6, allow_subnormal=False)
 words = st.text(st.characters(blacklist_categories=("Cs", "Cc")), max_size=8)
 
 
+NAMES = ("seat", "sphere", "plane", "line", "position", "session")
+
+
 @st.composite
 def any_readings(draw: st.DrawFn) -> Readings:
     n, joints = draw(st.integers(1, 5)), draw(st.integers(1, 7))
     name = st.lists(words, min_size=n, max_size=n).map(np.array)
+    gone = draw(arrays(bool, (n,)))
     points = draw(st.none() | arrays(float, (n, 3), elements=finite))
     std = None if points is None else draw(st.none() | arrays(float, (n, 3), elements=st.floats(1e-6, 10)))
+    for values in (points, std):
+        if values is not None:
+            values[gone] = np.nan
+    turn = draw(st.none() | arrays(float, (n, 4), elements=st.floats(0.1, 1)))
+    if turn is not None:
+        turn /= np.linalg.norm(turn, axis=1)[:, None]
+        turn[draw(arrays(bool, (n,)))] = np.nan
+    loads = st.dictionaries(
+        st.from_regex(r"load_[a-zA-Z0-9_.-]{1,5}", fullmatch=True), arrays(float, (n,), elements=finite), max_size=3
+    )
     return Readings(
         draw(arrays(float, (n, joints), elements=finite)),
         points,
         point_std=std,
-        seat=draw(st.none() | name),
-        position=draw(st.none() | name),
-        session=draw(st.none() | name),
         temperature_degC=draw(st.none() | arrays(float, (n,), elements=st.floats(-40, 90))),
+        quaternion=turn,
+        columns=draw(loads),
+        **{field: draw(st.none() | name) for field in NAMES},
     )
 
 
 def assert_same(found: Readings, given: Readings, *, angle_rtol: float) -> None:
     np.testing.assert_allclose(found.angles, given.angles, rtol=angle_rtol, atol=0)
-    for name in ("points", "point_std", "temperature_degC", "seat", "position", "session"):
+    for name in ("points", "point_std", "temperature_degC", "quaternion", *NAMES):
         here, there = getattr(found, name), getattr(given, name)
         assert (here is None) == (there is None), name
         if there is not None:
             np.testing.assert_array_equal(here, there)  # written with all digits: the same bits
+    assert list(found.columns) == list(given.columns)
+    for name, values in given.columns.items():
+        np.testing.assert_array_equal(found.columns[name], values)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -144,6 +161,13 @@ def test_names_are_names_even_if_they_look_like_numbers_or_nothing(tmp_path):
         ("q1_deg,temperature", "temperature", "temperature_degC"),
         ("q1_deg,temperature_F", "temperature_F", "temperature_degC"),
         ("q1_deg,seats", "seats", "seat"),
+        ("q1_deg,spheres", "spheres", "sphere"),
+        ("q1_deg,qw", "qw", "quat_w"),
+        ("q1_deg,quat_X", "quat_X", "quat_x"),
+        ("q1_deg,torque_1_Nm", "torque_1_Nm", "load_1_Nm"),
+        ("q1_deg,tau1", "tau1", "load_1_Nm"),
+        ("q1_deg,load_", "load_", "start with load_"),
+        ("q1_deg,load 1", "load 1", "start with load_"),
         ("q1_deg,operator", "operator", "'note'"),
     ],
 )
@@ -167,7 +191,9 @@ def test_remarks_are_left_alone(tmp_path):
         ("q1_deg,x_mm,z_mm", "column y_mm is missing beside x_mm, z_mm"),
         ("q1_deg,x_mm,y_mm,z_mm,sx_mm", "column sy_mm is missing"),
         ("q1_deg,sx_mm,sy_mm,sz_mm", "x_mm, y_mm and z_mm are missing"),
+        ("q1_deg,quat_w,quat_x,quat_z", "column quat_y is missing beside quat_w, quat_x, quat_z"),
         ("q1_deg,q1_deg", "stands twice"),
+        ("q1_deg,load_1,load_1", "stands twice"),
         ("q1_deg,q1_rad", "q1_deg and q1_rad are the same quantity"),
         ("q1_deg,x_mm,x_m,y_mm,z_mm", "x_mm and x_m are the same quantity"),
         ("q1_deg,", "column 2 has no name"),
@@ -195,7 +221,6 @@ def test_a_wrong_number_of_joints_is_refused(tmp_path):
         ("True", "got 'True'", ""),
         ("٣", "got '٣'", ""),
         ("1 234 567", "got '1 234 567'", "thousands"),
-        ("", "empty cell", "fill in its number"),
         ("nan", "finite number, got 'nan'", "delete the reading"),
         ("NaN", "finite number, got 'NaN'", "delete the reading"),
         ("-inf", "finite number, got '-inf'", "delete the reading"),
@@ -213,6 +238,56 @@ def test_a_cell_that_is_no_number_is_found(tmp_path, cell, said, hint, line):
     assert said in error.problem
     assert hint in (error.hint or "")
     assert len(str(error)) < 400 + len(str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "said"),
+    [
+        (",4,5,6,,,,,1", "q1_deg", "got an empty cell"),
+        ("3,4,5,6,,,,,", "load_1", "got an empty cell"),
+        ("3,4,5,6,,,,, ", "load_1", "got ' '"),
+        ("3, ,5,6,,,,,1", "x_mm", "got ' '"),
+        ("3,nan,nan,nan,,,,,1", "x_mm", "got 'nan'"),
+        ("3,4,5,6,True,True,True,True,1", "quat_w", "got 'True'"),
+        ("3,4,,6,,,,,1", None, "expected x, y and z or none of them in points, got [4.0, nan, 6.0]"),
+        ("3,4,5,6,1,0,,0,1", None, "expected w, x, y and z or none of them in quaternion"),
+        ("3,4,5,6,1,0,1,0,1", None, "expected a quaternion of length 1, got length 1.41421"),
+    ],
+)
+def test_cells_may_be_empty_only_where_that_says_something(tmp_path, row, column, said):
+    good = ["1,4,5,6,,,,,1", "2,,,,1,0,0,0,1"]
+    header = "q1_deg,x_mm,y_mm,z_mm,quat_w,quat_x,quat_y,quat_z,load_1"
+    error = refusal(tmp_path, "\n".join([header, *good, row, good[0]]))
+    assert (error.line, error.column) == (4, column)
+    assert said in error.problem
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_reading_may_have_no_point(tmp_path, suffix):
+    text = "q1_rad,x_m,y_m,z_m,sx_mm,sy_mm,sz_mm,seat\n1,1,2,3,1,1,1,\n2,,,,,,,nan\n"
+    first = read_session(text_file(tmp_path, text))
+    write_session(first, tmp_path / f"again{suffix}")
+    for readings in (first, read_session(tmp_path / f"again{suffix}")):
+        assert readings.has_point.tolist() == [True, False]
+        np.testing.assert_array_equal(readings.points, [[1000, 2000, 3000], [np.nan] * 3])
+        np.testing.assert_array_equal(readings.point_std, [[1, 1, 1], [np.nan] * 3])
+        assert readings.seat.tolist() == ["", "nan"]
+
+
+def test_columns_that_are_empty_throughout_say_nothing(tmp_path):
+    readings = read_session(text_file(tmp_path, "q1_rad,x_mm,y_mm,z_mm,seat\n1,,,,A\n2,,,,A\n"))
+    assert readings.points is None
+    write_session(readings, tmp_path / "again.csv")
+    assert (tmp_path / "again.csv").read_text() == "q1_rad,seat\n1.0,A\n2.0,A\n"
+
+
+def test_loads_are_read_as_they_stand_whatever_their_names_end_in(tmp_path):
+    readings = read_session(text_file(tmp_path, "load_b_deg,q1_deg,load_a_m\n180,180,7\n"))
+    assert {name: values.tolist() for name, values in readings.columns.items()} == {
+        "load_b_deg": [180],
+        "load_a_m": [7],
+    }
+    np.testing.assert_array_equal(readings.angles, [[np.pi]])
 
 
 @pytest.mark.parametrize("fault", [2, 500, 999, 1001])
@@ -320,7 +395,9 @@ def parquet_file(folder: Path, **columns: object) -> Path:
         ({"q1_deg": [True, False]}, "q1_deg", "expected numbers, got a column of type bool"),
         ({"q1_deg": [[1.0], [2.0]]}, "q1_deg", "expected numbers, got a column of type list"),
         ({"q1_deg": [1.0], "seat": [7]}, "seat", "expected names (text), got a column of type int64"),
-        ({"q1_deg": [1.0, 2.0], "seat": ["A", None]}, "seat", "empty cell in reading 2"),
+        ({"q1_deg": [1.0], "load_1": [None]}, "load_1", "expected numbers, got a column of type null"),
+        ({"q1_deg": [1.0, 2.0], "load_1": [3.0, None]}, "load_1", "empty cell in reading 2"),
+        ({"q1_deg": [1.0], "x_mm": [np.inf], "y_mm": [0.0], "z_mm": [0.0]}, "x_mm", "got inf in reading 1"),
         ({"q1": [1.0]}, "q1", "unknown column"),
     ],
 )
@@ -335,6 +412,19 @@ def test_faults_of_a_parquet_file_are_found(tmp_path, columns, column, said):
 def test_whole_numbers_and_single_precision_are_read_from_parquet(tmp_path):
     path = parquet_file(tmp_path, q1_deg=np.array([90], np.int32), q2_rad=np.array([0.5], np.float32))
     np.testing.assert_array_equal(read_session(path).angles, [[np.pi / 2, 0.5]])
+
+
+def test_an_empty_cell_and_nan_mean_the_same_in_parquet(tmp_path):
+    path = parquet_file(
+        tmp_path, q1_rad=[1.0, 2.0, 3.0], x_mm=[4.0, None, np.nan], y_mm=[5, None, None], z_mm=[6.0, np.nan, None],
+        seat=["", "A", None], sphere=[None] * 3,
+    )  # fmt: skip
+    readings = read_session(path)
+    np.testing.assert_array_equal(readings.points, [[4, 5, 6], [np.nan] * 3, [np.nan] * 3])
+    assert readings.seat.tolist() == ["", "A", ""]
+    assert readings.sphere.tolist() == ["", "", ""]
+    none = parquet_file(tmp_path, q1_rad=[1.0], x_mm=[None], y_mm=[None], z_mm=[None])
+    assert read_session(none).points is None
 
 
 def test_a_parquet_file_is_known_by_its_content(tmp_path):
@@ -411,6 +501,8 @@ def test_the_example_in_the_manual_is_a_session_file(tmp_path):
     assert len(readings) == 3
     assert readings.seat.tolist() == ["", "", "cone A"]
     assert readings.point_std is not None
+    mixed = manual.read_text().split("```csv\n")[2].split("```")[0]
+    assert read_session(text_file(tmp_path, mixed)).has_point.tolist() == [True, False, False, False, False]
     assert f"At most {delimited.MAX_BYTES // 2**20} MiB" in manual.read_text()
 
 
@@ -422,9 +514,9 @@ def read_or_refused(path: Path) -> bool:
 
 
 @settings(max_examples=300, deadline=None)
-@given(at=st.integers(0, 60), cut=st.integers(0, 8), junk=st.binary(max_size=8) | st.sampled_from([b'"', b",", b"\n"]))
+@given(at=st.integers(0, 80), cut=st.integers(0, 8), junk=st.binary(max_size=8) | st.sampled_from([b'"', b",", b"\n"]))
 def test_a_damaged_file_is_read_or_refused_but_nothing_else(tmp_path_factory, at, cut, junk):
-    whole = b'q1_deg,q2_deg,seat\n1,2,A\n-3.5,4e1,"B, left"\n5,6,\n'
+    whole = b'q1_deg,load_2,seat,x_mm,y_mm,z_mm\n1,2,A,,,\n-3.5,4e1,"B, left",1,2,3\n5,6,,,,\n'
     path = text_file(tmp_path_factory.mktemp("damaged"), whole[:at] + junk + whole[at + cut :])
     assert read_or_refused(path)
 
