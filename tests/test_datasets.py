@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from truearm import datasets
 from truearm.cli.fetch import fetch as fetch_command
 from truearm.errors import InputError
-from truearm.readings import read_session
+from truearm.readings import read_lengths, read_session
 
 UR5_FILE = "tsinghua_ur5_wam/UR5/3D_UR5_uncalibrated_grid_cleaned.csv"
 HEADER = "step_order,x_t,y_t,z_t,x_dif,y_dif,z_dif,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n"
@@ -190,6 +190,42 @@ def test_one_tool_position_can_be_loaded():
     with pytest.raises(InputError, match="no tool position 'attic'") as caught:
         datasets.load_mukca("panda_1", "attic")
     assert "back-high, front, right" in caught.value.hint
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_known_lengths_are_between_the_seats_of_the_set(name):
+    at_hand(name)
+    lengths = datasets.load_lengths(name)
+    assert (lengths is None) == (not name.startswith("mukca"))
+    if lengths is not None:
+        seats = sorted(set(datasets.load(name).seat.tolist()))
+        assert sorted([*lengths.seat_a.tolist(), *lengths.seat_b.tolist()]) == seats
+        assert set(lengths.length_mm.tolist()) == {50.0}
+        assert set(lengths.u_mm.tolist()) == {0.1}
+
+
+def test_lengths_are_those_of_the_tool_positions_asked_for():
+    lengths = datasets.load_mukca_lengths("panda_1", "front")
+    assert (lengths.seat_a.tolist(), lengths.seat_b.tolist()) == (["panda_1/front/hole_0"], ["panda_1/front/hole_1"])
+    with pytest.raises(InputError, match="no tool position 'attic'"):
+        datasets.load_mukca_lengths("panda_1", "attic")
+
+
+def test_the_command_writes_lengths_beside_the_session(tmp_path, monkeypatch):
+    at_hand("mukca-panda_1")
+    app = typer.Typer()
+    app.command()(fetch_command)
+    out = tmp_path / "p.csv"
+    result = CliRunner().invoke(app, ["mukca-panda_1", "--out", str(out)])
+    assert result.exit_code == 0
+    assert f"{tmp_path / 'p-lengths.csv'}: 3 lengths between its seats" in result.output
+    seats = read_session(out, n_joints=7).seat
+    assert len(read_lengths(tmp_path / "p-lengths.csv", seats=seats.tolist())) == 3
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mukca-panda_1-lengths.csv").write_text("mine")
+    refused = CliRunner().invoke(app, ["mukca-panda_1"])
+    assert "the file exists already" in str(refused.exception)
+    assert not (tmp_path / "mukca-panda_1.csv").exists()
 
 
 def test_the_command_lists_the_sets_and_writes_one(published, nowhere, monkeypatch):

@@ -1,0 +1,187 @@
+"""Evaluation without a reference instrument: seats, known lengths, and sessions of both kinds."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from truearm.arm import load
+from truearm.models import KinematicModel, NominalModel
+from truearm.models.file import save_model
+from truearm.readings import Readings, seat_errors, write_session
+
+POINT_KEYS = {
+    *("mean_mm", "rms_mm", "p95_mm", "max_mm", "mean_abs_coordinate_mm", "max_abs_coordinate_mm"),
+    *("removed_percent", "n"),
+}
+SEAT_KEYS = {"seat_mean_mm", "seat_rms_mm", "seat_max_mm", "n_in_seats", "seats"}
+SEATS = np.array([""] * 4 + ["A"] * 5 + ["B"] * 3)
+LENGTHS = "seat_a,seat_b,length_mm,u_mm\nA,B,{},0.05\n"
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return load("gao2017")
+
+
+@pytest.fixture(scope="module")
+def angles(arm):
+    low, high = arm.working + np.array([[-0.3], [0.3]])
+    return np.random.default_rng(5).uniform(low, high, (12, 6))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, arm, angles):
+    """The arm as drawn, and one that was identified from readings with noise, as model files."""
+    folder = tmp_path_factory.mktemp("models")
+    rng = np.random.default_rng(6)
+    training = arm.working + rng.uniform(-0.3, 0.3, (40, 6))
+    tips = arm.chain.tip_in_base(training)
+    save_model(NominalModel(arm, free=()).fit(training, tips), folder / "nominal.truearm")
+    off = tips + rng.normal(scale=0.5, size=tips.shape)
+    save_model(KinematicModel(arm, free=()).fit(training, off), folder / "kinematic.truearm")
+    return folder
+
+
+@pytest.fixture
+def session(tmp_path):
+    """Write a session file."""
+
+    def write(angles, *, name="s.csv", **fields):
+        write_session(Readings(angles, **fields), tmp_path / name)
+        return tmp_path / name
+
+    return write
+
+
+def test_a_session_of_seats_alone(truearm, folder, session, arm, angles):
+    path = session(angles[4:], seat=SEATS[4:])
+    ran = truearm("evaluate", folder / "nominal.truearm", path, "--json")
+    assert (ran.code, ran.err) == (0, "")
+    found = json.loads(ran.out)
+    assert set(found) == SEAT_KEYS
+    by_hand = seat_errors(arm.chain.tip_in_base(angles[4:]), SEATS[4:])
+    assert found["n_in_seats"] == 8
+    # Angles in degrees come back to 1e-15 of them: 1e-9 mm at this arm's reach is far above that.
+    assert found["seat_mean_mm"] == pytest.approx(by_hand["seat_mean_mm"], abs=1e-9)
+    assert found["seats"]["B"]["max_mm"] == pytest.approx(by_hand["seats"]["B"]["max_mm"], abs=1e-9)
+    table = [line.split() for line in truearm("evaluate", folder / "kinematic.truearm", path).out.splitlines()]
+    assert table[0] == ["8", "readings", "in", "2", "seats", "nominal", "model"]
+    assert table[1][:2] == ["seat_mean_mm", f"{by_hand['seat_mean_mm']:.4f}"]
+    assert [row[0] for row in table[1:4]] == ["seat_mean_mm", "seat_rms_mm", "seat_max_mm"]
+
+
+def test_a_known_length_is_compared_with_that_between_the_mean_points(truearm, folder, session, arm, angles, tmp_path):
+    tips = arm.chain.tip_in_base(angles)
+    between = np.linalg.norm(tips[4:9].mean(axis=0) - tips[9:].mean(axis=0))
+    path, lengths = session(angles[4:], seat=SEATS[4:]), tmp_path / "lengths.csv"
+    lengths.write_text(LENGTHS.format(between + 0.25))
+    arguments = ["evaluate", folder / "nominal.truearm", path, "--lengths", lengths]
+    found = json.loads(truearm(*arguments, "--json").out)
+    assert set(found) == {*SEAT_KEYS, "lengths"}
+    assert found["lengths"][0] == {
+        "seat_a": "A",
+        "seat_b": "B",
+        "length_mm": between + 0.25,
+        "u_mm": 0.05,
+        "length_error_mm": pytest.approx(-0.25, abs=1e-9),
+    }
+    ran = truearm(*arguments)
+    assert ran.err == ""
+    lines = [line.split() for line in ran.out.splitlines()]
+    assert ["A", "to", "B", f"{between + 0.25:.4f}", "0.0500", "-0.2500"] in lines
+
+
+def test_points_and_seats_in_one_session(truearm, folder, session, arm, angles):
+    """Each kind is counted by itself: points where there are points, seats where there are seats."""
+    tips = arm.chain.tip_in_base(angles)
+    points = np.where((np.arange(12) < 4)[:, None], tips + [0.3, 0, 0], np.nan)
+    path = session(angles, points=points, seat=SEATS)
+    found = json.loads(truearm("evaluate", folder / "nominal.truearm", path, "--json").out)
+    assert set(found) == POINT_KEYS | SEAT_KEYS
+    assert (found["n"], found["n_in_seats"]) == (4, 8)
+    assert found["mean_mm"] == pytest.approx(0.3, abs=1e-9)
+    by_hand = seat_errors(tips, SEATS)
+    assert found["seat_rms_mm"] == pytest.approx(by_hand["seat_rms_mm"], abs=1e-9)
+    said = truearm("evaluate", folder / "kinematic.truearm", path).out
+    assert said.startswith("4 readings")
+    assert "8 readings in 2 seats" in said
+
+
+def test_a_column_of_seats_used_once_each_changes_nothing(truearm, folder, session, arm, angles):
+    points = arm.chain.tip_in_base(angles) + 0.1
+    names = np.array([f"seat {i}" for i in range(12)])
+    found = truearm("evaluate", folder / "nominal.truearm", session(angles, points=points, seat=names), "--json").out
+    assert set(json.loads(found)) == POINT_KEYS
+
+
+def test_lengths_of_held_out_seats_are_left_out_and_said(truearm, folder, session, angles, tmp_path):
+    lengths = tmp_path / "lengths.csv"
+    lengths.write_text(LENGTHS.format(100) + "P,Q,100,0.1\n")
+    path = session(angles[4:], seat=SEATS[4:])
+    ran = truearm("evaluate", folder / "nominal.truearm", path, "--lengths", lengths, "--json")
+    assert len(json.loads(ran.out)["lengths"]) == 1
+    assert ran.err == "1 of 2 lengths are between seats that the session has not: left out\n"
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("A,Bb,100,0.1", ["lengths.csv, line 2, column 'seat_b': the session has no seat 'Bb'", "Try: B"]),
+        ("P,Q,100,0.1", ["lengths.csv, line 2, column 'seat_a': the session has no seat 'P'"]),
+        ("A,B,100,0", ["lengths.csv, line 2, column 'u_mm': expected a positive standard uncertainty"]),
+    ],
+)
+def test_lengths_that_do_not_fit_are_refused(truearm, folder, session, angles, tmp_path, rows, said):
+    (tmp_path / "lengths.csv").write_text("seat_a,seat_b,length_mm,u_mm\n" + rows + "\n")
+    path = session(angles[4:], seat=SEATS[4:])
+    ran = truearm("evaluate", folder / "nominal.truearm", path, "--lengths", tmp_path / "lengths.csv")
+    assert (ran.code, ran.out) == (2, "")
+    assert all(piece in ran.err for piece in said)
+
+
+def test_what_cannot_be_evaluated_is_refused(truearm, folder, session, arm, angles, tmp_path):
+    (tmp_path / "lengths.csv").write_text(LENGTHS.format(100))
+    model = folder / "nominal.truearm"
+    bare = session(angles, name="bare.csv")
+    unnamed = session(angles, name="unnamed.csv", seat=np.full(12, ""))
+    once = session(angles[:2], name="once.csv", seat=np.array(["A", "B"]))
+    seen = session(angles, name="seen.csv", points=arm.chain.tip_in_base(angles))
+    for path in (bare, unnamed):
+        ran = truearm("evaluate", model, path)
+        assert ran.code == 2
+        assert "expected reference points or seats to evaluate against, the session has none" in ran.err
+    ran = truearm("evaluate", model, once)
+    assert (ran.code, "expected a seat with two or more readings" in ran.err) == (2, True)
+    assert truearm("evaluate", model, once, "--lengths", tmp_path / "lengths.csv").code == 0
+    ran = truearm("evaluate", model, seen, "--lengths", tmp_path / "lengths.csv")
+    assert (ran.code, "the session names none" in ran.err) == (2, True)
+
+
+def test_comparisons_use_the_readings_with_a_point_and_say_so(truearm, folder, session, arm, angles, tmp_path):
+    points = arm.chain.tip_in_base(angles)
+    points[4:] = np.nan
+    mixed = session(angles, points=points, seat=SEATS)
+    ran = truearm("report", folder / "kinematic.truearm", mixed, "--out", tmp_path / "r.html")
+    assert ran.code == 0
+    assert ran.err == "8 of 12 readings have no reference point and are left out\n"
+    assert "compared on 4 readings" in ran.out
+    seats = session(angles, name="seats.csv", seat=SEATS)
+    ran = truearm("report", folder / "kinematic.truearm", seats, "--out", tmp_path / "r.html")
+    assert (ran.code, "expected reference points to compare with" in ran.err) == (2, True)
+    ran = truearm("fit", mixed, "--arm", "gao2017", "--model", "network", "--out", tmp_path / "m.truearm")
+    assert ran.code == 2
+    assert "line 6: 8 of 12 readings have no reference point" in ran.err
+
+
+def test_predictions_keep_every_name(truearm, folder, session, angles, tmp_path):
+    given = {"seat": SEATS, "sphere": SEATS[::-1], "position": SEATS}
+    path = session(angles, **given, quaternion=np.tile([1.0, 0, 0, 0], (12, 1)), columns={"load_1": np.ones(12)})
+    assert truearm("predict", folder / "nominal.truearm", path, "--out", tmp_path / "p.csv").code == 0
+    table = pd.read_csv(tmp_path / "p.csv", keep_default_na=False)
+    assert set(given) <= set(table.columns)
+    for name, words in given.items():
+        assert table[name].tolist() == words.tolist()
