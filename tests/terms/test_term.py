@@ -103,7 +103,7 @@ def test_constants_have_the_priors_of_the_kinematic_model(make_chain, free):
 
 
 def test_constants_known_exactly_are_left_out(make_chain):
-    assert {t.group for t in constants(make_chain(), angle_std=0.0)} == {"base", "constant shifts", "tip"}
+    assert {t.group for t in constants(make_chain(), angle_std=0.0)} == {"base", "lengths and offsets", "tip"}
 
 
 def test_own_axis_orders_stand_once_each_in_bands_with_a_scale_each(make_chain):

@@ -85,7 +85,10 @@ def constants(
             if part in free:
                 std, group = FREE_BASE[component] if part == "base" else FREE_TIP, part
             else:
-                std, group = (angle_std, "constant rotations") if turns else (length_std, "constant shifts")
+                std = angle_std if turns else length_std
+                group = (
+                    "joint zeros" if component == OWN_AXIS else "axis directions" if turns else "lengths and offsets"
+                )
             if std != 0:
                 name = f"{part} {_component_name(component)}"
                 terms.append(Term(name, place, _unit(component), Constant(), group, std, learn=part not in free))
@@ -156,7 +159,7 @@ def gravity(chain: Chain, joint: int, *, links: LinkMasses | None = None) -> lis
             joint,
             _unit(about),
             GravityTorque(joint, axis),
-            "gravity",
+            "give of the drives" if about == axis == OWN_AXIS else "bending",
             GRAVITY_STD,
         )
         for about in range(3)

@@ -1,0 +1,262 @@
+"""Identification: what an arm's small motions are, from readings with references.
+
+Maximum a posteriori by Gauss-Newton on exact kinematics. The prior scale of every group of terms and the noise of every
+kind of reference are those of greatest evidence; far residuals weigh less, as under a density with long tails. The four
+depend on each other and are found in rounds: weights and noise from the residuals, a linearisation, scales and
+parameters from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.chain import Chain
+from truearm.errors import InputError
+from truearm.identify.noise import huber_weights, unexplained_variance
+from truearm.identify.problem import Moved, SmallMotionProblem
+from truearm.identify.references import Reference
+from truearm.solve.group_evidence import GroupedPrior, Posterior, marginals, posterior, updated_scales
+from truearm.terms.state import ArmState
+from truearm.terms.term import Term
+
+FloatArray = npt.NDArray[np.float64]
+
+MOST_ROUNDS = 24
+# Rounds of the evidence on one linearisation.
+SCALE_ROUNDS = 12
+# Scales stand still when none changes by a larger share; a scale is known to some tens of per cent at best.
+SETTLED_SCALES = 1e-2
+# Groups of fewer effective parameters have no say in that.
+LEAST_EFFECTIVE = 0.1
+# A group whose usual size is a smaller share of the noise, root mean square, is not seen.
+INVISIBLE = 0.02
+# A step is the last when tips move by a smaller share of their uncertainty; the noise is calm when it changes by less.
+SETTLED_STEP = 0.05
+CALM_NOISE = 0.05
+# Bounds of a group's scale, against where it starts: a term of a three-hundredth of its usual size is none.
+LEAST_SCALE, MOST_SCALE = 3e-3, 100.0
+# An artefact's unknowns have a prior far beyond any workshop [mm, or 1]: nothing known beforehand.
+UNKNOWN_STD = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What was identified.
+
+    Attributes
+    ----------
+    moved : Moved
+        The chain, as drawn and placed, and the terms that move it.
+    coefficients : (n_coefficients,) array
+        Of the terms [rad or mm per unit of the basis].
+    unknowns : tuple of (n_unknowns,) array
+        Of each reference [mm].
+    covariance : (p, p) array
+        Posterior covariance of coefficients, then unknowns.
+    prior : GroupedPrior
+        With the scales found.
+    groups : tuple of str
+        Names of the prior's groups of terms.
+    effective : (n_groups,) array
+        Parameters of each group that the readings determine.
+    noise_std : dict of str to float
+        By kind of reference: standard deviation of a residual that neither terms nor reference explain [mm].
+    weights : tuple of (m,) array
+        Robust weight of every reading of each reference, 1 for an ordinary one.
+    converged : bool
+    rounds : int
+    """
+
+    moved: Moved
+    coefficients: FloatArray
+    unknowns: tuple[FloatArray, ...]
+    covariance: FloatArray
+    prior: GroupedPrior
+    groups: tuple[str, ...]
+    effective: FloatArray
+    noise_std: dict[str, float]
+    weights: tuple[FloatArray, ...]
+    converged: bool
+    rounds: int
+
+
+def grouped_prior(terms: Sequence[Term], n_unknowns: int) -> tuple[GroupedPrior, tuple[str, ...]]:
+    """The prior of all coefficients and unknowns at the scales where evidence starts, and the groups' names.
+
+    Raises
+    ------
+    InputError
+        If terms of one group do not agree whether evidence finds its scale.
+    """
+    names = tuple(dict.fromkeys(term.group for term in terms))
+    learned: dict[str, bool] = {}
+    for term in terms:
+        if learned.setdefault(term.group, term.learn) != term.learn:
+            raise InputError(f"the terms of group {term.group!r} must agree whether its scale is learned")
+    ratio = np.concatenate([*(term.prior_stds for term in terms), np.full(n_unknowns, UNKNOWN_STD)])
+    group = np.concatenate(
+        [*(np.full(term.n_coefficients, names.index(term.group)) for term in terms), np.full(n_unknowns, len(names))]
+    ).astype(np.intp)
+    prior = GroupedPrior(ratio, group, np.ones(len(names) + 1), np.array([*learned.values(), False]))
+    return prior, names
+
+
+def identify(
+    chain: Chain,
+    state: ArmState,
+    terms: Sequence[Term],
+    references: Sequence[Reference],
+    *,
+    robust: bool = True,
+    progress: Callable[[int, str], None] | None = None,
+) -> Identified:
+    """Identify terms from readings.
+
+    Parameters
+    ----------
+    chain : Chain
+        As drawn, roughly placed: its tips come out in the frame of the references.
+    state : ArmState
+        Of all readings.
+    terms : sequence of Term
+    references : sequence of Reference
+        At least one; of each kind one, as noise is estimated by kind.
+    robust : bool
+        Whether far residuals weigh less.
+    progress : callable, optional
+        Told the rounds done and how it stands.
+
+    Returns
+    -------
+    Identified
+
+    Raises
+    ------
+    InputError
+        If there are no references, or two of a kind.
+    """
+    kinds = [reference.kind for reference in references]
+    if not kinds or len(set(kinds)) < len(kinds):
+        raise InputError(f"expected references, one of a kind, got {kinds or 'none'}")
+    moved = Moved(chain, tuple(terms))
+    rough = moved.tips(state, np.zeros(moved.n_coefficients)).T
+    started = [reference.started(rough[:, reference.rows]) for reference in references]
+    problem = SmallMotionProblem(moved, state, tuple(reference for reference, _ in started))
+    n_coefficients = moved.n_coefficients
+    x = np.concatenate([np.zeros(n_coefficients), *(unknowns for _, unknowns in started)])
+    prior, groups = grouped_prior(terms, len(x) - n_coefficients)
+    per_kind = np.zeros(len(references))
+    noise_before, calm = np.full(len(references), np.inf), 0
+    step_before, share = np.zeros(len(x)), 1.0
+    residuals = problem.residuals(x)
+    for n_rounds in range(1, MOST_ROUNDS + 1):
+        noise, weights, trust = _weighed(problem.references, residuals, per_kind, robust=robust)
+        if progress is not None:
+            told = ", ".join(f"{kind} {np.sqrt(v):.4f} mm" for kind, v in zip(kinds, noise, strict=True))
+            progress(n_rounds, f"unexplained: {told}")
+        parts = problem.normal_equations(x, weights)
+        relations = problem.relations(x)
+        gram = sum((part.gram for part in parts), start=relations.gram)
+        gradient = sum((part.gradient for part in parts), start=relations.gradient)
+        calm = calm + 1 if np.all(np.abs(noise - noise_before) < CALM_NOISE * noise) else 0
+        if calm == 1:
+            prior = _without_invisible(prior, gram, sum(residual.size for residual in residuals))
+        # While the noise still falls, what it hides must not be given up.
+        prior, found, effective = _evidence(gram, gram @ x - gradient, prior, prune=calm >= 2)
+        step = found.x - x
+        moved_by = np.sqrt(float(step @ gram @ step) / max(float(effective.sum()), 1.0))
+        back = float(step @ gram @ step_before) < 0
+        share = max(share / 2, 0.1) if calm >= 2 and back else min(1.5 * share, 1.0)
+        step_before = step
+        x, residuals = _stepped(problem, x, share * step, weights, prior, residuals)
+        per_kind = np.array([float(np.vdot(part.gram, found.covariance)) for part in parts])
+        converged = calm >= 2 and moved_by < SETTLED_STEP
+        noise_before = noise
+        if converged:
+            break
+    return Identified(
+        moved,
+        x[:n_coefficients],
+        tuple(x[problem.unknowns_of(i)] for i in range(len(references))),
+        found.covariance,
+        prior,
+        groups,
+        effective[:-1],
+        {kind: float(np.sqrt(v)) for kind, v in zip(kinds, noise, strict=True)},
+        tuple(trust),
+        converged,
+        n_rounds,
+    )
+
+
+def _weighed(
+    references: Sequence[Reference], residuals: list[FloatArray], effective: FloatArray, *, robust: bool
+) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
+    """Noise variance of every reference, weights (k, m) of its residuals and trust (m,) in its readings."""
+    noise, weights, trusts = np.empty(len(references)), [], []
+    for i, (reference, residual) in enumerate(zip(references, residuals, strict=True)):
+        known = reference.std.T**2
+        noise[i] = unexplained_variance(residual.T, known, n_effective=float(effective[i]), robust=robust)
+        variance = known + noise[i]
+        trust = huber_weights(residual.T, variance) if robust else np.ones(len(known))
+        weights.append(np.sqrt(trust / variance.T))
+        trusts.append(trust)
+    return noise, weights, trusts
+
+
+def _without_invisible(prior: GroupedPrior, gram: FloatArray, n_residuals: int) -> GroupedPrior:
+    """Leave out groups that would not be seen at their usual size, as harmonics of a joint whose axis meets the tip.
+
+    Evidence would let them grow beyond any sense: to where they are seen.
+    """
+    in_noise = np.sqrt(prior.sums(prior.ratio**2 * gram.diagonal()) / n_residuals)
+    return replace(prior, scale=np.where(prior.learned & (in_noise < INVISIBLE), 0.0, prior.scale))
+
+
+def _evidence(
+    gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, prune: bool
+) -> tuple[GroupedPrior, Posterior, FloatArray]:
+    """Scales of greatest evidence on a linearisation, as far as some rounds get, and the posterior under them.
+
+    Pruned groups have scale 0 and stay out.
+    """
+    effective = np.zeros(len(prior.scale))
+    for _ in range(2 if prune else SCALE_ROUNDS):
+        scale, effective = updated_scales(prior, marginals(gram, right, prior), least=LEAST_SCALE, most=MOST_SCALE)
+        if prune:
+            scale = np.where(prior.learned & (scale <= LEAST_SCALE), 0.0, scale)
+        told = effective > LEAST_EFFECTIVE
+        change = np.abs(scale - prior.scale)[told] / prior.scale[told]
+        prior = replace(prior, scale=scale)
+        if change.max(initial=0.0) < SETTLED_SCALES:
+            break
+    return prior, posterior(gram, right, prior), effective
+
+
+def _stepped(
+    problem: SmallMotionProblem,
+    x: FloatArray,
+    step: FloatArray,
+    weights: list[FloatArray],
+    prior: GroupedPrior,
+    residuals: list[FloatArray],
+) -> tuple[FloatArray, list[FloatArray]]:
+    """`x` after the step, halved until the cost under these weights does not rise, and the residuals there."""
+
+    def cost(at: FloatArray, residuals: list[FloatArray]) -> float:
+        data = sum(float(((w * r) ** 2).sum()) for w, r in zip(weights, residuals, strict=True))
+        return 0.5 * (
+            data + float((prior.precision[prior.active] * at[prior.active] ** 2).sum())
+        ) + problem.relations_cost(at)
+
+    before = cost(x, residuals)
+    for _ in range(8):
+        found = problem.residuals(x + step)
+        if cost(x + step, found) <= before * (1 + 1e-9):
+            return x + step, found
+        step = step / 2
+    return x, residuals

@@ -1,0 +1,355 @@
+"""The least-squares problem of an arm's terms: its residuals, and its normal equations without the Jacobian.
+
+A column of the Jacobian is a product, the tip's derivative by a small motion (of a *site*: place and direction) times a
+basis function of the arm's state. So for two sites a, b with basis functions phi and psi
+
+    (J^T J)[(a, k), (b, l)] = sum_n [sum_c t_a,c t_b,c](n) phi_k(n) psi_l(n),
+
+coordinates before readings. Sites with many functions (harmonics of a joint's own angle) go that way, in pairs; those
+with few stand side by side as columns of a narrow Jacobian, which costs less than to treat them in pairs. Readings go
+in chunks, so that memory does not grow with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.chain import Chain
+from truearm.arm.motions import rotations_and_jacobians
+from truearm.identify.references import Linearised, Reference
+from truearm.solve import NormalEquations
+from truearm.solve.threads import cores, one_blas_thread
+from truearm.terms.basis import Basis, Constant
+from truearm.terms.state import ArmState
+from truearm.terms.term import Term
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays near a core
+# Chunks are dealt to so many groups, whatever the threads: the order of the sums is always the same.
+GROUPS = 2
+# A site with more functions than this goes in pairs.
+MOST_NARROW = 24
+# Values of basis functions that are kept between evaluations, rather than computed again.
+KEPT_BYTES = 160 * 2**20
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A place and a direction, with all basis functions that move the arm there.
+
+    Attributes
+    ----------
+    place : int
+    direction : (6,) array
+    bases : tuple of Basis
+    columns : (n_functions,) int array
+        Their coefficients among the parameters.
+    """
+
+    place: int
+    direction: FloatArray
+    bases: tuple[Basis, ...]
+    columns: IntArray
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether its motion is the same in every pose."""
+        return all(isinstance(basis, Constant) for basis in self.bases)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(n_functions, m) values of the basis functions at a state's readings."""
+        if len(self.bases) == 1:
+            return self.bases[0].values(state)
+        return np.concatenate([basis.values(state) for basis in self.bases])
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """A chain with terms, whose motions are composed exactly, a set for each reading.
+
+    Parameters
+    ----------
+    chain : Chain
+        Without them.
+    terms : tuple of Term
+    """
+
+    chain: Chain
+    terms: tuple[Term, ...]
+
+    @cached_property
+    def n_coefficients(self) -> int:
+        """Of all terms."""
+        return sum(term.n_coefficients for term in self.terms)
+
+    @cached_property
+    def sites(self) -> list[Site]:
+        """Terms gathered by place and direction."""
+        starts = np.cumsum([0, *(term.n_coefficients for term in self.terms)])
+        gathered: dict[tuple[int, tuple[float, ...]], list[int]] = {}
+        for i, term in enumerate(self.terms):
+            gathered.setdefault((term.place, term.direction), []).append(i)
+        return [
+            Site(
+                place,
+                np.array(direction),
+                tuple(self.terms[i].basis for i in members),
+                np.concatenate([np.arange(starts[i], starts[i + 1]) for i in members]),
+            )
+            for (place, direction), members in gathered.items()
+        ]
+
+    def values(self, state: ArmState) -> list[FloatArray]:
+        """Values of the basis functions of every site; sites that have the same share them."""
+        found: dict[tuple[Basis, ...], FloatArray] = {}
+        for site in self.sites:
+            if site.bases not in found:
+                found[site.bases] = site.values(state)
+        return [found[site.bases] for site in self.sites]
+
+    def motions(self, x: FloatArray, values: list[FloatArray]) -> FloatArray:
+        """(n_places, 6, m) motions [rad, mm] with coefficients `x`; (n_places, 6, 1) if they are constant."""
+        m = 1 if all(site.is_constant for site in self.sites) else values[0].shape[1]
+        out = np.zeros((self.chain.n_places, 6, m))
+        for site, value in zip(self.sites, values, strict=True):
+            part = x[site.columns]
+            if part.any():
+                out[site.place] += site.direction[:, None] * (part @ value[:, :m])
+        return out
+
+    def tips(self, state: ArmState, x: FloatArray) -> FloatArray:
+        """(n, 3) tips [mm] at the readings of a state."""
+        out = np.empty((len(state), 3))
+        for rows in chunks(len(state)):
+            piece = state.rows(rows)
+            motions = self.motions(x, self.values(piece)) if self.sites else np.zeros((self.chain.n_places, 6, 1))
+            wide = np.broadcast_to(motions, (*motions.shape[:2], len(piece)))
+            out[rows] = self.chain.tip_in_base(piece.angles, wide.transpose(2, 0, 1))
+        return out
+
+    def derivatives(self, state: ArmState, x: FloatArray) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
+        """Give tips (3, m) [mm] and their derivatives (n_coefficients, 3, m) piece by piece."""
+        for rows in chunks(len(state)):
+            piece = state.rows(rows)
+            values = self.values(piece)
+            tips, by_motion = moved_chain(self.chain, piece, self.motions(x, values))
+            columns = np.empty((self.n_coefficients, 3, len(piece)))
+            for site, value in zip(self.sites, values, strict=True):
+                by_site = np.tensordot(site.direction, by_motion[site.place], axes=1)
+                columns[site.columns] = by_site * value[:, None, :]
+            yield rows, tips, columns
+
+
+def moved_chain(chain: Chain, state: ArmState, motions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Tips (3, m) [mm] and their derivatives (n_places, 6, 3, m) by the motions' components, of up to `CHUNK`."""
+    _, tips, by_motion = next(chain.small_motions_by_chunk(state.angles, lambda _: motions, chunk=CHUNK))
+    return tips, by_motion
+
+
+def chunks(n: int) -> list[slice]:
+    """Readings that go through together."""
+    return [slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK)]
+
+
+@dataclass(frozen=True, eq=False)
+class SmallMotionProblem:
+    """Residuals of readings under terms and references' unknowns.
+
+    The parameters are the coefficients of all terms, then the unknowns of all references.
+
+    Parameters
+    ----------
+    moved : Moved
+        The chain and its terms; its tips come out in the frame of the references.
+    state : ArmState
+        Of all readings.
+    references : tuple of Reference
+    """
+
+    moved: Moved
+    state: ArmState
+    references: tuple[Reference, ...]
+    _kept: dict[tuple[int, int], list[FloatArray]] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def n_parameters(self) -> int:
+        """Coefficients and unknowns."""
+        return self.moved.n_coefficients + sum(len(reference.unknowns) for reference in self.references)
+
+    def unknowns_of(self, which: int) -> slice:
+        """Where the unknowns of a reference stand among the parameters."""
+        start = self.moved.n_coefficients + sum(len(r.unknowns) for r in self.references[:which])
+        return slice(start, start + len(self.references[which].unknowns))
+
+    def residuals(self, x: FloatArray) -> list[FloatArray]:
+        """(k, m) residuals of every reference [mm]."""
+        found = []
+        for i, reference in enumerate(self.references):
+            out = np.empty((reference.n_residuals, len(reference.rows)))
+            for piece in chunks(len(reference.rows)):
+                state = self.state.rows(reference.rows[piece])
+                motions = self._motions(i, piece, state, x)
+                if reference.turns:
+                    out[:, piece] = self._linearised(i, piece, state, motions, x)[0].residuals
+                else:
+                    wide = np.broadcast_to(motions, (*motions.shape[:2], len(state)))
+                    tips = self.moved.chain.tip_in_base(state.angles, wide.transpose(2, 0, 1)).T
+                    out[:, piece] = reference.linearised(tips, x[self.unknowns_of(i)], piece).residuals
+            found.append(out)
+        return found
+
+    def normal_equations(self, x: FloatArray, weights: Sequence[FloatArray]) -> list[NormalEquations]:
+        """Cost, gradient and Gauss-Newton matrix of every reference by itself.
+
+        Parameters
+        ----------
+        x : (n_parameters,) array
+            [rad, mm per unit of the basis; mm].
+        weights : sequence of (k, m) array
+            One over the standard deviations of each reference's residuals [1/mm].
+        """
+        with one_blas_thread():
+            return [self._equations(i, x, weights[i]) for i in range(len(self.references))]
+
+    def relations(self, x: FloatArray) -> NormalEquations:
+        """What is known among the unknowns: lengths."""
+        cost, gradient = 0.0, np.zeros(self.n_parameters)
+        gram = np.zeros((self.n_parameters, self.n_parameters))
+        for i, reference in enumerate(self.references):
+            where = self.unknowns_of(i)
+            relations = reference.relations(x[where])
+            if relations is not None:
+                residuals = relations.residuals / relations.std
+                by = relations.by_unknown / relations.std[:, None]
+                cost += 0.5 * float(residuals @ residuals)
+                gradient[where] += by.T @ residuals
+                gram[where, where] += by.T @ by
+        return NormalEquations(cost, gradient, gram)
+
+    def relations_cost(self, x: FloatArray) -> float:
+        """Their cost alone."""
+        found = (self.references[i].relations(x[self.unknowns_of(i)]) for i in range(len(self.references)))
+        return sum(0.5 * float(((r.residuals / r.std) ** 2).sum()) for r in found if r is not None)
+
+    def _equations(self, which: int, x: FloatArray, weights: FloatArray) -> NormalEquations:
+        pieces = chunks(len(self.references[which].rows))
+        groups = [pieces[start::GROUPS] for start in range(min(GROUPS, len(pieces)))]
+
+        def sums_of(group: list[slice]) -> _Sums:
+            sums = _Sums(self.moved.sites, self.moved.n_coefficients, self.n_parameters)
+            for piece in group:
+                self._add(sums, which, piece, x, weights[:, piece])
+            return sums
+
+        if len(groups) == 1:
+            return sums_of(groups[0]).equations()
+        with ThreadPoolExecutor(cores()) as threads:
+            first, *others = threads.map(sums_of, groups)
+        for other in others:
+            first.merge(other)
+        return first.equations()
+
+    def _add(self, sums: _Sums, which: int, piece: slice, x: FloatArray, weights: FloatArray) -> None:
+        state = self.state.rows(self.references[which].rows[piece])
+        values = self._values(which, piece, state)
+        motions = self.moved.motions(x, values)
+        linear, by_motion = self._linearised(which, piece, state, motions, x)
+        by_tip = weights[:, None, :] * linear.by_tip
+        by_place = np.einsum("kcm,pdcm->pdkm", by_tip, by_motion)
+        if linear.by_turn is not None:
+            by_turn = weights[:, None, :] * linear.by_turn
+            for place, motion in enumerate(motions):
+                _, jacobian = rotations_and_jacobians(motion[:3])
+                turns = np.einsum("dbm,dcm->bcm", np.broadcast_to(jacobian, (3, 3, len(state))), by_motion[place, 3:])
+                by_place[place, :3] += np.einsum("kcm,bcm->bkm", by_turn, turns)
+        by_unknown = np.zeros((self.n_parameters - self.moved.n_coefficients, *weights.shape))
+        start = self.unknowns_of(which).start - self.moved.n_coefficients
+        for unknown, by in zip(linear.unknown, linear.by_unknown.transpose(1, 0, 2), strict=True):
+            by_unknown[start + unknown, :, np.arange(len(state))] += (weights * by).T
+        sums.add(weights * linear.residuals, by_place, values, by_unknown)
+
+    def _linearised(
+        self, which: int, piece: slice, state: ArmState, motions: FloatArray, x: FloatArray
+    ) -> tuple[Linearised, FloatArray]:
+        """Residuals and derivatives of a piece, and the tips' derivatives (n_places, 6, 3, m) by the motions."""
+        tips, by_motion = moved_chain(self.moved.chain, state, motions)
+        axes = by_motion[-1, 3:].transpose(1, 0, 2)
+        return self.references[which].linearised(tips, x[self.unknowns_of(which)], piece, axes), by_motion
+
+    def _motions(self, which: int, piece: slice, state: ArmState, x: FloatArray) -> FloatArray:
+        return self.moved.motions(x, self._values(which, piece, state))
+
+    def _values(self, which: int, piece: slice, state: ArmState) -> list[FloatArray]:
+        key = (which, piece.start)
+        if key not in self._kept:
+            values = self.moved.values(state)
+            if 8 * self.moved.n_coefficients * len(self.state) > KEPT_BYTES:
+                return values
+            self._kept[key] = values
+        return self._kept[key]
+
+
+class _Sums:
+    """Sums over readings of a gradient and a Gauss-Newton matrix: narrow columns first, then the sites in pairs."""
+
+    def __init__(self, sites: list[Site], n_coefficients: int, n_parameters: int) -> None:
+        self.narrow = [i for i, site in enumerate(sites) if len(site.columns) <= MOST_NARROW]
+        self.wide = [i for i, site in enumerate(sites) if len(site.columns) > MOST_NARROW]
+        unknowns = np.arange(n_coefficients, n_parameters)
+        self.order = np.concatenate(
+            [*(sites[i].columns for i in self.narrow), unknowns, *(sites[i].columns for i in self.wide)]
+        )
+        self.places = [(site.place, site.direction) for site in sites]
+        self.n_narrow = len(self.order) - sum(len(sites[i].columns) for i in self.wide)
+        stops = np.cumsum([self.n_narrow, *(len(sites[i].columns) for i in self.wide)])
+        self.spans = [slice(int(a), int(b)) for a, b in pairwise(stops)]
+        self.cost = 0.0
+        self.gradient = np.zeros(n_parameters)
+        self.gram = np.zeros((n_parameters, n_parameters))
+
+    def add(
+        self, residuals: FloatArray, by_place: FloatArray, values: list[FloatArray], by_unknown: FloatArray
+    ) -> None:
+        """Add a chunk: residuals (k, m), derivatives by the motions of places (n_places, 6, k, m) and by unknowns."""
+        k, m = residuals.shape
+        by_site = [np.tensordot(direction, by_place[place], axes=1) for place, direction in self.places]
+        columns = np.empty((self.n_narrow, k, m))
+        start = 0
+        for i in self.narrow:
+            stop = start + len(values[i])
+            np.multiply(by_site[i], values[i][:, None, :], out=columns[start:stop])
+            start = stop
+        columns[start:] = by_unknown
+        flat = columns.reshape(self.n_narrow, -1)
+        self.cost += 0.5 * float(np.vdot(residuals, residuals))
+        self.gradient[: self.n_narrow] += flat @ residuals.ravel()
+        self.gram[: self.n_narrow, : self.n_narrow] += flat @ flat.T
+        for n, (i, span) in enumerate(zip(self.wide, self.spans, strict=True)):
+            contracted = np.einsum("km,pkm->pm", by_site[i], columns)
+            self.gram[: self.n_narrow, span] += contracted @ values[i].T
+            self.gradient[span] += values[i] @ (by_site[i] * residuals).sum(axis=0)
+            for j, other in zip(self.wide[n:], self.spans[n:], strict=True):
+                product = (by_site[i] * by_site[j]).sum(axis=0)
+                self.gram[span, other] += (product * values[i]) @ values[j].T
+
+    def merge(self, other: _Sums) -> None:
+        """Add what another group of chunks came to."""
+        self.cost += other.cost
+        self.gradient += other.gradient
+        self.gram += other.gram
+
+    def equations(self) -> NormalEquations:
+        """The normal equations in the order of the parameters."""
+        back = np.argsort(self.order)
+        upper = np.triu(self.gram)
+        gram = upper + np.triu(upper, 1).T
+        return NormalEquations(self.cost, self.gradient[back], gram[np.ix_(back, back)])

@@ -1,0 +1,286 @@
+"""What is known of the tip at a reading: relations between tips and artefacts, as residuals with derivatives.
+
+An artefact may have unknowns of its own (a seat's place, a sphere's centre); they are identified with the arm. Arrays
+are laid out by component, readings last, as the chain gives them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+
+class Linearised(NamedTuple):
+    """Residuals of m readings and their derivatives.
+
+    Attributes
+    ----------
+    residuals : (k, m) array
+        [mm], or [rad] times a lever [mm].
+    by_tip : (k, 3, m) array
+        By the tip.
+    unknown : (a, m) int array
+        Which of the reference's unknowns each reading has to do with.
+    by_unknown : (k, a, m) array
+        By those.
+    by_turn : (k, 3, m) array, optional
+        By a small rotation of the flange about the axes of the tips' frame [1/rad]; None where orientation has no part.
+    """
+
+    residuals: FloatArray
+    by_tip: FloatArray
+    unknown: IntArray
+    by_unknown: FloatArray
+    by_turn: FloatArray | None = None
+
+
+class Relations(NamedTuple):
+    """Residuals among the unknowns alone: lengths between seats.
+
+    Attributes
+    ----------
+    residuals : (l,) array
+        [mm].
+    by_unknown : (l, n_unknowns) array
+    std : (l,) array
+        Standard uncertainties of what is known [mm].
+    """
+
+    residuals: FloatArray
+    by_unknown: FloatArray
+    std: FloatArray
+
+
+class Reference(Protocol):
+    """One kind of reference: the readings it is about, and what it says of their tips."""
+
+    @property
+    def kind(self) -> str:
+        """What it is, in a word: the noise is estimated for every kind."""
+        ...
+
+    @property
+    def rows(self) -> IntArray:
+        """(m,) the readings."""
+        ...
+
+    @property
+    def n_residuals(self) -> int:
+        """Residuals of a reading, k."""
+        ...
+
+    @property
+    def turns(self) -> bool:
+        """Whether the flange's orientation has a part in it."""
+        ...
+
+    @property
+    def std(self) -> FloatArray:
+        """(k, m) standard uncertainties of what is known; 0 where the noise has to say all [mm]."""
+        ...
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Names of the unknowns, with units."""
+        ...
+
+    def started(self, tips: FloatArray) -> tuple[Self, FloatArray]:
+        """The reference laid out about tips (3, m) [mm] of a rough arm, and the unknowns that suit them best."""
+        ...
+
+    def linearised(
+        self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
+    ) -> Linearised:
+        """Residuals and derivatives of the readings `rows[which]`, from their tips (3, m) [mm].
+
+        `axes` (3, 3, m) are the flange's axes as columns in the tips' frame.
+        """
+        ...
+
+    def relations(self, unknowns: FloatArray) -> Relations | None:
+        """What is known of the unknowns themselves."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Tips whose positions a reference instrument saw.
+
+    Parameters
+    ----------
+    rows : (m,) int array
+        The readings.
+    points : (m, 3) array
+        [mm].
+    point_std : (m, 3) array, optional
+        Standard uncertainties [mm].
+    """
+
+    rows: IntArray
+    points: FloatArray
+    point_std: FloatArray | None = None
+    kind = "point"
+    n_residuals = 3
+    turns = False
+    unknowns: tuple[str, ...] = ()
+
+    @property
+    def std(self) -> FloatArray:
+        """(3, m) standard uncertainties [mm]."""
+        return np.zeros((3, len(self.rows))) if self.point_std is None else self.point_std.T
+
+    def started(self, tips: FloatArray) -> tuple[Self, FloatArray]:
+        """See `Reference`."""
+        del tips
+        return self, np.zeros(0)
+
+    def linearised(
+        self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
+    ) -> Linearised:
+        """See `Reference`."""
+        del unknowns, axes
+        m = tips.shape[1]
+        return Linearised(tips - self.points[which].T, _identity(m), np.zeros((0, m), np.intp), np.zeros((3, 0, m)))
+
+    def relations(self, unknowns: FloatArray) -> None:
+        """See `Reference`."""
+        del unknowns
+
+
+class Length(NamedTuple):
+    """A known length between seats a and b.
+
+    Attributes
+    ----------
+    a, b : int
+        The seats.
+    length_mm, std_mm : float
+        Its value and standard uncertainty [mm].
+    """
+
+    a: int
+    b: int
+    length_mm: float
+    std_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Seats:
+    """Tips held in seats: the same unknown point in many poses, some seats a known length apart.
+
+    Parameters
+    ----------
+    rows : (m,) int array
+        The readings.
+    seat : (m,) int array
+        The seat of each, an index of `names`.
+    names : tuple of str
+    lengths : tuple of Length
+        Between pairs of them.
+
+    Raises
+    ------
+    InputError
+        If a length joins a seat to itself, or is not positive.
+    """
+
+    rows: IntArray
+    seat: IntArray
+    names: tuple[str, ...]
+    lengths: tuple[Length, ...] = ()
+    kind = "seat"
+    n_residuals = 3
+    turns = False
+
+    def __post_init__(self) -> None:
+        for a, b, length, std in self.lengths:
+            if a == b:
+                raise InputError(f"a length from seat {self.names[a]!r} to itself says nothing")
+            if not (np.isfinite(length) and length > 0 and np.isfinite(std) and std > 0):
+                raise InputError(
+                    f"expected a positive length and uncertainty between seats {self.names[a]!r} and "
+                    f"{self.names[b]!r}, got {length} mm and {std} mm"
+                )
+
+    @property
+    def std(self) -> FloatArray:
+        """(3, m) zeros: the noise has to say all [mm]."""
+        return np.zeros((3, len(self.rows)))
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Coordinates of the seats."""
+        return tuple(f"{axis} of seat {name} [mm]" for name in self.names for axis in "xyz")
+
+    def started(self, tips: FloatArray) -> tuple[Self, FloatArray]:
+        """The means of the tips in each seat."""
+        count = np.bincount(self.seat, minlength=len(self.names))
+        if not count.all():
+            raise InputError(f"seat {self.names[int(np.argmin(count))]!r} has no reading")
+        centres = np.stack([np.bincount(self.seat, tip, minlength=len(self.names)) for tip in tips], axis=1)
+        return self, (centres / count[:, None]).ravel()
+
+    def linearised(
+        self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
+    ) -> Linearised:
+        """See `Reference`."""
+        del axes
+        m, seat = tips.shape[1], self.seat[which]
+        return Linearised(
+            tips - unknowns.reshape(-1, 3)[seat].T,
+            _identity(m),
+            3 * seat + np.arange(3)[:, None],
+            -_identity(m),
+        )
+
+    def relations(self, unknowns: FloatArray) -> Relations | None:
+        """Lengths between seats, as (d^2 - L^2) / 2 L."""
+        if not self.lengths:
+            return None
+        centres = unknowns.reshape(-1, 3)
+        a, b = np.array([(length.a, length.b) for length in self.lengths]).T
+        known, std = np.array([(length.length_mm, length.std_mm) for length in self.lengths]).T
+        apart = centres[b] - centres[a]
+        # (d^2 - L^2) / 2 L is d - L near its zero, and smooth where the seats fall together.
+        along = apart / known[:, None]
+        by = np.zeros((len(apart), *centres.shape))
+        by[np.arange(len(apart)), a] = -along
+        by[np.arange(len(apart)), b] = along
+        residuals = ((apart * along).sum(axis=1) - known) / 2
+        return Relations(residuals, by.reshape(len(apart), -1), std)
+
+
+def _identity(m: int) -> FloatArray:
+    return np.broadcast_to(np.eye(3)[:, :, None], (3, 3, m))
+
+
+def seats_of(
+    rows: IntArray, names: npt.NDArray[np.str_], lengths: Sequence[tuple[str, str, float, float]] = ()
+) -> Seats:
+    """Seats from the name of each reading's seat (m,), with lengths ``(seat_a, seat_b, length_mm, u_mm)``.
+
+    Raises
+    ------
+    InputError
+        If a length names a seat that no reading is in.
+    """
+    unique, seat = np.unique(names, return_inverse=True)
+    known = {str(name): i for i, name in enumerate(unique)}
+    for seat_a, seat_b, *_ in lengths:
+        for name in (seat_a, seat_b):
+            if name not in known:
+                raise InputError(
+                    f"a length is given for seat {name!r}, but no reading is in it",
+                    hint=f"seats of the session: {', '.join(list(known)[:8])}",
+                )
+    between = tuple(Length(known[a], known[b], float(length), float(std)) for a, b, length, std in lengths)
+    return Seats(rows, seat.astype(np.intp), tuple(known), between)
