@@ -20,6 +20,7 @@ from truearm.identify.noise import huber_weights, unexplained_variance
 from truearm.identify.problem import Moved, SmallMotionProblem
 from truearm.identify.references import Reference
 from truearm.solve.group_evidence import GroupedPrior, Posterior, marginals, posterior, updated_scales
+from truearm.solve.threads import one_blas_thread
 from truearm.terms.state import ArmState
 from truearm.terms.term import Term
 
@@ -43,6 +44,55 @@ LEAST_SCALE, MOST_SCALE = 3e-3, 100.0
 UNKNOWN_STD = 1e6
 
 
+@dataclass(frozen=True)
+class GroupFound:
+    """What became of a group of terms.
+
+    Attributes
+    ----------
+    name : str
+    n_coefficients : int
+        Offered.
+    effective : float
+        How many of them the readings determine.
+    scale : float
+        Of the prior, against where evidence started; 0 where it had no use for the group and left it out.
+    """
+
+    name: str
+    n_coefficients: int
+    effective: float
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """What a reference looks like under the identified terms.
+
+    Attributes
+    ----------
+    kind : str
+        Of reference: point, seat.
+    rows : (m,) int array
+        Its readings.
+    residuals : (k, m) array
+        [mm].
+    noise_std : float
+        Standard deviation of a residual that neither terms nor reference explain [mm].
+    trust : (m,) array
+        Robust weight of every reading, 1 for an ordinary one.
+    unknowns : dict of str to float
+        What was found of the artefact by name; names have units.
+    """
+
+    kind: str
+    rows: npt.NDArray[np.intp]
+    residuals: FloatArray
+    noise_std: float
+    trust: FloatArray
+    unknowns: dict[str, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Identified:
     """What was identified.
@@ -50,38 +100,40 @@ class Identified:
     Attributes
     ----------
     moved : Moved
-        The chain, as drawn and placed, and the terms that move it.
+        The chain, as drawn and placed, and the terms that move it; groups without evidence are not among them.
     coefficients : (n_coefficients,) array
         Of the terms [rad or mm per unit of the basis].
-    unknowns : tuple of (n_unknowns,) array
-        Of each reference [mm].
-    covariance : (p, p) array
-        Posterior covariance of coefficients, then unknowns.
-    prior : GroupedPrior
-        With the scales found.
-    groups : tuple of str
-        Names of the prior's groups of terms.
-    effective : (n_groups,) array
-        Parameters of each group that the readings determine.
-    noise_std : dict of str to float
-        By kind of reference: standard deviation of a residual that neither terms nor reference explain [mm].
-    weights : tuple of (m,) array
-        Robust weight of every reading of each reference, 1 for an ordinary one.
+    covariance : (n_coefficients, n_coefficients) array
+        Their posterior covariance.
+    prior_std : (n_coefficients,) array
+        Their prior standard deviations as evidence found them.
+    groups : tuple of GroupFound
+        All that were offered.
+    references : tuple of Explained
     converged : bool
     rounds : int
     """
 
     moved: Moved
     coefficients: FloatArray
-    unknowns: tuple[FloatArray, ...]
     covariance: FloatArray
-    prior: GroupedPrior
-    groups: tuple[str, ...]
-    effective: FloatArray
-    noise_std: dict[str, float]
-    weights: tuple[FloatArray, ...]
+    prior_std: FloatArray
+    groups: tuple[GroupFound, ...]
+    references: tuple[Explained, ...]
     converged: bool
     rounds: int
+
+    def tips(self, state: ArmState) -> FloatArray:
+        """(n, 3) tips [mm] at the readings of a state."""
+        return self.moved.tips(state, self.coefficients)
+
+    def tip_covariance(self, state: ArmState) -> FloatArray:
+        """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
+        out = np.empty((len(state), 3, 3))
+        for rows, _, columns in self.moved.derivatives(state, self.coefficients):
+            spread = (self.covariance @ columns.reshape(len(columns), -1)).reshape(columns.shape)
+            out[rows] = np.einsum("pin,pjn->nij", columns, spread)
+        return (out + out.transpose(0, 2, 1)) / 2  # equal but for rounding
 
 
 def grouped_prior(terms: Sequence[Term], n_unknowns: int) -> tuple[GroupedPrior, tuple[str, ...]]:
@@ -166,7 +218,9 @@ def identify(
         if calm == 1:
             prior = _without_invisible(prior, gram, sum(residual.size for residual in residuals))
         # While the noise still falls, what it hides must not be given up.
-        prior, found, effective = _evidence(gram, gram @ x - gradient, prior, prune=calm >= 2)
+        with one_blas_thread():
+            prior, found, effective = _evidence(gram, gram @ x - gradient, prior, prune=calm >= 2)
+        x = np.where(prior.active, x, 0.0)
         step = found.x - x
         moved_by = np.sqrt(float(step @ gram @ step) / max(float(effective.sum()), 1.0))
         back = float(step @ gram @ step_before) < 0
@@ -178,16 +232,40 @@ def identify(
         noise_before = noise
         if converged:
             break
+    return _gathered(problem, x, prior, groups, found, effective, noise, trust, converged, n_rounds)
+
+
+def _gathered(
+    problem: SmallMotionProblem,
+    x: FloatArray,
+    prior: GroupedPrior,
+    groups: tuple[str, ...],
+    found: Posterior,
+    effective: FloatArray,
+    noise: FloatArray,
+    trust: list[FloatArray],
+    converged: bool,
+    n_rounds: int,
+) -> Identified:
+    moved = problem.moved
+    kept = tuple(term for term in moved.terms if prior.scale[groups.index(term.group)] > 0)
+    active = np.flatnonzero(prior.active[: moved.n_coefficients])
+    offered = np.bincount(prior.group, minlength=len(groups))
+    explained = []
+    for i, (reference, residual) in enumerate(zip(problem.references, problem.residuals(x), strict=True)):
+        unknowns = dict(zip(reference.unknowns, x[problem.unknowns_of(i)].tolist(), strict=True))
+        noise_std = float(np.sqrt(noise[i]))
+        explained.append(Explained(reference.kind, reference.rows, residual, noise_std, trust[i], unknowns))
     return Identified(
-        moved,
-        x[:n_coefficients],
-        tuple(x[problem.unknowns_of(i)] for i in range(len(references))),
-        found.covariance,
-        prior,
-        groups,
-        effective[:-1],
-        {kind: float(np.sqrt(v)) for kind, v in zip(kinds, noise, strict=True)},
-        tuple(trust),
+        Moved(moved.chain, kept),
+        x[active],
+        found.covariance[np.ix_(active, active)],
+        (prior.ratio * prior.scale[prior.group])[active],
+        tuple(
+            GroupFound(name, int(offered[i]), float(effective[i]), float(prior.scale[i]))
+            for i, name in enumerate(groups)
+        ),
+        tuple(explained),
         converged,
         n_rounds,
     )
