@@ -1,0 +1,184 @@
+"""Finite motions in the chain: derivatives by their components, constant or from pose to pose, in pieces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from truearm.arm import Chain
+from truearm.arm.motions import exponential_derivative, moved_by, rotations_and_jacobians
+
+# Rounding of a dozen products of numbers up to some thousand mm: 1e-12 mm; three orders above it.
+ROUNDING_MM = 1e-9
+SIZES = [0.0, 1e-300, 1e-9, 9.9e-5, 1.01e-4, 1e-2, 0.5, 2.0, 3.1]
+
+
+def random_chain(seed: int, n: int = 4, *, sliding: float = 0.3) -> Chain:
+    rng = np.random.default_rng(seed)
+    fixed = np.tile(np.eye(4), (n + 1, 1, 1))
+    fixed[:, :3, :3] = Rotation.random(n + 1, rng=rng).as_matrix()
+    fixed[:, :3, 3] = rng.normal(0, 300, (n + 1, 3))
+    return Chain(fixed, rng.normal(0, 100, 3), rng.random(n) < sliding)
+
+
+def random_joints(chain: Chain, count: int, rng: np.random.Generator) -> np.ndarray:
+    return rng.uniform(-1, 1, (count, chain.n_joints)) * np.where(chain.slides, 200.0, np.pi)
+
+
+def random_motions(chain: Chain, count: int, size: float, rng: np.random.Generator) -> np.ndarray:
+    """(n_places, 6, count): rotation vectors of length `size` [rad], shifts of some mm."""
+    motions = rng.normal(size=(chain.n_places, 6, count))
+    motions[:, :3] *= size / np.linalg.norm(motions[:, :3], axis=1, keepdims=True)
+    motions[:, 3:] *= 10
+    return motions
+
+
+def by_chunk(chain: Chain, angles: np.ndarray, motions: np.ndarray, chunk: int = 4096):
+    """Tips (n, 3) and derivatives (n_places, 6, 3, n) of all pieces."""
+    pieces = [
+        (tips.copy(), by_motion.copy())
+        for _, tips, by_motion in chain.small_motions_by_chunk(
+            angles, lambda rows: motions[..., rows] if motions.shape[2] > 1 else motions, chunk=chunk
+        )
+    ]
+    return np.concatenate([tips for tips, _ in pieces], axis=1).T, np.concatenate([by for _, by in pieces], axis=3)
+
+
+def tips_of(chain: Chain, angles: np.ndarray, motions: np.ndarray) -> np.ndarray:
+    wide = np.broadcast_to(motions, (*motions.shape[:2], len(angles)))
+    return chain.tip_in_base(angles, wide.transpose(2, 0, 1))
+
+
+@settings(deadline=None, max_examples=15)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(SIZES), st.sampled_from([0.0, 0.5, 1.0]), st.booleans())
+def test_derivatives_by_the_components_of_finite_motions_are_the_difference_quotients(seed, size, sliding, constant):
+    rng = np.random.default_rng(seed)
+    chain = random_chain(seed, sliding=sliding)
+    angles = random_joints(chain, 3, rng)
+    motions = random_motions(chain, 1 if constant else 3, size, rng)
+    tips, by_motion = by_chunk(chain, angles, motions)
+    np.testing.assert_allclose(tips, tips_of(chain, angles, motions), atol=ROUNDING_MM, rtol=0)
+    # Central differences err by step^2/6 times the third derivative (levers up to some 5000 mm): 8e-6 mm/rad for 1e-4;
+    # rounding adds 1e-12/1e-4. Shifts are exactly linear.
+    for component in range(6):
+        step, atol = (1e-4, 3e-5) if component < 3 else (1.0, ROUNDING_MM)
+        for place in range(chain.n_places):
+            there, back = motions.copy(), motions.copy()
+            there[place, component] += step
+            back[place, component] -= step
+            quotient = (tips_of(chain, angles, there) - tips_of(chain, angles, back)) / (2 * step)
+            np.testing.assert_allclose(by_motion[place, component].T, quotient, atol=atol, rtol=0)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(SIZES))
+def test_a_motion_for_all_poses_is_the_same_motion_in_each(seed, size):
+    rng = np.random.default_rng(seed)
+    chain = random_chain(seed)
+    angles = random_joints(chain, 5, rng)
+    motions = random_motions(chain, 1, size, rng)
+    tips, by_motion = by_chunk(chain, angles, motions)
+    tips_each, by_each = by_chunk(chain, angles, np.repeat(motions, 5, axis=2))
+    np.testing.assert_allclose(tips, tips_each, atol=ROUNDING_MM, rtol=0)
+    np.testing.assert_allclose(by_motion, by_each, atol=ROUNDING_MM, rtol=0)
+
+
+def test_no_motion_gives_the_small_motions_of_the_chain():
+    chain = random_chain(1)
+    angles = random_joints(chain, 7, np.random.default_rng(1))
+    small = chain.small_motions(angles)
+    for m in (1, 7):
+        tips, by_motion = by_chunk(chain, angles, np.zeros((chain.n_places, 6, m)))
+        np.testing.assert_allclose(tips, small.tip_in_base, atol=ROUNDING_MM, rtol=0)
+        np.testing.assert_allclose(by_motion.transpose(3, 0, 1, 2), small.by_motion, atol=ROUNDING_MM, rtol=0)
+
+
+def test_the_moved_chain_has_the_same_tips():
+    chain = random_chain(2)
+    rng = np.random.default_rng(2)
+    angles = random_joints(chain, 6, rng)
+    motions = random_motions(chain, 1, 0.4, rng)
+    tips, _ = by_chunk(chain, angles, motions)
+    np.testing.assert_allclose(tips, chain.with_motions(motions[..., 0]).tip_in_base(angles), atol=ROUNDING_MM, rtol=0)
+
+
+@pytest.mark.parametrize("chunk", [1, 2, 4, 5, 9, 10, 100])
+@pytest.mark.parametrize("m", [1, 9])
+def test_pieces_of_any_size_make_the_whole(chunk, m):
+    # Matrix products may round another way in another width: 1e-12 relative to 3 m.
+    chain = random_chain(3)
+    rng = np.random.default_rng(3)
+    angles = random_joints(chain, 9, rng)
+    motions = random_motions(chain, m, 0.1, rng)
+    tips, by_motion = by_chunk(chain, angles, motions, chunk)
+    whole_tips, whole = by_chunk(chain, angles, motions)
+    assert tips.shape == (9, 3)
+    np.testing.assert_allclose(tips, whole_tips, atol=1e-11, rtol=0)
+    np.testing.assert_allclose(by_motion, whole, atol=1e-11, rtol=0)
+
+
+def test_no_poses_make_no_pieces():
+    chain = random_chain(4)
+    assert not list(chain.small_motions_by_chunk(np.zeros((0, 4)), lambda _: np.zeros((6, 6, 1))))
+
+
+def test_the_flanges_axes_are_the_derivatives_by_shifts_of_the_tip():
+    chain = random_chain(5)
+    rng = np.random.default_rng(5)
+    angles = random_joints(chain, 4, rng)
+    motions = random_motions(chain, 1, 0.3, rng)
+    _, by_motion = by_chunk(chain, angles, motions)
+    axes = by_motion[-1, 3:].transpose(2, 1, 0)
+    pose = chain.with_motions(motions[..., 0]).pose(angles)
+    np.testing.assert_allclose(axes, pose.R_base_tip, atol=1e-13)
+    assert not by_motion[-1, :3].any()  # turning about the tip moves nothing
+
+
+# Rotations and their Jacobians
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(SIZES))
+def test_rotations_are_scipys_and_jacobians_the_difference_quotients(seed, size):
+    rng = np.random.default_rng(seed)
+    r = rng.normal(size=(3, 4))
+    r *= size / np.linalg.norm(r, axis=0)
+    R, J = rotations_and_jacobians(r)
+    np.testing.assert_allclose(R.transpose(2, 0, 1), Rotation.from_rotvec(r.T).as_matrix(), atol=1e-14)
+    np.testing.assert_allclose(
+        J.transpose(2, 0, 1), exponential_derivative(np.pad(r.T, ((0, 0), (0, 3))))[:, :3, :3], atol=1e-11
+    )
+    step = 1e-5
+    for k in range(3):
+        change = np.zeros((3, 1))
+        change[k] = step
+        there, back = (Rotation.from_rotvec((r + sign * change).T) for sign in (1, -1))
+        quotient = (there * back.inv()).as_rotvec() / (2 * step)
+        # truncation step^2, rounding 1e-16 / step
+        np.testing.assert_allclose(J[:, k].T, quotient, atol=3e-10)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_motion_of_a_vector_is_its_rotation_and_shift(size):
+    rng = np.random.default_rng(6)
+    motion = rng.normal(size=(6, 5))
+    motion[:3] *= size / np.linalg.norm(motion[:3], axis=0)
+    v = rng.normal(0, 1000, (3, 5))
+    expected = Rotation.from_rotvec(motion[:3].T).apply(v.T).T + motion[3:]
+    np.testing.assert_allclose(moved_by(v, motion), expected, atol=ROUNDING_MM, rtol=0)
+    np.testing.assert_allclose(moved_by(v, motion[:, :1])[:, 0], expected[:, 0], atol=ROUNDING_MM, rtol=0)
+
+
+def test_the_series_meets_the_formula_where_they_change_over():
+    """At 1e-4 rad; on both sides against sums of the series to the fourth power, exact there to 1e-30."""
+    axis = np.array([0.6, 0.0, 0.8])
+    K = np.array([[0, -0.8, 0], [0.8, 0, -0.6], [0, 0.6, 0]])
+    for angle in (0.99999e-4, 1.00001e-4):
+        R, J = rotations_and_jacobians((angle * axis)[:, None])
+        a = angle * K
+        np.testing.assert_allclose(R[..., 0], np.eye(3) + a + a @ a / 2 + a @ a @ a / 6, atol=1e-16, rtol=0)
+        # (1 - cos a) / a^2 is known to 1e-16 / 1e-8 of itself there, times a: 1e-12
+        np.testing.assert_allclose(J[..., 0], np.eye(3) + a / 2 + a @ a / 6, atol=2e-12, rtol=0)
