@@ -126,6 +126,8 @@ def _readings(
     """Make the record, in the units of the house."""
     groups = (columns.angles, columns.points, columns.point_std, columns.quaternion, columns.temperature)
     parts = np.split(numbers, np.cumsum([len(group) for group in groups]), axis=1)
+    for names, part in zip(groups[1:4], parts[1:4], strict=True):
+        _check_whole(names, part, file=file, first_line=first_line)
     angles, points, std = (
         part * [FACTOR[unit_of(name)] for name in names] for part, names in zip(parts, groups[:3], strict=False)
     )
@@ -142,6 +144,22 @@ def _readings(
         first_line=first_line,
         **cast(Any, dict(zip(columns.words, words, strict=True))),
     )
+
+
+def _check_whole(names: Sequence[str], values: FloatArray, *, file: Path, first_line: int | None) -> None:
+    """Refuse a row (n, len(names)) of which only some cells are empty."""
+    missing = np.isnan(values)
+    partly = missing.any(axis=1) & ~missing.all(axis=1)
+    if partly.any():
+        row = int(np.argmax(partly))
+        where = f" in reading {row + 1}" if first_line is None else ""
+        raise InputError(
+            f"expected a number as in the columns that go with it, got an empty cell{where}",
+            file=file,
+            line=None if first_line is None else first_line + row,
+            column=names[int(np.argmax(missing[row]))],
+            hint=f"fill it in, or leave {', '.join(names)} empty together",
+        )
 
 
 def _check_separator(sheet: Sheet) -> None:
