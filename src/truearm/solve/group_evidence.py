@@ -17,12 +17,17 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import LinAlgError, cholesky
+from scipy.linalg import LinAlgError, cholesky, qr
 from scipy.linalg.lapack import dtrtri
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
+
+# Of a matrix of unit diagonal: eigenvalues that are a smaller share of the largest are what rounding left, and squared
+# pivots of Cholesky's factor that are smaller have lost their digits to it.
+ROUNDING = 1e-14
+LEAST_PIVOT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +100,8 @@ class Posterior(NamedTuple):
 def marginals(gram: FloatArray, right: FloatArray, prior: GroupedPrior) -> Marginals:
     """Posterior of data with normal equations ``gram x = right``: means and variances."""
     active = np.flatnonzero(prior.active)
-    root = _root_of_covariance(gram, prior, active)
     x, variance = np.zeros(len(gram)), np.zeros(len(gram))
-    x[active] = root.T @ (root @ right[active])
+    x[active], root = _solved(gram, right, prior, active)
     variance[active] = np.einsum("ij,ij->j", root, root)
     return Marginals(x, variance)
 
@@ -105,30 +109,66 @@ def marginals(gram: FloatArray, right: FloatArray, prior: GroupedPrior) -> Margi
 def posterior(gram: FloatArray, right: FloatArray, prior: GroupedPrior) -> Posterior:
     """The same with the whole covariance."""
     active = np.flatnonzero(prior.active)
-    root = _root_of_covariance(gram, prior, active)
     x, covariance = np.zeros(len(gram)), np.zeros(gram.shape)
-    x[active] = root.T @ (root @ right[active])
+    x[active], root = _solved(gram, right, prior, active)
     covariance[np.ix_(active, active)] = root.T @ root
     return Posterior(x, covariance)
 
 
-def _root_of_covariance(gram: FloatArray, prior: GroupedPrior, active: IntArray) -> FloatArray:
-    """F with ``F^T F = (G + P)^-1`` of the active parameters.
+def _solved(
+    gram: FloatArray, right: FloatArray, prior: GroupedPrior, active: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Means of the active parameters, and F with ``F^T F = (G + P)^-1`` of them.
 
     Columns are scaled to unit diagonal first, so that radians and millimetres may stand side by side.
     """
-    matrix = gram[np.ix_(active, active)]
-    scale = 1 / np.sqrt(matrix.diagonal() + prior.precision[active])
-    matrix *= scale
+    gram, right, precision = gram[np.ix_(active, active)], right[active], prior.precision[active]
+    scale = 1 / np.sqrt(np.maximum(gram.diagonal(), 0) + precision)
+    matrix = gram * scale
     matrix *= scale[:, None]
     matrix.flat[:: len(matrix) + 1] = 1.0
     try:
-        # With A = L L^T it is L^-1, which costs a third of A^-1.
-        root, _ = dtrtri(cholesky(matrix, lower=True, check_finite=False), lower=1)
-    except LinAlgError:  # rounding has left directions that nothing determines below zero: they keep a large variance
-        values, vectors = np.linalg.eigh(matrix)
-        root = (vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))).T
-    return np.asarray(root * scale)
+        lower = cholesky(matrix, lower=True, check_finite=False)
+    except LinAlgError:
+        return _solved_by_orthogonal_factors(gram, right, precision, scale)
+    if (lower.diagonal() ** 2).min(initial=1.0) < LEAST_PIVOT:
+        return _solved_by_orthogonal_factors(gram, right, precision, scale)
+    # With A = L L^T it is L^-1, which costs a third of A^-1.
+    root = _inverse_triangle(lower, lower=True) * scale
+    return root.T @ (root @ right), root
+
+
+def _solved_by_orthogonal_factors(
+    gram: FloatArray, right: FloatArray, precision: FloatArray, scale: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The same where priors drown in the rounding of `gram`: what the data do not determine keeps its prior.
+
+    The data's matrix alone becomes a Jacobian again, without the directions that rounding has left in it; it and the
+    prior, stacked, are a least-squares problem with the triangular factor sought (rows sorted and columns pivoted, as
+    sizes differ by decades: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., section 19.4).
+    """
+    n = len(gram)
+    unit = 1 / np.sqrt(np.where(gram.diagonal() > 0, gram.diagonal(), 1.0))
+    values, vectors = np.linalg.eigh(gram * np.outer(unit, unit))
+    told = values > ROUNDING * values[-1]
+    roots, vectors = np.sqrt(values[told]), vectors[:, told]
+    stacked = np.zeros((len(roots) + n, n + 1))  # with the right side as the last column
+    stacked[: len(roots), :n] = (vectors * roots).T / unit * scale
+    stacked[: len(roots), n] = vectors.T @ (unit * right) / roots
+    stacked[len(roots) :, :n] = np.diag(np.sqrt(precision) * scale)
+    stacked = stacked[np.argsort(-np.abs(stacked[:, :n]).max(axis=1, initial=0.0))]
+    turned, triangle, pivots = qr(stacked[:, :n], mode="economic", pivoting=True, check_finite=False)
+    inverse = _inverse_triangle(triangle, lower=False)
+    x, root = np.empty(n), np.empty((n, n))
+    x[pivots] = inverse @ (turned.T @ stacked[:, n])
+    root[:, pivots] = inverse.T
+    return x * scale, root * scale
+
+
+def _inverse_triangle(matrix: FloatArray, *, lower: bool) -> FloatArray:
+    if not len(matrix):  # LAPACK knows no matrices without rows
+        return matrix
+    return np.asarray(dtrtri(matrix, lower=int(lower))[0])
 
 
 def updated_scales(

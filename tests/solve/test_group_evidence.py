@@ -1,0 +1,308 @@
+"""Evidence by groups: by hand, at its fixed point, against one group's evidence, and where matrices are singular."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truearm.solve.evidence import Evidence, updated_evidence
+from truearm.solve.group_evidence import GroupedPrior, marginals, posterior, updated_scales
+
+FREE = {"least": 1e-9, "most": 1e9}
+
+
+def prior_of(ratio, group=None, scale=None, learned=None) -> GroupedPrior:
+    ratio = np.asarray(ratio, dtype=float)
+    group = np.zeros(len(ratio), np.intp) if group is None else np.asarray(group, dtype=np.intp)
+    n = int(group.max(initial=-1)) + 1
+    scale = np.ones(n) if scale is None else np.asarray(scale, dtype=float)
+    return GroupedPrior(ratio, group, scale, np.ones(n, bool) if learned is None else np.asarray(learned))
+
+
+def settled(gram, right, prior, rounds=5000, **bounds):
+    for _ in range(rounds):
+        scale, effective = updated_scales(prior, marginals(gram, right, prior), **(FREE | bounds))
+        if np.allclose(scale, prior.scale, rtol=1e-13, atol=0):
+            break
+        prior = replace(prior, scale=scale)
+    return prior, effective
+
+
+def log_evidence(gram, right, prior):
+    """Of the scales, but for a constant: with A = G + P it is (right^T A^-1 right - log|A| + log|P|) / 2."""
+    A = gram + np.diag(prior.precision)
+    return 0.5 * (right @ np.linalg.solve(A, right) - np.linalg.slogdet(A)[1] + np.log(prior.precision).sum())
+
+
+# By hand
+
+
+def test_one_parameter_one_round():
+    """G = 3, prior precision 1, right 8: x = 8/4, variance 1/4, gamma = 3/4, scale^2 = 4 / (3/4)."""
+    prior = prior_of([1.0])
+    gram, right = np.array([[3.0]]), np.array([8.0])
+    found = marginals(gram, right, prior)
+    assert found.x == pytest.approx([2.0])
+    assert found.variance == pytest.approx([0.25])
+    scale, effective = updated_scales(prior, found, **FREE)
+    assert effective == pytest.approx([0.75])
+    assert scale**2 == pytest.approx([16 / 3])
+
+
+@pytest.mark.parametrize(("data", "square"), [(2.0, 3.75), (-5.0, 24.75), (0.6, 0.11)])
+def test_one_parameters_scale_is_the_excess_of_its_square_over_its_variance(data, square):
+    """Data say x = m with variance 1/4: the fixed point is s^2 = m^2 - 1/4."""
+    prior, effective = settled(np.array([[4.0]]), np.array([4.0 * data]), prior_of([1.0]))
+    assert prior.scale[0] ** 2 == pytest.approx(square, rel=1e-6)
+    assert effective[0] == pytest.approx(square / data**2, rel=1e-6)  # gamma = G s^2 / (1 + G s^2)
+
+
+def test_data_within_their_noise_have_no_use_for_a_group():
+    """m = 0.4 of standard deviation 0.5: the evidence is greatest at scale 0."""
+    prior, effective = settled(np.array([[4.0]]), np.array([1.6]), prior_of([1.0]), least=1e-3)
+    assert prior.scale[0] == 1e-3
+    assert effective[0] < 1e-5
+
+
+def test_groups_that_the_data_do_not_mix_are_found_each_by_itself():
+    gram, data = np.diag([4.0, 100.0, 100.0]), np.array([2.0, 0.3, 0.5])
+    prior, _ = settled(gram, gram @ data, prior_of([1, 1, 1], group=[0, 1, 1]))
+    assert prior.scale[0] ** 2 == pytest.approx(4 - 1 / 4, rel=1e-6)
+    assert prior.scale[1] ** 2 == pytest.approx((0.09 + 0.25) / 2 - 0.01, rel=1e-6)  # equal variances: the mean excess
+
+
+def test_ratios_within_a_group_stay():
+    """Twice the ratio with twice the data is as good as the same ratio with the same data."""
+    one = settled(np.diag([4.0, 4.0]), np.array([8.0, 4.0]), prior_of([1.0, 1.0]))
+    two = settled(np.diag([4.0, 1.0]), np.array([8.0, 2.0]), prior_of([1.0, 2.0]))  # x2 = 2 in place of 1, std doubled
+    assert two[0].scale == pytest.approx(one[0].scale)
+    assert two[1] == pytest.approx(one[1])
+
+
+def test_what_is_not_learned_keeps_its_scale():
+    gram, right = np.diag([4.0, 4.0]), np.array([40.0, 40.0])
+    prior, effective = settled(gram, right, prior_of([1, 1], group=[0, 1], scale=[0.5, 1], learned=[False, True]))
+    assert prior.scale[0] == 0.5
+    assert effective[0] == pytest.approx(0.5)  # 4 / (4 + 4)
+    assert prior.scale[1] > 9
+
+
+def test_scales_stay_within_their_bounds():
+    gram, right = np.diag([1.0, 1.0]), np.array([1e6, 0.0])
+    prior, _ = settled(gram, right, prior_of([1, 1], group=[0, 1]), least=0.01, most=50.0)
+    assert prior.scale.tolist() == [50.0, 0.01]
+
+
+# Laws
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.floats(0.01, 100))
+def test_one_group_is_the_evidence_of_one_scale(seed, scale):
+    rng = np.random.default_rng(seed)
+    J = rng.normal(size=(12, 5)) * np.logspace(0, -2, 5)
+    gram, right = J.T @ J, J.T @ rng.normal(size=12)
+    prior = prior_of(np.ones(5), scale=[scale])
+    found = marginals(gram, right, prior)
+    grouped, effective = updated_scales(prior, found, **FREE)
+    one = updated_evidence(
+        Evidence(scale**-2.0, 1.0, 0.0),
+        gram=gram,
+        parameter_squares=float(found.x @ found.x),
+        residual_squares=1.0,
+        n_residuals=12,
+    )
+    assert effective[0] == pytest.approx(one.gamma, rel=1e-8, abs=1e-9)
+    assert grouped[0] == pytest.approx(one.alpha**-0.5, rel=1e-7)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 2**32 - 1))
+def test_at_the_fixed_point_the_evidence_is_greatest(seed):
+    rng = np.random.default_rng(seed)
+    J = rng.normal(size=(20, 7)) * 10 ** rng.uniform(-1, 1, 7)
+    x = rng.normal(size=7)
+    gram, right = J.T @ J, J.T @ (J @ x + rng.normal(size=20))
+    prior = prior_of(10 ** rng.uniform(-1, 1, 7), group=[0, 0, 1, 1, 1, 2, 2])
+    # point is tested, not every step.
+    prior, _ = settled(gram, right, prior, least=1e-4)
+    best = log_evidence(gram, right, prior)
+    for g in range(3):
+        for factor in (0.97, 1.03):
+            if prior.scale[g] <= 1e-4 and factor < 1:
+                continue
+            scale = prior.scale.copy()
+            scale[g] *= factor
+            # 1e-9: the flat top of a group at its bound
+            assert log_evidence(gram, right, replace(prior, scale=scale)) <= best + 1e-9
+
+
+def test_planted_scales_are_found(rng):
+    """Three groups of 60 parameters, well determined: each scale to three of its standard deviations, 1/sqrt(120)."""
+    planted = np.array([0.02, 1.0, 30.0])
+    group = np.repeat([0, 1, 2], 60)
+    ratio = 10 ** rng.uniform(-2, 2, 180)
+    x = planted[group] * ratio * rng.normal(size=180)
+    J = rng.normal(size=(2000, 180)) / ratio
+    noise = 1e-2
+    gram = J.T @ J / noise**2
+    right = J.T @ (J @ x + noise * rng.normal(size=2000)) / noise**2
+    prior, effective = settled(gram, right, prior_of(ratio, group))
+    np.testing.assert_allclose(prior.scale / planted, 1, atol=3 / np.sqrt(120))
+    np.testing.assert_allclose(effective, 60, rtol=0.01)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_effective_parameters_are_between_none_and_all(seed):
+    rng = np.random.default_rng(seed)
+    J = rng.normal(size=(4, 9)) * 10 ** rng.uniform(-8, 8, 9)
+    group = rng.integers(0, 3, 9)
+    group[:3] = [0, 1, 2]
+    prior = prior_of(10 ** rng.uniform(-4, 4, 9), group, scale=10 ** rng.uniform(-3, 3, 3))
+    gram = J.T @ J
+    _, effective = updated_scales(prior, marginals(gram, J.T @ rng.normal(size=4), prior), **FREE)
+    assert (effective >= 0).all()
+    assert (effective <= np.bincount(group) + 1e-6).all()
+    assert effective.sum() <= 4 + 1e-3  # four data determine four numbers; rounding where 16 decades meet
+
+
+@pytest.mark.parametrize(("size", "expected"), [(1e8, 3.0), (1e-8, 0.0)])
+def test_effective_parameters_at_the_limits(size, expected, rng):
+    J = rng.normal(size=(10, 3))
+    prior = prior_of(np.ones(3))
+    _, effective = updated_scales(prior, marginals(size * J.T @ J, np.ones(3), prior), **FREE)
+    assert effective[0] == pytest.approx(expected, abs=1e-4)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_units_do_not_matter(seed):
+    rng = np.random.default_rng(seed)
+    J, unit = rng.normal(size=(9, 6)), 10 ** rng.uniform(-6, 6, 6)
+    y = rng.normal(size=9)
+    group = [0, 0, 1, 1, 2, 2]
+    plain, other = prior_of(np.ones(6), group), prior_of(unit, group)
+    K = J / unit
+    found, in_units = posterior(J.T @ J, J.T @ y, plain), posterior(K.T @ K, K.T @ y, other)
+    np.testing.assert_allclose(in_units.x / unit, found.x, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(in_units.covariance / np.outer(unit, unit), found.covariance, rtol=1e-9, atol=1e-12)
+    scales = [
+        updated_scales(prior, marginals(G, right, prior), **FREE)
+        for prior, G, right in ((plain, J.T @ J, J.T @ y), (other, K.T @ K, K.T @ y))
+    ]
+    np.testing.assert_allclose(scales[0], scales[1], rtol=1e-8)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1.0, 1e3, 1e5]))
+def test_the_posterior_is_that_of_the_stacked_problem(seed, width):
+    """Against least squares of data and prior in one, by orthogonal factors; priors `width` times the data's noise."""
+    rng = np.random.default_rng(seed)
+    J, y = rng.normal(size=(7, 5)), rng.normal(size=7)
+    J[:, 4] = J[:, 3]  # two that the data tell only together
+    prior = prior_of(width * np.ones(5), [0, 0, 1, 1, 1])
+    found = posterior(J.T @ J, J.T @ y, prior)
+    stacked = np.vstack([J, np.diag(np.sqrt(prior.precision))])
+    x = np.linalg.lstsq(stacked, np.concatenate([y, np.zeros(5)]), rcond=None)[0]
+    R_inverse = np.linalg.inv(np.linalg.qr(stacked, mode="r"))
+    # What is told only by the prior has a precision of 1/width^2 beside numbers of 7: 1e-16 of them is lost.
+    rtol = max(1e-9, 1e-14 * width**2)
+    np.testing.assert_allclose(found.covariance, R_inverse @ R_inverse.T, rtol=rtol, atol=rtol)
+    np.testing.assert_allclose(found.x, x, rtol=1e-3, atol=1e-3 if width > 1e4 else 1e-8)
+    alone = marginals(J.T @ J, J.T @ y, prior)
+    np.testing.assert_allclose(alone.x, found.x, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(alone.variance, found.covariance.diagonal(), rtol=1e-9)
+
+
+# Groups left out
+
+
+def test_a_group_of_scale_zero_is_left_out(rng):
+    J, y = rng.normal(size=(9, 5)), rng.normal(size=9)
+    group = np.array([0, 1, 0, 1, 2])
+    prior = prior_of(np.ones(5), group, scale=[0.7, 0.0, 2.0])
+    found = posterior(J.T @ J, J.T @ y, prior)
+    kept = np.array([0, 2, 4])
+    K = J[:, kept]
+    without = posterior(K.T @ K, K.T @ y, prior_of(np.ones(3), [0, 0, 1], scale=[0.7, 2.0]))
+    np.testing.assert_allclose(found.x[kept], without.x, rtol=1e-12)
+    np.testing.assert_allclose(found.covariance[np.ix_(kept, kept)], without.covariance, rtol=1e-12)
+    assert not found.x[[1, 3]].any()
+    assert not found.covariance[[1, 3]].any()
+    assert not found.covariance[:, [1, 3]].any()
+    scale, effective = updated_scales(prior, marginals(J.T @ J, J.T @ y, prior), **FREE)
+    assert scale[1] == 0
+    assert effective[1] == 0
+    assert not prior.active[[1, 3]].any()
+    assert np.isinf(prior.precision[[1, 3]]).all()
+
+
+def test_all_groups_left_out_leave_nothing(rng):
+    J = rng.normal(size=(9, 2))
+    prior = prior_of(np.ones(2), scale=[0.0])
+    found = posterior(J.T @ J, np.ones(2), prior)
+    assert not found.x.any()
+    assert not found.covariance.any()
+    assert not marginals(J.T @ J, np.ones(2), prior).variance.any()
+
+
+def test_no_parameters_at_all():
+    prior = GroupedPrior(np.zeros(0), np.zeros(0, np.intp), np.ones(1), np.array([False]))
+    assert posterior(np.zeros((0, 0)), np.zeros(0), prior).covariance.shape == (0, 0)
+    assert marginals(np.zeros((0, 0)), np.zeros(0), prior).x.shape == (0,)
+
+
+# Singular matrices
+
+
+def test_nothing_from_the_data_is_the_prior():
+    prior = prior_of([2.0, 1e-3], [0, 1], scale=[1.5, 10.0])
+    found = posterior(np.zeros((2, 2)), np.zeros(2), prior)
+    np.testing.assert_allclose(found.covariance, np.diag([9.0, 1e-4]), rtol=1e-12)
+    scale, effective = updated_scales(prior, marginals(np.zeros((2, 2)), np.zeros(2), prior), **FREE)
+    assert effective == pytest.approx([0, 0], abs=1e-12)
+    assert np.isfinite(scale).all()
+
+
+def test_directions_that_rounding_leaves_below_zero_keep_their_prior_variance():
+    """Eigenvalues 1 and -1e-9 with a prior of precision 1e-10: the difference stays unknown, the sum is known."""
+    gram = np.array([[0.5, 0.5], [0.5, 0.5]]) + 1e-9 * np.array([[-0.5, 0.5], [0.5, -0.5]])
+    prior = prior_of([1e5, 1e5])
+    found = posterior(gram, gram @ np.ones(2), prior)
+    together, apart = np.array([1, 1]) / np.sqrt(2), np.array([1, -1]) / np.sqrt(2)
+    assert together @ found.covariance @ together == pytest.approx(1, rel=1e-5)  # 1e10 and its rounding cancel
+    assert apart @ found.covariance @ apart == pytest.approx(1e10, rel=1e-6)
+    np.testing.assert_allclose(found.x, [1, 1], atol=1e-4)  # 1e-9 of the right side, times 1e5
+
+
+def test_a_prior_that_drowns_in_rounding_still_holds():
+    """Two parameters that the data tell together only, to 1e-9; the prior of 1 is 1e-18 of the matrix."""
+    gram = 1e18 * np.array([[1.0, 1.0], [1.0, 1.0]])
+    found = posterior(gram, gram @ np.array([1.0, 0.0]), prior_of([1.0, 1.0]))
+    np.testing.assert_allclose(found.covariance, [[0.5, -0.5], [-0.5, 0.5]], rtol=1e-9)
+    np.testing.assert_allclose(found.x, [0.5, 0.5], rtol=1e-6)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3))
+def test_matrices_of_any_condition_give_finite_answers(seed, rank):
+    """Rank-deficient, thirty decades of sizes, priors of six: a covariance within the prior's, means within reason."""
+    rng = np.random.default_rng(seed)
+    p = 6
+    J = rng.normal(size=(rank, p)) * 10 ** rng.uniform(-15, 15, p)
+    prior = prior_of(10 ** rng.uniform(-3, 3, p), [0, 0, 0, 1, 1, 1])
+    gram = J.T @ J
+    found = posterior(gram, J.T @ rng.normal(size=rank), prior)
+    assert np.isfinite(found.x).all()
+    assert np.isfinite(found.covariance).all()
+    np.testing.assert_allclose(found.covariance, found.covariance.T, rtol=1e-9, atol=0)
+    assert (found.covariance.diagonal() >= 0).all()
+    assert (found.covariance.diagonal() <= prior.ratio**2 * (1 + 1e-6)).all()
+    scale, effective = updated_scales(prior, marginals(gram, np.zeros(p), prior), **FREE)
+    assert np.isfinite(scale).all()
+    assert np.isfinite(effective).all()
