@@ -61,16 +61,17 @@ def _identified(path: Path) -> Arm:
     from dataclasses import replace
 
     from truearm.errors import InputError
-    from truearm.models import KinematicModel, NetworkModel
+    from truearm.models import NetworkModel
     from truearm.models.file import load_model
+    from truearm.models.identified import IdentifiedModel
 
     model = load_model(path)
     if isinstance(model, NetworkModel):
         raise InputError("a network model has no arm in it to show", file=path, hint="a kinematic model has")
-    chain = model.fit_.chain if isinstance(model, KinematicModel) else model.nominal_.chain
+    assert isinstance(model, IdentifiedModel)  # all others
     return replace(
         model.arm,
-        chain=chain,
+        chain=model.fit_.chain,
         name=f"{model.arm.name}-identified",
         title=f"{model.arm.title}, identified from {model.n_train_} readings".strip(", "),
     )

@@ -121,7 +121,7 @@ def remarks(model: Compensator, readings: Readings) -> list[str]:
     outside = int(model.outside_training(readings.angles).sum())
     if outside:
         said.append(f"{outside} of {len(readings)} readings have a joint beyond the training angles.")
-    if readings.points is not None and fingerprint(readings.angles, readings.points) == model.data_fingerprint_:
+    if readings.points is not None and fingerprint(readings) == model.data_fingerprint_:
         said.append("These are the readings it learned from: an honest test needs others (truearm split).")
     return said
 
@@ -139,8 +139,8 @@ def facts(models: dict[str, Compensator], readings: Readings) -> list[tuple[str,
         (f"model {name}", f"{model.n_train_} training readings, fingerprint {model.data_fingerprint_}")
         for name, model in models.items()
     ]
-    rows.append(("readings of this page", f"fingerprint {fingerprint(readings.angles, readings.points)}"))
-    rows.append(("fingerprint", "SHA-256 of angles [rad] and points [mm] as little-endian doubles, not of a file"))
+    rows.append(("readings of this page", f"fingerprint {fingerprint(readings)}"))
+    rows.append(("fingerprint", "SHA-256 of angles [rad] and points [mm] as little-endian doubles, and seats"))
     arm = next(iter(models.values())).arm
     rows.append(("arm", f"{arm.name}: {arm.title}. {arm.source}"))
     rows.append(("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"))

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from truearm.arm.chain import Chain
+from truearm.readings.readings import Readings
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -31,3 +34,11 @@ def align(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
     T[:3, :3] = U @ Vt
     T[:3, 3] = centre_a - T[:3, :3] @ centre_b
     return T
+
+
+def placed_roughly(chain: Chain, readings: Readings, free: tuple[str, ...]) -> Chain:
+    """The chain moved as a whole to where its tips come nearest to the readings' points, if its base is free."""
+    if "base" not in free or readings.points is None:
+        return chain
+    seen = readings.has_point
+    return chain.placed(align(chain.tip_in_base(readings.angles[seen]), readings.points[seen]))

@@ -123,6 +123,11 @@ class Identified:
     converged: bool
     rounds: int
 
+    @property
+    def chain(self) -> Chain:
+        """The chain with the constant terms composed; those that depend on the arm's state are left out."""
+        return self.moved.with_constants(self.coefficients)
+
     def tips(self, state: ArmState) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""
         return self.moved.tips(state, self.coefficients)
@@ -131,7 +136,7 @@ class Identified:
         """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
         out = np.empty((len(state), 3, 3))
         for rows, _, columns in self.moved.derivatives(state, self.coefficients):
-            spread = (self.covariance @ columns.reshape(len(columns), -1)).reshape(columns.shape)
+            spread = (self.covariance @ columns.reshape(len(columns), 3 * columns.shape[2])).reshape(columns.shape)
             out[rows] = np.einsum("pin,pjn->nij", columns, spread)
         return (out + out.transpose(0, 2, 1)) / 2  # equal but for rounding
 
@@ -220,7 +225,9 @@ def identify(
         # While the noise still falls, what it hides must not be given up.
         with one_blas_thread():
             prior, found, effective = _evidence(gram, gram @ x - gradient, prior, prune=calm >= 2)
-        x = np.where(prior.active, x, 0.0)
+        if x[~prior.active].any():
+            x = np.where(prior.active, x, 0.0)
+            residuals = problem.residuals(x)
         step = found.x - x
         moved_by = np.sqrt(float(step @ gram @ step) / max(float(effective.sum()), 1.0))
         back = float(step @ gram @ step_before) < 0

@@ -126,6 +126,15 @@ class Moved:
                 out[site.place] += site.direction[:, None] * (part @ value[:, :m])
         return out
 
+    def with_constants(self, x: FloatArray) -> Chain:
+        """The chain with the constant terms composed, others left out."""
+        motions, start = np.zeros((self.chain.n_places, 6)), 0
+        for term in self.terms:
+            if isinstance(term.basis, Constant):
+                motions[term.place] += x[start] * np.array(term.direction)
+            start += term.n_coefficients
+        return self.chain.with_motions(motions)
+
     def tips(self, state: ArmState, x: FloatArray) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""
         out = np.empty((len(state), 3))
@@ -329,7 +338,7 @@ class _Sums:
             np.multiply(by_site[i], values[i][:, None, :], out=columns[start:stop])
             start = stop
         columns[start:] = by_unknown
-        flat = columns.reshape(self.n_narrow, -1)
+        flat = columns.reshape(self.n_narrow, k * m)
         self.cost += 0.5 * float(np.vdot(residuals, residuals))
         self.gradient[: self.n_narrow] += flat @ residuals.ravel()
         self.gram[: self.n_narrow, : self.n_narrow] += flat @ flat.T

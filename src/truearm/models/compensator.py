@@ -16,9 +16,12 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identify.points import PointFit, fit_points, placed_roughly
+from truearm.identify.alignment import placed_roughly
+from truearm.identify.identification import Identified, identify
+from truearm.models.relations import references_of, state_of
+from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
-from truearm.terms import FREE_BASE, FREE_TIP
+from truearm.terms import constants
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -39,8 +42,12 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
 
     Attributes
     ----------
-    nominal_ : PointFit
+    nominal_ : Identified
         The nominal arm with only the free parts (base, tip) fitted to the same readings: what there was before.
+    arm_ : Arm
+        That it was fitted for.
+    free_ : tuple of str
+        The free parts that the readings can tell: without reference points the base is as drawn.
     angle_ranges_ : (n_joints, 2) array
         Smallest and largest training angle of every joint [rad, or mm].
     n_train_ : int
@@ -81,14 +88,18 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self,
         readings: Readings,
         *,
+        lengths: Lengths | None = None,
         progress: Callable[[int, str], None] | None = None,
         checkpoint: Path | None = None,
     ) -> Self:
-        """Learn from readings with reference points and, where known, their uncertainties.
+        """Learn from readings: reference points and, where known, their uncertainties; seats and lengths between them.
 
         Parameters
         ----------
         readings : Readings
+            A network needs a reference point at every reading. The other models take what there is.
+        lengths : Lengths, optional
+            Known lengths between seats of the readings.
         progress : callable, optional
             Told the steps done and how it stands.
         checkpoint : path, optional
@@ -99,7 +110,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         Raises
         ------
         InputError
-            As `fit`; also if the readings have no reference points, or the folder holds trainings of other data or
+            As `fit`; also if the readings have nothing to learn from, or the folder holds trainings of other data or
             options.
         """
         arm = self._checked_arm()
@@ -107,26 +118,21 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             raise InputError(
                 f"expected readings of {arm.n_joints} joints for arm {arm.name!r}, got {readings.n_joints}"
             )
-        if readings.points is None:
-            raise InputError(
-                "expected reference points (x_mm, y_mm, z_mm) to learn from, the readings have none",
-                file=readings.file,
-            )
-        if not readings.has_point.all():
-            raise readings.error(
-                f"expected a reference point at every reading, {int((~readings.has_point).sum())} of {len(readings)}"
-                " have none",
-                hint="readings.rows(readings.has_point) has the others",
-            )
+        self._check_references(readings)
         if len(readings) < MIN_ROWS:
             raise InputError(f"expected {MIN_ROWS} or more readings, got {len(readings)}", file=readings.file)
+        if lengths is not None and readings.seat is not None:
+            lengths = lengths.between(readings.seat)
         begun = time.perf_counter()
+        self.arm_ = arm
         self.n_features_in_ = readings.n_joints
-        self.nominal_ = self._fit_nominal(readings)
-        self._identify(readings, readings.points, progress or _silent, checkpoint)
+        pointed = readings.has_point
+        self.free_ = self.free if pointed.any() else tuple(part for part in self.free if part != "base")
+        self.nominal_ = self._fit_nominal(readings, lengths)
+        self._identify(readings, lengths, progress or _silent, checkpoint)
         self.angle_ranges_ = np.stack([readings.angles.min(axis=0), readings.angles.max(axis=0)], axis=1)
         self.n_train_ = len(readings)
-        self.data_fingerprint_ = fingerprint(readings.angles, readings.points)
+        self.data_fingerprint_ = fingerprint(readings)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
@@ -154,13 +160,50 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             Of the tip [mm^2]; a reference point compared with it has its own uncertainty besides. Holds within the
             training ranges: see `outside_training`.
         """
-        angles = self._checked_angles(X)
-        points = self._tips(angles)
-        return (points, self._covariance(angles)) if return_cov else points
+        return self.predict_readings(Readings(self._checked_angles(X)), return_cov=return_cov)
+
+    @overload
+    def predict_readings(self, readings: Readings, *, return_cov: Literal[False] = False) -> FloatArray: ...
+
+    @overload
+    def predict_readings(self, readings: Readings, *, return_cov: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
+
+    @overload
+    def predict_readings(
+        self, readings: Readings, *, return_cov: bool
+    ) -> FloatArray | tuple[FloatArray, FloatArray]: ...
+
+    def predict_readings(
+        self, readings: Readings, *, return_cov: bool = False
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Corrected coordinates at readings, with their temperature and loads where the model knows what these do.
+
+        `predict` takes them as they were on average when the model learned.
+        """
+        self._checked_angles(readings.angles)
+        points = self._tips(readings)
+        if not return_cov:
+            return points
+        of_parameters, unexplained = self.covariance_parts(readings)
+        return points, of_parameters + unexplained
+
+    def covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
+        """Uncertainty of predicted points in its two parts.
+
+        Returns
+        -------
+        of_parameters : (n, 3, 3) array
+            What the readings left open [mm^2]: the same error at the same pose, every time. It grows away from where
+            the model learned.
+        unexplained : (n, 3, 3) array
+            What the model cannot explain [mm^2]: noise, and effects it has no term for.
+        """
+        self._checked_angles(readings.angles)
+        return self._covariance_parts(readings)
 
     def predict_nominal(self, angles: npt.ArrayLike) -> FloatArray:
         """(n, 3) what the nominal arm gives, with the free parts fitted to the same training readings [mm]."""
-        return self.nominal_.chain.tip_in_base(self._checked_angles(angles))
+        return self.nominal_.tips(state_of(self.arm_, Readings(self._checked_angles(angles))))
 
     def outside_training(self, angles: npt.ArrayLike) -> BoolArray:
         """(n,) True where a joint is beyond the angles it was trained on: the model has not seen such poses."""
@@ -182,19 +225,37 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         if unknown:
             raise InputError(f"expected free parts among {list(FREE_PARTS)}, got {sorted(unknown)}")
 
+    def _check_references(self, readings: Readings) -> None:
+        """Refuse readings from which this model cannot learn."""
+        if not readings.has_point.any():
+            raise InputError(
+                "expected reference points (x_mm, y_mm, z_mm) to learn from, the readings have none",
+                file=readings.file,
+            )
+        if not readings.has_point.all():
+            raise readings.error(
+                f"expected a reference point at every reading, {int((~readings.has_point).sum())} of {len(readings)}"
+                " have none",
+                hint="readings.rows(readings.has_point) has the others",
+            )
+
     @abstractmethod
     def _identify(
-        self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None], checkpoint: Path | None
+        self,
+        readings: Readings,
+        lengths: Lengths | None,
+        progress: Callable[[int, str], None],
+        checkpoint: Path | None,
     ) -> None:
-        """Learn from readings and their points (n, 3) [mm]; `nominal_` is there already. See `fit_readings`."""
+        """Learn from readings; `nominal_` is there already. See `fit_readings`."""
 
     @abstractmethod
-    def _tips(self, angles: FloatArray) -> FloatArray:
-        """Tips (n, 3) [mm] at checked angles."""
+    def _tips(self, readings: Readings) -> FloatArray:
+        """Tips (n, 3) [mm] at checked readings."""
 
     @abstractmethod
-    def _covariance(self, angles: FloatArray) -> FloatArray:
-        """Their covariances (n, 3, 3) [mm^2]."""
+    def _covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
+        """See `covariance_parts`."""
 
     def _checked_arm(self) -> Arm:
         if not isinstance(self.arm, Arm):
@@ -206,47 +267,28 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         check_is_fitted(self)
         return np.asarray(validate_data(self, angles, reset=False, dtype=np.float64))
 
-    def _fit_nominal(self, readings: Readings) -> PointFit:
+    def _fit_nominal(self, readings: Readings, lengths: Lengths | None) -> Identified:
         """The nominal chain with base and tip, as far as they are free, fitted to the readings."""
-        chain, points = self.arm.chain, readings.points
-        assert points is not None
-        if "base" in self.free:
-            chain = placed_roughly(chain, readings.angles, points)
-        prior_std = with_free_parts(np.zeros((chain.n_places, 6)), self.free)
-        return fit_points(
-            chain, readings.angles, points, prior_std=prior_std, point_std=readings.point_std, robust=self.robust
+        terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
+        return identify(
+            placed_roughly(self.arm_.chain, readings, self.free_),
+            state_of(self.arm_, readings),
+            terms,
+            references_of(readings, lengths),
+            robust=self.robust,
         )
-
-
-def with_free_parts(prior_std: FloatArray, free: tuple[str, ...]) -> FloatArray:
-    """Prior standard deviations (n_places, 6) [rad, mm] with base and tip as good as unknown where they are free."""
-    prior_std = prior_std.copy()
-    if "base" in free:
-        prior_std[0] = FREE_BASE
-    if "tip" in free:
-        prior_std[-1, 3:] = FREE_TIP
-    return prior_std
 
 
 def _silent(done: int, note: str) -> None:
     """Tell nobody."""
 
 
-def fingerprint(angles: FloatArray, points: FloatArray) -> str:
-    """SHA-256 of angles and points as little-endian doubles, row by row."""
+def fingerprint(readings: Readings) -> str:
+    """SHA-256 of angles, points and seats: numbers as little-endian doubles, row by row, then the names."""
     digest = hashlib.sha256()
-    for array in (angles, points):
-        digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    for array in (readings.angles, readings.points):
+        if array is not None:
+            digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    if readings.seat is not None:
+        digest.update("\n".join(readings.seat.tolist()).encode())
     return digest.hexdigest()
-
-
-def chain_covariance(fit: PointFit, angles: FloatArray) -> FloatArray:
-    """(n, 3, 3) covariance of predicted points [mm^2]: of the identified motions, plus what they leave unexplained."""
-    out = np.empty((len(angles), 3, 3))
-    size = fit.motions.size
-    for rows, _, by_motion in fit.chain.small_motions_by_chunk(angles):
-        columns = by_motion.reshape(size, 3, -1)
-        spread = (fit.covariance @ columns.reshape(size, -1)).reshape(columns.shape)
-        out[rows] = np.einsum("pin,pjn->nij", columns, spread)
-    out = (out + out.transpose(0, 2, 1)) / 2  # equal but for rounding
-    return out + fit.noise_std**2 * np.eye(3)

@@ -3,8 +3,9 @@
 A zip archive (stored, not compressed) with ``model.json`` and one ``NAME.npy`` (format 1.0, no objects) for each
 array that the JSON lists with its shape and SHA-256. Nothing else may be in it.
 
-Format 2 holds ensembles of networks (a member's numbers are a row of the arrays) and the records of their trainings;
-format 1 had one network without its record. Files of nominal and kinematic models are the same in both.
+Format 3 holds identified terms as data with their posterior; formats 1 and 2 had six constants of every place only,
+already moved into the chain. Format 2 brought ensembles of networks (a member's numbers are a row of the arrays) and
+the records of their trainings; format 1 had one network without its record.
 """
 
 from __future__ import annotations
@@ -26,20 +27,24 @@ from truearm import __version__
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError, TruearmError
-from truearm.identify.points import PointFit
+from truearm.identify.calibration import HeldOut
+from truearm.identify.identification import Explained, GroupFound, Identified
+from truearm.identify.problem import Moved
 from truearm.models import MODELS
 from truearm.models.compensator import Compensator
+from truearm.models.identified import IdentifiedModel
 from truearm.models.network import Member, NetworkModel
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.scaling import MinMax
 from truearm.nets.trainbr import BayesianRecord
 from truearm.nets.traingdx import AdaptiveRecord
 from truearm.nets.training import TrainingRecord
+from truearm.terms import Constant, LeftOut, Term
 from truearm.writing import whole_file
 
 FloatArray = npt.NDArray[np.float64]
 
-FORMAT = 2
+FORMAT = 3
 # A 50-50 network and a 7-axis chain need well under a megabyte, a member of 1000 units 8; save_model writes no more.
 MAX_BYTES = 256 * 2**20
 MAX_ARRAYS = 100
@@ -48,6 +53,9 @@ RECORDS: dict[tuple[str, ...], type[TrainingRecord]] = {
     tuple(field.name for field in fields(kind) if field.name not in ("best_epoch", "stop")): kind
     for kind in (TrainingRecord, BayesianRecord, AdaptiveRecord)
 }
+# Identifications of a model, and the arrays of its readings held out.
+IDENTIFIED = ("nominal_", "fit_")
+HELD_OUT = ("rows", "group", "deviations", "covariance", "freedom")
 # Arrays in which numbers may be missing or without bound.
 NOT_FINITE = ("arm_limits", "network_record")
 
@@ -76,13 +84,41 @@ class _MemberEntry(BaseModel):
     stop: str = Field(max_length=200)
 
 
+class _GroupEntry(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    name: str = Field(max_length=200)
+    n_coefficients: int = Field(ge=0)
+    effective: float = Field(ge=0, allow_inf_nan=False)
+    scale: float = Field(ge=0, allow_inf_nan=False)
+
+
+class _ReferenceEntry(BaseModel):
+    """What is no array of a reference."""
+
+    model_config = ConfigDict(extra="forbid")
+    kind: str = Field(max_length=40)
+    noise_std_mm: float = Field(ge=0, allow_inf_nan=False)
+    unknowns: dict[str, Annotated[float, Field(allow_inf_nan=False)]]
+
+
+class _IdentifiedEntry(BaseModel):
+    """What is no array of an identification."""
+
+    model_config = ConfigDict(extra="forbid")
+    terms: list[dict[str, Any]]
+    groups: list[_GroupEntry]
+    references: list[_ReferenceEntry] = Field(min_length=1, max_length=10)
+    converged: bool
+    rounds: int = Field(ge=0)
+
+
 class _Header(BaseModel):
     """What stands in ``model.json``."""
 
     model_config = ConfigDict(extra="forbid")
     format: Annotated[int, Field(strict=True, ge=1, le=FORMAT)]
     truearm: str
-    model: Literal["nominal", "kinematic", "network"]
+    model: Literal["nominal", "kinematic", "physical", "network"]
     options: dict[str, Any]
     arm: _ArmEntry
     n_train: int = Field(ge=1)
@@ -90,6 +126,11 @@ class _Header(BaseModel):
     fit_seconds: float = Field(ge=0)
     facts: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
     arrays: dict[str, _ArrayEntry] = Field(max_length=MAX_ARRAYS)
+    identified: dict[str, _IdentifiedEntry] = {}
+    free: list[str] | None = None
+    left_out: list[tuple[str, str]] = []
+    column_means: dict[str, Annotated[float, Field(allow_inf_nan=False)]] = {}
+    temperature_degC: Annotated[float, Field(allow_inf_nan=False)] | None = None
     members: list[_MemberEntry] = []
     record: tuple[str, ...] = ()
 
@@ -132,6 +173,11 @@ def save_model(model: Compensator, path: str | Path) -> None:
             name: _ArrayEntry(shape=list(array.shape), sha256=hashlib.sha256(_bytes(array)).hexdigest())
             for name, array in arrays.items()
         },
+        identified={name: _entry(getattr(model, name)) for name in IDENTIFIED if hasattr(model, name)},
+        free=list(model.free_),
+        left_out=[tuple(left_out) for left_out in getattr(model, "left_out_", ())],
+        column_means=getattr(model, "columns_", {}),
+        temperature_degC=getattr(model, "temperature_degC_", None),
         members=[
             _MemberEntry(start=member.start, epochs=record.num_epochs, best_epoch=record.best_epoch, stop=record.stop)
             for member, record in trained
@@ -170,7 +216,7 @@ def load_model(path: str | Path) -> Compensator:
             if foreign:
                 raise InputError(f"expected only what model.json lists, got also {sorted(foreign)[:3]}")
         model = _put_together(header, arrays)
-        surplus = set(arrays) - set(_taken_apart(model)[0])
+        surplus = set() if header.format < 3 else set(arrays) - set(_taken_apart(model)[0])
         if surplus:
             raise InputError(f"a {header.model} model has no array {sorted(surplus)[0]!r}")
         return model
@@ -209,16 +255,13 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
         **_chain_arrays("arm", arm.chain),
     }
     facts: dict[str, float] = {}
-    for name in ("nominal_", "fit_"):
+    for name in IDENTIFIED:
         if hasattr(model, name):
-            fit: PointFit = getattr(model, name)
-            arrays |= _chain_arrays(name + "chain", fit.chain)
-            arrays |= {
-                name + "motions": fit.motions,
-                name + "covariance": fit.covariance,
-                name + "weights": fit.weights,
-            }
-            facts |= {name + "noise_std_mm": fit.noise_std, name + "converged": float(fit.converged)}
+            arrays |= _identified_arrays(name, getattr(model, name))
+    if isinstance(model, IdentifiedModel):
+        facts["unexplained_std_mm"] = model.unexplained_std_
+        if model.held_out_ is not None:
+            arrays |= {f"held_out_{part}": _doubles(getattr(model.held_out_, part)) for part in HELD_OUT}
     if isinstance(model, NetworkModel):
         arrays |= {
             "network_weights": np.stack([member.weights for member in model.members_]),
@@ -266,27 +309,147 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
     options = {name: tuple(value) if isinstance(value, list) else value for name, value in header.options.items()}
     model = MODELS[header.model](arm, **options)
     model._check_options()
+    model.arm_ = arm
     model.n_features_in_ = n
     model.n_train_, model.fit_seconds_ = header.n_train, header.fit_seconds
     model.data_fingerprint_ = header.data_fingerprint
     model.angle_ranges_ = _shaped(arrays, "angle_ranges", (n, 2))
-    for name in ("nominal_", "fit_") if header.model == "kinematic" else ("nominal_",):
-        setattr(model, name, _point_fit(name, header, arrays, prismatic))
+    model.free_ = tuple(model.free if header.free is None else header.free)
+    old = header.format < 3
+    model.nominal_ = (_old_fit if old else _identified)("nominal_", header, arrays, prismatic)
+    if isinstance(model, IdentifiedModel):
+        if old and header.model == "nominal":
+            model.fit_ = model.nominal_
+        else:
+            model.fit_ = (_old_fit if old else _identified)("fit_", header, arrays, prismatic)
+        model.left_out_ = tuple(LeftOut(name, reason) for name, reason in header.left_out)
+        model.columns_, model.temperature_degC_ = dict(header.column_means), header.temperature_degC
+        noise = model.fit_.references[0].noise_std
+        model.unexplained_std_ = noise if old else header.facts["unexplained_std_mm"]
+        model.held_out_ = _held_out(arrays, header.n_train)
     if isinstance(model, NetworkModel):
         _put_network(model, header, arrays)
     return model
 
 
-def _point_fit(name: str, header: _Header, arrays: dict[str, FloatArray], prismatic: npt.NDArray[np.bool_]) -> PointFit:
-    places = len(prismatic) + 2
-    return PointFit(
-        chain=_chain(name + "chain", arrays, prismatic),
-        motions=_shaped(arrays, name + "motions", (places, 6)),
-        covariance=_covariance(arrays[name + "covariance"], name + "covariance", places * 6),
-        noise_std=header.facts[name + "noise_std_mm"],
-        weights=_shaped(arrays, name + "weights", (header.n_train,)),
-        converged=bool(header.facts[name + "converged"]),
+def _entry(fit: Identified) -> _IdentifiedEntry:
+    return _IdentifiedEntry(
+        terms=[term.as_data() for term in fit.moved.terms],
+        groups=[
+            _GroupEntry(name=g.name, n_coefficients=g.n_coefficients, effective=g.effective, scale=g.scale)
+            for g in fit.groups
+        ],
+        references=[
+            _ReferenceEntry(kind=r.kind, noise_std_mm=r.noise_std, unknowns=r.unknowns) for r in fit.references
+        ],
+        converged=fit.converged,
+        rounds=fit.rounds,
     )
+
+
+def _identified_arrays(name: str, fit: Identified) -> dict[str, FloatArray]:
+    found = {
+        **_chain_arrays(name + "chain", fit.moved.chain),
+        name + "coefficients": fit.coefficients,
+        name + "covariance": fit.covariance,
+        name + "prior_std": fit.prior_std,
+    }
+    for i, reference in enumerate(fit.references):
+        found |= {
+            f"{name}rows_{i}": _doubles(reference.rows),
+            f"{name}residuals_{i}": reference.residuals,
+            f"{name}trust_{i}": reference.trust,
+        }
+    return found
+
+
+def _identified(
+    name: str, header: _Header, arrays: dict[str, FloatArray], prismatic: npt.NDArray[np.bool_]
+) -> Identified:
+    if name not in header.identified:
+        raise InputError(f"model.json does not say what {name} is")
+    entry = header.identified[name]
+    chain = _chain(name + "chain", arrays, prismatic)
+    terms = tuple(Term.from_data(data) for data in entry.terms)
+    for term in terms:
+        term.check_place(chain)
+    moved = Moved(chain, terms)
+    n = moved.n_coefficients
+    prior_std = _shaped(arrays, name + "prior_std", (n,))
+    if not (prior_std > 0).all():
+        raise InputError(f"the array {name}prior_std must be above zero")
+    explained = []
+    for i, reference in enumerate(entry.references):
+        rows = _indices(arrays[f"{name}rows_{i}"], f"{name}rows_{i}", header.n_train)
+        residuals = arrays[f"{name}residuals_{i}"]
+        _of_shape(residuals, f"{name}residuals_{i}", (*residuals.shape[:1], len(rows)))
+        trust = _shaped(arrays, f"{name}trust_{i}", (len(rows),))
+        explained.append(
+            Explained(reference.kind, rows, residuals, reference.noise_std_mm, trust, dict(reference.unknowns))
+        )
+    return Identified(
+        moved,
+        _shaped(arrays, name + "coefficients", (n,)),
+        _covariance(arrays[name + "covariance"], name + "covariance", n),
+        prior_std,
+        tuple(GroupFound(g.name, g.n_coefficients, g.effective, g.scale) for g in entry.groups),
+        tuple(explained),
+        entry.converged,
+        entry.rounds,
+    )
+
+
+def _old_fit(name: str, header: _Header, arrays: dict[str, FloatArray], prismatic: npt.NDArray[np.bool_]) -> Identified:
+    """A fit of formats 1 and 2: its constants are in the chain, their covariance is that of small motions there."""
+    places = len(prismatic) + 2
+    covariance = _covariance(arrays[name + "covariance"], name + "covariance", places * 6)
+    _shaped(arrays, name + "motions", (places, 6))
+    trust = _shaped(arrays, name + "weights", (header.n_train,))
+    terms = tuple(
+        Term(f"place {i}, component {k}", i, tuple(float(k == j) for j in range(6)), Constant(), "constants", 1.0)
+        for i in range(places)
+        for k in range(6)
+    )
+    rows = np.arange(header.n_train)
+    noise = header.facts[name + "noise_std_mm"]
+    return Identified(
+        Moved(_chain(name + "chain", arrays, prismatic), terms),
+        np.zeros(places * 6),
+        covariance,
+        np.ones(places * 6),
+        (GroupFound("constants", places * 6, 0.0, 1.0),),
+        (Explained("point", rows, np.zeros((3, 0)), noise, trust, {}),),
+        bool(header.facts[name + "converged"]),
+        0,
+    )
+
+
+def _held_out(arrays: dict[str, FloatArray], n_train: int) -> HeldOut | None:
+    if "held_out_rows" not in arrays:
+        return None
+    rows = _indices(arrays["held_out_rows"], "held_out_rows", n_train)
+    m = len(rows)
+    freedom = _shaped(arrays, "held_out_freedom", (m,))
+    if not ((freedom > 0) & (freedom <= 1)).all():
+        raise InputError("the array held_out_freedom must be above 0 and at most 1")
+    return HeldOut(
+        rows,
+        _indices(_shaped(arrays, "held_out_group", (m,)), "held_out_group", n_train),
+        _shaped(arrays, "held_out_deviations", (m, 3)),
+        _shaped(arrays, "held_out_covariance", (m, 3, 3)),
+        freedom,
+    )
+
+
+def _doubles(array: npt.ArrayLike) -> FloatArray:
+    return np.asarray(array, dtype=float)
+
+
+def _indices(array: FloatArray, name: str, n: int) -> npt.NDArray[np.intp]:
+    """Whole numbers below n."""
+    if array.ndim != 1 or not ((array >= 0) & (array < n) & (array == np.floor(array))).all():
+        raise InputError(f"expected the array {name} as whole numbers below {n}")
+    return array.astype(np.intp)
 
 
 def _put_network(model: NetworkModel, header: _Header, arrays: dict[str, FloatArray]) -> None:

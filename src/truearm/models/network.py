@@ -27,6 +27,7 @@ from truearm.nets.traingd import traingd
 from truearm.nets.traingdx import traingdx
 from truearm.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.nets.trainlm import trainlm
+from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
 from truearm.solve.threads import one_blas_thread
 
@@ -158,8 +159,15 @@ class NetworkModel(Compensator):
         return self._scatter(self._checked_angles(angles))
 
     def _identify(
-        self, readings: Readings, points: FloatArray, progress: Callable[[int, str], None], checkpoint: Path | None
+        self,
+        readings: Readings,
+        lengths: Lengths | None,
+        progress: Callable[[int, str], None],
+        checkpoint: Path | None,
     ) -> None:
+        del lengths  # every reading has a point, which says more
+        points = readings.points
+        assert points is not None  # checked
         _check_motion(self.arm, readings, points)
         self.network_ = Perceptron.with_layers(readings.n_joints, self.hidden, 3, activation=self.activation)
         self.angle_scale_ = MinMax.of(readings.angles.T, what="the angle of joint")
@@ -323,7 +331,11 @@ class NetworkModel(Compensator):
         """(n, 3) a member's points [mm] at scaled inputs (n_inputs, n)."""
         return np.asarray(self.point_scale_.restored(self.network_.outputs(member.weights, inputs)).T)
 
-    def _tips(self, angles: FloatArray) -> FloatArray:
+    def _tips(self, readings: Readings) -> FloatArray:
+        return self._mean(readings.angles)
+
+    def _mean(self, angles: FloatArray) -> FloatArray:
+        """(n, 3) mean of the members' points [mm]."""
         inputs = self.angle_scale_.scaled(angles.T)
         return np.asarray(np.mean([self._points(member, inputs) for member in self.members_], axis=0))
 
@@ -331,25 +343,28 @@ class NetworkModel(Compensator):
         out = np.zeros((len(angles), 3, 3))
         if len(self.members_) > 1:
             inputs = self.angle_scale_.scaled(angles.T)
-            mean = self._tips(angles)
+            mean = self._mean(angles)
             for member in self.members_:
                 off = self._points(member, inputs) - mean
                 out += off[:, :, None] * off[:, None, :]
             out /= len(self.members_) - 1
         return out
 
-    def _covariance(self, angles: FloatArray) -> FloatArray:
-        """What members leave over, grown by the leverage of their last hidden layers, and their scatter.
+    def _covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
+        """What the data left open of the weights, and what members leave over.
 
-        The leverage is that of a Bayesian linear output layer. Hidden units saturate, so that it does not grow without
-        bound far outside; the scatter does not hold the error that all members share. Such rows are flagged instead.
+        The first is the second, times the leverage of the last hidden layers, and the members' scatter. The leverage is
+        that of a Bayesian linear output layer. Hidden units saturate, so that it does not grow without bound far
+        outside; the scatter does not hold the error that all members share. Such rows are flagged instead.
         """
+        angles = readings.angles
         inputs = self.angle_scale_.scaled(angles.T)
         leverage = np.zeros(len(angles))
         for member in self.members_:
             basis = self._basis(member.weights, inputs)
             leverage += np.einsum("ni,ij,nj->n", basis, member.basis_covariance, basis) / len(self.members_)
-        return np.asarray((1 + leverage)[:, None, None] * self.residual_covariance_ + self._scatter(angles))
+        left_over = np.broadcast_to(self.residual_covariance_, (len(angles), 3, 3))
+        return leverage[:, None, None] * left_over + self._scatter(angles), left_over
 
 
 def checkpoints(folder: Path) -> list[Path]:

@@ -1,0 +1,90 @@
+"""What a model cannot explain, sized so that its stated uncertainty holds what it should on readings it did not see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import brentq
+from scipy.stats import chi2
+
+FloatArray = npt.NDArray[np.float64]
+
+LEVEL = 0.95
+FLOOR_MM2 = 1e-12  # a nanometre squared
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Readings as models saw them that did not learn from them.
+
+    Attributes
+    ----------
+    rows : (m,) int array
+        The readings.
+    group : (m,) int array
+        Which were held out together: a position, a seat.
+    deviations : (m, 3) array
+        Predicted less known point; of a seat, less the mean of the points predicted in it [mm].
+    covariance : (m, 3, 3) array
+        Of the deviations by what the training left open, and by the reference [mm^2].
+    freedom : (m,) array
+        Share of a deviation's own variance that is left in it: 1, of n readings in a seat 1 - 1/n.
+    """
+
+    rows: npt.NDArray[np.intp]
+    group: npt.NDArray[np.intp]
+    deviations: FloatArray
+    covariance: FloatArray
+    freedom: FloatArray
+
+    @property
+    def errors_mm(self) -> FloatArray:
+        """(m,) lengths of the deviations, those in seats for a seat of many readings [mm]."""
+        return np.asarray(np.linalg.norm(self.deviations, axis=1) / np.sqrt(self.freedom))
+
+    @property
+    def mean_mm(self) -> float:
+        """Mean error [mm]."""
+        return float(self.errors_mm.mean())
+
+    @property
+    def standard_error_mm(self) -> float:
+        """Of the mean, from its scatter between groups [mm]."""
+        counts = np.bincount(self.group)
+        sums = np.bincount(self.group, self.errors_mm)
+        if len(counts) < 2:
+            return float("inf")
+        scatter = sums - counts * self.mean_mm
+        return float(np.sqrt((scatter**2).sum() * len(counts) / (len(counts) - 1)) / counts.sum())
+
+
+def unexplained_variance_of(held_out: HeldOut, *, level: float = LEVEL) -> float:
+    """The variance v of a coordinate for which ellipsoids hold a share `level` of the readings held out.
+
+    With it added to their covariances, the squared Mahalanobis length that the share stays below is that of three
+    Gaussian coordinates. The order statistic is that of conformal prediction, number ``ceil((m + 1) level)`` of m, so
+    that a new reading is held with at least that probability where readings are exchangeable (V. Vovk, A. Gammerman,
+    G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2).
+
+    Returns
+    -------
+    float
+        [mm^2].
+    """
+    m = len(held_out.rows)
+    values, vectors = np.linalg.eigh(held_out.covariance)
+    squares = np.einsum("nij,ni->nj", vectors, held_out.deviations) ** 2
+    rank = min(int(np.ceil((m + 1) * level)), m) - 1
+    radius = float(chi2.ppf(level, 3))
+
+    def excess(log_v: float) -> float:
+        variance = np.maximum(values, 0.0) + np.exp(log_v) * held_out.freedom[:, None]
+        return float(np.partition((squares / variance).sum(axis=1), rank)[rank]) - radius
+
+    lowest = float(np.log(FLOOR_MM2))
+    highest = float(np.log(squares.sum(axis=1).max() / held_out.freedom.min() + 2 * FLOOR_MM2))
+    if excess(lowest) <= 0:
+        return FLOOR_MM2
+    return float(np.exp(brentq(excess, lowest, highest, xtol=1e-6)))

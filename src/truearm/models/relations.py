@@ -1,0 +1,63 @@
+"""What readings say of their tips, as identification takes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.identify.references import Points, Reference, seats_of
+from truearm.readings.lengths import Lengths
+from truearm.readings.readings import NameArray, Readings
+from truearm.terms import ArmState
+
+
+def state_of(
+    arm: Arm, readings: Readings, *, temperature_degC: float | None = None, columns: Mapping[str, float] | None = None
+) -> ArmState:
+    """State of the arm at readings; where they have no temperature or column, the given ones stand in."""
+    n = len(readings)
+    temperature = readings.temperature_degC
+    if temperature is None and temperature_degC is not None:
+        temperature = np.full(n, temperature_degC)
+    given = {name: np.full(n, value) for name, value in (columns or {}).items()}
+    return ArmState(arm.chain, readings.angles, temperature, columns=given | dict(readings.columns))
+
+
+def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference]:
+    """References of the readings, one of a kind; lengths between other seats are left out.
+
+    Raises
+    ------
+    InputError
+        If there is nothing.
+    """
+    found: list[Reference] = []
+    seen = np.flatnonzero(readings.has_point)
+    if len(seen):
+        assert readings.points is not None
+        std = None if readings.point_std is None else readings.point_std[seen]
+        found.append(Points(seen, readings.points[seen], std))
+    seat = readings.seat
+    # A reading that an instrument saw in a seat says more by its point; the seat is for the others.
+    held = np.flatnonzero((seat != "") & ~readings.has_point) if seat is not None else np.zeros(0, dtype=np.intp)
+    if len(held):
+        assert seat is not None
+        found.append(seats_of(held, seat[held], _between(lengths, seat[held])))
+    if not found:
+        raise InputError(
+            "expected reference points (x_mm, y_mm, z_mm) or seats to learn from, the readings have none",
+            file=readings.file,
+        )
+    return found
+
+
+def _between(lengths: Lengths | None, seat: NameArray) -> list[tuple[str, str, float, float]]:
+    """The lengths whose two seats are among those of the readings."""
+    if lengths is None:
+        return []
+    here = np.isin(lengths.seat_a, seat) & np.isin(lengths.seat_b, seat)
+    columns = (lengths.seat_a, lengths.seat_b, lengths.length_mm, lengths.u_mm)
+    return list(zip(*(column[here].tolist() for column in columns), strict=True))
