@@ -158,7 +158,7 @@ def _solved_by_orthogonal_factors(
     stacked[len(roots) :, :n] = np.diag(np.sqrt(precision) * scale)
     stacked = stacked[np.argsort(-np.abs(stacked[:, :n]).max(axis=1, initial=0.0))]
     turned, triangle, pivots = qr(stacked[:, :n], mode="economic", pivoting=True, check_finite=False)
-    inverse = _inverse_triangle(triangle, lower=False)
+    inverse = _inverse_triangle(np.asarray(triangle, dtype=float), lower=False)
     x, root = np.empty(n), np.empty((n, n))
     x[pivots] = inverse @ (turned.T @ stacked[:, n])
     root[:, pivots] = inverse.T
