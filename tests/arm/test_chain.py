@@ -182,12 +182,16 @@ def test_no_motion_is_no_change():
     np.testing.assert_allclose(chain.tip_in_base(q, np.tile(nothing, (3, 1, 1))), chain.tip_in_base(q), atol=0)
 
 
-def test_a_rotation_at_the_tip_moves_nothing():
+def test_a_rotation_at_the_tip_turns_the_flange_and_leaves_the_tip():
     chain = random_chain(0)
     q = random_joints(chain, 2, 0)
     motions = np.zeros((2, chain.n_places, 6))
     motions[:, -1, :3] = 1.0
     np.testing.assert_allclose(chain.tip_in_base(q, motions), chain.tip_in_base(q), atol=0)
+    turned, plain = chain.with_motions(motions[0]).pose(q), chain.pose(q)
+    np.testing.assert_allclose(turned.tip_in_base, plain.tip_in_base, atol=ROUNDING_MM)
+    expected = plain.R_base_tip @ Rotation.from_rotvec([1.0, 1.0, 1.0]).as_matrix()
+    np.testing.assert_allclose(turned.R_base_tip, expected, atol=1e-13)
 
 
 def test_a_placed_chain_is_seen_from_the_reference():

@@ -13,8 +13,8 @@ n + 1  tip                axes of the flange (right after ``Fn``), origin at the
 
 A *motion* at a place has six components ``(rx, ry, rz, tx, ty, tz)``: a rotation vector [rad], then a translation
 [mm], both along the place's own axes. As a finite motion it turns first and is then shifted, ``v -> t + Rot(r) v``.
-It is inserted where its place stands: ``F0 E0 J1 E1 F1 ... Jn En Fn (tip + E(n+1))``; at the tip only the
-translation acts.
+It is inserted where its place stands: ``F0 E0 J1 E1 F1 ... Jn En Fn (tip + E(n+1))``; at the tip a rotation turns the
+flange's axes, as a tool is turned on its flange, and leaves the tip where it is.
 """
 
 from __future__ import annotations
@@ -259,7 +259,12 @@ class Chain:
         E[:, :3, :3] = Rotation.from_rotvec(motions[:-1, :3]).as_matrix()
         E[:, :3, 3] = motions[:-1, 3:]
         fixed = np.concatenate([(self.fixed[0] @ E[0])[None], E[1:] @ self.fixed[1:]])
-        return Chain(fixed, self.tip_in_flange + motions[-1, 3:], self.prismatic)
+        tip = self.tip_in_flange + motions[-1, 3:]
+        if motions[-1, :3].any():
+            turned = Rotation.from_rotvec(motions[-1, :3]).as_matrix()
+            fixed[-1, :3, :3] = fixed[-1, :3, :3] @ turned
+            tip = turned.T @ tip
+        return Chain(fixed, tip, self.prismatic)
 
     def placed(self, T_reference_base: npt.ArrayLike) -> Chain:
         """Build the chain as seen from another frame: its tips come out in the reference frame.

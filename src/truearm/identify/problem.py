@@ -290,9 +290,14 @@ class SmallMotionProblem:
         self, which: int, piece: slice, state: ArmState, motions: FloatArray, x: FloatArray
     ) -> tuple[Linearised, FloatArray]:
         """Residuals and derivatives of a piece, and the tips' derivatives (n_places, 6, 3, m) by the motions."""
+        reference = self.references[which]
         tips, by_motion = moved_chain(self.moved.chain, state, motions)
+        # Shifts of the tip are along the flange's axes before a rotation there turns them.
         axes = by_motion[-1, 3:].transpose(1, 0, 2)
-        return self.references[which].linearised(tips, x[self.unknowns_of(which)], piece, axes), by_motion
+        if reference.turns and motions[-1, :3].any():
+            turned, _ = rotations_and_jacobians(motions[-1, :3])
+            axes = np.einsum("abm,bcm->acm", axes, np.broadcast_to(turned, axes.shape))
+        return reference.linearised(tips, x[self.unknowns_of(which)], piece, axes), by_motion
 
     def _motions(self, which: int, piece: slice, state: ArmState, x: FloatArray) -> FloatArray:
         return self.moved.motions(x, self._values(which, piece, state))
