@@ -64,7 +64,7 @@ def test_the_i_optimal_design_of_a_parabola_is_a_half_in_the_middle():
     """Quarter, half, quarter.
 
     A parabola through three means is a sum of Lagrange's polynomials, whose squares have the means 2/15, 8/15, 2/15
-    over [-1, 1]: with weights w, 1 - 2 w, w the mean variance is (4/15) / w + (8/15) / (1 - 2 w), least at w = 1/4: 32/15.
+    over [-1, 1]: with weights w, 1 - 2 w, w the mean variance is (4/15) / w + (8/15) / (1 - 2 w), least at w = 1/4.
     """
     grid, problem = polynomial(copies=8)
     chosen = choose(problem, 8)
@@ -224,7 +224,35 @@ def test_progress_is_told():
     told = []
     choose(made_up(7), 4, progress=lambda what, done, of: told.append((what, done, of)))
     assert told[:4] == [("choose", count, 4) for count in (1, 2, 3, 4)]
-    assert told[4:8] == [("exchange", count, 4) for count in (1, 2, 3, 4)]
+    assert told[-4:] == [("exchange", count, 4) for count in (1, 2, 3, 4)]
+
+
+def test_candidates_that_help_only_together_are_found():
+    """Two poses in a seat of unknown place tell one parameter of the arm, one of them tells nothing.
+
+    One at a time, nobody would start with the seat, whose parameter matters, but with poses that matter little.
+    """
+    factors = np.array([[[1.0, 0.0, 1.0]], [[-1.0, 0.0, 1.0]], [[0.0, 0.1, 0.0]], [[0.0, 0.1, 0.0]]]) * 10
+    problem = DesignProblem(factors, np.diag([1.0, 1.0, 1e-12]), np.diag([1.0, 0.01, 0.0]))
+    assert greedy(problem, 2, IOptimality()).rows.tolist() == [2, 3]
+    assert exchanged(problem, [2, 3], IOptimality()).swaps == 0
+    assert sorted(choose(problem, 2).rows.tolist()) == [0, 1]
+
+
+# --- the target ---
+
+
+def test_an_error_that_a_frame_takes_up_is_none():
+    rng = np.random.default_rng(11)
+    tips = rng.uniform(-500, 500, (30, 3))
+    turn = np.cross([0.3, -0.2, 0.5], tips)[:, :, None]
+    shift = np.broadcast_to([[1.0], [2.0], [3.0]], (30, 3, 1))
+    scale = tips[:, :, None] - tips.mean(axis=0)[:, None]
+    J = np.concatenate([turn, shift, scale], axis=2)
+    # 1e-18 of the squares: rounding.
+    assert np.abs(mean_square(J, tips)[:2]).max() < 1e-18 * (J**2).sum()
+    assert mean_square(J, tips)[2, 2] == pytest.approx((scale**2).sum() / 30)
+    assert mean_square(J)[0, 0] == pytest.approx((turn**2).sum() / 30)
 
 
 # --- groups of readings ---
@@ -337,5 +365,7 @@ def test_the_parts_are_checked():
         eliminated(np.ones((3, 2)), np.ones((2, 1)))
     with pytest.raises(InputError, match="poses, 3, parameters"):
         mean_square(np.ones((3, 2)))
+    with pytest.raises(InputError, match="finite tips"):
+        mean_square(np.ones((4, 3, 2)), np.ones((3, 3)))
     with pytest.raises(InputError, match="shape"):
         factor_of(np.ones(3))

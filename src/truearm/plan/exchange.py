@@ -16,7 +16,8 @@ When candidate s is taken, with ``U = C J_s^T`` and ``G = (I + S_s)^-1``, C fall
 candidates follow from ``J_i U`` and ``J_i C M U`` alone, one product of all Jacobians with 2 k columns: a choice costs
 n k^2 p operations, not n k p^2. To leave a reading out is the same with ``G = -(I - S_s)^-1``. A chosen reading is
 exchanged for the best other one as long as that lowers the criterion (Fedorov's algorithm as modified by Cook and
-Nachtsheim: each in turn, rather than the best of all pairs).
+Nachtsheim: each in turn, rather than the best of all pairs). It ends where no swap of one for one helps, which need not
+be the best choice there is.
 
 Sources: V. V. Fedorov, "Theory of Optimal Experiments", Academic Press 1972; R. D. Cook, C. J. Nachtsheim,
 "A comparison of algorithms for constructing exact D-optimal designs", Technometrics 22 (1980) 315; I-optimality with a
@@ -50,7 +51,7 @@ Progress = Callable[[str, int, int], None]
 _ROWS = 4096
 # A drop so near to the best, as a share of it, is as good: rounding must not decide, the first of them is taken.
 _TIE = 1e-9
-# A swap must lower the criterion (D: the covariance's determinant) by such a share, or rounding might go on for ever.
+# A swap must bring so much more than what it replaces, as a share of it, or rounding might swap for ever.
 _LEAST = 1e-6
 # Updates since the last exact calculation may have taken so many times what is left; rounding is that times 1e-16.
 _MOST_WEAR = 1e8
@@ -150,10 +151,6 @@ class Criterion(Protocol):
         """(n,) what every candidate takes off the criterion, from its (n, k, k) matrices S and T."""
         ...
 
-    def least(self, value: float) -> float:
-        """The least drop worth a swap."""
-        ...
-
 
 class IOptimality:
     """Mean squared uncertainty of a point in the volume."""
@@ -166,10 +163,6 @@ class IOptimality:
         """``trace((I + S)^-1 T)`` [mm^2]."""
         return np.asarray(np.linalg.solve(np.eye(S.shape[1]) + S, T).trace(axis1=1, axis2=2))
 
-    def least(self, value: float) -> float:
-        """A share of the value."""
-        return _LEAST * value
-
 
 class DOptimality:
     """Volume of the parameters' confidence ellipsoid."""
@@ -181,10 +174,6 @@ class DOptimality:
     def drops(self, S: FloatArray, T: FloatArray) -> FloatArray:  # noqa: ARG002
         """``log det(I + S)``."""
         return np.asarray(np.linalg.slogdet(np.eye(S.shape[1]) + S)[1])
-
-    def least(self, value: float) -> float:  # noqa: ARG002
-        """A share of the determinant."""
-        return _LEAST
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,10 +240,16 @@ def choose(
     if strategy == "random":
         return Chosen(np.random.default_rng(seed).permutation(pool)[:n])
     criterion: Criterion = IOptimality() if strategy == "I-optimal" else DOptimality()
+    starting: list[Criterion] = [criterion] if strategy == "D-optimal" else [criterion, DOptimality()]
     with one_blas_thread():
         free = DesignProblem(problem.factors[pool], problem.information(fixed), problem.target)
-        start = greedy(free, n, criterion, progress=progress)
-        best = exchanged(free, start.rows, criterion, progress=progress)
+        # Where candidates are worth something only together, as the first two poses in a seat are, the I-criterion sees
+        # nothing in the first of them. Determinants do: the selection starts from both.
+        starts = [greedy(free, n, start, progress=progress) for start in starting]
+        best = min(
+            (exchanged(free, start.rows, criterion, progress=progress) for start in starts),
+            key=lambda found: criterion.value(free, found.rows),
+        )
         chosen = DesignProblem(free.factors[best.rows], free.prior_precision, free.target)
         order = greedy(chosen, n, criterion).rows
     return Chosen(pool[best.rows[order]], best.swaps)
@@ -303,7 +298,7 @@ def exchanged(
     value, swaps = criterion.value(problem, best), 0
     while True:
         posterior = _Posterior(problem, best.tolist())
-        tried, made = _one_round(posterior, criterion, criterion.least(value), progress)
+        tried, made = _one_round(posterior, criterion, progress)
         lowered = criterion.value(problem, tried)
         # Calculated afresh: what rounding made look better ends the search.
         if not made or lowered >= value:
@@ -311,18 +306,30 @@ def exchanged(
         best, value, swaps = tried, lowered, swaps + made
 
 
-def mean_square(jacobians: npt.ArrayLike) -> FloatArray:
+def mean_square(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None) -> FloatArray:
     """Target of the I-criterion: the mean over poses of ``J_t^T J_t``, (p, p).
+
+    With `tips` it is of what is left once the frame is fitted to the points. That is how an arm errs whose coordinates
+    are compared with each other only, as a hand-held one's are; no seat and no bar tells where its base is.
 
     Parameters
     ----------
     jacobians : (n, 3, p) array
         Derivatives of the tip by the parameters at poses spread as the arm is to be used [mm per unit].
+    tips : (n, 3) array, optional
+        The tip at these poses [mm].
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit or a number is not finite.
     """
     J = np.asarray(jacobians, dtype=float)
-    if J.ndim != 3 or 0 in J.shape or not np.isfinite(J).all():
+    if J.ndim != 3 or J.shape[1] != 3 or 0 in J.shape or not np.isfinite(J).all():
         raise InputError(f"expected finite Jacobians of shape (poses, 3, parameters), got {J.shape}")
     rows = J.reshape(-1, J.shape[2])
+    if tips is not None:
+        rows = eliminated(rows, _rigid_motions(np.asarray(tips, dtype=float), len(J)))
     return np.asarray(rows.T @ rows / len(J))
 
 
@@ -392,9 +399,7 @@ def factor_of(information: npt.ArrayLike) -> FloatArray:
     return np.ascontiguousarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T * scale)
 
 
-def _one_round(
-    posterior: _Posterior, criterion: Criterion, least: float, progress: Progress | None
-) -> tuple[IntArray, int]:
+def _one_round(posterior: _Posterior, criterion: Criterion, progress: Progress | None) -> tuple[IntArray, int]:
     """Offer every chosen candidate for exchange once; give what is chosen then, and the number of swaps."""
     swaps = 0
     offered = list(posterior.rows)
@@ -405,7 +410,7 @@ def _one_round(
         own = drops[row]
         drops[without.rows] = -np.inf
         other = _first_best(drops)
-        if drops[other] > own + least:
+        if drops[other] > (1 + _LEAST) * own:
             posterior = without
             posterior.add(other)
             swaps += 1
@@ -501,6 +506,16 @@ def _variance(information: FloatArray, target_factor: FloatArray) -> float | Non
     """``trace(F A^-1 F^T)``, or None where A is not positive definite."""
     half = whitened(information.copy(), target_factor.T)
     return None if half is None else float(np.vdot(half, half))
+
+
+def _rigid_motions(points: FloatArray, n: int) -> FloatArray:
+    """Shifts of points by small rigid motions of all of them, (3 n, 6), about their mean and of like size."""
+    if points.shape != (n, 3) or not np.isfinite(points).all():
+        raise InputError(f"expected {n} finite tips of shape {(n, 3)}, got {points.shape}")
+    apart = points - points.mean(axis=0)
+    apart /= np.abs(apart).max() or 1.0
+    turns = np.cross(np.eye(3)[None], apart[:, None]).transpose(0, 2, 1)
+    return np.concatenate([np.tile(np.eye(3), (n, 1, 1)), turns], axis=2).reshape(-1, 6)
 
 
 def _triangular(factor: FloatArray) -> FloatArray:
