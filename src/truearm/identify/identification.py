@@ -28,7 +28,7 @@ FloatArray = npt.NDArray[np.float64]
 
 MOST_ROUNDS = 24
 # Rounds of the evidence on one linearisation.
-SCALE_ROUNDS = 12
+SCALE_ROUNDS = 3
 # Scales stand still when none changes by a larger share; a scale is known to some tens of per cent at best.
 SETTLED_SCALES = 1e-2
 # Groups of fewer effective parameters have no say in that.
@@ -77,10 +77,14 @@ class Explained:
         Its readings.
     residuals : (k, m) array
         [mm].
+    std : (k, m) array
+        Standard uncertainties of what is known [mm].
     noise_std : float
         Standard deviation of a residual that neither terms nor reference explain [mm].
     trust : (m,) array
         Robust weight of every reading, 1 for an ordinary one.
+    artefact : (m,) int array
+        Which seat, which sphere each reading was on; zeros for points.
     unknowns : dict of str to float
         What was found of the artefact by name; names have units.
     """
@@ -88,8 +92,10 @@ class Explained:
     kind: str
     rows: npt.NDArray[np.intp]
     residuals: FloatArray
+    std: FloatArray
     noise_std: float
     trust: FloatArray
+    artefact: npt.NDArray[np.intp]
     unknowns: dict[str, float]
 
 
@@ -262,7 +268,18 @@ def _gathered(
     for i, (reference, residual) in enumerate(zip(problem.references, problem.residuals(x), strict=True)):
         unknowns = dict(zip(reference.unknowns, x[problem.unknowns_of(i)].tolist(), strict=True))
         noise_std = float(np.sqrt(noise[i]))
-        explained.append(Explained(reference.kind, reference.rows, residual, noise_std, trust[i], unknowns))
+        explained.append(
+            Explained(
+                reference.kind,
+                reference.rows,
+                residual,
+                reference.std,
+                noise_std,
+                trust[i],
+                _artefact(problem, i, x),
+                unknowns,
+            )
+        )
     return Identified(
         Moved(moved.chain, kept),
         x[active],
@@ -276,6 +293,16 @@ def _gathered(
         converged,
         n_rounds,
     )
+
+
+def _artefact(problem: SmallMotionProblem, which: int, x: FloatArray) -> npt.NDArray[np.intp]:
+    """(m,) which artefact each reading has to do with: those that share unknowns share it."""
+    reference = problem.references[which]
+    if not reference.unknowns:
+        return np.zeros(len(reference.rows), dtype=np.intp)
+    tips = problem.moved.tips(problem.state.rows(reference.rows), x[: problem.moved.n_coefficients])
+    first = reference.linearised(tips.T, x[problem.unknowns_of(which)], slice(None)).unknown[0]
+    return np.unique(first, return_inverse=True)[1].astype(np.intp)
 
 
 def _weighed(

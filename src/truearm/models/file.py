@@ -47,6 +47,8 @@ FloatArray = npt.NDArray[np.float64]
 FORMAT = 3
 # A 50-50 network and a 7-axis chain need well under a megabyte, a member of 1000 units 8; save_model writes no more.
 MAX_BYTES = 256 * 2**20
+# A thousand terms stand in a third of a megabyte of model.json, ten thousand seats in two.
+MAX_HEADER_BYTES = 16 * 2**20
 MAX_ARRAYS = 100
 # Kinds of training records, by the names of their columns.
 RECORDS: dict[tuple[str, ...], type[TrainingRecord]] = {
@@ -54,7 +56,10 @@ RECORDS: dict[tuple[str, ...], type[TrainingRecord]] = {
     for kind in (TrainingRecord, BayesianRecord, AdaptiveRecord)
 }
 # Identifications of a model, and the arrays of its readings held out.
-IDENTIFIED = ("nominal_", "fit_")
+IDENTIFIED: tuple[str, ...] = ("nominal_", "fit_")
+# What formats 1 and 2 had of an identification, and options that evidence has made idle since.
+OLD_FIT = ("chain_fixed", "chain_tip", "motions", "covariance", "weights")
+OLD_OPTIONS = ("prior_angle", "prior_length")
 HELD_OUT = ("rows", "group", "deviations", "covariance", "freedom")
 # Arrays in which numbers may be missing or without bound.
 NOT_FINITE = ("arm_limits", "network_record")
@@ -126,8 +131,8 @@ class _Header(BaseModel):
     fit_seconds: float = Field(ge=0)
     facts: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
     arrays: dict[str, _ArrayEntry] = Field(max_length=MAX_ARRAYS)
-    identified: dict[str, _IdentifiedEntry] = {}
-    free: list[str] | None = None
+    identified: dict[Literal["nominal_", "fit_"], _IdentifiedEntry] = {}
+    free: list[Literal["base", "tip"]] | None = None
     left_out: list[tuple[str, str]] = []
     column_means: dict[str, Annotated[float, Field(allow_inf_nan=False)]] = {}
     temperature_degC: Annotated[float, Field(allow_inf_nan=False)] | None = None
@@ -175,7 +180,7 @@ def save_model(model: Compensator, path: str | Path) -> None:
         },
         identified={name: _entry(getattr(model, name)) for name in IDENTIFIED if hasattr(model, name)},
         free=list(model.free_),
-        left_out=[tuple(left_out) for left_out in getattr(model, "left_out_", ())],
+        left_out=[(left_out.name, left_out.reason) for left_out in getattr(model, "left_out_", ())],
         column_means=getattr(model, "columns_", {}),
         temperature_degC=getattr(model, "temperature_degC_", None),
         members=[
@@ -260,8 +265,7 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
             arrays |= _identified_arrays(name, getattr(model, name))
     if isinstance(model, IdentifiedModel):
         facts["unexplained_std_mm"] = model.unexplained_std_
-        if model.held_out_ is not None:
-            arrays |= {f"held_out_{part}": _doubles(getattr(model.held_out_, part)) for part in HELD_OUT}
+        arrays |= {f"held_out_{part}": _doubles(getattr(model.held_out_, part)) for part in HELD_OUT}
     if isinstance(model, NetworkModel):
         arrays |= {
             "network_weights": np.stack([member.weights for member in model.members_]),
@@ -358,6 +362,8 @@ def _identified_arrays(name: str, fit: Identified) -> dict[str, FloatArray]:
         found |= {
             f"{name}rows_{i}": _doubles(reference.rows),
             f"{name}residuals_{i}": reference.residuals,
+            f"{name}std_{i}": reference.std,
+            f"{name}artefact_{i}": _doubles(reference.artefact),
             f"{name}trust_{i}": reference.trust,
         }
     return found
@@ -383,9 +389,17 @@ def _identified(
         rows = _indices(arrays[f"{name}rows_{i}"], f"{name}rows_{i}", header.n_train)
         residuals = arrays[f"{name}residuals_{i}"]
         _of_shape(residuals, f"{name}residuals_{i}", (*residuals.shape[:1], len(rows)))
-        trust = _shaped(arrays, f"{name}trust_{i}", (len(rows),))
         explained.append(
-            Explained(reference.kind, rows, residuals, reference.noise_std_mm, trust, dict(reference.unknowns))
+            Explained(
+                reference.kind,
+                rows,
+                residuals,
+                _shaped(arrays, f"{name}std_{i}", residuals.shape),
+                reference.noise_std_mm,
+                _shaped(arrays, f"{name}trust_{i}", (len(rows),)),
+                _indices(_shaped(arrays, f"{name}artefact_{i}", (len(rows),)), f"{name}artefact_{i}", header.n_train),
+                dict(reference.unknowns),
+            )
         )
     return Identified(
         moved,
@@ -418,15 +432,16 @@ def _old_fit(name: str, header: _Header, arrays: dict[str, FloatArray], prismati
         covariance,
         np.ones(places * 6),
         (GroupFound("constants", places * 6, 0.0, 1.0),),
-        (Explained("point", rows, np.zeros((3, 0)), noise, trust, {}),),
+        (Explained("point", rows, np.zeros((3, 0)), np.zeros((3, 0)), noise, trust, np.zeros_like(rows), {}),),
         bool(header.facts[name + "converged"]),
         0,
     )
 
 
-def _held_out(arrays: dict[str, FloatArray], n_train: int) -> HeldOut | None:
-    if "held_out_rows" not in arrays:
-        return None
+def _held_out(arrays: dict[str, FloatArray], n_train: int) -> HeldOut:
+    if "held_out_rows" not in arrays:  # before format 3
+        empty = np.zeros(0, dtype=np.intp)
+        return HeldOut(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
     rows = _indices(arrays["held_out_rows"], "held_out_rows", n_train)
     m = len(rows)
     freedom = _shaped(arrays, "held_out_freedom", (m,))

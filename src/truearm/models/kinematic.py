@@ -22,17 +22,12 @@ class KinematicModel(IdentifiedModel):
         arm.
     robust : bool
         Whether readings far off weigh less, for the nominal arm to compare with too.
-    folds : int
-        In so many parts readings are held out to size what the model cannot explain; 0 takes its training residuals.
     """
 
-    def __init__(
-        self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip"), robust: bool = True, folds: int = 5
-    ) -> None:
+    def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip"), robust: bool = True) -> None:
         self.arm = arm
         self.free = free
         self.robust = robust
-        self.folds = folds
 
     def _terms(self, state: ArmState) -> tuple[list[Term], list[LeftOut]]:
         return constants(state.chain, free=self.free_), []

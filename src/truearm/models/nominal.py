@@ -16,14 +16,11 @@ class NominalModel(IdentifiedModel):
     free : tuple of str
         Which of ``"base"`` (where the arm stands in the reference's frame) and ``"tip"`` (where the tip sits on the
         flange) are unknown. With none, points are in the arm's own base frame and the tip is as drawn.
-    folds : int
-        In so many parts readings are held out to size what the model cannot explain; 0 takes its training residuals.
     """
 
-    def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip"), folds: int = 5) -> None:
+    def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip")) -> None:
         self.arm = arm
         self.free = free
-        self.folds = folds
 
     def _terms(self, state: ArmState) -> tuple[list[Term], list[LeftOut]]:
         return constants(state.chain, free=self.free_, angle_std=0.0, length_std=0.0), []

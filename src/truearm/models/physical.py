@@ -24,8 +24,6 @@ class PhysicalModel(IdentifiedModel):
         Highest order of harmonics about a joint's own axis that is offered.
     robust : bool
         Whether readings far off weigh less, for the nominal arm to compare with too.
-    folds : int
-        In so many parts readings are held out to size what the model cannot explain; 0 takes its training residuals.
     """
 
     def __init__(
@@ -35,13 +33,11 @@ class PhysicalModel(IdentifiedModel):
         free: tuple[str, ...] = ("base", "tip"),
         highest: int = 80,
         robust: bool = True,
-        folds: int = 5,
     ) -> None:
         self.arm = arm
         self.free = free
         self.highest = highest
         self.robust = robust
-        self.folds = folds
 
     def _terms(self, state: ArmState) -> tuple[list[Term], list[LeftOut]]:
         return candidate_terms(state, free=self.free_, highest=self.highest)
