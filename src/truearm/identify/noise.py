@@ -1,6 +1,11 @@
-"""The spread of residuals: the part that no reference uncertainty explains, and how far each is to be trusted."""
+"""The spread of residuals: the part that no reference uncertainty explains, and how far each is to be trusted.
+
+A reading has k residuals: three of a point, one of a plane or a sphere, two of a line.
+"""
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -9,22 +14,35 @@ from scipy.stats import chi2
 
 FloatArray = npt.NDArray[np.float64]
 
-# A residual longer than this many standard deviations weighs less: of Gaussian ones in space, one in 900 is.
+# A residual in space longer than this many standard deviations weighs less: of Gaussian ones, one in 900 is.
 HUBER_STDS = 4.0
-# The mean of a squared Gaussian length in space, cut off there: a hair below 3.
-CUT_SQUARE = float(3 * chi2.cdf(HUBER_STDS**2, 5) + HUBER_STDS**2 * chi2.sf(HUBER_STDS**2, 3))
+# Whatever its number of residuals, the same share of Gaussian readings weighs less.
+SHARE_BEYOND = float(chi2.sf(HUBER_STDS**2, 3))
 # A nanometre: it keeps weights finite where the data are exact.
 FLOOR_MM2 = 1e-12
 
 
+@cache
+def cut_square(k: int) -> float:
+    """Squared whitened length of k residuals from which on a reading weighs less."""
+    return float(chi2.isf(SHARE_BEYOND, k))
+
+
+@cache
+def mean_cut_square(k: int) -> float:
+    """Mean of the squared length of k Gaussian residuals, cut off there: a hair below k."""
+    cut = cut_square(k)
+    return float(k * chi2.cdf(cut, k + 2) + cut * chi2.sf(cut, k))
+
+
 def huber_weights(residuals: FloatArray, variance: FloatArray) -> FloatArray:
-    """Huber's weights on the length of whitened residuals: 1 up to `HUBER_STDS`, as one over the length beyond.
+    """Huber's weights on the length of whitened residuals: 1 up to a cut, as one over the length beyond.
 
     Source: P. J. Huber, Ann. Math. Stat. 35 (1964) 73.
 
     Parameters
     ----------
-    residuals, variance : (n, 3) array
+    residuals, variance : (n, k) array
         [mm], [mm^2].
 
     Returns
@@ -32,23 +50,25 @@ def huber_weights(residuals: FloatArray, variance: FloatArray) -> FloatArray:
     (n,) array
     """
     lengths = np.sqrt((residuals**2 / variance).sum(axis=1))
-    return np.asarray(HUBER_STDS / np.maximum(lengths, HUBER_STDS))
+    cut = np.sqrt(cut_square(residuals.shape[1]))
+    return np.asarray(cut / np.maximum(lengths, cut))
 
 
 def unexplained_variance(
     residuals: FloatArray, reference_variance: FloatArray, *, n_effective: float, robust: bool
 ) -> float:
-    """The variance v of a coordinate for which the whitened residuals have the size that their freedom says.
+    """The variance v of a residual for which the whitened residuals have the size that their freedom says.
 
-    Solves ``sum |r|^2 / (s^2 + v) = 3 n - n_effective`` (restricted maximum likelihood); robustly, squared lengths are
-    cut off at `HUBER_STDS` and their expectation with them (Huber's proposal 2), so that gross errors hardly raise v.
+    Solves ``sum |r|^2 / (s^2 + v) = k n - n_effective`` (restricted maximum likelihood); robustly, squared lengths are
+    cut off as in `huber_weights` and their expectation with them (Huber's proposal 2), so that gross errors hardly
+    raise v.
 
     Parameters
     ----------
-    residuals : (n, 3) array
+    residuals : (n, k) array
         [mm].
-    reference_variance : (n, 3) array
-        Of the reference points, s^2 [mm^2].
+    reference_variance : (n, k) array
+        Of the references, s^2 [mm^2].
     n_effective : float
         Parameters that the residuals, rather than priors, determined.
     robust : bool
@@ -59,12 +79,12 @@ def unexplained_variance(
     float
         [mm^2], a nanometre squared where the references explain everything.
     """
-    n = len(residuals)
+    n, k = residuals.shape
     squares = residuals**2
-    per_reading = CUT_SQUARE if robust else 3.0
+    per_reading = mean_cut_square(k) if robust else float(k)
     # Where parameters are as many as data there is no freedom to learn the noise from: a thousandth of it stands in.
-    freedom = max(per_reading * n - n_effective, 1e-3 * n)
-    most = HUBER_STDS**2 if robust else np.inf
+    freedom: float = max(per_reading * n - n_effective, 1e-3 * n)
+    most = cut_square(k) if robust else np.inf
 
     def excess(log_v: float) -> float:
         lengths_squared = (squares / (reference_variance + np.exp(log_v))).sum(axis=1)

@@ -229,6 +229,24 @@ class SmallMotionProblem:
         with one_blas_thread():
             return [self._equations(i, x, weights[i]) for i in range(len(self.references))]
 
+    def jacobian(self, x: FloatArray) -> list[FloatArray]:
+        """Derivatives (n_parameters, k, m) of every reference's residuals, for a few readings: all of them at once.
+
+        What the normal equations have lost to rounding, as the rank, is still in them.
+        """
+        n = self.moved.n_coefficients
+        found = []
+        for i, reference in enumerate(self.references):
+            out = np.zeros((self.n_parameters, reference.n_residuals, len(reference.rows)))
+            for piece in chunks(len(reference.rows)):
+                linear, by_place, values = self._by_place(i, piece, x, np.ones(out[0, :, piece].shape))
+                for site, value in zip(self.moved.sites, values, strict=True):
+                    by_site = np.tensordot(site.direction, by_place[site.place], axes=1)
+                    out[site.columns, :, piece] = by_site * value[:, None, :]
+                self._add_by_unknown(out[n:, :, piece], i, linear)
+            found.append(out)
+        return found
+
     def relations(self, x: FloatArray) -> NormalEquations:
         """What is known among the unknowns: lengths."""
         cost, gradient = 0.0, np.zeros(self.n_parameters)
@@ -268,23 +286,34 @@ class SmallMotionProblem:
         return first.equations()
 
     def _add(self, sums: _Sums, which: int, piece: slice, x: FloatArray, weights: FloatArray) -> None:
+        linear, by_place, values = self._by_place(which, piece, x, weights)
+        by_unknown = np.zeros((self.n_parameters - self.moved.n_coefficients, *weights.shape))
+        self._add_by_unknown(by_unknown, which, linear)
+        sums.add(linear.residuals, by_place, values, by_unknown)
+
+    def _by_place(
+        self, which: int, piece: slice, x: FloatArray, weights: FloatArray
+    ) -> tuple[Linearised, FloatArray, list[FloatArray]]:
+        """A piece linearised, its residuals' derivatives (n_places, 6, k, m) by motions, values of basis functions."""
         state = self.state.rows(self.references[which].rows[piece])
         values = self._values(which, piece, state)
         motions = self.moved.motions(x, values)
-        linear, by_motion = self._linearised(which, piece, state, motions, x)
-        by_tip = weights[:, None, :] * linear.by_tip
-        by_place = np.einsum("kcm,pdcm->pdkm", by_tip, by_motion)
+        plain, by_motion = self._linearised(which, piece, state, motions, x)
+        linear = plain.weighed(weights)
+        by_place = np.einsum("kcm,pdcm->pdkm", linear.by_tip, by_motion)
         if linear.by_turn is not None:
-            by_turn = weights[:, None, :] * linear.by_turn
             for place, motion in enumerate(motions):
                 _, jacobian = rotations_and_jacobians(motion[:3])
                 turns = np.einsum("dbm,dcm->bcm", np.broadcast_to(jacobian, (3, 3, len(state))), by_motion[place, 3:])
-                by_place[place, :3] += np.einsum("kcm,bcm->bkm", by_turn, turns)
-        by_unknown = np.zeros((self.n_parameters - self.moved.n_coefficients, *weights.shape))
+                by_place[place, :3] += np.einsum("kcm,bcm->bkm", linear.by_turn, turns)
+        return linear, by_place, values
+
+    def _add_by_unknown(self, out: FloatArray, which: int, linear: Linearised) -> None:
+        """Add derivatives by a reference's unknowns to those (n_unknowns, k, m) by all."""
         start = self.unknowns_of(which).start - self.moved.n_coefficients
-        for unknown, by in zip(linear.unknown, linear.by_unknown.transpose(1, 0, 2), strict=True):
-            by_unknown[start + unknown, :, np.arange(len(state))] += (weights * by).T
-        sums.add(weights * linear.residuals, by_place, values, by_unknown)
+        readings = np.arange(out.shape[2])
+        for unknown, by in zip(linear.unknown, linear.by_unknown.transpose(1, 2, 0), strict=True):
+            out[start + unknown, :, readings] += by
 
     def _linearised(
         self, which: int, piece: slice, state: ArmState, motions: FloatArray, x: FloatArray

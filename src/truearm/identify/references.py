@@ -42,6 +42,12 @@ class Linearised(NamedTuple):
     by_unknown: FloatArray
     by_turn: FloatArray | None = None
 
+    def weighed(self, weights: FloatArray) -> Linearised:
+        """The same of residuals times weights (k, m)."""
+        each = weights[:, None]
+        by_turn = None if self.by_turn is None else each * self.by_turn
+        return Linearised(weights * self.residuals, each * self.by_tip, self.unknown, each * self.by_unknown, by_turn)
+
 
 class Relations(NamedTuple):
     """Residuals among the unknowns alone: lengths between seats.
@@ -273,8 +279,8 @@ def seats_of(
     InputError
         If a length names a seat that no reading is in.
     """
-    unique, seat = np.unique(names, return_inverse=True)
-    known = {str(name): i for i, name in enumerate(unique)}
+    unique, seat = numbered(names)
+    known = {name: i for i, name in enumerate(unique)}
     for seat_a, seat_b, *_ in lengths:
         for name in (seat_a, seat_b):
             if name not in known:
@@ -283,4 +289,10 @@ def seats_of(
                     hint=f"seats of the session: {', '.join(list(known)[:8])}",
                 )
     between = tuple(Length(known[a], known[b], float(length), float(std)) for a, b, length, std in lengths)
-    return Seats(rows, seat.astype(np.intp), tuple(known), between)
+    return Seats(rows, seat, unique, between)
+
+
+def numbered(names: npt.NDArray[np.str_]) -> tuple[tuple[str, ...], IntArray]:
+    """The different names, and for each reading (m,) the index of its own."""
+    unique, index = np.unique(names, return_inverse=True)
+    return tuple(str(name) for name in unique), index.astype(np.intp)

@@ -27,6 +27,7 @@ FloatArray = npt.NDArray[np.float64]
 # one of the tip, and then it decides.
 FREE_BASE = (1.0, 1.0, 1.0, 1e4, 1e4, 1e4)  # rad, mm
 FREE_TIP = 1e3  # mm
+FREE_TOOL = 1.0  # rad
 
 OWN_AXIS = 2  # rotation about z among a motion's six components
 HIGHEST_ORDER_OFFERED = 80
@@ -93,6 +94,15 @@ def constants(
                 name = f"{part} {_component_name(component)}"
                 terms.append(Term(name, place, _unit(component), Constant(), group, std, learn=part not in free))
     return terms
+
+
+def tool_rotation(chain: Chain) -> list[Term]:
+    """Rotation of the tool on the flange, free altogether; only references that see orientations need it."""
+    tip = chain.n_places - 1
+    return [
+        Term(f"tip {_component_name(component)}", tip, _unit(component), Constant(), "tool", FREE_TOOL, learn=False)
+        for component in range(3)
+    ]
 
 
 def own_axis(chain: Chain, joint: int, *, highest: int = HIGHEST_ORDER_OFFERED) -> list[Term]:
