@@ -56,7 +56,7 @@ RECORDS: dict[tuple[str, ...], type[TrainingRecord]] = {
     for kind in (TrainingRecord, BayesianRecord, AdaptiveRecord)
 }
 # Identifications of a model, and the arrays of its readings held out.
-IDENTIFIED: tuple[str, ...] = ("nominal_", "fit_")
+IDENTIFIED: tuple[Literal["nominal_"], Literal["fit_"]] = ("nominal_", "fit_")
 # What formats 1 and 2 had of an identification, and options that evidence has made idle since.
 OLD_FIT = ("chain_fixed", "chain_tip", "motions", "covariance", "weights")
 OLD_OPTIONS = ("prior_angle", "prior_length")
@@ -179,7 +179,7 @@ def save_model(model: Compensator, path: str | Path) -> None:
             for name, array in arrays.items()
         },
         identified={name: _entry(getattr(model, name)) for name in IDENTIFIED if hasattr(model, name)},
-        free=list(model.free_),
+        free=list(model.free_),  # type: ignore[arg-type]
         left_out=[(left_out.name, left_out.reason) for left_out in getattr(model, "left_out_", ())],
         column_means=getattr(model, "columns_", {}),
         temperature_degC=getattr(model, "temperature_degC_", None),
@@ -189,8 +189,11 @@ def save_model(model: Compensator, path: str | Path) -> None:
         ],
         record=_record_names(trained[0][1]) if trained else (),
     )
+    head = header.model_dump_json(indent=1).encode()
+    if len(head) > MAX_HEADER_BYTES:
+        raise TruearmError(f"{path}: the model does not fit a model file: {len(head) >> 20} MiB of terms and seats")
     with whole_file(path) as beside, zipfile.ZipFile(beside, "w") as archive:
-        _put(archive, "model.json", header.model_dump_json(indent=1).encode())
+        _put(archive, "model.json", head)
         for name, array in arrays.items():
             _put(archive, f"{name}.npy", _bytes(array))
 
@@ -221,9 +224,12 @@ def load_model(path: str | Path) -> Compensator:
             if foreign:
                 raise InputError(f"expected only what model.json lists, got also {sorted(foreign)[:3]}")
         model = _put_together(header, arrays)
-        surplus = set() if header.format < 3 else set(arrays) - set(_taken_apart(model)[0])
-        if surplus:
+        known = set(_taken_apart(model)[0])
+        if header.format < 3:
+            known |= {name + part for name in IDENTIFIED if hasattr(model, name) for part in OLD_FIT}
+        if surplus := set(arrays) - known:
             raise InputError(f"a {header.model} model has no array {sorted(surplus)[0]!r}")
+        _check_predicts(model)
         return model
     except FileNotFoundError:
         raise InputError("there is no such file", file=path, hint="truearm fit ... --out MODEL writes one") from None
@@ -275,9 +281,9 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
         trained = _trained(model)
         if trained:
             arrays["network_record"] = np.concatenate([_record_table(record) for _, record in trained])
-        for name in ("angle_scale_", "point_scale_"):
-            scale: MinMax = getattr(model, name)
-            arrays[name + "range"] = np.stack([scale.lower, scale.upper])
+        for scaled in ("angle_scale_", "point_scale_"):
+            scale: MinMax = getattr(model, scaled)
+            arrays[scaled + "range"] = np.stack([scale.lower, scale.upper])
     return arrays, facts
 
 
@@ -311,6 +317,9 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
         source=header.arm.source,
     )
     options = {name: tuple(value) if isinstance(value, list) else value for name, value in header.options.items()}
+    old = header.format < 3
+    if old and header.model == "kinematic":
+        options = {name: value for name, value in options.items() if name not in OLD_OPTIONS}
     model = MODELS[header.model](arm, **options)
     model._check_options()
     model.arm_ = arm
@@ -319,7 +328,6 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
     model.data_fingerprint_ = header.data_fingerprint
     model.angle_ranges_ = _shaped(arrays, "angle_ranges", (n, 2))
     model.free_ = tuple(model.free if header.free is None else header.free)
-    old = header.format < 3
     model.nominal_ = (_old_fit if old else _identified)("nominal_", header, arrays, prismatic)
     if isinstance(model, IdentifiedModel):
         if old and header.model == "nominal":
@@ -334,6 +342,15 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
     if isinstance(model, NetworkModel):
         _put_network(model, header, arrays)
     return model
+
+
+def _check_predicts(model: Compensator) -> None:
+    """Refuse terms that the arm has no joint or the model no data for, and numbers beyond all bounds."""
+    with np.errstate(all="ignore"):
+        nominal = model.predict_nominal(model.arm.working[None])
+        points, covariance = model.predict(model.arm.working[None], return_cov=True)
+    if not all(np.isfinite(found).all() for found in (nominal, points, covariance)):
+        raise InputError("the model does not predict finite numbers at the arm's working pose")
 
 
 def _entry(fit: Identified) -> _IdentifiedEntry:
@@ -388,6 +405,9 @@ def _identified(
     for i, reference in enumerate(entry.references):
         rows = _indices(arrays[f"{name}rows_{i}"], f"{name}rows_{i}", header.n_train)
         residuals = arrays[f"{name}residuals_{i}"]
+        trust = _shaped(arrays, f"{name}trust_{i}", (len(rows),))
+        if not ((trust >= 0) & (trust <= 1)).all():
+            raise InputError(f"the array {name}trust_{i} must be from 0 to 1")
         _of_shape(residuals, f"{name}residuals_{i}", (*residuals.shape[:1], len(rows)))
         explained.append(
             Explained(
@@ -396,7 +416,7 @@ def _identified(
                 residuals,
                 _shaped(arrays, f"{name}std_{i}", residuals.shape),
                 reference.noise_std_mm,
-                _shaped(arrays, f"{name}trust_{i}", (len(rows),)),
+                trust,
                 _indices(_shaped(arrays, f"{name}artefact_{i}", (len(rows),)), f"{name}artefact_{i}", header.n_train),
                 dict(reference.unknowns),
             )
@@ -418,21 +438,21 @@ def _old_fit(name: str, header: _Header, arrays: dict[str, FloatArray], prismati
     places = len(prismatic) + 2
     covariance = _covariance(arrays[name + "covariance"], name + "covariance", places * 6)
     _shaped(arrays, name + "motions", (places, 6))
-    trust = _shaped(arrays, name + "weights", (header.n_train,))
+    _shaped(arrays, name + "weights", (header.n_train,))
     terms = tuple(
         Term(f"place {i}, component {k}", i, tuple(float(k == j) for j in range(6)), Constant(), "constants", 1.0)
         for i in range(places)
         for k in range(6)
     )
-    rows = np.arange(header.n_train)
-    noise = header.facts[name + "noise_std_mm"]
+    none, noise = np.zeros(0, dtype=np.intp), header.facts[name + "noise_std_mm"]
     return Identified(
         Moved(_chain(name + "chain", arrays, prismatic), terms),
         np.zeros(places * 6),
         covariance,
         np.ones(places * 6),
         (GroupFound("constants", places * 6, 0.0, 1.0),),
-        (Explained("point", rows, np.zeros((3, 0)), np.zeros((3, 0)), noise, trust, np.zeros_like(rows), {}),),
+        # Their residuals were not kept.
+        (Explained("point", none, np.zeros((3, 0)), np.zeros((3, 0)), noise, np.zeros(0), none, {}),),
         bool(header.facts[name + "converged"]),
         0,
     )
@@ -447,11 +467,16 @@ def _held_out(arrays: dict[str, FloatArray], n_train: int) -> HeldOut:
     freedom = _shaped(arrays, "held_out_freedom", (m,))
     if not ((freedom > 0) & (freedom <= 1)).all():
         raise InputError("the array held_out_freedom must be above 0 and at most 1")
+    covariance = _shaped(arrays, "held_out_covariance", (m, 3, 3))
+    size = np.abs(covariance).max(axis=(1, 2))
+    skew = np.abs(covariance - covariance.transpose(0, 2, 1)).max(axis=(1, 2))
+    if (skew > 1e-6 * size).any() or (np.linalg.eigvalsh(covariance)[:, 0] < -1e-6 * size).any():
+        raise InputError("the array held_out_covariance does not hold covariances")
     return HeldOut(
         rows,
         _indices(_shaped(arrays, "held_out_group", (m,)), "held_out_group", n_train),
         _shaped(arrays, "held_out_deviations", (m, 3)),
-        _shaped(arrays, "held_out_covariance", (m, 3, 3)),
+        covariance,
         freedom,
     )
 
@@ -556,9 +581,9 @@ def _bytes(array: FloatArray) -> bytes:
     return stream.getvalue()
 
 
-def _read(archive: zipfile.ZipFile, name: str) -> bytes:
+def _read(archive: zipfile.ZipFile, name: str, most: int = MAX_BYTES) -> bytes:
     info = archive.getinfo(name)
-    if info.file_size > MAX_BYTES or info.compress_type != zipfile.ZIP_STORED:
+    if info.file_size > most or info.compress_type != zipfile.ZIP_STORED:
         raise InputError(f"{name} is compressed or larger than a model needs")
     return archive.read(name)
 
@@ -569,7 +594,7 @@ def _header(archive: zipfile.ZipFile) -> _Header:
     if len(archive.namelist()) > MAX_ARRAYS + 1 or len(set(archive.namelist())) != len(archive.namelist()):
         raise InputError("the archive holds more files than a model file may, or one twice")
     try:
-        found = json.loads(_read(archive, "model.json"))
+        found = json.loads(_read(archive, "model.json", MAX_HEADER_BYTES))
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError):
         raise InputError("model.json is not JSON") from None
     given = found.get("format") if isinstance(found, dict) else None
