@@ -1,0 +1,127 @@
+"""Laws of what candidates tell: Jacobians against differences, seats shared or eliminated, a bar brings the scale."""
+
+import numpy as np
+import pytest
+
+from truearm.arm.catalogue import load
+from truearm.errors import InputError
+from truearm.identify.problem import Moved
+from truearm.plan.candidates import bar_places, seat_poses, tracker_poses, volume_poses
+from truearm.plan.information import SEAT_STD_MM, design_problem, tip_jacobian
+from truearm.terms.catalogue import constants, own_axis
+from truearm.terms.state import ArmState
+
+ARM = load("gao2017")
+NOISE_MM, LENGTH_U_MM = 0.02, 0.005
+
+
+@pytest.fixture(scope="module")
+def moved():
+    terms = [term for term in constants(ARM.chain, free=("tip",)) if term.place > 0]
+    return Moved(ARM.chain, (*terms, *own_axis(ARM.chain, 3, highest=2)))
+
+
+@pytest.fixture(scope="module")
+def volume():
+    return state(volume_poses(ARM, 40, seed=8))
+
+
+def state(angles):
+    return ArmState(ARM.chain, angles)
+
+
+def prior(moved):
+    return np.diag(np.concatenate([term.prior_stds for term in moved.terms]) ** -2.0)
+
+
+def problem(moved, candidates, volume, **options):
+    options = {"noise_mm": NOISE_MM, "length_u_mm": LENGTH_U_MM, "prior_precision": prior(moved), **options}
+    return design_problem(moved, candidates, state(candidates.angles), volume, **options)
+
+
+def test_the_jacobian_is_the_derivative_of_the_tip(moved):
+    at = state(tracker_poses(ARM, 4, seed=0).angles)
+    x = 1e-3 * np.random.default_rng(0).standard_normal(moved.n_coefficients)
+    tips, jacobian = tip_jacobian(moved, at, x)
+    assert tips == pytest.approx(moved.tips(at, x))
+    for k in range(moved.n_coefficients):
+        step = np.zeros(len(x))
+        step[k] = 1e-5
+        quotient = (moved.tips(at, x + step) - moved.tips(at, x - step)) / 2e-5
+        # mm per radian, of some thousand: 1e-6 of them.
+        assert np.abs(jacobian[:, :, k] - quotient).max() < 2e-3
+
+
+def test_under_a_tracker_a_pose_tells_its_tip(moved, volume):
+    found = tracker_poses(ARM, 12, seed=1)
+    _, J = tip_jacobian(moved, state(found.angles))
+    told = problem(moved, found, volume)
+    assert told.factors == pytest.approx(J / NOISE_MM)
+    assert told.variance([]) > told.variance([3]) > told.variance(range(12))
+
+
+def test_a_seats_point_is_a_parameter_or_eliminated_all_the_same(moved, volume):
+    found = seat_poses(ARM, seats=2, poses=6, seed=2)
+    shared = problem(moved, found, volume)
+    whole = problem(moved, found.by_seat(), volume)
+    assert shared.factors.shape == (12, 3, moved.n_coefficients + 6)
+    assert whole.factors.shape == (2, 15, moved.n_coefficients)
+    # 1e-4: to place the tip to some millimetres, a seat known to a metre tells a hundred-thousandth.
+    assert shared.variance(range(6)) == pytest.approx(whole.variance([0]), rel=1e-4)
+    assert shared.variance(range(12)) == pytest.approx(whole.variance([0, 1]), rel=1e-4)
+    # One pose in a seat tells nothing.
+    assert shared.variance([0, 6]) == pytest.approx(shared.variance([]), rel=1e-4)
+
+
+def test_a_bar_is_two_seats_and_a_length(moved, volume):
+    found = bar_places(ARM, 2, length_mm=300, poses=3, seed=3)
+    told = problem(moved, found, volume)
+    assert told.factors.shape == (2, 13, moved.n_coefficients)
+    _, J = tip_jacobian(moved, state(found.angles[:6]))
+    p = moved.n_coefficients
+    # The same as a plain problem with six more unknowns.
+    along = (found.seat_points[5] - found.seat_points[0]) / 300
+    A = np.zeros((19, p + 6))
+    A[:18, :p] = J.reshape(18, p) / NOISE_MM
+    A[:9, p : p + 3] = A[9:18, p + 3 :] = -np.tile(np.eye(3), (3, 1)) / NOISE_MM
+    A[18, p:] = np.concatenate([-along, along]) / LENGTH_U_MM
+    information = A.T @ A
+    schur = information[:p, :p] - information[:p, p:] @ np.linalg.solve(information[p:, p:], information[p:, :p])
+    assert np.abs(told.factors[0].T @ told.factors[0] - schur).max() < 1e-12 * information.max()
+
+
+def test_seats_leave_the_scale_to_the_prior_and_a_bar_brings_it(moved, volume):
+    seats = seat_poses(ARM, seats=3, poses=20, seed=4).by_seat()
+    bars = bar_places(ARM, 3, length_mm=400, poses=10, seed=4)
+    by_seats, by_bars = problem(moved, seats, volume), problem(moved, bars, volume)
+    # The same number of readings: a millimetre, and some hundredths of one.
+    assert np.sqrt(by_seats.variance(range(3))) > 1.0
+    assert np.sqrt(by_bars.variance(range(3))) < 0.1
+    wrong = problem(moved, bars, volume, length_u_mm=1.0)
+    assert wrong.variance(range(3)) > 10 * by_bars.variance(range(3))
+
+
+def test_a_seat_is_known_to_a_metre(moved, volume):
+    told = problem(moved, seat_poses(ARM, seats=1, poses=3, seed=0), volume)
+    p = moved.n_coefficients
+    assert told.prior_precision[p:, p:] == pytest.approx(np.eye(3) * SEAT_STD_MM**-2)
+    assert not told.target[p:].any()
+
+
+def test_a_problem_is_checked(moved, volume):
+    found = bar_places(ARM, 1, length_mm=200, poses=2, seed=0)
+    for options, why in (
+        ({"noise_mm": 0.0}, "positive noise"),
+        ({"noise_mm": np.nan}, "positive noise"),
+        ({"length_u_mm": 0.0}, "positive uncertainty"),
+        ({"prior_precision": np.eye(3)}, "prior precision"),
+        ({"coefficients": [0.0]}, "finite coefficients"),
+    ):
+        with pytest.raises(InputError, match=why):
+            problem(moved, found, volume, **options)
+    with pytest.raises(InputError, match="4 readings"):
+        design_problem(
+            moved, found, state(found.angles[:2]), volume, prior_precision=prior(moved), noise_mm=1.0, length_u_mm=1.0
+        )
+    # A tracker's candidates need no length.
+    assert problem(moved, tracker_poses(ARM, 2, seed=0), volume, length_u_mm=0.0).n_candidates == 2
