@@ -52,8 +52,9 @@ class HeldOut:
     @property
     def standard_error_mm(self) -> float:
         """Of the mean, from its scatter between groups [mm]."""
-        counts = np.bincount(self.group)
-        sums = np.bincount(self.group, self.errors_mm)
+        group = np.unique(self.group, return_inverse=True)[1]
+        counts = np.bincount(group)
+        sums = np.bincount(group, self.errors_mm)
         if len(counts) < 2:
             return float("inf")
         scatter = sums - counts * self.mean_mm

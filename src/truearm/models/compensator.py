@@ -121,7 +121,9 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self._check_references(readings)
         if len(readings) < MIN_ROWS:
             raise InputError(f"expected {MIN_ROWS} or more readings, got {len(readings)}", file=readings.file)
-        if lengths is not None and readings.seat is not None:
+        if lengths is not None:
+            if readings.seat is None:
+                raise readings.error("lengths are between seats, and the readings name none", column="seat")
             lengths = lengths.between(readings.seat)
         begun = time.perf_counter()
         self.arm_ = arm

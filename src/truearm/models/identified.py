@@ -90,9 +90,13 @@ class IdentifiedModel(Compensator):
 def groups_of(readings: Readings) -> IntArray:
     """(n,) numbers of the groups that a fair test keeps together.
 
-    Groups are positions, where the readings name two or more; else seats; else single readings.
+    A reading's group is its position; where it names none, its seat; else it is its own. What would put all readings
+    into one group counts for nothing.
     """
-    for names in (readings.position, readings.seat):
-        if names is not None and len(np.unique(names)) > 1:
-            return np.unique(names, return_inverse=True)[1].astype(np.intp)
-    return np.arange(len(readings))
+    n = len(readings)
+    group = np.arange(n)
+    for start, names in ((n, readings.seat), (2 * n, readings.position)):
+        if names is not None:
+            named = np.where(names != "", start + np.unique(names, return_inverse=True)[1], group)
+            group = named if len(np.unique(named)) > 1 else group
+    return np.unique(group, return_inverse=True)[1].astype(np.intp)
