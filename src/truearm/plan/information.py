@@ -13,8 +13,8 @@ from truearm.terms.state import ArmState
 
 FloatArray = npt.NDArray[np.float64]
 
-SEAT_STD_MM = 1e3
-"""Where a seat stands is known to a metre; a prior without end would cost the digits."""
+SEAT_STD_MM = 1e4
+"""Prior of a seat's point: nothing is known of it. A wider one would cost digits and tell no less."""
 
 
 def tip_jacobian(
