@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, note, progress, say, say_json, say_table
+from truearm.cli.console import Json, progress, say, say_json, say_table
 
 if TYPE_CHECKING:
     from truearm.models.compensator import FloatArray
@@ -31,6 +31,7 @@ def evaluate(
     to the model's own training readings. Readings with a reference point are compared with it; readings in a seat with
     the mean of the points predicted there; the distance between two such means with the length that is known.
     """
+    from truearm.cli.fit import lengths_of
     from truearm.cli.predict import check_reference, load_for
     from truearm.cli.report import remarks
     from truearm.models import NominalModel
@@ -39,8 +40,8 @@ def evaluate(
     with progress(f"reading {session.name}"):
         fitted, readings = load_for(model, session)
         check_reference(readings, fitted, purpose="evaluate against", seats=True)
-        known = None if lengths is None else _lengths(lengths, readings)
-    predicted = {"nominal": fitted.predict_nominal(readings.angles), "model": fitted.predict(readings.angles)}
+        known = None if lengths is None else lengths_of(lengths, readings)
+    predicted = {"nominal": fitted.predict_nominal(readings.angles), "model": fitted.predict_readings(readings)}
     in_seats = {name: _in_seats(points, readings, known) for name, points in predicted.items()}
     errors = None
     if readings.points is not None:
@@ -61,22 +62,6 @@ def evaluate(
         _say_lengths(known, in_seats)
     for remark in remarks(fitted, readings):
         say(remark)
-
-
-def _lengths(path: Path, readings: Readings) -> Lengths:
-    """The lengths between the session's seats."""
-    from truearm.errors import InputError
-    from truearm.readings import read_lengths
-
-    if readings.seat is None:
-        raise InputError("lengths are between seats, and the session names none", file=path, hint="a column seat")
-    stated = read_lengths(path)
-    known = stated.between(readings.seat.tolist())
-    if len(known) < len(stated):
-        note(
-            f"{len(stated) - len(known)} of {len(stated)} lengths are between seats that the session has not: left out"
-        )
-    return known
 
 
 def _in_seats(points: FloatArray, readings: Readings, known: Lengths | None) -> dict[str, Any]:

@@ -4,34 +4,42 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from contextlib import nullcontext
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from truearm.cli.console import ArmName, Json, check_apart, note, progress, say, say_json
+from truearm.cli.console import ArmName, Json, check_apart, note, progress, say, say_json, say_table
 
 if TYPE_CHECKING:
+    from truearm.arm import Arm
     from truearm.models import Compensator
+    from truearm.models.identified import IdentifiedModel
     from truearm.models.network import Member
-    from truearm.readings import ComparedErrors, Readings
+    from truearm.models.selection import Compared
+    from truearm.readings import ComparedErrors, Lengths, Readings
 
 # Below so many readings a kinematic model's training error says little: it has some 50 constants, 27 of them
 # determined.
 FEW_READINGS = 50
+# Left-out terms and readings far off that are named one by one.
+MOST_NAMED = 6
 # Share of the reach by which an arm as drawn misses its readings that is worth a question.
 SUSPECT_NOMINAL_ERROR = 0.01
 
 
 def fit(
-    session: Annotated[Path, typer.Argument(metavar="SESSION", help="Session file with reference points.")],
+    session: Annotated[Path, typer.Argument(metavar="SESSION", help="Session file with reference points or seats.")],
     arm: ArmName,
-    model: Annotated[
-        Literal["nominal", "kinematic", "network"], typer.Option("--model", help="What to fit: see above.")
-    ],
     out: Annotated[Path, typer.Option("--out", help="Model file to write; .truearm by custom.")],
+    model: Annotated[
+        Literal["auto", "nominal", "kinematic", "physical", "network"],
+        typer.Option("--model", help="What to fit: see above."),
+    ] = "auto",
+    lengths: Annotated[
+        Path | None, typer.Option("--lengths", help="File of known lengths between the session's seats, .csv.")
+    ] = None,
     free: Annotated[
         str, typer.Option("--free", help="What is unknown of the nominal arm's place: base,tip or none.")
     ] = "base,tip",
@@ -60,8 +68,13 @@ def fit(
     """Identify an arm: fit a model to its readings.
 
     nominal: the arm as drawn; only where its base stands and its tip sits is fitted. kinematic: the true constants of
-    every joint, base and tip as well; the one to use. network: the founding paper's, straight from angles to
-    coordinates; needs thousands of readings and holds only among them.
+    every joint, base and tip as well. physical: also what angles, weight and temperature do to the arm, as far as the
+    readings show it. auto (the default) fits these three and keeps the simplest that predicts readings held out as well
+    as the best. network: the founding paper's, straight from angles to coordinates; needs thousands of readings with
+    points and holds only among them.
+
+    Without an instrument: name the seat of every reading in a column seat, and give the lengths between seats by
+    --lengths (columns seat_a, seat_b, length_mm, u_mm). One length at least, or the arm's size stays as drawn.
 
     --free base,tip: the reference has a frame of its own and the tip's place on the flange is not known (a laser
     tracker). --free none: points are in the arm's base frame and the tip is as drawn.
@@ -70,46 +83,42 @@ def fit(
     same command goes on from there to the same model. The folder is removed when the model is written.
     """
     from truearm.arm import arm_from
-    from truearm.models import MODELS, NominalModel
-    from truearm.models.compensator import MIN_ROWS
+    from truearm.models import MODELS, NetworkModel
     from truearm.models.file import save_model
-    from truearm.readings import check_fit, check_reach, read_session
+    from truearm.models.selection import select_model
+    from truearm.readings import read_session
     from truearm.writing import check_writable
 
     nominal = arm_from(arm)
-    check_apart(out, session, Path(arm))
+    check_apart(out, session, Path(arm), *([] if lengths is None else [lengths]))
     check_writable(out)
-    known: dict[str, Any] = {"free": free_parts(free)}
-    options: dict[str, Any] = {}
+    parts = free_parts(free)
+    network = None
     if model == "network":
-        options = {"hidden": layer_sizes(hidden), "trainer": trainer, "epochs": epochs, "goal": goal, "seed": seed}
-        options |= {"validation": validation, "n_restarts": restarts, "n_members": members}
-    fitted = MODELS[model](nominal, **known, **options)
+        options: dict[str, Any] = {"hidden": layer_sizes(hidden), "trainer": trainer, "epochs": epochs, "goal": goal}
+        options |= {"seed": seed, "validation": validation, "n_restarts": restarts, "n_members": members}
+        network = NetworkModel(nominal, free=parts, **options)
     with progress(f"reading {session.name}"):
         readings = read_session(session, n_joints=nominal.n_joints)
-        lower, upper = nominal.limits.T
-        check_fit(
-            readings,
-            joint_names=nominal.joint_names,
-            lower=lower,
-            upper=upper,
-            min_rows=max(MIN_ROWS, ceil((4 * nominal.n_joints + 3) / 3)) if model == "kinematic" else MIN_ROWS,
-            prismatic=nominal.chain.prismatic,
-        )
-        check_reach(readings, reach=nominal.chain.reach)
-    trains = model == "network"
-    with (
-        Kept(out) if trains else nullcontext() as kept,
-        progress(f"fitting {model}", total=epochs * restarts * members if trains else None) as tell,
-    ):
-        as_drawn = NominalModel(nominal, **known).fit_readings(readings)
-        _check_same_arm(as_drawn, readings)
-        if kept is None:
-            fitted.fit_readings(readings, progress=tell)
-        else:
-            fitted.fit_readings(readings, progress=kept.telling(tell), checkpoint=kept.folder)
-        save_model(fitted, out)
-    _say_result(fitted, readings, model, out, as_json=as_json)
+        _check(readings, nominal, relations=network is None, constants=model in ("kinematic", "physical"))
+        known = None if lengths is None else lengths_of(lengths, readings)
+        _check_same_arm(nominal, parts, readings, known)
+    fitted: Compensator
+    table: tuple[Compared, ...] = ()
+    if network is not None:
+        with Kept(out) as kept, progress("fitting network", total=epochs * restarts * members) as tell:
+            network.fit_readings(readings, progress=kept.telling(tell), checkpoint=kept.folder)
+            fitted = network
+            save_model(fitted, out)
+    else:
+        with progress(f"fitting {model}", total=3 if model == "auto" else None) as tell:
+            if model == "auto":
+                fitted, table = select_model(nominal, readings, free=parts, lengths=known, progress=tell)
+            else:
+                fitted = MODELS[model](nominal, free=parts)
+                fitted.fit_readings(readings, lengths=known, progress=tell)
+            save_model(fitted, out)
+    _say_result(fitted, readings, table, out, as_json=as_json)
 
 
 class Kept:
@@ -170,20 +179,59 @@ class Kept:
             ) from None
 
 
-def _check_same_arm(as_drawn: Compensator, readings: Readings) -> None:
-    """Refuse readings that no arm of this drawing can have made."""
-    from truearm.models.compensator import MOST_NOMINAL_ERROR
-    from truearm.readings import errors_of
+def _check(readings: Readings, arm: Arm, *, relations: bool, constants: bool) -> None:
+    from truearm.models.compensator import MIN_ROWS
+    from truearm.readings import check_fit, check_reach
 
-    assert readings.points is not None  # checked before the fit
-    mean = errors_of(as_drawn.predict(readings.angles), readings.points)["mean_mm"]
-    arm = as_drawn.arm
+    lower, upper = arm.limits.T
+    check_fit(
+        readings,
+        joint_names=arm.joint_names,
+        lower=lower,
+        upper=upper,
+        min_rows=max(MIN_ROWS, ceil((4 * arm.n_joints + 3) / 3)) if constants else MIN_ROWS,
+        prismatic=arm.chain.prismatic,
+        relations=relations,
+    )
+    check_reach(readings, reach=arm.chain.reach)
+
+
+def lengths_of(path: Path, readings: Readings) -> Lengths:
+    """The lengths of a file that are between the session's seats."""
+    from truearm.errors import InputError
+    from truearm.readings import read_lengths
+
+    if readings.seat is None:
+        raise InputError("lengths are between seats, and the session names none", file=path, hint="a column seat")
+    stated = read_lengths(path)
+    known = stated.between(readings.seat.tolist())
+    if len(known) < len(stated):
+        left = len(stated) - len(known)
+        note(f"{left} of {len(stated)} lengths are between seats that the session has not: left out")
+    return known
+
+
+def _check_same_arm(arm: Arm, free: tuple[str, ...], readings: Readings, lengths: Lengths | None) -> None:
+    """Refuse readings that no arm of this drawing can have made."""
+    from truearm.models import NominalModel
+    from truearm.models.compensator import MOST_NOMINAL_ERROR
+
+    as_drawn = NominalModel(arm, free=free).fit_readings(readings, lengths=lengths)
+    mean = nominal_miss(as_drawn)
     if not mean < MOST_NOMINAL_ERROR * arm.chain.reach:
         raise readings.error(
-            f"the arm {arm.name!r} as drawn misses the reference points by {mean:.4g} mm on average"
-            f" at a reach of {arm.chain.reach:.4g} mm: they are not of this arm, or it is described wrongly",
+            f"the arm {arm.name!r} as drawn misses its references by {mean:.4g} mm on average"
+            f" at a reach of {arm.chain.reach:.4g} mm: the readings are not of this arm, or it is described wrongly",
             hint="check --arm, the units, signs and zeros of the angles, the unit of the points, and --free",
         )
+
+
+def nominal_miss(fitted: Compensator) -> float:
+    """Mean distance by which the arm as drawn misses the references it was put to [mm]."""
+    import numpy as np
+
+    residuals = [np.linalg.norm(reference.residuals, axis=0) for reference in fitted.nominal_.references]
+    return float(np.concatenate(residuals).mean())
 
 
 def free_parts(text: str) -> tuple[str, ...]:
@@ -209,33 +257,101 @@ def layer_sizes(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in parts)
 
 
-def _say_result(fitted: Compensator, readings: Readings, model: str, out: Path, *, as_json: bool) -> None:
-    from truearm.models import NetworkModel
-    from truearm.readings import compared_errors, errors_of
+def _say_result(
+    fitted: Compensator, readings: Readings, table: tuple[Compared, ...], out: Path, *, as_json: bool
+) -> None:
+    from dataclasses import asdict
 
-    assert readings.points is not None  # checked before the fit
-    errors = compared_errors(fitted.predict(readings.angles), fitted.predict_nominal(readings.angles), readings.points)
+    from truearm.identify.outliers import outliers
+    from truearm.models import MODELS, KinematicModel, NetworkModel, NominalModel
+    from truearm.models.identified import IdentifiedModel
+    from truearm.readings import compared_errors, seat_errors
+
+    model = next(name for name, kind in MODELS.items() if type(fitted) is kind)
+    errors = None
+    predicted, nominal = fitted.predict_readings(readings), fitted.predict_nominal(readings.angles)
+    if readings.points is not None:
+        errors = compared_errors(predicted, nominal, readings.points)
+    scatter = None
+    if errors is None and readings.seat is not None:
+        scatter = seat_errors(predicted, readings.seat)
     if as_json:
-        told = {"model": model, "file": str(out), "fit_seconds": fitted.fit_seconds_, "training": errors}
+        told: dict[str, Any] = {"model": model, "file": str(out), "fit_seconds": fitted.fit_seconds_}
+        told["training"] = errors or {k: v for k, v in (scatter or {}).items() if k != "seats"}
+        if table:
+            told["compared"] = [asdict(row) for row in table]
         if isinstance(fitted, NetworkModel):
             told["network"] = {"trainer": fitted.trainer, "members": [_facts(member) for member in fitted.members_]}
+        if isinstance(fitted, IdentifiedModel):
+            told["unexplained_std_mm"] = fitted.unexplained_std_
+            told["groups"] = [asdict(group) for group in fitted.fit_.groups]
+            told["left_out"] = [left_out._asdict() for left_out in fitted.left_out_]
+            told["outliers"] = [asdict(outlier) for outlier in outliers(fitted.fit_)]
         say_json(told)
         return
+    if table:
+        _say_table(table)
     say(f"{out}: {model} model of {fitted.arm.name} from {len(readings)} readings in {fitted.fit_seconds_:.1f} s")
     if isinstance(fitted, NetworkModel):
         for number, member in enumerate(fitted.members_, 1):
             facts = _facts(member)
             who = f"member {number}, start {facts['start']}" if len(fitted.members_) > 1 else "training"
             say(f"{who}: {facts['stop'].rstrip('.')} after {facts['epochs']} epochs, the best {facts['best_epoch']}")
-    say(_sentence(errors, compare=model != "nominal"))
+    if errors is not None:
+        say(_sentence(errors, compare=model != "nominal"))
+    elif scatter is not None:
+        said = f"mean {scatter['seat_mean_mm']:.4f} mm, maximum {scatter['seat_max_mm']:.4f} mm"
+        say(f"training error, distance of points from the mean of their seat: {said}")
+    if isinstance(fitted, IdentifiedModel):
+        _say_identified(fitted, readings)
     if not getattr(fitted, "fit_", fitted.nominal_).converged:
         say("The fit has not settled: more readings, or poses more different from one another, may help.")
-    if model == "kinematic" and len(readings) < FEW_READINGS:
+    if not isinstance(fitted, NominalModel | NetworkModel) and len(readings) < FEW_READINGS:
         say(f"Only {len(readings)} readings: the training error says little. Some {FEW_READINGS} serve.")
-    missed = errors_of(fitted.predict_nominal(readings.angles), readings.points)["mean_mm"]
-    if missed > SUSPECT_NOMINAL_ERROR * fitted.arm.chain.reach:
-        say(f"The arm as drawn misses the readings by {missed:.1f} mm on average: is --arm {fitted.arm.name} right?")
+    if isinstance(fitted, KinematicModel) or model == "physical":
+        missed = nominal_miss(fitted)
+        if missed > SUSPECT_NOMINAL_ERROR * fitted.arm.chain.reach:
+            say(
+                f"The arm as drawn misses the readings by {missed:.1f} mm on average: is --arm {fitted.arm.name} right?"
+            )
     say("These are the readings it learned from: judge it on others, with truearm evaluate.")
+
+
+def _say_table(table: tuple[Compared, ...]) -> None:
+    rows = [
+        [
+            row.name,
+            f"{row.mean_mm:.4f} +- {row.standard_error_mm:.4f}",
+            f"{row.p95_mm:.4f}",
+            f"{row.max_mm:.4f}",
+            f"{row.n_effective:.0f}",
+            "kept" if row.kept else "",
+        ]
+        for row in table
+    ]
+    say_table(["held out [mm]", "mean +- its error", "95 %", "max", "parameters", ""], rows)
+
+
+def _say_identified(fitted: IdentifiedModel, readings: Readings) -> None:
+    """What the model cannot explain, which groups of terms it has, and readings far off."""
+    from truearm.identify.outliers import outliers
+
+    say(f"unexplained: {fitted.unexplained_std_:.4f} mm, standard deviation of a coordinate")
+    if len(fitted.fit_.groups) > 5:
+        found = [group for group in fitted.fit_.groups if group.effective >= 0.5]
+        none = len(fitted.fit_.groups) - len(found)
+        largest = sorted(found, key=lambda group: -group.effective)[:8]
+        names = ", ".join(f"{group.name} ({group.effective:.0f})" for group in largest)
+        say(f"terms with most determined coefficients: {names}; {none} of {len(fitted.fit_.groups)} groups not needed")
+    for left_out in fitted.left_out_[:MOST_NAMED]:
+        say(f"not offered: {left_out.name}, as {left_out.reason}")
+    if len(fitted.left_out_) > MOST_NAMED:
+        say(f"not offered: {len(fitted.left_out_) - MOST_NAMED} more (--json names all)")
+    far = outliers(fitted.fit_)
+    for outlier in far[:MOST_NAMED]:
+        say(f"far off: {readings.called(outlier.row)}, {outlier.error_mm:.3f} mm, {outlier.times:.0f} times the usual")
+    if len(far) > MOST_NAMED:
+        say(f"far off: {len(far) - MOST_NAMED} more readings (--json names all)")
 
 
 def _facts(member: Member) -> dict[str, Any]:

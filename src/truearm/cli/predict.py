@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 
 def predict(
     model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
-    session: Annotated[Path, typer.Argument(metavar="SESSION", help="Session file; only its angles are used.")],
+    session: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SESSION", help="Session file; its angles, and temperature and loads if there, are used."
+        ),
+    ],
     out: Annotated[Path, typer.Option("--out", help="Table of points to write, .csv.")],
 ) -> None:
     """Compensate: turn joint angles into corrected coordinates.
@@ -37,7 +42,7 @@ def predict(
     check_writable(out)
     with progress(f"predicting {session.name}"):
         fitted, readings = load_for(model, session)
-        points, covariance = fitted.predict(readings.angles, return_cov=True)
+        points, covariance = fitted.predict_readings(readings, return_cov=True)
         std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         outside = fitted.outside_training(readings.angles)
         _write(out, readings, points, std, outside)

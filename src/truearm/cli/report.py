@@ -90,7 +90,7 @@ def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
     predicted, errors = {"nominal": nominal}, {"nominal": compared_errors(nominal, nominal, points)}
     for name, model in models.items():
         if not isinstance(model, NominalModel):  # it is the first row already
-            predicted[name] = model.predict(readings.angles)
+            predicted[name] = model.predict_readings(readings)
             errors[name] = compared_errors(predicted[name], model.predict_nominal(readings.angles), points)
     lower, upper = arm.limits.T
     return Compared(

@@ -25,7 +25,7 @@ from truearm.terms.state import ArmState
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
-# Eigenvalues of I - S: 1 where the others tell all of a group. Below this a group is alone in telling something, and how
+# Eigenvalues of I - S: 1 where the others tell all of a group. Below this a group alone tells something, and how
 # it would look without itself is unknown; its errors then come out a thousand times its residuals.
 LEAST_FREEDOM = 1e-3
 

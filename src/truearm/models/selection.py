@@ -1,0 +1,119 @@
+"""Which model to keep: the simplest that predicts readings held out as well as the best, within its standard error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.models.identified import IdentifiedModel
+from truearm.models.kinematic import KinematicModel
+from truearm.models.nominal import NominalModel
+from truearm.models.physical import PhysicalModel
+from truearm.readings.lengths import Lengths
+from truearm.readings.readings import Readings
+
+# From the simplest up.
+CANDIDATES: dict[str, type[IdentifiedModel]] = {
+    "nominal": NominalModel,
+    "kinematic": KinematicModel,
+    "physical": PhysicalModel,
+}
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A model as its held-out readings judge it.
+
+    Attributes
+    ----------
+    name : str
+    mean_mm, standard_error_mm : float
+        Error of readings held out with their position or seat, and how well that mean is known.
+    p95_mm, max_mm : float
+    n_effective : float
+        Parameters that the readings determine.
+    kept : bool
+    """
+
+    name: str
+    mean_mm: float
+    standard_error_mm: float
+    p95_mm: float
+    max_mm: float
+    n_effective: float
+    kept: bool
+
+
+def select_model(
+    arm: Arm,
+    readings: Readings,
+    *,
+    free: tuple[str, ...] = ("base", "tip"),
+    lengths: Lengths | None = None,
+    progress: Callable[[int, str], None] | None = None,
+) -> tuple[IdentifiedModel, tuple[Compared, ...]]:
+    """Fit the nominal, the kinematic and the physical model and keep one.
+
+    Kept is the simplest whose mean error on readings held out lies within one standard error of the least (L. Breiman
+    and others, "Classification and Regression Trees", 1984, section 3.4.3): terms that do not pay are not taken along.
+
+    Parameters
+    ----------
+    arm : Arm
+    readings : Readings
+        With reference points, seats, or both.
+    free : tuple of str
+        See the models.
+    lengths : Lengths, optional
+        Known lengths between seats.
+    progress : callable, optional
+        Told the steps done and how it stands.
+
+    Returns
+    -------
+    model : IdentifiedModel
+        Fitted to all readings.
+    table : tuple of Compared
+        All candidates, the simplest first.
+
+    Raises
+    ------
+    InputError
+        As `fit_readings`; also if no readings can be held out.
+    """
+    models: dict[str, IdentifiedModel] = {}
+    for number, (name, kind) in enumerate(CANDIDATES.items()):
+
+        def told(_: int, note: str, number: int = number, name: str = name) -> None:
+            if progress is not None:
+                progress(number, f"{name}: {note}")
+
+        models[name] = kind(arm, free=free)
+        models[name].fit_readings(readings, lengths=lengths, progress=told)
+    held_out = {name: model.held_out_ for name, model in models.items()}
+    if any(len(part.rows) == 0 for part in held_out.values()):
+        raise InputError(
+            "expected readings with points, or seats of two readings or more, to compare models on; there are none",
+            file=readings.file,
+            hint="name a model: --model kinematic",
+        )
+    best = min(held_out, key=lambda name: held_out[name].mean_mm)
+    most = held_out[best].mean_mm + held_out[best].standard_error_mm
+    kept = next(name for name in models if held_out[name].mean_mm <= most)
+    table = tuple(
+        Compared(
+            name,
+            part.mean_mm,
+            part.standard_error_mm,
+            float(np.quantile(part.errors_mm, 0.95)),
+            float(part.errors_mm.max()),
+            sum(group.effective for group in models[name].fit_.groups),
+            name == kept,
+        )
+        for name, part in held_out.items()
+    )
+    return models[kept], table
