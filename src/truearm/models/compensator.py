@@ -16,9 +16,8 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identify.alignment import placed_roughly
 from truearm.identify.identification import Identified, identify
-from truearm.models.relations import references_of, state_of
+from truearm.models.relations import placed, references_of, state_of, tool_terms
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
 from truearm.terms import constants
@@ -273,9 +272,9 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         """The nominal chain with base and tip, as far as they are free, fitted to the readings."""
         terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
         return identify(
-            placed_roughly(self.arm_.chain, readings, self.free_),
+            placed(self.arm_, readings, self.free_),
             state_of(self.arm_, readings),
-            terms,
+            [*terms, *tool_terms(self.arm_, readings)],
             references_of(readings, lengths),
             robust=self.robust,
         )

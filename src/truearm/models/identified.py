@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from truearm.identify.alignment import placed_roughly
 from truearm.identify.calibration import unexplained_variance_of
 from truearm.identify.identification import identify
 from truearm.identify.leave_out import leave_groups_out
 from truearm.models.compensator import MIN_ROWS, Compensator
-from truearm.models.relations import references_of, state_of
+from truearm.models.relations import placed, references_of, state_of, tool_terms
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
 from truearm.terms import ArmState, LeftOut, Term
@@ -60,9 +59,9 @@ class IdentifiedModel(Compensator):
         state = state_of(self.arm_, readings)
         terms, left_out = self._terms(state)
         self.fit_ = identify(
-            placed_roughly(self.arm_.chain, readings, self.free_),
+            placed(self.arm_, readings, self.free_),
             state,
-            terms,
+            [*terms, *tool_terms(self.arm_, readings)],
             references_of(readings, lengths),
             robust=self.robust,
             progress=progress,

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identify.references import Points, Reference, seats_of
+from truearm.identify.alignment import placed_roughly
+from truearm.identify.poses import Orientations, turned_roughly
+from truearm.identify.references import FloatArray, IntArray, Points, Reference, seats_of
+from truearm.identify.surfaces import lines_of, planes_of, spheres_of
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import NameArray, Readings
-from truearm.terms import ArmState
+from truearm.terms import ArmState, Term
+from truearm.terms.catalogue import tool_rotation
 
 
 def state_of(
@@ -46,12 +52,48 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
     if len(held):
         assert seat is not None
         found.append(seats_of(held, seat[held], _between(lengths, seat[held])))
+    surfaces: tuple[tuple[NameArray | None, Callable[[IntArray, NameArray], Reference]], ...] = (
+        (readings.sphere, spheres_of),
+        (readings.plane, planes_of),
+        (readings.line, lines_of),
+    )
+    for names, made in surfaces:
+        if names is not None and len(touched := np.flatnonzero((names != "") & ~readings.has_point)):
+            found.append(made(touched, names[touched]))
+    turned = oriented(readings)
+    if len(turned):
+        found.append(Orientations(turned, _orientations(readings, turned)))
     if not found:
         raise InputError(
-            "expected reference points (x_mm, y_mm, z_mm) or seats to learn from, the readings have none",
+            "expected reference points (x_mm, y_mm, z_mm), seats, surfaces or orientations to learn from, the readings "
+            "have none",
             file=readings.file,
         )
     return found
+
+
+def oriented(readings: Readings) -> IntArray:
+    """Readings whose flange's orientation a reference saw."""
+    if readings.quaternion is None:
+        return np.zeros(0, dtype=np.intp)
+    return np.flatnonzero(np.isfinite(readings.quaternion).all(axis=1))
+
+
+def placed(arm: Arm, readings: Readings, free: tuple[str, ...]) -> Chain:
+    """The arm's chain, as a whole and with its tool, put roughly to where the readings saw it."""
+    chain = placed_roughly(arm.chain, readings, free)
+    turned = oriented(readings)
+    return turned_roughly(chain, readings.angles[turned], _orientations(readings, turned)) if len(turned) else chain
+
+
+def tool_terms(arm: Arm, readings: Readings) -> list[Term]:
+    """The tool's rotation on the flange, where orientations see it."""
+    return tool_rotation(arm.chain) if len(oriented(readings)) else []
+
+
+def _orientations(readings: Readings, rows: IntArray) -> FloatArray:
+    assert readings.quaternion is not None
+    return np.asarray(Rotation.from_quat(readings.quaternion[rows], scalar_first=True).as_matrix())
 
 
 def _between(lengths: Lengths | None, seat: NameArray) -> list[tuple[str, str, float, float]]:
