@@ -117,13 +117,13 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             raise InputError(
                 f"expected readings of {arm.n_joints} joints for arm {arm.name!r}, got {readings.n_joints}"
             )
-        self._check_references(readings)
-        if len(readings) < MIN_ROWS:
-            raise InputError(f"expected {MIN_ROWS} or more readings, got {len(readings)}", file=readings.file)
         if lengths is not None:
             if readings.seat is None:
                 raise readings.error("lengths are between seats, and the readings name none", column="seat")
             lengths = lengths.between(readings.seat)
+        n_known = self._check_references(readings, lengths)
+        if n_known < MIN_ROWS:
+            raise readings.error(f"expected {MIN_ROWS} or more readings with a reference, got {n_known}")
         begun = time.perf_counter()
         self.arm_ = arm
         self.n_features_in_ = readings.n_joints
@@ -226,8 +226,9 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         if unknown:
             raise InputError(f"expected free parts among {list(FREE_PARTS)}, got {sorted(unknown)}")
 
-    def _check_references(self, readings: Readings) -> None:
-        """Refuse readings from which this model cannot learn."""
+    def _check_references(self, readings: Readings, lengths: Lengths | None) -> int:
+        """Refuse readings from which this model cannot learn, and count those from which it can."""
+        del lengths
         if not readings.has_point.any():
             raise InputError(
                 "expected reference points (x_mm, y_mm, z_mm) to learn from, the readings have none",
@@ -239,6 +240,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
                 " have none",
                 hint="readings.rows(readings.has_point) has the others",
             )
+        return len(readings)
 
     @abstractmethod
     def _identify(

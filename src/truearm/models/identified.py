@@ -82,8 +82,8 @@ class IdentifiedModel(Compensator):
         of_parameters = self.fit_.tip_covariance(self._state(readings))
         return of_parameters, np.broadcast_to(self.unexplained_std_**2 * np.eye(3), of_parameters.shape)
 
-    def _check_references(self, readings: Readings) -> None:
-        references_of(readings, None)
+    def _check_references(self, readings: Readings, lengths: Lengths | None) -> int:
+        return len(np.unique(np.concatenate([reference.rows for reference in references_of(readings, lengths)])))
 
 
 def groups_of(readings: Readings) -> IntArray:

@@ -33,7 +33,9 @@ def state_of(
 
 
 def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference]:
-    """References of the readings, one of a kind; lengths between other seats are left out.
+    """References of the readings, one of a kind.
+
+    A seat with one reading and no known length says nothing and is left out; so are lengths between other seats.
 
     Raises
     ------
@@ -51,7 +53,12 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
     held = np.flatnonzero((seat != "") & ~readings.has_point) if seat is not None else np.zeros(0, dtype=np.intp)
     if len(held):
         assert seat is not None
-        found.append(seats_of(held, seat[held], _between(lengths, seat[held])))
+        between = _between(lengths, seat[held])
+        unique, counts = np.unique(seat[held], return_counts=True)
+        ends = [name for row in between for name in row[:2]]
+        held = held[np.isin(seat[held], np.array([*unique[counts > 1], *ends], dtype=seat.dtype))]
+        if len(held):
+            found.append(seats_of(held, seat[held], between))
     surfaces: tuple[tuple[NameArray | None, Callable[[IntArray, NameArray], Reference]], ...] = (
         (readings.sphere, spheres_of),
         (readings.plane, planes_of),
@@ -65,8 +72,8 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
         found.append(Orientations(turned, _orientations(readings, turned)))
     if not found:
         raise InputError(
-            "expected reference points (x_mm, y_mm, z_mm), seats, surfaces or orientations to learn from, the readings "
-            "have none",
+            "expected reference points (x_mm, y_mm, z_mm), seats of two readings or more, surfaces or orientations to "
+            "learn from, the readings have none",
             file=readings.file,
         )
     return found
