@@ -235,7 +235,8 @@ def identify(
             x = np.where(prior.active, x, 0.0)
             residuals = problem.residuals(x)
         step = found.x - x
-        moved_by = np.sqrt(float(step @ gram @ step) / max(float(effective.sum()), 1.0))
+        # Rounding may leave a product of almost nothing below zero.
+        moved_by = np.sqrt(max(float(step @ gram @ step), 0.0) / max(float(effective.sum()), 1.0))
         back = float(step @ gram @ step_before) < 0
         share = max(share / 2, 0.1) if calm >= 2 and back else min(1.5 * share, 1.0)
         step_before = step

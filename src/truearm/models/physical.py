@@ -40,7 +40,7 @@ class PhysicalModel(IdentifiedModel):
         self.robust = robust
 
     def _terms(self, state: ArmState) -> tuple[list[Term], list[LeftOut]]:
-        return candidate_terms(state, free=self.free_, highest=self.highest)
+        return candidate_terms(state, free=self.free_, highest=int(self.highest))
 
     def _check_options(self) -> None:
         super()._check_options()
