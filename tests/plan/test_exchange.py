@@ -341,6 +341,7 @@ def test_a_problem_is_checked():
     ("options", "why"),
     [
         ({"strategy": "A-optimal"}, "there is no strategy"),
+        ({"strategy": "random", "seed": -1}, "seed"),
         ({"n": 0}, "1 to 12"),
         ({"n": 13}, "1 to 12"),
         ({"n": 3, "among": [1, 2]}, "1 to 2"),

@@ -39,6 +39,7 @@ import numpy.typing as npt
 from scipy.linalg import cho_solve, qr
 
 from truearm.errors import InputError
+from truearm.poses.poses import checked_seed
 from truearm.solve.arrays import whitened
 from truearm.solve.threads import one_blas_thread
 
@@ -238,7 +239,7 @@ def choose(
     if not 1 <= n <= len(pool):
         raise InputError(f"expected to choose 1 to {len(pool)} candidates, as many as there are, got {n}")
     if strategy == "random":
-        return Chosen(np.random.default_rng(seed).permutation(pool)[:n])
+        return Chosen(np.random.default_rng(checked_seed(seed)).permutation(pool)[:n])
     criterion: Criterion = IOptimality() if strategy == "I-optimal" else DOptimality()
     starting: list[Criterion] = [criterion] if strategy == "D-optimal" else [criterion, DOptimality()]
     with one_blas_thread():
