@@ -265,22 +265,6 @@ def _gathered(
     kept = tuple(term for term in moved.terms if prior.scale[groups.index(term.group)] > 0)
     active = np.flatnonzero(prior.active[: moved.n_coefficients])
     offered = np.bincount(prior.group, minlength=len(groups))
-    explained = []
-    for i, (reference, residual) in enumerate(zip(problem.references, problem.residuals(x), strict=True)):
-        unknowns = dict(zip(reference.unknowns, x[problem.unknowns_of(i)].tolist(), strict=True))
-        noise_std = float(np.sqrt(noise[i]))
-        explained.append(
-            Explained(
-                reference.kind,
-                reference.rows,
-                residual,
-                reference.std,
-                noise_std,
-                trust[i],
-                _artefact(problem, i, x),
-                unknowns,
-            )
-        )
     return Identified(
         Moved(moved.chain, kept),
         x[active],
@@ -290,10 +274,32 @@ def _gathered(
             GroupFound(name, int(offered[i]), float(effective[i]), float(prior.scale[i]))
             for i, name in enumerate(groups)
         ),
-        tuple(explained),
+        explained(problem, x, np.sqrt(noise), trust),
         converged,
         n_rounds,
     )
+
+
+def explained(
+    problem: SmallMotionProblem, x: FloatArray, noise_std: FloatArray, trust: Sequence[FloatArray]
+) -> tuple[Explained, ...]:
+    """What the references look like at parameters `x`, with the noise of each and the trust in its readings."""
+    found = []
+    for i, (reference, residual) in enumerate(zip(problem.references, problem.residuals(x), strict=True)):
+        unknowns = dict(zip(reference.unknowns, x[problem.unknowns_of(i)].tolist(), strict=True))
+        found.append(
+            Explained(
+                reference.kind,
+                reference.rows,
+                residual,
+                reference.std,
+                float(noise_std[i]),
+                trust[i],
+                _artefact(problem, i, x),
+                unknowns,
+            )
+        )
+    return tuple(found)
 
 
 def _artefact(problem: SmallMotionProblem, which: int, x: FloatArray) -> npt.NDArray[np.intp]:

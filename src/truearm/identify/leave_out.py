@@ -46,7 +46,7 @@ def leave_groups_out(fit: Identified, state: ArmState, group: IntArray) -> HeldO
     HeldOut
         Of readings with points, and of those in seats of two or more.
     """
-    root = _root(fit.covariance)
+    root = root_of(fit.covariance)
     found = []
     for reference in fit.references:
         if reference.kind == "point":
@@ -105,7 +105,7 @@ def _without(
     return HeldOut(readings, group[readings], deviations.reshape(3, m).T, covariance, freedom)
 
 
-def _root(covariance: FloatArray) -> FloatArray:
+def root_of(covariance: FloatArray) -> FloatArray:
     """F with ``F^T F`` the covariance."""
     if not len(covariance):
         return covariance
