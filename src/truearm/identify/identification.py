@@ -19,6 +19,7 @@ from truearm.errors import InputError
 from truearm.identify.noise import huber_weights, unexplained_variance
 from truearm.identify.problem import Moved, SmallMotionProblem
 from truearm.identify.references import Reference
+from truearm.solve import NormalEquations
 from truearm.solve.group_evidence import GroupedPrior, Posterior, marginals, posterior, updated_scales
 from truearm.solve.threads import one_blas_thread
 from truearm.terms.state import ArmState
@@ -221,10 +222,7 @@ def identify(
         if progress is not None:
             told = ", ".join(f"{kind} {np.sqrt(v):.4f} mm" for kind, v in zip(kinds, noise, strict=True))
             progress(n_rounds, f"unexplained: {told}")
-        parts = problem.normal_equations(x, weights)
-        relations = problem.relations(x)
-        gram = sum((part.gram for part in parts), start=relations.gram)
-        gradient = sum((part.gradient for part in parts), start=relations.gradient)
+        parts, gram, gradient = _linearised(problem, x, weights)
         calm = calm + 1 if np.all(np.abs(noise - noise_before) < CALM_NOISE * noise) else 0
         if calm == 1:
             prior = _without_invisible(prior, gram, sum(residual.size for residual in residuals))
@@ -246,7 +244,23 @@ def identify(
         noise_before = noise
         if converged:
             break
+    # Where readings leave a motion of decimetres open, a last step within all uncertainty still turns what is open by
+    # more than the noise: the covariance is that of the arm that was found.
+    _, gram, gradient = _linearised(problem, x, weights)
+    with one_blas_thread():
+        found = posterior(gram, gram @ x - gradient, prior)
     return _gathered(problem, x, prior, groups, found, effective, noise, trust, converged, n_rounds)
+
+
+def _linearised(
+    problem: SmallMotionProblem, x: FloatArray, weights: list[FloatArray]
+) -> tuple[list[NormalEquations], FloatArray, FloatArray]:
+    """Normal equations of every reference, and the matrix and gradient of all of them and their relations."""
+    parts = problem.normal_equations(x, weights)
+    relations = problem.relations(x)
+    gram = sum((part.gram for part in parts), start=relations.gram)
+    gradient = sum((part.gradient for part in parts), start=relations.gradient)
+    return parts, gram, gradient
 
 
 def _gathered(

@@ -50,6 +50,7 @@ MAX_BYTES = 256 * 2**20
 # A thousand terms stand in a third of a megabyte of model.json, ten thousand seats in two.
 MAX_HEADER_BYTES = 16 * 2**20
 MAX_ARRAYS = 100
+MAX_COUNT = 10**9  # of readings, rounds, epochs
 # Kinds of training records, by the names of their columns.
 RECORDS: dict[tuple[str, ...], type[TrainingRecord]] = {
     tuple(field.name for field in fields(kind) if field.name not in ("best_epoch", "stop")): kind
@@ -84,7 +85,7 @@ class _MemberEntry(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     start: int = Field(ge=0)
-    epochs: int = Field(ge=0, le=10**9)
+    epochs: int = Field(ge=0, le=MAX_COUNT)
     best_epoch: int = Field(ge=0)
     stop: str = Field(max_length=200)
 
@@ -92,7 +93,7 @@ class _MemberEntry(BaseModel):
 class _GroupEntry(BaseModel):
     model_config = ConfigDict(extra="forbid")
     name: str = Field(max_length=200)
-    n_coefficients: int = Field(ge=0)
+    n_coefficients: int = Field(ge=0, le=MAX_COUNT)
     effective: float = Field(ge=0, allow_inf_nan=False)
     scale: float = Field(ge=0, allow_inf_nan=False)
 
@@ -114,7 +115,7 @@ class _IdentifiedEntry(BaseModel):
     groups: list[_GroupEntry]
     references: list[_ReferenceEntry] = Field(min_length=1, max_length=10)
     converged: bool
-    rounds: int = Field(ge=0)
+    rounds: int = Field(ge=0, le=MAX_COUNT)
 
 
 class _Header(BaseModel):
@@ -126,7 +127,7 @@ class _Header(BaseModel):
     model: Literal["nominal", "kinematic", "physical", "network"]
     options: dict[str, Any]
     arm: _ArmEntry
-    n_train: int = Field(ge=1)
+    n_train: int = Field(ge=1, le=MAX_COUNT)
     data_fingerprint: str = Field(pattern="^[0-9a-f]{64}$")
     fit_seconds: float = Field(ge=0)
     facts: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
@@ -338,7 +339,7 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
         model.columns_, model.temperature_degC_ = dict(header.column_means), header.temperature_degC
         noise = model.fit_.references[0].noise_std
         model.unexplained_std_ = noise if old else header.facts["unexplained_std_mm"]
-        model.held_out_ = _held_out(arrays, header.n_train)
+        model.held_out_ = _held_out(header, arrays)
     if isinstance(model, NetworkModel):
         _put_network(model, header, arrays)
     return model
@@ -405,6 +406,9 @@ def _identified(
     for i, reference in enumerate(entry.references):
         rows = _indices(arrays[f"{name}rows_{i}"], f"{name}rows_{i}", header.n_train)
         residuals = arrays[f"{name}residuals_{i}"]
+        std = _shaped(arrays, f"{name}std_{i}", residuals.shape)
+        if (std < 0).any():
+            raise InputError(f"the array {name}std_{i} must be 0 or more")
         trust = _shaped(arrays, f"{name}trust_{i}", (len(rows),))
         if not ((trust >= 0) & (trust <= 1)).all():
             raise InputError(f"the array {name}trust_{i} must be from 0 to 1")
@@ -414,7 +418,7 @@ def _identified(
                 reference.kind,
                 rows,
                 residuals,
-                _shaped(arrays, f"{name}std_{i}", residuals.shape),
+                std,
                 reference.noise_std_mm,
                 trust,
                 _indices(_shaped(arrays, f"{name}artefact_{i}", (len(rows),)), f"{name}artefact_{i}", header.n_train),
@@ -458,11 +462,11 @@ def _old_fit(name: str, header: _Header, arrays: dict[str, FloatArray], prismati
     )
 
 
-def _held_out(arrays: dict[str, FloatArray], n_train: int) -> HeldOut:
-    if "held_out_rows" not in arrays:  # before format 3
+def _held_out(header: _Header, arrays: dict[str, FloatArray]) -> HeldOut:
+    if header.format < 3:
         empty = np.zeros(0, dtype=np.intp)
         return HeldOut(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
-    rows = _indices(arrays["held_out_rows"], "held_out_rows", n_train)
+    rows = _indices(arrays["held_out_rows"], "held_out_rows", header.n_train)
     m = len(rows)
     freedom = _shaped(arrays, "held_out_freedom", (m,))
     if not ((freedom > 0) & (freedom <= 1)).all():
@@ -474,7 +478,7 @@ def _held_out(arrays: dict[str, FloatArray], n_train: int) -> HeldOut:
         raise InputError("the array held_out_covariance does not hold covariances")
     return HeldOut(
         rows,
-        _indices(_shaped(arrays, "held_out_group", (m,)), "held_out_group", n_train),
+        _indices(_shaped(arrays, "held_out_group", (m,)), "held_out_group", header.n_train),
         _shaped(arrays, "held_out_deviations", (m, 3)),
         covariance,
         freedom,
