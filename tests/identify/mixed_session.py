@@ -76,11 +76,13 @@ def planted(arm: Arm, terms: list[Term], x: np.ndarray, rng: np.random.Generator
     return Planted(ArmState(arm.chain, angles), references, x, chain)
 
 
-def reached(arm: Arm, chain: Chain, targets: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def reached(
+    arm: Arm, chain: Chain, targets: np.ndarray, rng: np.random.Generator, *, half_width: float = 0.8
+) -> np.ndarray:
     """Angles that bring the chain's tip to targets (n, 3), from postures all over the arm."""
     angles, missing = np.empty((len(targets), arm.n_joints)), np.ones(len(targets), bool)
     for _ in range(50):
-        start = arm.working + 0.8 * rng.uniform(-1, 1, (missing.sum(), arm.n_joints))
+        start = arm.working + half_width * rng.uniform(-1, 1, (missing.sum(), arm.n_joints))
         found = solve_inverse(chain, targets[missing], start=start, tolerance_mm=1e-9)
         rows = np.flatnonzero(missing)[found.reached]
         angles[rows], missing[rows] = found.angles[found.reached], False
