@@ -108,9 +108,9 @@ def tool_rotation(chain: Chain) -> list[Term]:
 def own_axis(chain: Chain, joint: int, *, highest: int = HIGHEST_ORDER_OFFERED) -> list[Term]:
     """Rotation about a joint's own axis by harmonics of its angle: encoder, gear, what turns with the joint.
 
-    Orders stand in bands, 1 to 2, 3 to 4, 5 to 8 and so on, each a group with a scale of its own. Together they are a
-    Gaussian process on the circle whose spectrum is a staircase, and the evidence of each step decides how far up the
-    orders go. No terms for a sliding joint.
+    Orders stand in bands, 1 to 2, 3 to 4, 5 to 8 and so on, each a group with a scale of its own, which the joints of
+    an arm share: they are of one make. Together they are a Gaussian process on the circle whose spectrum is a staircase,
+    and the evidence of each step decides how far up the orders go. No terms for a sliding joint.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ def _varying(terms: Iterable[Term], state: ArmState, left_out: list[LeftOut]) ->
 
 def _own_axis_band(joint: int, orders: tuple[int, ...], band: tuple[int, ...]) -> Term:
     name = f"J{joint} own axis, {_orders_name(orders)}"
-    group = f"J{joint} own axis, {_orders_name(band)}"
+    group = f"own axis, {_orders_name(band)}"
     return Term(name, joint, _unit(OWN_AXIS), Harmonics(joint, orders), group, OWN_AXIS_STD)
 
 
