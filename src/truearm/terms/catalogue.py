@@ -109,7 +109,7 @@ def own_axis(chain: Chain, joint: int, *, highest: int = HIGHEST_ORDER_OFFERED) 
     """Rotation about a joint's own axis by harmonics of its angle: encoder, gear, what turns with the joint.
 
     Orders stand in bands, 1 to 2, 3 to 4, 5 to 8 and so on, each a group with a scale of its own, which the joints of
-    an arm share: they are of one make. Together they are a Gaussian process on the circle whose spectrum is a staircase,
+    an arm share: they are of one make. Together they are a Gaussian process on the circle with a staircase as spectrum,
     and the evidence of each step decides how far up the orders go. No terms for a sliding joint.
 
     Parameters
