@@ -17,6 +17,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identify.identification import Identified, identify
+from truearm.models.ranges import away_from, gaps_within
 from truearm.models.relations import placed, references_of, state_of, tool_terms
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
@@ -49,6 +50,8 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         The free parts that the readings can tell: without reference points the base is as drawn.
     angle_ranges_ : (n_joints, 2) array
         Smallest and largest training angle of every joint [rad, or mm].
+    angle_gaps_ : (k, 3) array
+        Gaps between them: joint, begin and end (see `truearm.models.ranges`).
     n_train_ : int
         Training readings.
     data_fingerprint_ : str
@@ -132,6 +135,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self.nominal_ = self._fit_nominal(readings, lengths)
         self._identify(readings, lengths, progress or _silent, checkpoint)
         self.angle_ranges_ = np.stack([readings.angles.min(axis=0), readings.angles.max(axis=0)], axis=1)
+        self.angle_gaps_ = gaps_within(readings.angles, arm.chain.slides)
         self.n_train_ = len(readings)
         self.data_fingerprint_ = fingerprint(readings)
         self.fit_seconds_ = time.perf_counter() - begun
@@ -158,8 +162,8 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         points : (n, 3) array
             The tip in the frame of the reference [mm].
         covariance : (n, 3, 3) array, if `return_cov`
-            Of the tip [mm^2]; a reference point compared with it has its own uncertainty besides. Holds within the
-            training ranges: see `outside_training`.
+            Of the tip [mm^2]; a reference point compared with it has its own uncertainty besides. See
+            `outside_training` for where it was not learned.
         """
         return self.predict_readings(Readings(self._checked_angles(X)), return_cov=return_cov)
 
@@ -207,10 +211,8 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         return self.nominal_.tips(state_of(self.arm_, Readings(self._checked_angles(angles))))
 
     def outside_training(self, angles: npt.ArrayLike) -> BoolArray:
-        """(n,) True where a joint is beyond the angles it was trained on: the model has not seen such poses."""
-        angles = self._checked_angles(angles)
-        lower, upper = self.angle_ranges_.T
-        return np.asarray(((angles < lower) | (angles > upper)).any(axis=1))
+        """(n,) True where a joint is away from the angles it was trained on: the model has not seen such poses."""
+        return away_from(self._checked_angles(angles), self.angle_ranges_, self.angle_gaps_)
 
     def __sklearn_tags__(self) -> Any:
         """Many outputs, never one; and a poor score on data that no arm could have made."""

@@ -264,6 +264,7 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
         "arm_working_pose": arm.working,
         "arm_prismatic": arm.chain.slides.astype(float),
         "angle_ranges": model.angle_ranges_,
+        "angle_gaps": model.angle_gaps_,
         **_chain_arrays("arm", arm.chain),
     }
     facts: dict[str, float] = {}
@@ -272,6 +273,7 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
             arrays |= _identified_arrays(name, getattr(model, name))
     if isinstance(model, IdentifiedModel):
         facts["unexplained_std_mm"] = model.unexplained_std_
+        arrays["refitted_on"] = model.refitted_on_
         arrays |= {f"held_out_{part}": _doubles(getattr(model.held_out_, part)) for part in HELD_OUT}
     if isinstance(model, NetworkModel):
         arrays |= {
@@ -328,6 +330,7 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
     model.n_train_, model.fit_seconds_ = header.n_train, header.fit_seconds
     model.data_fingerprint_ = header.data_fingerprint
     model.angle_ranges_ = _shaped(arrays, "angle_ranges", (n, 2))
+    model.angle_gaps_ = np.zeros((0, 3)) if old else _gaps(arrays["angle_gaps"], n)
     model.free_ = tuple(model.free if header.free is None else header.free)
     model.nominal_ = (_old_fit if old else _identified)("nominal_", header, arrays, prismatic)
     if isinstance(model, IdentifiedModel):
@@ -337,6 +340,7 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
             model.fit_ = (_old_fit if old else _identified)("fit_", header, arrays, prismatic)
         model.left_out_ = tuple(LeftOut(name, reason) for name, reason in header.left_out)
         model.columns_, model.temperature_degC_ = dict(header.column_means), header.temperature_degC
+        model.refitted_on_ = np.zeros(0) if old else _marks(arrays["refitted_on"])
         noise = model.fit_.references[0].noise_std
         model.unexplained_std_ = noise if old else header.facts["unexplained_std_mm"]
         model.held_out_ = _held_out(header, arrays)
@@ -402,9 +406,11 @@ def _identified(
     prior_std = _shaped(arrays, name + "prior_std", (n,))
     if not (prior_std > 0).all():
         raise InputError(f"the array {name}prior_std must be above zero")
+    # The readings may be those of a later session, in which only base and tip were identified.
+    n_readings = header.n_train + len(arrays.get("refitted_on", ()))
     explained = []
     for i, reference in enumerate(entry.references):
-        rows = _indices(arrays[f"{name}rows_{i}"], f"{name}rows_{i}", header.n_train)
+        rows = _indices(arrays[f"{name}rows_{i}"], f"{name}rows_{i}", n_readings)
         residuals = arrays[f"{name}residuals_{i}"]
         std = _shaped(arrays, f"{name}std_{i}", residuals.shape)
         if (std < 0).any():
@@ -421,7 +427,7 @@ def _identified(
                 std,
                 reference.noise_std_mm,
                 trust,
-                _indices(_shaped(arrays, f"{name}artefact_{i}", (len(rows),)), f"{name}artefact_{i}", header.n_train),
+                _indices(_shaped(arrays, f"{name}artefact_{i}", (len(rows),)), f"{name}artefact_{i}", n_readings),
                 dict(reference.unknowns),
             )
         )
@@ -487,6 +493,19 @@ def _held_out(header: _Header, arrays: dict[str, FloatArray]) -> HeldOut:
 
 def _doubles(array: npt.ArrayLike) -> FloatArray:
     return np.asarray(array, dtype=float)
+
+
+def _gaps(array: FloatArray, n_joints: int) -> FloatArray:
+    _of_shape(array, "angle_gaps", (len(array), 3))
+    _indices(array[:, 0], "angle_gaps", n_joints)
+    if not (array[:, 1] < array[:, 2]).all():
+        raise InputError("the gaps of the array angle_gaps must begin before they end")
+    return array
+
+
+def _marks(array: FloatArray) -> FloatArray:
+    _indices(array, "refitted_on", 2**53)
+    return array
 
 
 def _indices(array: FloatArray, name: str, n: int) -> npt.NDArray[np.intp]:

@@ -39,6 +39,8 @@ class IdentifiedModel(Compensator):
         Mean temperature of the training readings [degC].
     columns_ : dict of str to float
         Means of their further columns.
+    refitted_on_ : (k,) array
+        Marks of the readings from which base and tip were identified anew (`truearm.models.refit`); none by `fit`.
     """
 
     @abstractmethod
@@ -55,6 +57,7 @@ class IdentifiedModel(Compensator):
         del checkpoint  # it is there in seconds
         self.temperature_degC_ = None if readings.temperature_degC is None else float(readings.temperature_degC.mean())
         self.columns_ = {name: float(values.mean()) for name, values in readings.columns.items()}
+        self.refitted_on_ = np.zeros(0)
         progress(0, "terms")
         state = state_of(self.arm_, readings)
         terms, left_out = self._terms(state)

@@ -1,0 +1,332 @@
+"""A few parameters identified anew, while all others keep their values and their uncertainty.
+
+An arm is known from one session, and a new one asks only where its base stands and its tip sits now. The other
+parameters are *considered*: their posterior covariance P from before is part of what a new residual may be,
+
+    S = R + J P J^T        with R the noise and J the derivatives by all parameters,
+
+and part of how uncertain the new ones come out; but the few new readings do not change them. With A the columns of J
+that are sought anew, as if nothing were known of them, the gain is ``K = (A^T S^-1 A)^-1 A^T S^-1``; with E that puts
+them among all parameters, the covariance afterwards is
+
+    (I - E K J) P (I - E K J)^T + E K R K^T E^T        (Joseph's form),
+
+in which the error of the frame makes up for that of the arm, as far as the one took up the other. Source:
+S. F. Schmidt, "Application of state-space methods to navigation problems", Advances in Control Systems 3 (1966) 293;
+B. D. Tapley, B. E. Schutz, G. H. Born, "Statistical Orbit Determination", 2004, chapter 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cholesky, solve_triangular
+from scipy.stats import chi2
+
+from truearm.arm.chain import Chain
+from truearm.identify.identification import UNKNOWN_STD, GroupFound, Identified, explained
+from truearm.identify.leave_out import root_of
+from truearm.identify.noise import cut_square, huber_weights, mean_cut_square
+from truearm.identify.problem import Moved, SmallMotionProblem
+from truearm.identify.references import Reference
+from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior
+from truearm.solve.threads import one_blas_thread
+from truearm.terms.basis import Constant
+from truearm.terms.state import ArmState
+from truearm.terms.term import Term
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+MOST_ROUNDS = 40
+# A step is the last when it moves the new parameters by a smaller share of their uncertainty.
+SETTLED_STEP = 0.01
+SETTLED_NOISE = 0.02
+# The noise is what it was before, unless residuals as large as the new ones had a smaller probability under it.
+SURPRISE = 0.05
+
+
+def identified_anew(
+    fit: Identified,
+    chain: Chain,
+    state: ArmState,
+    terms: Sequence[Term],
+    references: Sequence[Reference],
+    *,
+    unexplained_std: float,
+    robust: bool = True,
+    progress: Callable[[int, str], None] | None = None,
+) -> Identified:
+    """Identify a few constant terms from new readings, and keep all other terms of a fit.
+
+    Parameters
+    ----------
+    fit : Identified
+        The arm as it is known.
+    chain : Chain
+        Its chain, put roughly to where the new readings saw it.
+    state : ArmState
+        Of the new readings.
+    terms : sequence of Term
+        Constant, in place of those that the fit has at the same places along the same directions. Their priors are
+        about where these are now.
+    references : sequence of Reference
+        Of the new readings, one of a kind.
+    unexplained_std : float
+        Standard deviation of a residual that neither the terms nor the references explain [mm], as it was before.
+        Where the new residuals r are larger than it allows, it grows to what they say; it never shrinks. They are too
+        large where ``r^T S^-1 r``, of a chi-squared distribution, had a probability below 0.05 to be so large.
+    robust : bool
+        Whether far residuals weigh less.
+    progress : callable, optional
+        Told the rounds done and how it stands.
+
+    Returns
+    -------
+    Identified
+        The noise of its references is the one that was kept or found.
+    """
+    merged = _merged(fit, terms)
+    moved, n = Moved(chain, merged.terms), len(merged.x)
+    rough = moved.tips(state, merged.x).T
+    started = [reference.started(rough[:, reference.rows]) for reference in references]
+    problem = SmallMotionProblem(moved, state, tuple(reference for reference, _ in started))
+    x = np.concatenate([merged.x, *(unknowns for _, unknowns in started)])
+    which = np.concatenate([merged.anew, np.arange(n, len(x))])
+    ratio = np.concatenate([merged.prior_std[merged.anew], np.full(len(x) - n, UNKNOWN_STD)])
+    prior = GroupedPrior(ratio, np.zeros(len(ratio), dtype=np.intp), np.ones(1), np.zeros(1, dtype=bool))
+    sought = _Sought(problem, which, x[which], prior)
+    x, residuals = _near(sought, x, unexplained_std**2, robust=robust)
+
+    root = root_of(merged.covariance)
+    of_arm = [_arm_variance(moved, state.rows(reference.rows), x[:n], root) for reference in references]
+    variance, raised, converged = unexplained_std**2, False, False
+    for n_rounds in range(1, MOST_ROUNDS + 1):
+        weighed = _weighed(problem.references, residuals, variance, of_arm, robust=robust)
+        left, found = sought.at(x, weighed, root)
+        step = sought.step(x, found)
+        x = x + step
+        residuals = problem.residuals(x)
+        if progress is not None:
+            progress(n_rounds, f"unexplained: {np.sqrt(variance):.4f} mm")
+        if left.size_of(step[which]) > SETTLED_STEP:
+            continue
+        freedom = max(weighed.freedom + sought.n_relations(x) - float(np.vdot(left.gram, found.covariance)), 1.0)
+        square = left.square - weighed.beyond
+        raised = raised or square > chi2.isf(SURPRISE, freedom)
+        grown = max(variance * square / freedom, unexplained_std**2) if raised else variance
+        converged = abs(grown - variance) < SETTLED_NOISE * variance
+        if converged:
+            break
+        variance = grown
+    return Identified(
+        moved,
+        x[:n],
+        _joseph(root, merged.anew, left, found),
+        merged.prior_std,
+        _groups(fit, terms, 1 - found.covariance.diagonal() * prior.precision),
+        explained(problem, x, np.full(len(references), np.sqrt(variance)), weighed.trust),
+        converged,
+        n_rounds,
+    )
+
+
+class _Merged(NamedTuple):
+    """Terms and coefficients of before, with those to be identified anew behind them."""
+
+    terms: tuple[Term, ...]
+    x: FloatArray
+    covariance: FloatArray
+    prior_std: FloatArray
+    anew: IntArray
+
+
+class _Left(NamedTuple):
+    """Normal equations of the parameters sought, with the considered ones integrated out.
+
+    With the root F of their covariance, ``P = F^T F``, and the Gauss-Newton matrix G of all parameters under the noise
+    R: `lower` is the factor of ``I + F G F^T``, `across` is ``lower^-1 F G`` at the columns sought, and `square` is
+    ``r^T S^-1 r``.
+    """
+
+    gram: FloatArray
+    gradient: FloatArray
+    lower: FloatArray
+    across: FloatArray
+    square: float
+
+    def size_of(self, step: FloatArray) -> float:
+        """Root mean square of a step, in standard uncertainties."""
+        return float(np.sqrt(max(float(step @ self.gram @ step), 0.0) / len(step)))
+
+
+class _Weighed(NamedTuple):
+    """How much the residuals count.
+
+    `weights` (k, m) and `trust` (m,) of every reference, `freedom` of all residuals, and `beyond`, which far ones add
+    to the sum of squares beyond what they may.
+    """
+
+    weights: list[FloatArray]
+    trust: list[FloatArray]
+    freedom: float
+    beyond: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Sought:
+    """The parameters sought: new coefficients and what is unknown of artefacts, about where they began."""
+
+    problem: SmallMotionProblem
+    which: IntArray
+    begun: FloatArray
+    prior: GroupedPrior
+
+    def at(self, x: FloatArray, weighed: _Weighed, root: FloatArray) -> tuple[_Left, Posterior]:
+        """Linearise, and find them with considered parameters of the covariance that `root` is of."""
+        parts = [*self.problem.normal_equations(x, weighed.weights), self.problem.relations(x)]
+        gram = np.sum([part.gram for part in parts], axis=0)
+        gradient = np.sum([part.gradient for part in parts], axis=0)
+        n, which = root.shape[1], self.which
+        with one_blas_thread():
+            matrix = root @ gram[:n, :n] @ root.T
+            matrix.flat[:: len(matrix) + 1] += 1.0
+            lower = np.asarray(cholesky(matrix, lower=True)) if len(matrix) else matrix
+            across = _by_factor(lower, root @ gram[:n, which])
+            along = _by_factor(lower, root @ gradient[:n])
+            square = 2 * sum(part.cost for part in parts) - float(along @ along)
+            left = _Left(
+                gram[np.ix_(which, which)] - across.T @ across,
+                gradient[which] - across.T @ along,
+                lower,
+                across,
+                square,
+            )
+            return left, posterior(left.gram, left.gram @ (x[which] - self.begun) - left.gradient, self.prior)
+
+    def step(self, x: FloatArray, found: Posterior) -> FloatArray:
+        """From `x` to what was found."""
+        step = np.zeros(len(x))
+        step[self.which] = self.begun + found.x - x[self.which]
+        return step
+
+    def n_relations(self, x: FloatArray) -> int:
+        """How many residuals there are among the unknowns alone."""
+        problem = self.problem
+        found = [reference.relations(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)]
+        return sum(len(relations.residuals) for relations in found if relations is not None)
+
+
+def _near(sought: _Sought, x: FloatArray, variance: float, *, robust: bool) -> tuple[FloatArray, list[FloatArray]]:
+    """Bring `x` near the minimum: downhill, as if the arm were known exactly; and the residuals there."""
+    problem = sought.problem
+    residuals = problem.residuals(x)
+    for _ in range(MOST_ROUNDS):
+        # Residuals are large for another reason than noise as yet.
+        typical = max([variance, *(float(np.median((r**2).mean(axis=0))) for r in residuals)])
+        nothing = [np.zeros(r.shape[1]) for r in residuals]
+        weighed = _weighed(problem.references, residuals, typical, nothing, robust=robust)
+        left, found = sought.at(x, weighed, np.zeros((0, problem.moved.n_coefficients)))
+        step = sought.step(x, found)
+        before = _cost(problem, x, weighed, residuals)
+        for halvings in range(12):
+            at = x + step / 2**halvings
+            there = problem.residuals(at)
+            if _cost(problem, at, weighed, there) <= before:
+                x, residuals = at, there
+                break
+        if left.size_of(step[sought.which]) < 1.0:
+            break
+    return x, residuals
+
+
+def _cost(problem: SmallMotionProblem, x: FloatArray, weighed: _Weighed, residuals: list[FloatArray]) -> float:
+    data = sum(float(((w * r) ** 2).sum()) for w, r in zip(weighed.weights, residuals, strict=True))
+    return data / 2 + problem.relations_cost(x)
+
+
+def _weighed(
+    references: Sequence[Reference],
+    residuals: list[FloatArray],
+    variance: float,
+    of_arm: list[FloatArray],
+    *,
+    robust: bool,
+) -> _Weighed:
+    """Weights under a noise; residuals are far beside it and what the arm's uncertainty `of_arm` (m,) makes of them."""
+    weights, trusts = [], []
+    freedom = beyond = 0.0
+    for reference, residual, arm in zip(references, residuals, of_arm, strict=True):
+        k, m = residual.shape
+        noise = reference.std**2 + variance
+        trust = huber_weights(residual.T, (noise + arm).T) if robust else np.ones(m)
+        weights.append(np.sqrt(trust / noise))
+        trusts.append(trust)
+        freedom += m * (mean_cut_square(k) if robust else k)
+        beyond += cut_square(k) * float((1 / trust - 1).sum())
+    return _Weighed(weights, trusts, freedom, beyond)
+
+
+def _arm_variance(moved: Moved, state: ArmState, x: FloatArray, root: FloatArray) -> FloatArray:
+    """(m,) variance of a tip's coordinate by the arm's uncertainty, its mean over the three [mm^2]."""
+    found = [
+        ((root @ columns.reshape(len(columns), -1)) ** 2).sum(axis=0).reshape(columns.shape[1:]).mean(axis=0)
+        for _, _, columns in moved.derivatives(state, x)
+    ]
+    return np.concatenate(found)
+
+
+def _merged(fit: Identified, anew: Sequence[Term]) -> _Merged:
+    places = {(term.place, term.direction): i for i, term in enumerate(anew)}
+    # Of every coefficient of before, where it stands now: among those kept, or from the end.
+    where: list[int] = []
+    kept: list[Term] = []
+    n_kept = 0
+    for term in fit.moved.terms:
+        i = places.get((term.place, term.direction)) if isinstance(term.basis, Constant) else None
+        if i is not None:
+            where.append(i - len(anew))
+        else:
+            where += range(n_kept, n_kept + term.n_coefficients)
+            kept.append(term)
+            n_kept += term.n_coefficients
+    n = n_kept + len(anew)
+    gather = np.zeros((n, len(where)))
+    gather[np.array(where, dtype=np.intp) % n, np.arange(len(where))] = 1.0
+    prior_std = gather @ fit.prior_std
+    prior_std[n_kept:] = [term.prior_stds[0] for term in anew]
+    return _Merged(
+        (*kept, *anew), gather @ fit.coefficients, gather @ fit.covariance @ gather.T, prior_std, np.arange(n_kept, n)
+    )
+
+
+def _joseph(root: FloatArray, anew: IntArray, left: _Left, found: Posterior) -> FloatArray:
+    """Covariance of all coefficients afterwards, symmetric and without negative variances by its form."""
+    k = len(anew)
+    taken_up = _by_factor(left.lower, left.across @ found.covariance[:, :k], transposed=True)
+    half = root.copy()
+    half[:, anew] -= taken_up
+    covariance = half.T @ half
+    covariance[np.ix_(anew, anew)] += found.covariance[:k, :k] - taken_up.T @ taken_up
+    return (covariance + covariance.T) / 2
+
+
+def _by_factor(lower: FloatArray, right: FloatArray, *, transposed: bool = False) -> FloatArray:
+    if not len(lower):  # LAPACK knows no matrices without rows
+        return right
+    matrix = lower.T if transposed else lower
+    return np.asarray(solve_triangular(matrix, right, lower=not transposed, check_finite=False))
+
+
+def _groups(fit: Identified, terms: Sequence[Term], determined: FloatArray) -> tuple[GroupFound, ...]:
+    """Groups of before, and those of the new terms with what the new readings determine of them."""
+    names = tuple(dict.fromkeys(term.group for term in terms))
+    share = {name: [float(d) for t, d in zip(terms, determined, strict=False) if t.group == name] for name in names}
+    old = tuple(group for group in fit.groups if group.name not in names)
+    return old + tuple(
+        GroupFound(name, len(part), float(np.clip(sum(part), 0, None)), 1.0) for name, part in share.items()
+    )

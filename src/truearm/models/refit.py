@@ -1,0 +1,164 @@
+"""Session transfer: the arm of a model in a new set-up, its base and tip identified anew from a few readings."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.utils.validation import check_is_fitted
+
+from truearm.errors import InputError
+from truearm.identify.alignment import align
+from truearm.identify.calibration import HeldOut
+from truearm.identify.consider import identified_anew
+from truearm.identify.identification import Identified
+from truearm.models.compensator import FREE_PARTS, MIN_ROWS, Compensator, fingerprint
+from truearm.models.identified import IdentifiedModel
+from truearm.models.relations import references_of
+from truearm.readings.lengths import Lengths
+from truearm.readings.readings import Readings
+from truearm.terms import constants
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Model = TypeVar("Model", bound=Compensator)
+
+# Points that say where a base stands.
+LEAST_POINTS = 3
+# Numbers go into a reading's mark as multiples of this [rad, mm]: angles come back from a file to 1e-12 of their value.
+MARKED_TO = 1e-9
+
+
+def refit(
+    model: Model,
+    readings: Readings,
+    *,
+    free: tuple[str, ...] = ("base", "tip"),
+    lengths: Lengths | None = None,
+    progress: Callable[[int, str], None] | None = None,
+) -> Model:
+    """Take a model's arm to a new set-up: a tracker elsewhere, another probe.
+
+    Only where the base stands and where the tip sits is identified from the new readings; four will do. All that was
+    found of the arm keeps its values, and its uncertainty goes into that of base and tip, with which it is correlated
+    from then on (`truearm.identify.consider`).
+
+    Parameters
+    ----------
+    model : Compensator
+        Fitted. It stays as it is.
+    readings : Readings
+        Of the new set-up, with reference points, seats or surfaces; orientations are not used.
+    free : tuple of str
+        What is new: ``"base"``, ``"tip"`` or both. Without reference points the base stays where it was.
+    lengths : Lengths, optional
+        Known lengths between seats of the readings.
+    progress : callable, optional
+        Told the rounds done and how it stands.
+
+    Returns
+    -------
+    Compensator
+        Of the same class. `unexplained_std_` is that of `model`, or larger if the new readings say so (see
+        `identified_anew`). `held_out_` is empty; `angle_ranges_` and `n_train_` are those of the arm;
+        `data_fingerprint_` is that of the new readings.
+
+    Raises
+    ------
+    InputError
+        If the model is a network, or the readings do not fit the arm or are too few.
+    """
+    check_is_fitted(model)
+    if not isinstance(model, IdentifiedModel):
+        raise InputError(
+            "a network learns coordinates as a whole: it knows no base and no tip that could be identified anew",
+            hint="fit a network to the new readings, or refit a physical model",
+        )
+    if not free or not set(free) <= set(FREE_PARTS):
+        raise InputError(f"expected what is new among {list(FREE_PARTS)}, got {list(free)}")
+    if readings.n_joints != model.arm.n_joints:
+        raise InputError(f"expected readings of {model.arm.n_joints} joints, got {readings.n_joints}")
+    readings = replace(readings, quaternion=None)
+    if lengths is not None:
+        if readings.seat is None:
+            raise readings.error("lengths are between seats, and the readings name none", column="seat")
+        lengths = lengths.between(readings.seat)
+    n_known = model._check_references(readings, lengths)
+    if n_known < MIN_ROWS:
+        raise readings.error(f"expected {MIN_ROWS} or more readings with a reference, got {n_known}")
+    n_points = int(readings.has_point.sum())
+    if not n_points:
+        free = tuple(part for part in free if part != "base")
+        if not free:
+            raise readings.error(
+                "the base is where reference points say, and the readings have none", hint="--free tip"
+            )
+    elif "base" in free and n_points < LEAST_POINTS:
+        raise readings.error(
+            f"expected {LEAST_POINTS} or more reference points to say where the base is, got {n_points}"
+        )
+    begun = time.perf_counter()
+    new: Model = copy.copy(model)
+    assert isinstance(new, IdentifiedModel)
+    if readings.temperature_degC is not None:
+        new.temperature_degC_ = float(readings.temperature_degC.mean())
+    new.columns_ = {
+        name: float(readings.columns[name].mean()) if name in readings.columns else mean
+        for name, mean in model.columns_.items()
+    }
+    state = new._state(readings)
+    references = references_of(readings, lengths)
+    terms = constants(model.arm_.chain, free=free, angle_std=0.0, length_std=0.0)
+
+    def anew(fit: Identified, unexplained_std: float) -> Identified:
+        chain = fit.moved.chain
+        if "base" in free:
+            seen = readings.has_point
+            assert readings.points is not None
+            chain = chain.placed(align(fit.tips(state.rows(seen)), readings.points[seen]))
+        return identified_anew(
+            fit,
+            chain,
+            state,
+            terms,
+            references,
+            unexplained_std=unexplained_std,
+            robust=model.robust,
+            progress=progress,
+        )
+
+    new.nominal_ = anew(model.nominal_, model.nominal_.references[0].noise_std)
+    new.fit_ = anew(model.fit_, model.unexplained_std_)
+    new.unexplained_std_ = max(model.unexplained_std_, new.fit_.references[0].noise_std)
+    new.free_ = free
+    empty = np.zeros(0, dtype=np.intp)
+    new.held_out_ = HeldOut(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
+    new.data_fingerprint_ = fingerprint(readings)
+    new.refitted_on_ = np.concatenate([model.refitted_on_, _marks(readings)])
+    new.fit_seconds_ = time.perf_counter() - begun
+    return new
+
+
+def served(model: Compensator, readings: Readings) -> BoolArray:
+    """(n,) True for the readings from which the model's base and tip were identified anew: no test is fair on them."""
+    marks = model.refitted_on_ if isinstance(model, IdentifiedModel) else np.zeros(0)
+    if not len(marks):
+        return np.zeros(len(readings), dtype=bool)
+    return np.isin(_marks(readings), marks)
+
+
+def _marks(readings: Readings) -> FloatArray:
+    """(n,) a whole number below 2**52 for every reading: the first bits of the SHA-256 of angles, point and seat."""
+    numbers = [readings.angles]
+    if readings.points is not None:
+        numbers.append(np.nan_to_num(readings.points))
+    rows = np.round(np.hstack(numbers) / MARKED_TO).astype("<i8")
+    seat = np.full(len(readings), "") if readings.seat is None else readings.seat
+    digests = (hashlib.sha256(row.tobytes() + name.encode()) for row, name in zip(rows, seat.tolist(), strict=True))
+    return np.array([int.from_bytes(digest.digest()[:8], "little") >> 12 for digest in digests], dtype=float)
