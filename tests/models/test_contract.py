@@ -19,7 +19,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.models import MODELS, KinematicModel, NetworkModel, NominalModel
+from truearm.models import MODELS, KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.models.compensator import Compensator
 
 
@@ -64,6 +64,10 @@ class KinematicOfAnyShape(_AnyShape, KinematicModel):
     pass
 
 
+class PhysicalOfAnyShape(_AnyShape, PhysicalModel):
+    pass
+
+
 class NetworkOfAnyShape(_AnyShape, NetworkModel):
     pass
 
@@ -71,6 +75,7 @@ class NetworkOfAnyShape(_AnyShape, NetworkModel):
 MEMBERS = [
     NominalOfAnyShape(zigzag(2), free=("base",)),
     KinematicOfAnyShape(zigzag(2), free=("base",)),
+    PhysicalOfAnyShape(zigzag(2), free=("base",), highest=2),
     NetworkOfAnyShape(zigzag(2), free=("base",), hidden=(2,), epochs=3),
 ]
 
@@ -82,6 +87,9 @@ def expected_failures(estimator):
 @parametrize_with_checks(MEMBERS, expected_failed_checks=expected_failures)
 def test_estimator_checks(estimator, check):
     check(estimator)
+
+
+SMALL = {"physical": {"highest": 4}, "network": {"hidden": (5,), "epochs": 5}}
 
 
 @pytest.fixture
@@ -104,17 +112,15 @@ def test_pipeline_with_group_splits_scores_every_fold(readings):
 
 def test_grid_search_clones_and_chooses(readings):
     arm, angles, points = readings
-    search = GridSearchCV(KinematicModel(arm), {"prior_length": [1e-6, 3.0]}, cv=3).fit(angles, points)
+    search = GridSearchCV(KinematicModel(arm), {"free": [(), ("base", "tip")]}, cv=3).fit(angles, points)
     assert search.best_estimator_.arm is not None
-    assert set(search.best_params_) == {"prior_length"}
+    assert search.best_params_ == {"free": ("base", "tip")}
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_fitting_twice_equals_fitting_once(name, readings):
     arm, angles, points = readings
-    model = MODELS[name](arm)
-    if name == "network":
-        model.set_params(hidden=(5,), epochs=5)
+    model = MODELS[name](arm, **SMALL.get(name, {}))
     once = clone(model).fit(angles, points).predict(angles)
     twice = clone(model).fit(angles[:30], points[:30]).fit(angles, points).predict(angles)
     np.testing.assert_array_equal(once, twice)
@@ -123,9 +129,7 @@ def test_fitting_twice_equals_fitting_once(name, readings):
 @pytest.mark.parametrize("name", MODELS)
 def test_covariance_is_symmetric_positive_and_as_long_as_the_points(name, readings):
     arm, angles, points = readings
-    model = MODELS[name](arm)
-    if name == "network":
-        model.set_params(hidden=(5,), epochs=5)
+    model = MODELS[name](arm, **SMALL.get(name, {}))
     predicted, covariance = model.fit(angles, points).predict(angles[:7], return_cov=True)
     assert predicted.shape == (7, 3)
     assert covariance.shape == (7, 3, 3)
@@ -153,9 +157,9 @@ def test_what_does_not_fit_the_arm_is_refused(readings):
     for options in ({"epochs": 0}, {"hidden": 5}, {"hidden": (5.0,)}, {"validation": 1.0}, {"goal": np.nan}):
         with pytest.raises(InputError, match="expected"):
             NetworkModel(arm, **options).fit(angles, points)
-    for options in ({"prior_angle": -1e-3}, {"prior_length": np.nan}, {"prior_length": np.inf}):
-        with pytest.raises(InputError, match="expected prior_"):
-            KinematicModel(arm, **options).fit(angles, points)
+    for highest in (0, -1, 1001, 2.0, "8", None):
+        with pytest.raises(InputError, match="expected a highest order from 1 to 1000"):
+            PhysicalModel(arm, highest=highest).fit(angles, points)
     with pytest.raises(InputError, match="180 coordinates for 1143 weights.*Try: set readings aside"):
         NetworkModel(arm, validation=0).fit(angles, points)
 

@@ -15,17 +15,44 @@ import pytest
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError, TruearmError
-from truearm.models import MODELS, KinematicModel, NetworkModel
+from truearm.models import MODELS, KinematicModel, NetworkModel, PhysicalModel
 from truearm.models.file import load_model, save_model
+from truearm.models.identified import IdentifiedModel
 from truearm.models.network import TRAINERS
+from truearm.readings import Readings
 
-KEPT_TIP_MM = [758.9268461603382, 14.755674969324792, 237.3313078392036]
-KEPT_STD_MM = [0.006642343415025093, 0.006958388902324782, 0.006697782188492866]
-KEPT_NETWORK_TIP_MM = [751.9926603202762, 19.614840525274392, 239.43378856583607]
-KEPT_NETWORK_STD_MM = [10.600896814791358, 15.736852900430062, 13.861002821926572]
+# Files that older versions wrote of an arm `gao2017`, and what those versions predicted at its working pose: tip and
+# standard uncertainties [mm], the nominal arm's tip [mm].
+KEPT = {
+    "kinematic-format-1": (
+        [758.9268461603382, 14.755674969324792, 237.3313078392036],
+        [0.006642343415025093, 0.006958388902324782, 0.006697782188492866],
+        [758.9320554947479, 14.75167507690874, 237.32485296964506],
+    ),
+    "network-format-1": (
+        [751.9926603202762, 19.614840525274392, 239.43378856583607],
+        [10.600896814791358, 15.736852900430062, 13.861002821926572],
+        [758.203664119733, 14.999999999999998, 236.88741653746303],
+    ),
+    "nominal-format-2": (
+        [858.598266119596, 217.6331274329102, 536.9964806506231],
+        [0.4438664923385836, 0.4438915397890568, 0.44387077402135555],
+        [858.598266119596, 217.6331274329102, 536.9964806506231],
+    ),
+    "kinematic-format-2": (
+        [858.5640979232481, 217.53273834808957, 536.9197549760889],
+        [0.019439022541773, 0.02004265281846445, 0.01948495085421197],
+        [858.598266119596, 217.6331274329102, 536.9964806506231],
+    ),
+    "network-format-2": (
+        [808.0907586569094, 177.77968926410523, 584.8906978393541],
+        [45.00120316930112, 55.31576258082871, 56.30488807014532],
+        [858.598266119596, 217.6331274329102, 536.9964806506231],
+    ),
+}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def arm():
     fixed = np.tile(np.eye(4), (4, 1, 1))
     fixed[1:, :3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
@@ -42,6 +69,8 @@ def fitted(arm, rng):
         model = MODELS[name](arm)
         if name == "network":
             model.set_params(hidden=(4, 3), epochs=5)
+        if name == "physical":
+            model.set_params(highest=4)
         return model.fit(angles, points), angles
 
     return fit
@@ -65,18 +94,70 @@ def test_a_model_comes_back_to_the_last_bit(name, fitted, tmp_path):
     np.testing.assert_array_equal(again.arm.limits, model.arm.limits)
 
 
+@pytest.fixture(scope="module")
+def mixed(real):
+    """Readings with points and in seats, a temperature, and a load that turns J1; the physical model from them."""
+    rng = np.random.default_rng(20170101)
+    seen, held = real.points(60, rng), real.held(rng)
+    load = rng.normal(size=120)
+    angles = np.concatenate([seen.angles, held.angles])
+    angles[:, 0] -= 1e-3 * load  # the true arm turns further by so much
+    points = np.concatenate([seen.points, np.full((60, 3), np.nan)])
+    readings = Readings(
+        angles,
+        points,
+        np.where(np.isnan(points), np.nan, 0.01),
+        seat=np.concatenate([np.full(60, ""), held.seat]),
+        position=np.array([f"p{i // 5}" for i in range(60)] + [""] * 60),
+        temperature_degC=20 + rng.uniform(-3, 3, 120),
+        columns={"load_1_Nm": load},
+    )
+    return PhysicalModel(real.arm, highest=2).fit_readings(readings), readings
+
+
+def test_all_that_was_identified_comes_back(mixed, tmp_path):
+    model, readings = mixed
+    save_model(model, tmp_path / "m")
+    again = load_model(tmp_path / "m")
+    for one, other in zip(
+        model.predict_readings(readings, return_cov=True),
+        again.predict_readings(readings, return_cov=True),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)
+    assert again.left_out_ == model.left_out_ != ()
+    assert again.columns_ == model.columns_
+    assert again.temperature_degC_ == model.temperature_degC_
+    for name in ("nominal_", "fit_"):
+        one, other = getattr(model, name), getattr(again, name)
+        assert other.moved.terms == one.moved.terms
+        assert other.groups == one.groups
+        assert (other.converged, other.rounds) == (one.converged, one.rounds)
+        np.testing.assert_array_equal(other.chain.fixed, one.chain.fixed)
+        assert [r.kind for r in other.references] == ["point", "seat"]
+        for r, s in zip(one.references, other.references, strict=True):
+            assert s.unknowns == r.unknowns
+            assert s.noise_std == r.noise_std
+            for part in ("rows", "residuals", "std", "trust", "artefact"):
+                np.testing.assert_array_equal(getattr(s, part), getattr(r, part))
+    for part in ("rows", "group", "deviations", "covariance", "freedom"):
+        np.testing.assert_array_equal(getattr(again.held_out_, part), getattr(model.held_out_, part))
+    assert len(model.held_out_.rows) >= 50
+    assert "load_1_Nm" in [term.group for term in again.fit_.moved.terms]
+
+
 def test_the_same_model_gives_the_same_file(fitted, tmp_path):
-    model, _ = fitted("kinematic")
+    model, _ = fitted("physical")
     save_model(model, tmp_path / "a")
     save_model(model, tmp_path / "b")
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
 def test_options_as_numpy_leaves_them_are_saved(arm, fitted, tmp_path):
-    model, angles = fitted("kinematic")
-    model.set_params(prior_length=np.float32(3), robust=np.bool_(True)).fit(angles, model.predict(angles))
+    model, angles = fitted("physical")
+    model.set_params(highest=np.int64(2), robust=np.bool_(True)).fit(angles, model.predict(angles))
     save_model(model, tmp_path / "m")
-    assert load_model(tmp_path / "m").get_params()["prior_length"] == 3.0
+    assert load_model(tmp_path / "m").get_params()["highest"] == 2
 
 
 def test_a_scale_without_a_range_is_refused(fitted, tmp_path):
@@ -87,31 +168,33 @@ def test_a_scale_without_a_range_is_refused(fitted, tmp_path):
         load_model(tmp_path / "m")
 
 
-def test_a_file_of_the_first_format_still_loads():
-    """Kept from truearm 0.1: a kinematic model of `gao2017`, and what it predicted at its working pose."""
-    model = load_model(Path(__file__).parent / "kinematic-format-1.truearm")
-    tip, covariance = model.predict(model.arm.working[None], return_cov=True)
-    np.testing.assert_allclose(tip, [KEPT_TIP_MM], atol=1e-9)
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), KEPT_STD_MM, rtol=1e-6)
+@pytest.mark.parametrize("kept", KEPT)
+def test_a_file_of_an_older_format_predicts_what_it_did(kept):
+    """To the last bit on the machine that wrote it; sums in another order leave 1e-12."""
+    model = load_model(Path(__file__).parent / f"{kept}.truearm")
+    tip, std, nominal = KEPT[kept]
+    points, covariance = model.predict(model.arm.working[None], return_cov=True)
+    np.testing.assert_allclose(points, [tip], rtol=1e-12)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), std, rtol=1e-12)
+    np.testing.assert_allclose(model.predict_nominal(model.arm.working[None]), [nominal], rtol=1e-12)
+    assert model.free_ == model.free
 
 
-def test_a_network_of_the_first_format_still_loads():
-    """Kept from truearm 0.1: 6-5-4-3 on 60 readings of a virtual `gao2017`."""
-    model = load_model(Path(__file__).parent / "network-format-1.truearm")
-    tip, covariance = model.predict(model.arm.working[None], return_cov=True)
-    np.testing.assert_allclose(tip, [KEPT_NETWORK_TIP_MM], atol=1e-9)
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), KEPT_NETWORK_STD_MM, rtol=1e-9)
-
-
-def test_a_model_of_the_first_format_is_written_in_the_second(tmp_path):
-    """Its training is not known any more; all else comes back."""
-    old = load_model(Path(__file__).parent / "network-format-1.truearm")
+@pytest.mark.parametrize("kept", KEPT)
+def test_a_model_of_an_older_format_is_written_in_the_present_one(kept, tmp_path):
+    """A network's training of format 1 is not known any more, nor the residuals of a fit; all else comes back."""
+    old = load_model(Path(__file__).parent / f"{kept}.truearm")
     save_model(old, tmp_path / "m")
     again = load_model(tmp_path / "m")
-    assert old.record_ is None is again.record_
-    q = old.arm.working[None]
+    q = old.arm.working + np.linspace(-0.5, 0.5, 5)[:, None]
     for one, other in zip(old.predict(q, return_cov=True), again.predict(q, return_cov=True), strict=True):
         np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(old.predict_nominal(q), again.predict_nominal(q))
+    if kept == "network-format-1":
+        assert old.record_ is None is again.record_
+    if isinstance(old, IdentifiedModel):
+        assert again.unexplained_std_ == old.unexplained_std_ > 0
+        assert len(old.held_out_.rows) == len(again.held_out_.rows) == 0
 
 
 @pytest.fixture
@@ -176,18 +259,18 @@ def edit_header(**changes):
 
 
 def flip_a_bit(files):
-    data = bytearray(files["fit_motions.npy"])
+    data = bytearray(files["fit_coefficients.npy"])
     data[-1] ^= 1
-    files["fit_motions.npy"] = bytes(data)
+    files["fit_coefficients.npy"] = bytes(data)
 
 
 def promise_a_terabyte(files):
-    data = files["fit_motions.npy"].replace(b"(5, 6)", b"(99999999999, 6)")
+    data = files["arm_fixed.npy"].replace(b"(4, 4, 4)", b"(99999999999, 4, 4)")
     end = data.index(b"\n")
     data = data[: end - 10] + data[end:]
-    files["fit_motions.npy"] = data
+    files["arm_fixed.npy"] = data
     header = json.loads(files["model.json"])
-    header["arrays"]["fit_motions"] = {"shape": [99999999999, 6], "sha256": hashlib.sha256(data).hexdigest()}
+    header["arrays"]["arm_fixed"] = {"shape": [99999999999, 4, 4], "sha256": hashlib.sha256(data).hexdigest()}
     files["model.json"] = json.dumps(header).encode()
 
 
@@ -207,10 +290,22 @@ def edit_array(name, edit):
 
 
 def add_an_array(files):
-    files["../../x.npy"] = files["fit_motions.npy"]
+    files["../../x.npy"] = files["fit_coefficients.npy"]
     header = json.loads(files["model.json"])
-    header["arrays"]["../../x"] = header["arrays"]["fit_motions"]
+    header["arrays"]["../../x"] = header["arrays"]["fit_coefficients"]
     files["model.json"] = json.dumps(header).encode()
+
+
+def lose(name):
+    """Take an array out, from the header too."""
+
+    def change(files):
+        del files[f"{name}.npy"]
+        header = json.loads(files["model.json"])
+        del header["arrays"][name]
+        files["model.json"] = json.dumps(header).encode()
+
+    return change
 
 
 def edit_fact(name, value):
@@ -222,23 +317,57 @@ def edit_fact(name, value):
     return change
 
 
+def edit_fit(edit, name="fit_"):
+    """Change what the header says of an identification."""
+
+    def change(files):
+        header = json.loads(files["model.json"])
+        edit(header["identified"][name])
+        files["model.json"] = json.dumps(header).encode()
+
+    return change
+
+
+def edit_term(number=0, **changes):
+    return edit_fit(lambda fit: fit["terms"][number].update(changes))
+
+
+def edit_reference(**changes):
+    return edit_fit(lambda fit: fit["references"][0].update(changes))
+
+
+def edit_group(**changes):
+    return edit_fit(lambda fit: fit["groups"][0].update(changes))
+
+
 def hide_a_pickle(files):
     files["evil.npy"] = np.lib.format.magic(1, 0) + b"..."
+
+
+def first_row(value):
+    """Change the first number of an array."""
+
+    def edit(array):
+        array.flat[0] = value
+        return array
+
+    return edit
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (edit_header(format=3), "format 3.*update truearm"),
+        (edit_header(format=4), "format 4.*update truearm"),
         (edit_header(format=True), "model.json, format"),
         (edit_header(format=0), "model.json, format"),
         (edit_header(options={"free": 3}), "does not hold what its kind of model needs"),
-        (edit_header(options={"prior_length": -1.0}), "prior_length"),
-        (edit_fact("fit_noise_std_mm", -5.0), "model.json, facts"),
-        (edit_fact("fit_noise_std_mm", float("nan")), "model.json, facts"),
+        (edit_header(options={"free": ["elbow"]}), "expected free parts"),
+        (edit_header(options={"prior_length": 3.0}), "does not hold what its kind of model needs"),
+        (edit_header(free=["elbow"]), "model.json, free"),
+        (edit_fact("unexplained_std_mm", -5.0), "model.json, facts"),
+        (edit_fact("unexplained_std_mm", float("nan")), "model.json, facts"),
         (edit_array("fit_covariance", np.negative), "not a covariance"),
         (edit_array("arm_limits", np.ravel), "arm_limits of shape"),
-        (edit_array("fit_weights", lambda a: a[:4].reshape(2, 2)), "fit_weights of shape"),
         (edit_array("arm_tip", lambda a: a * np.nan), "not finite"),
         (edit_array("arm_fixed", lambda a: a * 2), "not a rigid motion"),
         (add_an_array, "has no array '../../x'"),
@@ -249,12 +378,14 @@ def hide_a_pickle(files):
         (edit_header(facts={}), "does not hold what its kind"),
         (edit_header(arrays={}), "only what model.json lists"),
         (flip_a_bit, "SHA-256 differs"),
-        (promise_a_terabyte, "expected the array fit_motions"),
+        (promise_a_terabyte, "expected the array arm_fixed"),
         (hide_a_pickle, "only what model.json lists, got also .'evil.npy'"),
         (lambda files: {"model.json": b"{"}, "not JSON"),
         (lambda files: {"model.json": b"[]"}, "as a whole"),
+        (lambda files: {"model.json": b"[" * 10**5}, "not JSON"),
+        (lambda files: {"model.json": b" " * (17 << 20)}, "larger than a model needs"),
         (lambda files: {"other": b""}, "without model.json"),
-        (lambda files: files.pop("fit_motions.npy") and None, "does not hold what its kind"),
+        (lambda files: files.pop("fit_coefficients.npy") and None, "does not hold what its kind"),
     ],
 )
 def test_an_unsound_file_is_refused_with_the_reason(change, message, fitted, tmp_path):
@@ -265,6 +396,115 @@ def test_an_unsound_file_is_refused_with_the_reason(change, message, fitted, tmp
     with pytest.raises(InputError, match=message) as caught:
         load_model(path)
     assert str(path) in str(caught.value)
+
+
+HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        # Terms that do not fit the arm, or are none.
+        (edit_header(identified={}), "does not say what nominal_ is"),
+        (edit_header(identified={"else_": {}}), "model.json, identified"),
+        (edit_fit(lambda fit: fit["terms"].pop()), "of shape"),
+        (edit_fit(lambda fit: fit["terms"].append(fit["terms"][0])), "of shape"),
+        (edit_fit(lambda fit: fit.update(terms=[])), "of shape"),
+        (edit_fit(lambda fit: fit.update(terms=[3])), "model.json, identified"),
+        (edit_fit(lambda fit: fit.update(terms=[{}])), "expected a term with"),
+        (edit_fit(lambda fit: fit["terms"][0].pop("group")), "expected a term with"),
+        (edit_term(place=8), "expected a place from 0 .base. to 7"),
+        (edit_term(place=-1), "expected a place of 0 or more"),
+        (edit_term(place=10**30), "expected a place from 0"),
+        (edit_term(direction=[0, 0, 0, 0, 0, 0]), "not all zero"),
+        (edit_term(direction=[1, 0]), "expected a direction of 6 numbers"),
+        (edit_term(direction=["1", 0, 0, 0, 0, 0]), "expected finite numbers as direction"),
+        (edit_term(prior_std=-1.0), "above zero"),
+        (edit_term(prior_std=0), "above zero"),
+        (edit_term(prior_std=[1.0, 2.0]), "expected 1 prior standard deviations"),
+        (edit_term(learn="yes"), "expected learn as true or false"),
+        (edit_term(name=""), "term's name"),
+        (edit_term(basis={"kind": "os.system"}), "expected a basis among"),
+        (edit_term(basis=["Constant"]), "expected a basis as a table"),
+        (edit_term(basis={"kind": "Constant", "surprise": 1}), "expected the fields of a basis 'Constant'"),
+        (edit_term(basis=HARMONICS | {"orders": [10**9]}), "expected orders as whole numbers, 1 to 1000"),
+        (edit_term(basis=HARMONICS | {"joint": 0}), "expected joint as whole numbers, 1 or more"),
+        (edit_term(basis=HARMONICS), "of shape"),
+        (edit_term(basis={"kind": "GravityTorque", "joint": 9, "axis": 0}), "expected a joint from 1 to 6, got 9"),
+        (edit_term(basis={"kind": "Temperature", "link": 9}), "expected a link from 0 to 6, got 9"),
+        (edit_term(basis={"kind": "Column", "name": "load_7_Nm"}), "expected readings with a column 'load_7_Nm'"),
+        (edit_term(basis={"kind": "Direction", "joint": 1}), "directions of movement are known"),
+        (
+            edit_fit(lambda fit: fit["terms"][0].update(basis={"kind": "Temperature", "link": 0}), "nominal_"),
+            "with a te",
+        ),
+        (edit_header(column_means={}), "expected readings with a column 'load_1_Nm'"),
+        (edit_header(temperature_degC=float("inf")), "model.json, temperature_degC"),
+        (edit_header(column_means={"load_1_Nm": float("nan")}), "model.json, column_means"),
+        # Numbers of terms and groups.
+        (edit_array("fit_prior_std", np.negative), "fit_prior_std must be above zero"),
+        (edit_array("fit_coefficients", lambda a: a[1:]), "fit_coefficients of shape"),
+        (edit_array("fit_coefficients", lambda a: a * np.nan), "not finite"),
+        (edit_array("fit_coefficients", lambda a: 0 * a + 1e308), "finite numbers at the arm's working pose"),
+        (edit_array("fit_covariance", lambda a: a[1:, 1:]), "fit_covariance of shape"),
+        (edit_array("fit_covariance", lambda a: np.eye(len(a)) * 1e308), "finite numbers at the arm's working pose"),
+        (edit_array("fit_chain_fixed", lambda a: a[1:]), "expected|does not hold"),
+        (lose("fit_prior_std"), "does not hold what its kind"),
+        (edit_group(effective=-1.0), "model.json, identified.fit_.groups"),
+        (edit_group(scale=float("nan")), "model.json, identified.fit_.groups"),
+        (edit_group(n_coefficients=-1), "model.json, identified.fit_.groups"),
+        (edit_group(n_coefficients=10**30), "model.json, identified.fit_.groups"),
+        (edit_fit(lambda fit: fit.update(rounds=-1)), "model.json, identified.fit_.rounds"),
+        # References and readings.
+        (edit_fit(lambda fit: fit.update(references=[])), "model.json, identified.fit_.references"),
+        (edit_fit(lambda fit: fit["references"].pop()), "has no array"),
+        (edit_fit(lambda fit: fit["references"].append(fit["references"][0])), "does not hold what its kind"),
+        (edit_fit(lambda fit: fit.update(references=fit["references"] * 10)), "model.json, identified.fit_.references"),
+        (edit_reference(noise_std_mm=-1.0), "model.json, identified.fit_.references"),
+        (edit_reference(unknowns={"x": float("inf")}), "model.json, identified.fit_.references"),
+        (edit_array("fit_rows_0", first_row(1e9)), "fit_rows_0 as whole numbers below 120"),
+        (edit_array("fit_rows_0", first_row(-1)), "fit_rows_0 as whole numbers below 120"),
+        (edit_array("fit_rows_0", first_row(0.5)), "fit_rows_0 as whole numbers below 120"),
+        (edit_array("fit_rows_0", lambda a: a[1:]), "fit_trust_0 of shape"),
+        (edit_array("fit_rows_0", lambda a: a.reshape(2, -1)), "fit_rows_0 as whole numbers"),
+        (edit_array("fit_residuals_0", np.sum), "fit_(std|residuals)_0 of shape"),
+        (edit_array("fit_residuals_0", np.ravel), "fit_(std|residuals)_0 of shape"),
+        (edit_array("fit_std_0", np.negative), "fit_std_0 must be 0 or more"),
+        (edit_array("fit_std_0", lambda a: a[:1]), "fit_std_0 of shape"),
+        (edit_array("fit_trust_0", first_row(-0.1)), "fit_trust_0 must be from 0 to 1"),
+        (edit_array("fit_trust_0", lambda a: a[1:]), "fit_trust_0 of shape"),
+        (edit_array("fit_artefact_1", first_row(1e9)), "fit_artefact_1 as whole numbers below 120"),
+        (edit_array("held_out_rows", first_row(120)), "held_out_rows as whole numbers below 120"),
+        (edit_array("held_out_rows", lambda a: a[1:]), "held_out_freedom of shape"),
+        (edit_array("held_out_group", first_row(-1)), "held_out_group as whole numbers below 120"),
+        (edit_array("held_out_freedom", first_row(0)), "held_out_freedom must be above 0"),
+        (edit_array("held_out_freedom", first_row(2)), "held_out_freedom must be above 0"),
+        (edit_array("held_out_deviations", lambda a: a[:, :2]), "held_out_deviations of shape"),
+        (edit_array("held_out_covariance", np.negative), "held_out_covariance does not hold covariances"),
+        (lose("held_out_rows"), "does not hold what its kind"),
+        (edit_header(n_train=3), "whole numbers below 3"),
+        (edit_header(n_train=10**30), "model.json, n_train"),
+        (edit_header(left_out=[["J1"]]), "model.json, left_out"),
+        (edit_header(format=2), "does not hold|has no array|of shape"),
+        (edit_header(format=1), "does not hold|has no array|of shape"),
+        (edit_header(model="nominal"), "does not hold what its kind"),
+        (edit_header(model="network"), "does not hold what its kind"),
+        (edit_header(options={"highest": 0}), "expected a highest order"),
+    ],
+)
+def test_a_physical_model_that_is_not_sound_is_refused(change, message, mixed, tmp_path):
+    save_model(mixed[0], tmp_path / "m")
+    rewritten(tmp_path / "m", change)
+    with pytest.raises(InputError, match=message) as caught:
+        load_model(tmp_path / "m")
+    assert str(tmp_path / "m") in str(caught.value)
+
+
+def test_many_unknowns_are_not_written_beyond_what_is_read(mixed, tmp_path, monkeypatch):
+    monkeypatch.setattr("truearm.models.file.MAX_HEADER_BYTES", 10_000)
+    with pytest.raises(TruearmError, match="does not fit a model file"):
+        save_model(mixed[0], tmp_path / "m")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_no_model_file_is_refused(tmp_path):
@@ -316,7 +556,7 @@ def edit_member(**changes):
         (edit_array("network_weights", lambda a: a.sum()), "does not hold what"),
         (edit_array("network_basis_covariance", np.negative), "not a covariance"),
         (edit_array("network_weights", lambda a: a * np.inf), "not finite"),
-        (edit_header(format=1), "as many rows"),
+        (edit_header(format=1), "of shape"),
     ],
 )
 def test_an_ensemble_that_is_not_sound_is_refused(change, message, ensemble, tmp_path):
