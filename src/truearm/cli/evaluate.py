@@ -29,10 +29,11 @@ def evaluate(
 
     Its errors are printed beside those of the nominal arm: the drawing, its base and tip (where they were free) fitted
     to the model's own training readings. Readings with a reference point are compared with it; readings in a seat with
-    the mean of the points predicted there; the distance between two such means with the length that is known.
+    the mean of the points predicted there; the distance between two such means with the length that is known. Readings
+    from which truearm refit took base and tip are left out.
     """
     from truearm.cli.fit import lengths_of
-    from truearm.cli.predict import check_reference, load_for
+    from truearm.cli.predict import check_reference, load_for, without_served
     from truearm.cli.report import remarks
     from truearm.models import NominalModel
     from truearm.readings import compared_errors, errors_of
@@ -40,6 +41,7 @@ def evaluate(
     with progress(f"reading {session.name}"):
         fitted, readings = load_for(model, session)
         check_reference(readings, fitted, purpose="evaluate against", seats=True)
+        readings, n_served = without_served([fitted], readings)
         known = None if lengths is None else lengths_of(lengths, readings)
     predicted = {"nominal": fitted.predict_nominal(readings.angles), "model": fitted.predict_readings(readings)}
     in_seats = {name: _in_seats(points, readings, known) for name, points in predicted.items()}
@@ -47,8 +49,11 @@ def evaluate(
     if readings.points is not None:
         errors = compared_errors(predicted["model"], predicted["nominal"], readings.points)
     if as_json:
-        say_json({**(errors or {}), **in_seats["model"]})
+        left_out = {"n_left_out": n_served} if n_served else {}
+        say_json({**(errors or {}), **in_seats["model"], **left_out})
         return
+    if n_served:
+        say(f"{n_served} readings served to refit the model and are left out")
     names = ["nominal"] if isinstance(fitted, NominalModel) else ["nominal", "model"]
     if readings.points is not None and errors is not None:
         of_points = {name: errors_of(predicted[name], readings.points) for name in names}

@@ -25,6 +25,7 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("import", "import_table"),
     ("split", "split"),
     ("fit", "fit"),
+    ("refit", "refit"),
     ("predict", "predict"),
     ("evaluate", "evaluate"),
     ("report", "report"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,13 +28,14 @@ def predict(
 ) -> None:
     """Compensate: turn joint angles into corrected coordinates.
 
-    Columns of the table: x_mm, y_mm, z_mm in the frame of the reference; sx_mm, sy_mm, sz_mm standard uncertainties;
-    outside_training 1 where a joint is beyond the angles the model learned from; names (seat, position, ..) as given.
+    Columns of the table: x_mm, y_mm, z_mm in the frame of the reference; sx_mm, sy_mm, sz_mm their standard
+    uncertainties (twice that is the expanded uncertainty, k = 2); outside_training 1 where a joint is away from the
+    angles the model learned from; names (seat, position, ..) as given.
     """
     import numpy as np
 
     from truearm.errors import InputError
-    from truearm.models import NetworkModel
+    from truearm.models import NetworkModel, PhysicalModel
     from truearm.writing import check_writable
 
     if out.suffix != ".csv":
@@ -48,8 +50,13 @@ def predict(
         _write(out, readings, points, std, outside)
     say(f"{out}: {len(points)} points, standard uncertainty of a coordinate {np.median(std):.4f} mm (median)")
     if outside.any():
-        advice = ": do not rely on them" if isinstance(fitted, NetworkModel) else "; there the uncertainty is too small"
-        say(f"{int(outside.sum())} of {len(points)} readings have a joint beyond the training angles{advice}.")
+        if isinstance(fitted, NetworkModel):
+            advice = ": do not rely on them"
+        elif isinstance(fitted, PhysicalModel):
+            advice = f"; there it is {np.median(std[outside]):.4f} mm"
+        else:
+            advice = ": errors may be larger there than it says"
+        say(f"{int(outside.sum())} of {len(points)} readings have a joint away from the training angles{advice}.")
 
 
 def _write(out: Path, readings: Readings, points: FloatArray, std: FloatArray, outside: BoolArray) -> None:
@@ -101,6 +108,18 @@ def load_with_reference(model: Path, session: Path, *, purpose: str) -> tuple[Co
         return fitted, readings
     note(f"{int((~with_point).sum())} of {len(readings)} readings have no reference point and are left out")
     return fitted, readings.rows(with_point)
+
+
+def without_served(models: Sequence[Compensator], readings: Readings) -> tuple[Readings, int]:
+    """The readings without those that served to refit a model, and how many these were; all, if no other is left."""
+    import numpy as np
+
+    from truearm.models.refit import served
+
+    used = np.any([served(model, readings) for model in models], axis=0)
+    if not used.any() or used.all():
+        return readings, 0
+    return readings.rows(~used), int(used.sum())
 
 
 def check_reference(readings: Readings, fitted: Compensator, *, purpose: str, seats: bool = False) -> None:

@@ -26,7 +26,7 @@ def report(
     """
     from zipfile import is_zipfile
 
-    from truearm.cli.predict import load_with_reference
+    from truearm.cli.predict import load_with_reference, without_served
     from truearm.errors import InputError
     from truearm.models.file import load_model
     from truearm.report.comparison import comparison_page
@@ -52,6 +52,7 @@ def report(
         first, readings = load_with_reference(paths[0], session, purpose="compare with")
         # The others are of the same arm, or `compared` refuses them: the readings are checked once for all.
         models = dict(zip(_names(paths), [first, *map(load_model, paths[1:])], strict=True))
+        readings, n_served = without_served(list(models.values()), readings)
         page = comparison_page(
             compared(models, readings),
             title=title or f"{first.arm.name}: error before and after compensation",
@@ -60,6 +61,8 @@ def report(
             remarks=[f"{name}: {remark}" for name, model in models.items() for remark in remarks(model, readings)],
         )
         write_page(page, out)
+    if n_served:
+        say(f"{n_served} readings served to refit a model and are left out")
     say(f"{out}: {len(models)} model{'s' * (len(models) > 1)} compared on {len(readings)} readings")
 
 
@@ -120,7 +123,7 @@ def remarks(model: Compensator, readings: Readings) -> list[str]:
             )
     outside = int(model.outside_training(readings.angles).sum())
     if outside:
-        said.append(f"{outside} of {len(readings)} readings have a joint beyond the training angles.")
+        said.append(f"{outside} of {len(readings)} readings have a joint away from the training angles.")
     if readings.points is not None and fingerprint(readings) == model.data_fingerprint_:
         said.append("These are the readings it learned from: an honest test needs others (truearm split).")
     return said

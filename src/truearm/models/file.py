@@ -585,6 +585,8 @@ def _of_shape(array: FloatArray, name: str, shape: tuple[int, ...]) -> FloatArra
 def _covariance(array: FloatArray, name: str, n: int) -> FloatArray:
     """A covariance: symmetric, no negative variance beyond rounding."""
     _of_shape(array, name, (n, n))
+    if not n:  # nothing was free
+        return array
     scale = np.sqrt(np.abs(array.diagonal()))
     scale[scale == 0] = 1
     whitened = array / np.outer(scale, scale)

@@ -6,7 +6,7 @@ from truearm.readings.files import check_session_path, read_session, write_sessi
 from truearm.readings.lengths import Lengths, read_lengths, write_lengths
 from truearm.readings.readings import Readings
 from truearm.readings.seats import SeatErrors, length_errors, seat_errors
-from truearm.readings.split import hold_out
+from truearm.readings.split import hold_out, spread_rows
 from truearm.readings.tables import JointScale, TableColumns, import_table
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "read_lengths",
     "read_session",
     "seat_errors",
+    "spread_rows",
     "write_lengths",
     "write_session",
 ]

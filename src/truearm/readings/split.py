@@ -12,6 +12,9 @@ from truearm.readings.readings import Readings
 
 By = Literal["position", "seat", "session", "row"]
 
+# So many readings in a seat tell the seat's place and something of the arm besides.
+READINGS_A_SEAT = 5
+
 
 def hold_out(readings: Readings, *, by: By = "position", fraction: float, seed: int) -> tuple[Readings, Readings]:
     """Split readings into training and test, whole groups at a time.
@@ -49,6 +52,50 @@ def hold_out(readings: Readings, *, by: By = "position", fraction: float, seed: 
     chosen = np.random.default_rng(seed).permutation(n_groups)[:n_test]
     held = np.isin(groups, chosen)
     return readings.rows(~held), readings.rows(held)
+
+
+def spread_rows(readings: Readings, n: int, *, seed: int) -> npt.NDArray[np.intp]:
+    """Choose a few readings, spread over the positions that they aimed at.
+
+    With reference points: one reading of each position in turn, the positions in random order; where they are not
+    named, readings at random. Without: readings in a few seats, five or more in each, as one alone says nothing.
+
+    Parameters
+    ----------
+    readings : Readings
+    n : int
+        How many.
+    seed : int
+        The same seed gives the same rows.
+
+    Returns
+    -------
+    (n,) int array
+        Rows, rising.
+
+    Raises
+    ------
+    InputError
+        If there are fewer readings with a reference point, or in seats.
+    """
+    rng = np.random.default_rng(seed)
+    rows = np.flatnonzero(readings.has_point)
+    group = rows if readings.position is None else np.unique(readings.position[rows], return_inverse=True)[1]
+    if not len(rows) and readings.seat is not None:
+        rows = np.flatnonzero(readings.seat != "")
+        seats, group = np.unique(readings.seat[rows], return_inverse=True)
+        shuffled = rng.permutation(len(seats))
+        needed = int(np.searchsorted(np.cumsum(np.bincount(group)[shuffled]), n)) + 1
+        few = np.isin(group, shuffled[: max(n // READINGS_A_SEAT, needed)])
+        rows, group = (rows[few], group[few]) if n <= len(rows) else (rows, group)
+    if not 1 <= n <= len(rows):
+        what = "reference points" if readings.points is not None else "a seat"
+        raise readings.error(f"expected a number of rows from 1 to the {len(rows)} readings with {what}, got {n}")
+    order = rng.permutation(len(rows))
+    turn = np.empty(len(rows))  # within its group
+    for g in np.unique(group):
+        turn[group == g] = rng.permutation(int((group == g).sum()))
+    return np.sort(rows[np.lexsort((order, turn))[:n]])
 
 
 def _groups(readings: Readings, by: By) -> npt.NDArray[np.intp]:

@@ -1,0 +1,98 @@
+"""``truearm refit``: a model's arm in a new set-up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from truearm.cli.console import Json, check_apart, progress, say, say_json
+
+
+def refit(
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
+    session: Annotated[
+        Path, typer.Argument(metavar="SESSION", help="Session file of the new set-up, with reference points or seats.")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Model file to write; .truearm by custom.")],
+    free: Annotated[str, typer.Option("--free", help="What is new: base, tip or base,tip.")] = "base,tip",
+    rows: Annotated[
+        int | None, typer.Option("--rows", min=1, help="Learn from so many of the readings; by default all.")
+    ] = None,
+    lengths: Annotated[
+        Path | None, typer.Option("--lengths", help="File of known lengths between the session's seats, .csv.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the choice of readings.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Take an identified arm to a new set-up: a tracker placed anew, another probe.
+
+    The arm stays as it was identified, with its uncertainty; only where its base stands and its tip sits is fitted to
+    the new readings. Four or more serve.
+
+    --rows 20 takes 20 readings, of as many positions as there are. The model file notes which they were, and truearm
+    evaluate on the same session leaves them out: it tests on the others. --free tip: only the probe is new, as with a
+    session that has seats and no reference points.
+    """
+    from dataclasses import asdict, replace
+
+    import numpy as np
+
+    from truearm.cli.fit import free_parts, lengths_of, nominal_miss
+    from truearm.cli.predict import check_reference, load_for
+    from truearm.errors import InputError
+    from truearm.identify.outliers import outliers
+    from truearm.models.compensator import MOST_NOMINAL_ERROR
+    from truearm.models.file import save_model
+    from truearm.models.identified import IdentifiedModel
+    from truearm.models.refit import refit as refitted
+    from truearm.readings import spread_rows
+    from truearm.writing import check_writable
+
+    parts = free_parts(free)
+    if not parts:
+        raise InputError("with --free none nothing is new", hint="--free base,tip")
+    check_apart(out, session, *([] if lengths is None else [lengths]))
+    check_writable(out)
+    with progress(f"reading {session.name}"):
+        known, readings = load_for(model, session)
+        check_reference(readings, known, purpose="refit to", seats=True)
+        which = np.arange(len(readings)) if rows is None else spread_rows(readings, rows, seed=seed)
+        taken = readings.rows(which)
+        between = None if lengths is None else lengths_of(lengths, taken)
+    with progress(f"refitting {model.name}") as tell:
+        new = refitted(known, taken, free=parts, lengths=between, progress=tell)
+        assert isinstance(known, IdentifiedModel)  # a network was refused
+        assert isinstance(new, IdentifiedModel)
+        missed = nominal_miss(new)
+        if not missed < MOST_NOMINAL_ERROR * new.arm.chain.reach:
+            raise readings.error(
+                f"the arm {new.arm.name!r} as drawn misses its references by {missed:.4g} mm on average: the readings "
+                "are not of this arm",
+                hint="check the model, and units, signs and zeros in the session",
+            )
+        save_model(new, out)
+    _, covariance = new.predict_readings(readings, return_cov=True)
+    std = float(np.median(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))))
+    far = [replace(outlier, row=int(which[outlier.row])) for outlier in outliers(new.fit_)]
+    if as_json:
+        told: dict[str, Any] = {"file": str(out), "free": list(new.free_), "n": len(taken)}
+        told |= {"fit_seconds": new.fit_seconds_, "unexplained_std_mm": new.unexplained_std_}
+        told |= {"unexplained_std_before_mm": known.unexplained_std_, "median_std_mm": std}
+        say_json(told | {"outliers": [asdict(outlier) for outlier in far]})
+        return
+    of = f"{len(taken)} of {len(readings)}" if len(taken) < len(readings) else f"{len(taken)}"
+    say(f"{out}: {' and '.join(new.free_)} of {new.arm.name} from {of} readings in {new.fit_seconds_:.1f} s")
+    if "base" in parts and "base" not in new.free_:
+        say("The base stays where it was: only reference points say where it stands.")
+    unexplained = f"unexplained: {new.unexplained_std_:.4f} mm, standard deviation of a coordinate"
+    if new.unexplained_std_ > known.unexplained_std_:
+        say(f"{unexplained}; it was {known.unexplained_std_:.4f} mm, and the new readings scatter more")
+    else:
+        say(f"{unexplained}, as it was")
+    say(f"standard uncertainty of a coordinate over the session: {std:.4f} mm (median)")
+    for outlier in far:
+        say(f"far off: {readings.called(outlier.row)}, {outlier.error_mm:.3f} mm, {outlier.times:.0f} times the usual")
+    if len(taken) < len(readings):
+        say("truearm evaluate on this session leaves these readings out and tests on the others.")
