@@ -14,16 +14,21 @@ Tips in a seat are judged by how they scatter about their own mean: leaving out 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import LinAlgError, cholesky
 
 from truearm.identify.calibration import HeldOut
 from truearm.identify.identification import Explained, Identified
+from truearm.identify.problem import CHUNK
 from truearm.terms.state import ArmState
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
+# A group: its reference, and rows of that, seat by seat; points all in one.
+Part = tuple[Explained, list[IntArray]]
 
 # Eigenvalues of I - S: 1 where the others tell all of a group. Below this a group alone tells something, and how
 # it would look without itself is unknown; its errors then come out a thousand times its residuals.
@@ -48,19 +53,15 @@ def leave_groups_out(fit: Identified, state: ArmState, group: IntArray) -> HeldO
     """
     root = root_of(fit.covariance)
     found = []
-    for reference in fit.references:
-        if reference.kind == "point":
-            keys = group[reference.rows]
-            parts = [np.flatnonzero(keys == key) for key in np.unique(keys)]
-            found += [_without(fit, state, reference, [part], group, root) for part in parts]
-        elif reference.kind == "seat":
-            seats = reference.artefact
-            keys = group[reference.rows]
-            for key in np.unique(keys):
-                held = [np.flatnonzero((seats == seat) & (keys == key)) for seat in np.unique(seats[keys == key])]
-                held = [rows for rows in held if len(rows) > 1]
-                if held:
-                    found.append(_without(fit, state, reference, held, group, root))
+    for parts in _pieces(fit.references, group):
+        readings = np.concatenate([reference.rows[rows] for reference, seats in parts for rows in seats])
+        tips = fit.moved.derivatives(state.rows(readings), fit.coefficients)
+        columns = np.concatenate([by for _, _, by in tips], axis=2)
+        start = 0
+        for reference, seats in parts:
+            stop = start + sum(map(len, seats))
+            found.append(_without(reference, seats, group, columns[..., start:stop], root))
+            start = stop
     if not found:
         empty = np.zeros(0, dtype=np.intp)
         return HeldOut(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
@@ -68,20 +69,41 @@ def leave_groups_out(fit: Identified, state: ArmState, group: IntArray) -> HeldO
     return HeldOut(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
 
 
+def _pieces(references: Sequence[Explained], group: IntArray) -> Iterator[list[Part]]:
+    """Groups, several at once, so that the chain goes through many readings in one pass."""
+    piece: list[Part] = []
+    n = 0
+    for reference in references:
+        if reference.kind not in ("point", "seat"):
+            continue
+        keys = group[reference.rows]
+        order = np.argsort(keys, kind="stable")
+        for rows in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1):
+            seats = [rows]
+            if reference.kind == "seat":
+                held = reference.artefact[rows]
+                seats = [one for seat in np.unique(held) if len(one := rows[held == seat]) > 1]
+            if seats:
+                piece.append((reference, seats))
+                n += sum(map(len, seats))
+            if n >= CHUNK:
+                yield piece
+                piece, n = [], 0
+    if piece:
+        yield piece
+
+
 def _without(
-    fit: Identified,
-    state: ArmState,
-    reference: Explained,
-    seats: list[IntArray],
-    group: IntArray,
-    root: FloatArray,
+    reference: Explained, seats: list[IntArray], group: IntArray, columns: FloatArray, root: FloatArray
 ) -> HeldOut:
-    """A group, given as rows of the reference seat by seat (points: all in one), without itself."""
+    """A group, given as rows of the reference seat by seat (points: all in one), without itself.
+
+    `columns` (p, 3, m) are derivatives of its tips, in that order.
+    """
     rows = np.concatenate(seats)
     readings = reference.rows[rows]
     m = len(rows)
     weights = np.sqrt(reference.trust[rows] / (reference.std[:, rows] ** 2 + reference.noise_std**2))  # (3, m)
-    columns = np.concatenate([by for _, _, by in fit.moved.derivatives(state.rows(readings), fit.coefficients)], axis=2)
     jacobian = columns * weights
     residuals = weights * reference.residuals[:, rows]
     freedom = np.ones(m)
@@ -95,11 +117,17 @@ def _without(
             freedom[here] = 1 - (unit**2).mean(axis=0)
             start = here.stop
     spread = jacobian.reshape(len(jacobian), 3 * m).T @ root.T
-    shares, vectors = np.linalg.eigh(spread @ spread.T)
+    # With S = A A^T: (I - S)^-1 = I + A (I - A^T A)^-1 A^T, of which one matrix is small.
+    if 3 * m <= len(jacobian):
+        shares, vectors = np.linalg.eigh(spread @ spread.T)
+        told = vectors * np.sqrt(np.maximum(shares, 0))
+    else:
+        shares, vectors = np.linalg.eigh(spread.T @ spread)
+        told = spread @ vectors
     left = np.maximum(1 - shares, LEAST_FREEDOM)
     scale = 1 / weights.ravel()
-    deviations = scale * (vectors @ ((vectors.T @ residuals.ravel()) / left))
-    half = (scale[:, None] * vectors * np.sqrt(np.maximum(shares, 0) / left)).reshape(3, m, 3 * m)
+    deviations = scale * (residuals.ravel() + told @ ((told.T @ residuals.ravel()) / left))
+    half = (scale[:, None] * told / np.sqrt(left)).reshape(3, m, len(left))
     covariance = np.einsum("imk,jmk->mij", half, half)
     covariance += (reference.std[:, rows].T ** 2)[:, :, None] * np.eye(3)
     return HeldOut(readings, group[readings], deviations.reshape(3, m).T, covariance, freedom)
