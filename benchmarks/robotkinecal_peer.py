@@ -24,14 +24,15 @@ def main() -> None:
         seen = [SE3.Rt(R, point, check=False) for R, point in zip(task["R"], task["points"], strict=True)]
     peer.set_observations(list(task["angles"]), seen)
     said = StringIO()
-    begun = time.perf_counter()
+    begun, begun_cpu = time.perf_counter(), time.process_time()
     with redirect_stdout(said):
         result = peer.solve()
-    seconds = time.perf_counter() - begun
+    seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - begun_cpu
     told = re.search(r"rank of regressor is (\d+)/(\d+)", said.getvalue())
     answer = {
         "version": version("robotkinecal"),
         "seconds": seconds,
+        "cpu_seconds": cpu_seconds,
         "iterations": result.nb_iterations_executed,
         "rank": int(told[1]) if told else peer.N_PARAMS,
         "of": peer.N_PARAMS,

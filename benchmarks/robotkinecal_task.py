@@ -17,8 +17,10 @@ robotkinecal needs NumPy below 2, so it gets an environment of its own:
 from __future__ import annotations
 
 import json
+import statistics
 import subprocess
 import tempfile
+import time
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -94,6 +96,16 @@ def solved(task: Task) -> Identified:
     return identify(nominal(), ArmState(nominal(), task.angles), terms_of(task), references_of(task))
 
 
+def cpu_seconds(task: Task, *, runs: int) -> float:
+    """Median processor time of a fit [s], which a busy machine stretches less than the clock's."""
+    seconds = []
+    for _ in range(runs):
+        start = time.process_time()
+        solved(task)
+        seconds.append(time.process_time() - start)
+    return statistics.median(seconds)
+
+
 def rank(task: Task) -> tuple[int, float]:
     """Combinations of constants that the readings tell about the arm as drawn, and the gap to those they do not."""
     moved = Moved(nominal(), tuple(terms_of(task)))
@@ -151,9 +163,11 @@ def main() -> None:
         drawn = [make_task(name, options.seed + 1 + i) for i in range(options.arms)]
         coverage = float(np.mean([covered(solved(each), each) for each in drawn]))
         before = nominal().tip_in_base(task.test) - task.truth.tip_in_base(task.test)
+        cpu = cpu_seconds(task, runs=options.runs)
         noise = {e.kind: e.noise_std for e in found.references}
         answers[name] = {
             "seconds": asdict(times[name]),
+            "cpu_seconds": cpu,
             "rank": told,
             "of": of,
             "gap": gap,
@@ -166,10 +180,8 @@ def main() -> None:
         if options.peer:
             answers[name]["robotkinecal"] = robotkinecal_answer(options.peer, task)
         targets += [
-            Target(f"{name}: fit, median [s]", times[name].median, 0.1),
-            Target(
-                f"{name}: combinations left open, {0 if task.full else 2} there are", of - told, 0 if task.full else 2
-            ),
+            Target(f"{name}: fit, median [CPU s]", cpu, 0.1),
+            Target(f"{name}: rank off what geometry says", abs(told - (of if task.full else of - 2)), 0),
             Target(f"{name}: coverage of {LEVEL:.0%} ellipsoids", coverage, 0.93, "above"),
             Target(f"{name}: the same", coverage, 0.97),
         ]
@@ -191,6 +203,7 @@ def say(answers: dict[str, dict[str, Any]]) -> None:
                 name,
                 f"{found['seconds']['shortest'] * 1e3:.0f}",
                 f"{found['seconds']['median'] * 1e3:.0f}",
+                f"{found['cpu_seconds'] * 1e3:.0f}",
                 f"{found['rank']} of {found['of']}",
                 f"{found['test_mean_before_mm']:.3f}",
                 f"{found['test_mean_mm']:.4f}",
@@ -199,9 +212,19 @@ def say(answers: dict[str, dict[str, Any]]) -> None:
         )
         if "robotkinecal" in found:
             peer = found["robotkinecal"]
-            seconds, told = f"{peer['seconds'] * 1e3:.0f}", f"{peer['rank']} of {peer['of']}"
-            rows.append([f"  robotkinecal {peer['version']}", "", seconds, told, "", f"{peer['test_mean_mm']:.4f}", ""])
-    columns = ["readings", "shortest [ms]", "median", "rank", "test before [mm]", "after", "coverage"]
+            rows.append(
+                [
+                    f"  robotkinecal {peer['version']}",
+                    "",
+                    f"{peer['seconds'] * 1e3:.0f}",
+                    f"{peer['cpu_seconds'] * 1e3:.0f}",
+                    f"{peer['rank']} of {peer['of']}",
+                    "",
+                    f"{peer['test_mean_mm']:.4f}",
+                    "",
+                ]
+            )
+    columns = ["readings", "shortest [ms]", "median", "CPU", "rank", "test before [mm]", "after", "coverage"]
     say_table(columns, rows)
 
 
