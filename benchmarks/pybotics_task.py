@@ -1,4 +1,4 @@
-"""pybotics' own calibration example, solved by `fit_points`; beside pybotics itself if its Python is named. One run.
+"""pybotics' own calibration example, solved by `identify`; beside pybotics itself if its Python is named. One run.
 
     python benchmarks/pybotics_task.py [--json] [--seed N] [--runs N] [--peer PYTHON]
 
@@ -25,7 +25,9 @@ import numpy as np
 
 from machine import Target, Times, arguments_of, say_json, say_machine, say_targets, times_of
 from truearm.arm import Chain, chain_from_mdh
-from truearm.identify.points import PointFit, fit_points
+from truearm.identify.identification import Identified, identify
+from truearm.identify.references import Points
+from truearm.terms import ArmState, Constant, Term
 
 # The table of pybotics' predefined UR10: alpha [rad], a [mm], theta [rad], d [mm].
 UR10_MDH = np.array(
@@ -67,12 +69,13 @@ def make_task(seed: int) -> Task:
     return Task(angles, nominal_chain(offsets).tip_in_base(angles), offsets)
 
 
-def solved(task: Task) -> PointFit:
+def solved(task: Task) -> Identified:
     """The six offsets, as rotations about the joints' own axes, from the training poses."""
     chain = nominal_chain()
-    prior_std = np.zeros((chain.n_places, 6))
-    prior_std[1:-1, 2] = PRIOR
-    return fit_points(chain, task.angles[:N_TRAIN], task.positions[:N_TRAIN], prior_std=prior_std)
+    about_z = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    offsets = [Term(f"J{i} offset", i, about_z, Constant(), "offsets", PRIOR, learn=False) for i in range(1, 7)]
+    references = [Points(np.arange(N_TRAIN), task.positions[:N_TRAIN])]
+    return identify(chain, ArmState(chain, task.angles[:N_TRAIN]), offsets, references)
 
 
 def test_mean(chain: Chain, task: Task) -> float:
@@ -120,10 +123,9 @@ def main() -> None:
         say_targets(targets)
 
 
-def answer(fit: PointFit, task: Task, times: Times) -> dict[str, Any]:
+def answer(fit: Identified, task: Task, times: Times) -> dict[str, Any]:
     """What we found, as figures."""
-    offsets = fit.motions[1:-1, 2]
-    std = np.sqrt(fit.covariance.diagonal().reshape(-1, 6)[1:-1, 2])
+    offsets, std = fit.coefficients, np.sqrt(fit.covariance.diagonal())
     return {
         "seconds": asdict(times),
         "test_mean_before_mm": test_mean(nominal_chain(), task),
