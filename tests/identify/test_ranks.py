@@ -98,7 +98,7 @@ def session(table, what, rng):
     """Angles that bring the tip exactly to where `what` says, joints all over, and the references of them."""
     chain = table.chain()
     arm = Arm("generic", chain)
-    n = {"point": 60, "pose": 60, "seat": 60}.get(what.split()[0], 120)
+    n = 120
     rows, names = np.arange(n), np.array(["A", "B", "C"])
     a, b, c = chain.tip_in_base(np.array([0.5, 0.8, 1.1])[:, None] * np.ones(chain.n_joints))
     match what:
