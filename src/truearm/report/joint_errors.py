@@ -1,0 +1,158 @@
+"""The figure of every joint's own error: over its angle with its uncertainty, and by order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Drawing
+from matplotlib.ticker import MaxNLocator
+
+from truearm.errors import InputError
+from truearm.identify.joint_errors import JointError
+from truearm.report.arrays import FloatArray, joint_matrix, joint_names
+from truearm.report.canvas import FAINT, INK, LIMIT, Figure, Style, drawing_rules, listed, panel, short, styles_of
+from truearm.report.quantities import format_number
+
+ARCSEC = float(np.degrees(1.0) * 3600)  # of a radian
+COVERAGE_FACTOR = 1.96  # 95 % of a normal distribution
+_LABELLED = 3  # orders with the largest amplitudes
+
+
+def joint_errors(
+    errors: Mapping[str, Sequence[JointError]],
+    angles: npt.ArrayLike,
+    *,
+    names: Sequence[str] | None = None,
+    styles: Mapping[str, Style] | None = None,
+) -> Figure:
+    """Draw the own errors of joints, two panels a joint: over its angle, and by order.
+
+    Parameters
+    ----------
+    errors : mapping of str to sequence of JointError
+        For each model; joints without an error of their own are left out.
+    angles : (n, joints) array
+        Of readings, to show where there were some [rad].
+    names : sequence of str, optional
+        A name a joint; q1, q2, ... where left out.
+    styles : mapping of str to Style, optional
+        From `styles_of`.
+
+    Raises
+    ------
+    InputError
+        If no model has an error of a joint's own, or an error is of a joint without angles.
+    """
+    read = joint_matrix(angles)
+    names = joint_names(names, read.shape[1])
+    by_joint: dict[int, dict[str, JointError]] = {}
+    for model, found in errors.items():
+        for error in found:
+            if not 1 <= error.joint <= len(names):
+                raise InputError(f"expected errors of joints 1 to {len(names)}, got one of joint {error.joint}")
+            if len(error.orders):
+                by_joint.setdefault(error.joint, {})[model] = error
+    if not by_joint:
+        raise InputError("expected a joint with an error of its own, got none")
+    pens = styles_of(errors, styles)
+    several = len(errors) > 1
+    with drawing_rules():
+        panels = tuple(
+            drawing
+            for joint in sorted(by_joint)
+            for drawing in (
+                _curves(by_joint[joint], pens, read[:, joint - 1], names[joint - 1], named=several),
+                _spectra(by_joint[joint], pens, names[joint - 1]),
+            )
+        )
+    sizes = [
+        f"{short(names[joint - 1])} "
+        + ", ".join(f"{_rms(error)} arcsec{f' ({short(model)})' if several else ''}" for model, error in found.items())
+        for joint, found in sorted(by_joint.items())
+    ]
+    none = [short(name) for joint, name in enumerate(names, 1) if joint not in by_joint]
+    without = f" Of {', '.join(none)} the readings show none." if none else ""
+    return Figure(
+        panels,
+        caption="What each joint turns further than its encoder shows, over its angle and by order (waves in a full "
+        "turn). Bands and whiskers hold the true value with 95 % probability. The grey hill is where the readings "
+        "stood; away from them the band widens. 10 arcsec move a point 1 m away by 0.048 mm. Where a joint did not "
+        "turn all round, neighbouring orders cannot be told apart: the curve is known better than its orders are."
+        + without,
+        alt=f"Error of {len(by_joint)} joints about their own axes over their angles, and its amplitude by order. "
+        f"Root mean square: {listed(sizes, most=8)}.",
+        columns=2,
+    )
+
+
+def _rms(error: JointError) -> str:
+    return format_number(float(np.sqrt(np.mean(error.error**2))) * ARCSEC, digits=2)
+
+
+def _curves(
+    errors: Mapping[str, JointError], pens: Mapping[str, Style], read: FloatArray, name: str, *, named: bool
+) -> Drawing:
+    drawing, (axes,) = panel(4.6, 2.0)
+    largest = max(float(np.abs(error.error).max()) for error in errors.values()) * ARCSEC or 1e-6
+    for model, error in errors.items():
+        pen, at, middle = pens[model], np.degrees(error.angles), error.error * ARCSEC
+        half = COVERAGE_FACTOR * error.std * ARCSEC
+        axes.fill_between(at, middle - half, middle + half, color=pen.colour, alpha=0.22, linewidth=0)
+        axes.plot(at, middle, color=pen.colour, linestyle=pen.dash, linewidth=1.0)
+    axes.set_xlim(
+        min(float(np.degrees(error.angles.min())) for error in errors.values()),
+        max(float(np.degrees(error.angles.max())) for error in errors.values()),
+    )
+    axes.set_ylim(-1.6 * largest, 1.35 * largest)
+    _hill(axes, np.degrees(read))
+    axes.axhline(0, color=LIMIT, linewidth=0.6, zorder=1)
+    told = [f"{_rms(error)}{f' ({short(model)})' if named else ''}" for model, error in errors.items()]
+    axes.set_title(f"{short(name, longest=14)}: {', '.join(told)} arcsec rms")
+    axes.set(xlabel="joint angle [deg]", ylabel="error [arcsec]")
+    axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+    return drawing
+
+
+def _hill(axes: Axes, read: FloatArray) -> None:
+    """Draw where the readings stood, as a low hill on the lower edge."""
+    left, right = axes.get_xlim()
+    counts, edges = np.histogram(read, np.linspace(left, right, 121))
+    if counts.any():
+        low, high = axes.get_ylim()
+        height = 0.12 * (high - low) * np.sqrt(counts / counts.max())
+        axes.stairs(low + height, edges, baseline=low, fill=True, color=LIMIT, alpha=0.55, zorder=2, linewidth=0)
+
+
+def _spectra(errors: Mapping[str, JointError], pens: Mapping[str, Style], name: str) -> Drawing:
+    drawing, (axes,) = panel(4.6, 2.0)
+    width = 0.84 / len(errors)
+    highest = max(int(error.orders[-1]) for error in errors.values())
+    tops = []
+    for i, (model, error) in enumerate(errors.items()):
+        at = error.orders + (i - (len(errors) - 1) / 2) * width
+        high, half = error.amplitudes * ARCSEC, COVERAGE_FACTOR * error.amplitudes_std * ARCSEC
+        axes.bar(at, high, width, color=pens[model].colour, linewidth=0)
+        axes.vlines(at, np.maximum(high - half, 0), high + half, color=INK, linewidth=0.5, alpha=0.6)
+        tops.append(float((high + half).max()))
+    if len(errors) == 1:
+        for order in np.argsort(-high)[:_LABELLED]:
+            axes.annotate(
+                str(error.orders[order]),
+                (float(at[order]), float(high[order] + half[order])),
+                xytext=(0, 2),
+                textcoords="offset points",
+                ha="center",
+                fontsize=7.5,
+            )
+    axes.set_xlim(0, highest + 1)
+    axes.set_ylim(0, 1.12 * (max(tops) or 1e-6))
+    axes.set_title(f"{short(name, longest=14)} by order")
+    axes.set(xlabel="order: waves in a full turn", ylabel="amplitude [arcsec]")
+    axes.xaxis.set_major_locator(MaxNLocator(9, integer=True))
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+    axes.tick_params(axis="x", color=FAINT)
+    return drawing
