@@ -256,7 +256,7 @@ def test_terms_that_readings_cannot_show_are_named(real, rng):
 @pytest.mark.parametrize("highest", [1, 3, 16])
 def test_the_highest_order_is_an_option(highest, real, rng):
     """Of the harmonics about a joint's own axis, counted before evidence prunes."""
-    model = PhysicalModel(real.arm, highest=highest).fit_readings(real.points(80, rng))
+    model = PhysicalModel(real.arm, highest=highest).fit_readings(real.points(80, rng, half_width=2.0))
     offered = sum(group.n_coefficients for group in model.fit_.groups if "own axis" in group.name)
     assert offered == 6 * 2 * highest
 
