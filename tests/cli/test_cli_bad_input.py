@@ -171,7 +171,7 @@ def test_readings_of_another_arm_or_with_a_wrong_unit(refused, bench):
         bench / "s.csv",
         lambda rows: rows.__setitem__(0, [n.replace("_deg", "_rad") if n in JOINTS else n for n in rows[0]]),
     )
-    refused(FIT, "s.csv", "misses the reference points", "units")
+    refused(FIT, "s.csv", "misses its references", "units")
 
 
 def test_readings_in_a_frame_of_their_own_with_free_none(refused, bench):
@@ -180,12 +180,16 @@ def test_readings_in_a_frame_of_their_own_with_free_none(refused, bench):
     for row in rows[1:]:
         row[i] = str(float(row[i]) + 5000)
     (bench / "s.csv").write_text("".join(",".join(row) + "\n" for row in rows))
-    refused([*FIT, "--free", "none"], "s.csv", "misses the reference points by 500", "--free")
+    refused([*FIT, "--free", "none"], "s.csv", "misses its references by 500", "--free")
 
 
 @pytest.mark.parametrize("verb", [("fit", *FIT[1:]), EVALUATE, REPORT])
 def test_a_session_without_reference_points(refused, verb):
-    refused(["angles.csv" if a == "s.csv" else a for a in verb], "angles.csv", "reference points")
+    refused(
+        ["angles.csv" if a == "s.csv" else a for a in verb],
+        "angles.csv",
+        "no reference" if verb[0] == "fit" else "reference points",
+    )
 
 
 # Arms and models -----------------------------------------------------------------------------------------------------
@@ -378,6 +382,6 @@ def test_wrong_options(refused, arguments, phrases):
 
 
 def test_an_option_that_is_missing_names_itself(refused):
-    for option in ("--arm", "--model", "--out"):
+    for option in ("--arm", "--out"):
         i = FIT.index(option)
         refused([*FIT[:i], *FIT[i + 2 :]], f"Missing option '{option}'")

@@ -144,7 +144,7 @@ def test_predict_keeps_the_names_of_the_readings_and_warns_of_a_network(truearm,
     session, out = tmp_path / "far.csv", tmp_path / "p.csv"
     session.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,position\n90,0,0,90,0,0,left\n95,0,0,90,0,0,right\n")
     ran = truearm("predict", made / "network.truearm", session, "--out", out)
-    assert ran.out.endswith("2 of 2 readings have a joint beyond the training angles: do not rely on them.\n")
+    assert ran.out.endswith("2 of 2 readings have a joint away from the training angles: do not rely on them.\n")
     assert pd.read_csv(out)["position"].tolist() == ["left", "right"]
     assert pd.read_csv(out)["outside_training"].tolist() == [1, 1]
 
@@ -173,7 +173,8 @@ def test_fit_tells_its_training_error_as_json_too(truearm, made, tmp_path):
     out = tmp_path / "k.truearm"
     arguments = ["fit", made / "train.csv", "--arm", "gao2017", "--model", "kinematic", "--out", out]
     told = json.loads(truearm(*arguments, "--json").out)
-    assert set(told) == {"model", "file", "fit_seconds", "training"}
+    identified = {"unexplained_std_mm", "groups", "left_out", "outliers"}
+    assert set(told) == {"model", "file", "fit_seconds", "training"} | identified
     assert (told["model"], told["file"]) == ("kinematic", str(out))
     assert set(told["training"]) == ERROR_KEYS
     said = truearm(*arguments).out
@@ -415,5 +416,5 @@ def test_import_refuses_encodings_that_are_not_of_text(truearm, made, tmp_path):
 def test_a_fit_that_has_not_settled_says_so(truearm, made, tmp_path, monkeypatch):
     arguments = ["fit", made / "train.csv", "--arm", "gao2017", "--model", "kinematic", "--out", tmp_path / "m.truearm"]
     assert "has not settled" not in truearm(*arguments).out
-    monkeypatch.setattr("truearm.identify.points.MOST_ROUNDS", 1)
+    monkeypatch.setattr("truearm.identify.identification.MOST_ROUNDS", 1)
     assert "has not settled" in truearm(*arguments).out

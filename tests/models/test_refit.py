@@ -206,7 +206,7 @@ def test_what_cannot_be_refitted_is_refused(real, fitted):
     with pytest.raises(InputError, match="lengths are between seats"):
         refit(fitted, taken, lengths=real.lengths())
     held = real.held(rng)
-    points = np.full((60, 3), np.nan)
-    points[:2] = real.seats[0]
-    with pytest.raises(InputError, match="3 or more reference points"):
+    points = np.full((60, 3), np.nan)  # in two seats only, so that all lie on a line
+    points[held.seat == "S1"], points[held.seat == "S2"] = real.seats[:2]
+    with pytest.raises(InputError, match="the 40 reference points lie within .* mm of a line"):
         refit(fitted, Readings(held.angles, points, seat=held.seat))

@@ -85,6 +85,7 @@ def fit(
     from truearm.arm import arm_from
     from truearm.models import MODELS, NetworkModel
     from truearm.models.file import save_model
+    from truearm.models.relations import check_spread
     from truearm.models.selection import select_model
     from truearm.readings import read_session
     from truearm.writing import check_writable
@@ -102,6 +103,8 @@ def fit(
         readings = read_session(session, n_joints=nominal.n_joints)
         _check(readings, nominal, relations=network is None, constants=model in ("kinematic", "physical"))
         known = None if lengths is None else lengths_of(lengths, readings)
+        if "base" in parts:
+            check_spread(readings, nominal)
         _check_same_arm(nominal, parts, readings, known)
     fitted: Compensator
     table: tuple[Compared, ...] = ()
@@ -118,7 +121,7 @@ def fit(
                 fitted = MODELS[model](nominal, free=parts)
                 fitted.fit_readings(readings, lengths=known, progress=tell)
             save_model(fitted, out)
-    _say_result(fitted, readings, table, out, as_json=as_json)
+    _say_result(fitted, readings, table, out, with_lengths=known is not None, as_json=as_json)
 
 
 class Kept:
@@ -258,7 +261,13 @@ def layer_sizes(text: str) -> tuple[int, ...]:
 
 
 def _say_result(
-    fitted: Compensator, readings: Readings, table: tuple[Compared, ...], out: Path, *, as_json: bool
+    fitted: Compensator,
+    readings: Readings,
+    table: tuple[Compared, ...],
+    out: Path,
+    *,
+    with_lengths: bool,
+    as_json: bool,
 ) -> None:
     from dataclasses import asdict
 
@@ -304,6 +313,8 @@ def _say_result(
         say(f"training error, distance of points from the mean of their seat: {said}")
     if isinstance(fitted, IdentifiedModel):
         _say_identified(fitted, readings)
+    if errors is None and not with_lengths:
+        say("No point and no length is known: the arm's size stays as drawn.")
     if not getattr(fitted, "fit_", fitted.nominal_).converged:
         say("The fit has not settled: more readings, or poses more different from one another, may help.")
     if not isinstance(fitted, NominalModel | NetworkModel) and len(readings) < FEW_READINGS:

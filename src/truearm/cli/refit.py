@@ -26,10 +26,10 @@ def refit(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the choice of readings.")] = 0,
     as_json: Json = False,
 ) -> None:
-    """Take an identified arm to a new set-up: a tracker placed anew, another probe.
+    """Take a model's arm to a new set-up.
 
-    The arm stays as it was identified, with its uncertainty; only where its base stands and its tip sits is fitted to
-    the new readings. Four or more serve.
+    A tracker stands elsewhere, a probe is another one: the arm stays as it was identified, with its uncertainty; only
+    where its base stands and its tip sits is fitted to the new readings. Four or more serve.
 
     --rows 20 takes 20 readings, of as many positions as there are. The model file notes which they were, and truearm
     evaluate on the same session leaves them out: it tests on the others. --free tip: only the probe is new, as with a

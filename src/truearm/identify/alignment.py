@@ -36,6 +36,15 @@ def align(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
     return T
 
 
+def about_a_line(points: FloatArray) -> float:
+    """Root mean square distance of points (n, 3) from the line that fits them best [mm].
+
+    About a line on which all points lie, an alignment may turn as it likes.
+    """
+    values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return float(np.sqrt((values[1:] ** 2).sum() / len(points)))
+
+
 def placed_roughly(chain: Chain, readings: Readings, free: tuple[str, ...]) -> Chain:
     """The chain moved as a whole to where its tips come nearest to the readings' points, if its base is free."""
     if "base" not in free or readings.points is None:

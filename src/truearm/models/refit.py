@@ -20,7 +20,7 @@ from truearm.identify.consider import identified_anew
 from truearm.identify.identification import Identified
 from truearm.models.compensator import FREE_PARTS, MIN_ROWS, Compensator, fingerprint
 from truearm.models.identified import IdentifiedModel
-from truearm.models.relations import references_of
+from truearm.models.relations import check_spread, references_of
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
 from truearm.terms import constants
@@ -29,8 +29,6 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 Model = TypeVar("Model", bound=Compensator)
 
-# Points that say where a base stands.
-LEAST_POINTS = 3
 # Numbers go into a reading's mark as multiples of this [rad, mm]: angles come back from a file to 1e-12 of their value.
 MARKED_TO = 1e-9
 
@@ -92,17 +90,14 @@ def refit(
     n_known = model._check_references(readings, lengths)
     if n_known < MIN_ROWS:
         raise readings.error(f"expected {MIN_ROWS} or more readings with a reference, got {n_known}")
-    n_points = int(readings.has_point.sum())
-    if not n_points:
+    if not readings.has_point.any():
         free = tuple(part for part in free if part != "base")
         if not free:
             raise readings.error(
                 "the base is where reference points say, and the readings have none", hint="--free tip"
             )
-    elif "base" in free and n_points < LEAST_POINTS:
-        raise readings.error(
-            f"expected {LEAST_POINTS} or more reference points to say where the base is, got {n_points}"
-        )
+    elif "base" in free:
+        check_spread(readings, model.arm)
     begun = time.perf_counter()
     new: Model = copy.copy(model)
     assert isinstance(new, IdentifiedModel)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identify.alignment import placed_roughly
+from truearm.identify.alignment import about_a_line, placed_roughly
 from truearm.identify.poses import Orientations, turned_roughly
 from truearm.identify.references import FloatArray, IntArray, Points, Reference, seats_of
 from truearm.identify.surfaces import lines_of, planes_of, spheres_of
@@ -18,6 +18,9 @@ from truearm.readings.lengths import Lengths
 from truearm.readings.readings import NameArray, Readings
 from truearm.terms import ArmState, Term
 from truearm.terms.catalogue import tool_rotation
+
+# Share of the reach by which points must be spread to both sides of a line.
+LEAST_SPREAD = 1e-3
 
 
 def state_of(
@@ -77,6 +80,25 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
             file=readings.file,
         )
     return found
+
+
+def check_spread(readings: Readings, arm: Arm) -> None:
+    """Check that reference points say where the base stands.
+
+    Raises
+    ------
+    InputError
+        If they lie on a line, or nearly so: the arm may turn about it.
+    """
+    if readings.points is None:
+        return
+    seen = readings.points[readings.has_point]
+    off = about_a_line(seen)
+    if off < LEAST_SPREAD * arm.chain.reach:
+        raise readings.error(
+            f"the {len(seen)} reference points lie within {off:.3g} mm of a line, about which the base may turn unseen",
+            hint="points spread over an area, or a base that stays (--free tip)",
+        )
 
 
 def oriented(readings: Readings) -> IntArray:
