@@ -119,9 +119,9 @@ def test_own_axis_orders_stand_once_each_in_bands_with_a_scale_each(make_chain):
         (9, 16),
         (17, 32),
         (33, 64),
-        (65, 80),
+        (65, 110),
     ]
-    assert [k for t in terms for k in t.basis.orders] == list(range(1, 81))
+    assert [k for t in terms for k in t.basis.orders] == list(range(1, 111))
     assert len({t.group for t in terms}) == 7
     assert terms[3].name == "J2 own axis, orders 9 to 16"
     assert terms[3].group == "own axis, orders 9 to 16"
@@ -150,9 +150,20 @@ def test_sliding_joints_have_no_harmonics(make_chain):
     assert catalogue.own_axis(chain, 3) == catalogue.wobble(chain, 3) == []
 
 
+def test_interpolation_is_offered_where_angles_are_fine_enough():
+    rng = np.random.default_rng(0)
+    groups = {
+        n: {t.group for t in candidate_terms(turning(rng.uniform(-3, 3, n)))[0] if "interpolation" in t.group}
+        for n in (200, 400, 3000)
+    }
+    assert groups[200] == set()
+    assert groups[400] == {"interpolation, order 128"}
+    assert groups[3000] == {f"interpolation, order {k}" for k in (128, 256, 512)}
+
+
 @pytest.mark.parametrize("joint", [0, 6])
 def test_a_joint_the_arm_does_not_have_is_refused(make_chain, joint):
-    for make in (catalogue.own_axis, catalogue.wobble, catalogue.hysteresis):
+    for make in (catalogue.own_axis, catalogue.interpolation, catalogue.wobble, catalogue.hysteresis):
         with pytest.raises(InputError, match=f"joint from 1 to 5, got {joint}"):
             make(make_chain(), joint)
 
@@ -173,7 +184,7 @@ def test_a_state_of_everything_is_offered_everything(make_state):
     joints = range(1, 6)
     wanted = [
         *constants(state.chain),
-        *(t for j in joints for t in catalogue.own_axis(state.chain, j)),
+        *(t for j in joints for made in (catalogue.own_axis, catalogue.interpolation) for t in made(state.chain, j)),
         *(t for j in joints for t in catalogue.wobble(state.chain, j)),
         *(t for j in range(6) for t in catalogue.gravity(state.chain, j)),
         *catalogue.thermal(state.chain),
@@ -221,8 +232,8 @@ def test_a_joint_that_hardly_moved_loses_slow_harmonics_and_the_reason_says_so()
     terms, left_out = candidate_terms(state)
     # A quarter of a period is 12 deg at order 7.5.
     assert LeftOut("J2 orders 1 to 7", "J2 moved by 12 deg only") in left_out
-    assert orders_of(terms, 2) == list(range(8, 81))
-    assert orders_of(terms, 1) == list(range(1, 81))
+    assert orders_of(terms, 2) == list(range(8, 111))
+    assert orders_of(terms, 1) == list(range(1, 111))
     assert not any(t.name.startswith("J2 wobble") for t in terms)
     band = {t.place: t.name for t in terms if t.group == "own axis, orders 5 to 8"}
     assert band[2] == "J2 own axis, order 8"
@@ -232,7 +243,7 @@ def test_a_joint_that_stood_still_has_no_harmonics():
     state = turning(np.linspace(-3, 3, 50), np.full(50, 0.7))
     terms, left_out = candidate_terms(state)
     assert orders_of(terms, 2) == []
-    assert LeftOut("J2 orders 1 to 80", "J2 moved by 0 deg only") in left_out
+    assert LeftOut("J2 orders 1 to 110", "J2 moved by 0 deg only") in left_out
 
 
 @settings(deadline=None, max_examples=25)
@@ -257,7 +268,7 @@ def test_jitter_about_a_few_angles_does_not_count_as_angles():
     angles = np.repeat(np.radians([-150, -90, -30, 30, 90, 150]), 100) + np.radians(rng.normal(0, 0.02, 600))
     terms, left_out = candidate_terms(turning(angles))
     assert orders_of(terms, 1) == [1, 2]
-    assert LeftOut("J1 orders 3 to 80", "J1 stood at 6 angles only") in left_out
+    assert LeftOut("J1 orders 3 to 110", "J1 stood at 6 angles only") in left_out
 
 
 def test_a_sliding_joint_is_offered_the_rest(make_state):

@@ -9,6 +9,7 @@ from truearm.errors import InputError
 from truearm.models.identified import IdentifiedModel
 from truearm.terms import ArmState, LeftOut, Term, candidate_terms
 from truearm.terms.basis import HIGHEST_ORDER
+from truearm.terms.catalogue import HIGHEST_ORDER_OFFERED
 
 
 class PhysicalModel(IdentifiedModel):
@@ -31,7 +32,7 @@ class PhysicalModel(IdentifiedModel):
         arm: Arm,
         *,
         free: tuple[str, ...] = ("base", "tip"),
-        highest: int = 80,
+        highest: int = HIGHEST_ORDER_OFFERED,
         robust: bool = True,
     ) -> None:
         self.arm = arm

@@ -30,8 +30,12 @@ FREE_TIP = 1e3  # mm
 FREE_TOOL = 1.0  # rad
 
 OWN_AXIS = 2  # rotation about z among a motion's six components
-HIGHEST_ORDER_OFFERED = 80
+# Beyond 101, the ratio of the strain-wave gears common in robots: one period a turn of the wave generator.
+HIGHEST_ORDER_OFFERED = 110
 OWN_AXIS_STD = 2e-4  # rad
+# Periods in a turn over which encoders with gratings or poles of powers of two interpolate.
+INTERPOLATION_ORDERS = (128, 256, 512)
+INTERPOLATION_STD = 2e-5  # rad
 WOBBLE_ORDERS = (1, 2)
 WOBBLE_ANGLE_STD, WOBBLE_LENGTH_STD = 5e-4, 0.2  # rad, mm; at order 1
 GRAVITY_STD = 2e-5  # rad/(N m)
@@ -121,6 +125,35 @@ def own_axis(chain: Chain, joint: int, *, highest: int = HIGHEST_ORDER_OFFERED) 
         Highest order.
     """
     return [_own_axis_band(joint, band, band) for band in _bands(highest) if _turns(chain, joint)]
+
+
+def interpolation(chain: Chain, joint: int, orders: tuple[int, ...] = INTERPOLATION_ORDERS) -> list[Term]:
+    """Rotation about a joint's own axis by the sub-divisional error of its encoder, one term for each order.
+
+    An encoder reads its grating's periods whole and interpolates between them, with an error that repeats with the
+    period. Each order is a group, which the joints of an arm share. No terms for a sliding joint.
+
+    Parameters
+    ----------
+    chain : Chain
+    joint : int
+        Counted from 1.
+    orders : tuple of int
+        Periods in a turn.
+    """
+    if not _turns(chain, joint):
+        return []
+    return [
+        Term(
+            f"J{joint} interpolation, order {k}",
+            joint,
+            _unit(OWN_AXIS),
+            Harmonics(joint, (k,)),
+            f"interpolation, order {k}",
+            INTERPOLATION_STD,
+        )
+        for k in orders
+    ]
 
 
 def wobble(chain: Chain, joint: int, orders: tuple[int, ...] = WOBBLE_ORDERS) -> list[Term]:
@@ -254,6 +287,9 @@ def candidate_terms(
         for band in _bands(highest):
             if kept := tuple(k for k in band if k in shown):
                 terms.append(_own_axis_band(joint, kept, band))
+        # Few sets of readings are fine enough for these; that they are not is no news.
+        fine, _ = _shown_orders(joint, state.angles[:, joint - 1], INTERPOLATION_ORDERS[-1])
+        terms += interpolation(chain, joint, tuple(k for k in INTERPOLATION_ORDERS if k in fine))
         if kept := tuple(k for k in WOBBLE_ORDERS if k in shown):
             wobbles += wobble(chain, joint, kept)
     terms += wobbles
