@@ -26,7 +26,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache, reduce
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -50,6 +50,7 @@ CHUNK_BYTES_ELSEWHERE = 2**28
 FEWEST, MOST = 128, 1024  # samples of a chunk
 # Each group holds sums about as large as a third of the matrix.
 GROUPS = 4
+VALUES_OF_A_PART = 8  # of a layer, whose rows of the matrix a thread fills in at a time
 FLOPS_WORTH_THREADS = 2 * 10**8
 
 
@@ -184,7 +185,7 @@ class FitProblem:
         first, *others = self.by_thread(sums_of, self._groups(self.chunk))
         while others:
             first.merge(others.pop(0))
-        return first.equations()
+        return first.equations(self.by_thread)
 
     def summed(self, work: Callable[[slice], Sequence[Any]], chunk: int | None = None) -> Sequence[Any]:
         """What `work` makes of chunks of samples, numbers or arrays, each added up; threads share the chunks.
@@ -381,46 +382,65 @@ class _Sums:
         for block, sums in other.blocks.items():
             self.blocks[block] += sums
 
-    def equations(self) -> NormalEquations:
-        """The normal equations of all that was added; its sums are used up."""
+    def equations(self, by_thread: Callable[[Callable[[_Part], None], Sequence[_Part]], list[None]]) -> NormalEquations:
+        """The normal equations of all that was added; its sums are used up. `by_thread` maps a function over parts."""
         shapes = self.network.shapes
         starts = np.cumsum([0, *(m * n for m, n in shapes)])
         xp, where = array_namespace(self.layers[0]), device(self.layers[0])
         gram = xp.empty((int(starts[-1]), int(starts[-1])), dtype=xp.float64, device=where)
+        parts: list[_Part] = []
         for low, high in sorted(self.blocks):
             sums = self.blocks.pop((low, high))
             rows = slice(int(starts[low]), int(starts[low + 1]))
             columns = slice(int(starts[high]), int(starts[high + 1]))
-            self._fill(gram[rows, columns], low, high, sums)
-            if low != high:
-                gram[columns, rows] = gram[rows, columns].T
+            mirrored = gram[columns, rows] if low != high else None
+            n_i = shapes[low][0]
+            for first in range(0, n_i, VALUES_OF_A_PART):
+                values = range(first, min(first + VALUES_OF_A_PART, n_i))
+                parts.append(_Part(low, high, sums, gram[rows, columns], mirrored, values))
+        by_thread(self._fill, parts)
         return NormalEquations(self.cost, _as_vector(self.gradients), gram)
 
-    def _fill(self, block: Array, low: int, high: int, sums: Array) -> None:
-        """Put sums of pairs (i, j) x (k, r) in the order of the weights, (i, k) x (j, r)."""
+    def _fill(self, part: _Part) -> None:
+        """Put sums of pairs (i, j) x (k, r) in the order of the weights, (i, k) x (j, r), for some of the values i."""
+        low, high, sums, block, mirrored, values = part
         (n_i, n_k), (n_j, n_r) = self.network.shapes[low], self.network.shapes[high]
         xp, last = array_namespace(sums), self.last
         W = self.layers[last][:-1, :]
+        own = slice(values.start * n_k, values.stop * n_k)
         if low == last:  # every output has the same matrix, and none in common with another
-            block[...] = 0.0
+            block[own, :] = 0.0
             for o in range(n_k):
-                block[o::n_k, o::n_k] = sums
+                block[own, :][o::n_k, o::n_k] = sums[values.start : values.stop, :]
         elif low == high:
             pairs_of_values = _placed_index(_symmetric_index(n_i), sums)
             pairs_of_derivatives = xp.reshape(_placed_index(_symmetric_index(n_k), sums), (-1,))
             outer = xp.reshape(W @ W.T, (1, -1)) if low == last - 1 else None
-            for i in range(n_i):
+            for i in values:
                 row = xp.take(xp.take(sums, pairs_of_values[i, :], axis=0), pairs_of_derivatives, axis=1)
                 if outer is not None:
                     row *= outer
                 _put(block[i * n_k : (i + 1) * n_k, :], xp.reshape(row, (n_j, n_k, n_r)), (1, 0, 2))
         else:
-            for i in range(n_i):
+            for i in values:
                 row, here = sums[i * n_j : (i + 1) * n_j, :], block[i * n_k : (i + 1) * n_k, :]
                 if (low, high) == (last - 1, last):
                     _put(here, row[:, :, None] * W[None, :, :], (1, 0, 2))
                 else:
                     _put(here, xp.reshape(row, (n_j, n_r, n_k)), (2, 0, 1))
+        if mirrored is not None:
+            mirrored[:, own] = block[own, :].T
+
+
+class _Part(NamedTuple):
+    """Some rows of a block of the matrix, those of the values `values` of layer `low`, and where they come from."""
+
+    low: int
+    high: int
+    sums: Array
+    block: Array
+    mirrored: Array | None
+    values: range
 
 
 def _put(block: Array, values: Array, order: tuple[int, int, int]) -> None:
