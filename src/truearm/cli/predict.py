@@ -100,11 +100,11 @@ def load_for(model: Path, session: Path) -> tuple[Compensator, Readings]:
 
 
 def load_with_reference(model: Path, session: Path, *, purpose: str) -> tuple[Compensator, Readings]:
-    """The same, for the readings with reference points, which the arm can reach; the others are left out."""
+    """The same, for the readings with reference points, which the arm can reach; if there are none, all."""
     fitted, readings = load_for(model, session)
-    check_reference(readings, fitted, purpose=purpose)
+    check_reference(readings, fitted, purpose=purpose, seats=True)
     with_point = readings.has_point
-    if with_point.all():
+    if with_point.all() or not with_point.any():
         return fitted, readings
     note(f"{int((~with_point).sum())} of {len(readings)} readings have no reference point and are left out")
     return fitted, readings.rows(with_point)

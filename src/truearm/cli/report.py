@@ -3,33 +3,47 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from truearm.cli.console import check_apart, progress, say
 
 if TYPE_CHECKING:
+    from truearm.identify.joint_errors import JointError
     from truearm.models import Compensator
+    from truearm.models.identified import IdentifiedModel
+    from truearm.models.uncertainty import FarReading
     from truearm.readings import Readings
     from truearm.report.comparison import Compared
+    from truearm.report.identified import FarOff, HeldOutErrors
+    from truearm.report.page import Page, Section
+    from truearm.report.seats import Seated
+
+# Points of a joint's curve for each wave of the highest order.
+POINTS_A_WAVE = 10
 
 
 def report(
     files: Annotated[list[Path], typer.Argument(metavar="MODEL... SESSION", help="Model files, then a session file.")],
     out: Annotated[Path, typer.Option("--out", help="Page to write, .html.")],
     title: Annotated[str, typer.Option("--title", help="Title of the page.")] = "",
+    lengths: Annotated[
+        Path | None,
+        typer.Option("--lengths", help="File of known lengths between the seats of a session without points, .csv."),
+    ] = None,
 ) -> None:
     """Compare models on readings, as a page to show.
 
-    The page is one HTML file that needs nothing beside it. The readings must have reference points.
+    Errors before and after; of identified arms their uncertainty, their terms, the error of each joint, what the
+    readings left open. The page is one HTML file that needs nothing beside it. The readings must have reference points,
+    or seats.
     """
     from zipfile import is_zipfile
 
     from truearm.cli.predict import load_with_reference, without_served
     from truearm.errors import InputError
     from truearm.models.file import load_model
-    from truearm.report.comparison import comparison_page
     from truearm.report.html import write_page
     from truearm.writing import check_writable
 
@@ -46,38 +60,120 @@ def report(
         )
     if out.suffix not in (".html", ".htm"):
         raise InputError(f"expected a file name that ends in .html, got {out.name!r}", file=out)
-    check_apart(out, *files)
+    check_apart(out, *files, *([] if lengths is None else [lengths]))
     check_writable(out)
     with progress("drawing the report"):
         first, readings = load_with_reference(paths[0], session, purpose="compare with")
         # The others are of the same arm, or `compared` refuses them: the readings are checked once for all.
         models = dict(zip(_names(paths), [first, *map(load_model, paths[1:])], strict=True))
         readings, n_served = without_served(list(models.values()), readings)
-        page = comparison_page(
-            compared(models, readings),
-            title=title or f"{first.arm.name}: error before and after compensation",
-            subtitle=f"{len(readings)} readings of {session.name}",
-            facts=facts(models, readings),
-            remarks=[f"{name}: {remark}" for name, model in models.items() for remark in remarks(model, readings)],
-        )
-        write_page(page, out)
+        write_page(_page(models, readings, lengths, session, title), out)
     if n_served:
         say(f"{n_served} readings served to refit a model and are left out")
     say(f"{out}: {len(models)} model{'s' * (len(models) > 1)} compared on {len(readings)} readings")
 
 
+def _page(models: dict[str, Compensator], readings: Readings, lengths: Path | None, session: Path, title: str) -> Page:
+    from truearm.errors import InputError
+    from truearm.report.comparison import comparison_page
+    from truearm.report.seats import seats_page
+
+    arm = next(iter(models.values())).arm
+    told: dict[str, Any] = {
+        "title": title or f"{arm.name}: error before and after compensation",
+        "subtitle": f"{len(readings)} readings of {session.name}",
+        "facts": facts(models, readings),
+        "remarks": [f"{name}: {remark}" for name, model in models.items() for remark in remarks(model, readings)],
+    }
+    if readings.points is None:
+        return seats_page(seated(models, readings, lengths), **told, more=found_by(models, readings))
+    if lengths is not None:
+        raise InputError(
+            "expected lengths with a session without reference points, and this one has them",
+            file=lengths,
+            hint="truearm evaluate MODEL SESSION --lengths LENGTHS",
+        )
+    return comparison_page(compared(models, readings), **told, more=found_by(models, readings))
+
+
 def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
     """What the models make of the readings, each beside its own nominal arm; the first one's stands for all."""
-    import numpy as np
-
-    from truearm.errors import InputError
     from truearm.models import NominalModel
     from truearm.readings import compared_errors
     from truearm.report.comparison import Compared
 
-    first = next(iter(models.values()))
-    arm, points = first.arm, readings.points
+    points = readings.points
     assert points is not None  # checked by the caller
+    first = _of_one_arm(models)
+    nominal = first.predict_nominal(readings.angles)
+    predicted, errors = {"nominal": nominal}, {"nominal": compared_errors(nominal, nominal, points)}
+    for name, model in models.items():
+        if not isinstance(model, NominalModel):  # it is the first row already
+            predicted[name] = model.predict_readings(readings)
+            errors[name] = compared_errors(predicted[name], model.predict_nominal(readings.angles), points)
+    return Compared(
+        angles=readings.angles,
+        points=points,
+        predicted=predicted,
+        errors={name: dict(e) for name, e in errors.items()},  # type: ignore[arg-type]
+        **_joints(first),
+    )
+
+
+def seated(models: dict[str, Compensator], readings: Readings, lengths: Path | None) -> Seated:
+    """What the models make of readings in seats; those alone in their seat are left out."""
+    import numpy as np
+
+    from truearm.cli.fit import lengths_of
+    from truearm.models import NominalModel
+    from truearm.readings import length_errors
+    from truearm.report.seats import Seated
+
+    assert readings.seat is not None  # checked by the caller
+    first = _of_one_arm(models)
+    known = None if lengths is None else lengths_of(lengths, readings)
+    predicted = {"nominal": first.predict_nominal(readings.angles)}
+    predicted |= {
+        name: model.predict_readings(readings) for name, model in models.items() if not isinstance(model, NominalModel)
+    }
+    _, index, counts = np.unique(readings.seat, return_inverse=True, return_counts=True)
+    several = (counts > 1)[index] & (readings.seat != "")
+    if not several.any():
+        raise readings.error("expected a seat with two or more readings, there is none", column="seat")
+    of_lengths = {}
+    rows: list[tuple[str, str, float, float]] = []
+    if known is not None:
+        of_lengths = {name: length_errors(points, readings.seat, known) for name, points in predicted.items()}
+        columns = (getattr(known, name).tolist() for name in ("seat_a", "seat_b", "length_mm", "u_mm"))
+        rows = list(zip(*columns, strict=True))
+    return Seated(
+        angles=readings.angles[several],
+        seat=readings.seat[several],
+        predicted={name: points[several] for name, points in predicted.items()},
+        lengths=rows,
+        length_errors=of_lengths,
+        **_joints(first),
+    )
+
+
+def _joints(model: Compensator) -> dict[str, Any]:
+    lower, upper = model.arm.limits.T
+    return {
+        "joint_names": model.arm.joint_names,
+        "lower": lower,
+        "upper": upper,
+        "sliding": model.arm.chain.slides.tolist(),
+    }
+
+
+def _of_one_arm(models: dict[str, Compensator]) -> Compensator:
+    """The first of the models, which must all be of one arm with the same free parts."""
+    import numpy as np
+
+    from truearm.errors import InputError
+
+    first = next(iter(models.values()))
+    arm = first.arm
     for name, model in models.items():
         if model.arm.name != arm.name or not np.array_equal(model.arm.chain.fixed, arm.chain.fixed):
             raise InputError(
@@ -89,23 +185,103 @@ def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
                 f"the first {list(first.free)}",
                 hint="a report for each",
             )
-    nominal = first.predict_nominal(readings.angles)
-    predicted, errors = {"nominal": nominal}, {"nominal": compared_errors(nominal, nominal, points)}
-    for name, model in models.items():
-        if not isinstance(model, NominalModel):  # it is the first row already
-            predicted[name] = model.predict_readings(readings)
-            errors[name] = compared_errors(predicted[name], model.predict_nominal(readings.angles), points)
-    lower, upper = arm.limits.T
-    return Compared(
-        angles=readings.angles,
-        points=points,
-        predicted=predicted,
-        errors={name: dict(e) for name, e in errors.items()},  # type: ignore[arg-type]
-        joint_names=arm.joint_names,
-        lower=lower,
-        upper=upper,
-        sliding=arm.chain.slides.tolist(),
-    )
+    return first
+
+
+def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section]:
+    """Sections on what the identified models, if there are any, found of their arm."""
+    from truearm.identify.effects import effects
+    from truearm.models import NominalModel
+    from truearm.models.identified import IdentifiedModel
+    from truearm.models.relations import state_of
+    from truearm.models.uncertainty import uncertainty_budget
+    from truearm.report import identified
+    from truearm.report.figures import styles_of
+
+    found = {
+        name: model
+        for name, model in models.items()
+        if isinstance(model, IdentifiedModel) and not isinstance(model, NominalModel)
+    }
+    titles = {name: name if len(found) > 1 else "" for name in found}
+    budgets = {name: uncertainty_budget(model, readings) for name, model in found.items()}
+    states = {
+        name: state_of(model.arm, readings, temperature_degC=model.temperature_degC_, columns=model.columns_)
+        for name, model in found.items()
+    }
+    sections = [
+        *(
+            identified.uncertainty_section(budgets[name][0], _held_out(model), name=titles[name])
+            for name, model in found.items()
+        ),
+        *(
+            identified.terms_section(effects(model.fit_, states[name]), name=titles[name])
+            for name, model in found.items()
+        ),
+        identified.joints_section(
+            {name: _joint_errors(model, readings) for name, model in found.items()},
+            readings.angles,
+            next(iter(models.values())).arm.joint_names,
+            styles=styles_of(["nominal", *(n for n, model in models.items() if not isinstance(model, NominalModel))]),
+        ),
+        *(identified.open_section(model.left_out_, name=titles[name]) for name, model in found.items()),
+        *(
+            identified.far_off_section(_far_off(model, readings, budgets[name][1]), name=titles[name])
+            for name, model in found.items()
+        ),
+    ]
+    return [section for section in sections if section is not None]
+
+
+def _held_out(model: IdentifiedModel) -> HeldOutErrors | None:
+    import numpy as np
+
+    from truearm.report.identified import HeldOutErrors
+
+    held_out = model.held_out_
+    if not len(held_out.rows):
+        return None
+    errors, n_groups = held_out.errors_mm, len(np.unique(held_out.group))
+    p95, most = float(np.quantile(errors, 0.95)), float(errors.max())
+    return HeldOutErrors(len(errors), n_groups, held_out.mean_mm, held_out.standard_error_mm, p95, most)
+
+
+def _joint_errors(model: IdentifiedModel, readings: Readings) -> list[JointError]:
+    """The own errors of the joints that turn, over the angles the model learned from."""
+    import numpy as np
+
+    from truearm.identify.joint_errors import joint_error
+
+    found = []
+    for joint in (np.flatnonzero(~model.arm.chain.slides) + 1).tolist():
+        read = readings.angles[:, joint - 1]
+        highest = joint_error(model.fit_, joint, read[:1], mean_at=read).orders.max(initial=1)
+        low, high = model.angle_ranges_[joint - 1]
+        n_points = max(int(POINTS_A_WAVE * highest * (high - low) / (2 * np.pi)), 100)
+        found.append(joint_error(model.fit_, joint, np.linspace(low, high, n_points), mean_at=read))
+    return found
+
+
+def _far_off(model: IdentifiedModel, readings: Readings, far: tuple[FarReading, ...]) -> dict[str, list[FarOff]]:
+    """Readings far off among those the model learned from, and, where these are others, among those of the page."""
+    from truearm.identify.outliers import outliers
+    from truearm.models.compensator import fingerprint
+    from truearm.report.identified import FarOff
+
+    learned = fingerprint(readings) == model.data_fingerprint_
+    found = {
+        "the readings it learned from": [
+            FarOff(
+                readings.called(outlier.row) if learned else f"reading {outlier.row + 1}",
+                outlier.error_mm,
+                outlier.times,
+            )
+            for outlier in outliers(model.fit_)
+        ]
+    }
+    if not learned:
+        found["the readings of this page"] = [FarOff(readings.called(one.row), one.error_mm, one.times) for one in far]
+    return found
 
 
 def remarks(model: Compensator, readings: Readings) -> list[str]:
@@ -137,7 +313,6 @@ def facts(models: dict[str, Compensator], readings: Readings) -> list[tuple[str,
     from truearm import __version__
     from truearm.models.compensator import fingerprint
 
-    assert readings.points is not None  # checked by the caller
     rows = [
         (f"model {name}", f"{model.n_train_} training readings, fingerprint {model.data_fingerprint_}")
         for name, model in models.items()

@@ -53,6 +53,16 @@ class JointError:
     amplitudes: FloatArray
     amplitudes_std: FloatArray
 
+    @property
+    def rms(self) -> float:
+        """Root mean square of the error [rad]."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+    @property
+    def is_told(self) -> bool:
+        """Whether the readings tell it: it is larger than its uncertainty, root mean square."""
+        return self.rms > float(np.sqrt(np.mean(self.std**2)))
+
 
 def joint_error(fit: Identified, joint: int, angles: npt.ArrayLike, *, mean_at: npt.ArrayLike) -> JointError:
     """The error of a joint about its own axis.
@@ -79,7 +89,7 @@ def joint_error(fit: Identified, joint: int, angles: npt.ArrayLike, *, mean_at: 
     if not 1 <= joint <= fit.moved.chain.n_joints:
         raise InputError(f"expected a joint from 1 to {fit.moved.chain.n_joints}, got {joint}")
     at, zero = (np.asarray(values, dtype=float) for values in (angles, mean_at))
-    if at.ndim != 1 or zero.ndim != 1 or not len(zero):
+    if at.ndim != 1 or zero.ndim != 1 or not len(at) or not len(zero):
         raise InputError(f"expected angles as two rows of numbers, got shapes {at.shape} and {zero.shape}")
     orders, columns = _own_axis(fit, joint)
     rising = np.argsort(orders, kind="stable")

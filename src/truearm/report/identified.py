@@ -11,6 +11,7 @@ import numpy.typing as npt
 from truearm.identify.effects import Effect
 from truearm.identify.joint_errors import JointError
 from truearm.models.uncertainty import COVERAGE_FACTOR, ELLIPSOID_FACTOR, LEVEL, UncertaintyBudget
+from truearm.report.canvas import Style
 from truearm.report.joint_errors import ARCSEC, joint_errors
 from truearm.report.page import Column, Row, Section, Table
 from truearm.report.quantities import format_number, format_uncertainty
@@ -21,6 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 # Groups of fewer determined coefficients were not needed.
 LEAST_DETERMINED = 0.5
 MOST_NAMED = 20
+_LEVEL = percentage(LEVEL)
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | Non
     expanded = f"U = {format_uncertainty(budget.expanded_mm)} mm (k = {COVERAGE_FACTOR:g})"
     text = (
         f"The expanded uncertainty of a coordinate is {expanded}. It is the combined standard uncertainty times the "
-        f"coverage factor k = {COVERAGE_FACTOR:g} and holds a coordinate with a probability of about {LEVEL:.0%} where "
+        f"coverage factor k = {COVERAGE_FACTOR:g} and holds a coordinate with a probability of about {_LEVEL} where "
         "errors are normally distributed (JCGM 100:2008, 6.3.3). A point in space lies with that probability in an "
         f"ellipsoid whose half axes are {ELLIPSOID_FACTOR:.2f} standard uncertainties long.\n\n"
         "What the readings left open of the arm is the same error in the same pose, every time: between neighbouring "
@@ -88,7 +90,7 @@ def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | Non
         share = budget.n_held / budget.n_points
         text += (
             f"\n\nOf the {counted(budget.n_points, 'reading')} of this page, {percentage(share)} lie in their "
-            f"ellipsoids of {LEVEL:.0%}, the reference's own uncertainty included where it is known."
+            f"ellipsoids of {_LEVEL}, the reference's own uncertainty included where it is known."
         )
     rows = [
         Row("standard uncertainty of a coordinate, of the arm's parameters", budget.of_parameters_mm, "mm"),
@@ -96,14 +98,14 @@ def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | Non
         Row("combined standard uncertainty u of a coordinate", budget.combined_mm, "mm"),
         Row("the largest of this page", budget.largest_mm, "mm"),
         Row(f"expanded uncertainty U of a coordinate, k = {COVERAGE_FACTOR:g}", budget.expanded_mm, "mm"),
-        Row(f"half axis of a point's {LEVEL:.0%} ellipsoid, {ELLIPSOID_FACTOR:.2f} u", budget.ellipsoid_mm, "mm"),
+        Row(f"half axis of a point's {_LEVEL} ellipsoid, {ELLIPSOID_FACTOR:.2f} u", budget.ellipsoid_mm, "mm"),
     ]
     if held_out is not None:
         held = f"{counted(held_out.n, 'reading')} held out in {counted(held_out.n_groups, 'group')}"
         known = held_out.standard_error_mm if np.isfinite(held_out.standard_error_mm) else None
         rows += [
             Row(f"mean error of {held}", held_out.mean_mm, "mm", known),
-            Row(f"{LEVEL:.0%} of them below", held_out.p95_mm, "mm"),
+            Row(f"{_LEVEL} of them below", held_out.p95_mm, "mm"),
             Row("the largest of them", held_out.max_mm, "mm"),
         ]
     return Section(_titled("Uncertainty", name), text, rows=tuple(rows))
@@ -149,36 +151,41 @@ def terms_section(found: Sequence[Effect], *, name: str = "") -> Section | None:
         "A term is a small motion at a place of the arm, shaped by a function of its angles, its weight or its "
         f"temperature. {format_number(n_offered)} coefficients were offered; the readings determined "
         f"{format_number(round(n_told))} of them. Rotation and shift are how large the motions at a place are. The "
-        "last column is how far they move the tip, but for what base and tip take up where these are free; groups that act "
-        "alike may each move it far and cancel."
+        "last column is how far they move the tip, but for what base and tip take up where these are free; groups that "
+        "act alike may each move it far and cancel."
     )
     if gone:
-        text += f"\n\nNot needed: {', '.join(gone)}."
+        text += f"\n\nNot needed: {'; '.join(gone)}."
     return Section(_titled("What the arm does", name), text, tables=(table,))
 
 
 def joints_section(
-    found: Sequence[JointError], angles: npt.ArrayLike, names: Sequence[str], *, name: str = ""
+    errors: Mapping[str, Sequence[JointError]],
+    angles: npt.ArrayLike,
+    names: Sequence[str],
+    *,
+    styles: Mapping[str, Style] | None = None,
 ) -> Section | None:
-    """The own error of every joint, drawn. None where no joint has one.
+    """The own error of every joint, drawn. None where the readings tell of none.
 
     Parameters
     ----------
-    found : sequence of JointError
+    errors : mapping of str to sequence of JointError
+        For each model.
     angles : (n, joints) array
         Of the readings [rad].
     names : sequence of str
         Of the joints.
-    name : str
-        Of the model, where there are several.
+    styles : mapping of str to Style, optional
+        From `styles_of`.
     """
-    if not any(len(error.orders) for error in found):
+    if not any(error.is_told for found in errors.values() for error in found):
         return None
     return Section(
-        _titled("Error of each joint", name),
+        "Error of each joint",
         "Encoder and gear turn about the joint's axis together: what is seen here is the error of both. Its mean "
         "belongs to the joint's zero and is left out.",
-        figures=(joint_errors({name or "model": found}, angles, names=names),),
+        figures=(joint_errors(errors, angles, names=names, styles=styles),),
     )
 
 

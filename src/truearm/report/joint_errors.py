@@ -33,7 +33,7 @@ def joint_errors(
     Parameters
     ----------
     errors : mapping of str to sequence of JointError
-        For each model; joints without an error of their own are left out.
+        For each model; joints of whose errors no readings tell are left out.
     angles : (n, joints) array
         Of readings, to show where there were some [rad].
     names : sequence of str, optional
@@ -44,7 +44,7 @@ def joint_errors(
     Raises
     ------
     InputError
-        If no model has an error of a joint's own, or an error is of a joint without angles.
+        If the readings tell of no joint's error, or an error is of a joint without angles.
     """
     read = joint_matrix(angles)
     names = joint_names(names, read.shape[1])
@@ -53,10 +53,10 @@ def joint_errors(
         for error in found:
             if not 1 <= error.joint <= len(names):
                 raise InputError(f"expected errors of joints 1 to {len(names)}, got one of joint {error.joint}")
-            if len(error.orders):
+            if any(other.is_told for every in errors.values() for other in every if other.joint == error.joint):
                 by_joint.setdefault(error.joint, {})[model] = error
     if not by_joint:
-        raise InputError("expected a joint with an error of its own, got none")
+        raise InputError("expected a joint of whose error readings tell, got none")
     pens = styles_of(errors, styles)
     several = len(errors) > 1
     with drawing_rules():
@@ -74,7 +74,7 @@ def joint_errors(
         for joint, found in sorted(by_joint.items())
     ]
     none = [short(name) for joint, name in enumerate(names, 1) if joint not in by_joint]
-    without = f" Of {', '.join(none)} the readings show none." if none else ""
+    without = f" Of {', '.join(none)} the readings tell nothing that is larger than its uncertainty." if none else ""
     return Figure(
         panels,
         caption="What each joint turns further than its encoder shows, over its angle and by order (waves in a full "
@@ -89,7 +89,7 @@ def joint_errors(
 
 
 def _rms(error: JointError) -> str:
-    return format_number(float(np.sqrt(np.mean(error.error**2))) * ARCSEC, digits=2)
+    return format_number(error.rms * ARCSEC, digits=2)
 
 
 def _curves(
@@ -106,7 +106,7 @@ def _curves(
         min(float(np.degrees(error.angles.min())) for error in errors.values()),
         max(float(np.degrees(error.angles.max())) for error in errors.values()),
     )
-    axes.set_ylim(-1.6 * largest, 1.35 * largest)
+    axes.set_ylim(-1.5 * largest, 1.25 * largest)
     _hill(axes, np.degrees(read))
     axes.axhline(0, color=LIMIT, linewidth=0.6, zorder=1)
     told = [f"{_rms(error)}{f' ({short(model)})' if named else ''}" for model, error in errors.items()]
@@ -127,6 +127,15 @@ def _hill(axes: Axes, read: FloatArray) -> None:
         axes.stairs(low + height, edges, baseline=low, fill=True, color=LIMIT, alpha=0.55, zorder=2, linewidth=0)
 
 
+def _peaks(orders: npt.NDArray[np.intp], amplitudes: FloatArray) -> list[int]:
+    """Give where the largest amplitudes stand, none beside another, for there is no room for two labels."""
+    found: list[int] = []
+    for i in np.argsort(-amplitudes, kind="stable").tolist():
+        if len(found) < _LABELLED and all(abs(orders[i] - orders[j]) > 3 for j in found):
+            found.append(i)
+    return found
+
+
 def _spectra(errors: Mapping[str, JointError], pens: Mapping[str, Style], name: str) -> Drawing:
     drawing, (axes,) = panel(4.6, 2.0)
     width = 0.84 / len(errors)
@@ -139,7 +148,7 @@ def _spectra(errors: Mapping[str, JointError], pens: Mapping[str, Style], name: 
         axes.vlines(at, np.maximum(high - half, 0), high + half, color=INK, linewidth=0.5, alpha=0.6)
         tops.append(float((high + half).max()))
     if len(errors) == 1:
-        for order in np.argsort(-high)[:_LABELLED]:
+        for order in _peaks(error.orders, high):
             axes.annotate(
                 str(error.orders[order]),
                 (float(at[order]), float(high[order] + half[order])),
