@@ -11,21 +11,31 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict
 
+import identification_cost as cost
 import identification_points as points
+import identification_pruning as pruning
 import identification_seats as seats
+import identification_transfer as transfer
+import identification_virtual as virtual
 from identification_row import Row
 from machine import arguments_of, say_json, say_machine, say_table, say_targets
 
 ROWS: dict[str, Callable[[int], Row]] = {
     "ur10-b": points.ur10_b,
     "ur10-a": points.ur10_a,
+    "transfer": transfer.transfer,
     "ur5": points.ur5,
     "wam": points.wam,
     "panda-1": seats.panda_1,
     "panda-2": seats.panda_2,
     "panda-3": seats.panda_3,
     "dinova-1": seats.dinova_1,
+    "virtual": virtual.virtual,
+    "virtual-seats": virtual.virtual_seats,
+    "b4": virtual.b4,
     "coverage": points.coverage,
+    "pruning": pruning.pruning,
+    "cost": cost.cost,
 }
 
 
