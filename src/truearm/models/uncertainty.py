@@ -8,7 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
+from truearm.identify.relative import relative_covariance
 from truearm.models.compensator import Compensator
+from truearm.models.identified import IdentifiedModel
+from truearm.models.relations import state_of
 from truearm.readings.readings import Readings
 
 FloatArray = npt.NDArray[np.float64]
@@ -36,6 +39,9 @@ class UncertaintyBudget:
         Of both.
     largest_mm : float
         The largest combined one of a coordinate at a reading.
+    is_relative : bool
+        Whether `of_parameters_mm` is of coordinates against each other, a frame fitted to them: of an arm identified
+        without points or orientations, which cannot know where its frame stands, and asked about readings without.
     n_points : int
         Readings with reference points, to check by.
     n_held : int
@@ -46,6 +52,7 @@ class UncertaintyBudget:
     unexplained_mm: float
     combined_mm: float
     largest_mm: float
+    is_relative: bool
     n_points: int
     n_held: int
 
@@ -96,8 +103,12 @@ def uncertainty_budget(model: Compensator, readings: Readings) -> tuple[Uncertai
         Those of more than eight standard deviations, the farthest first.
     """
     of_parameters, unexplained = model.covariance_parts(readings)
-    combined = of_parameters + unexplained
     seen = np.flatnonzero(readings.has_point)
+    is_relative = isinstance(model, IdentifiedModel) and not len(seen) and _frame_unseen(model)
+    if is_relative:
+        state = state_of(model.arm, readings, temperature_degC=model.temperature_degC_, columns=model.columns_)
+        of_parameters = relative_covariance(model.fit_, state)
+    combined = of_parameters + unexplained
     times, errors = np.zeros(0), np.zeros(0)
     if len(seen):
         assert readings.points is not None
@@ -112,6 +123,7 @@ def uncertainty_budget(model: Compensator, readings: Readings) -> tuple[Uncertai
         unexplained_mm=_rms_std(unexplained),
         combined_mm=_rms_std(combined),
         largest_mm=float(np.sqrt(_variances(combined).max())),
+        is_relative=is_relative,
         n_points=len(seen),
         n_held=int((times < ELLIPSOID_FACTOR).sum()),
     )
@@ -121,6 +133,11 @@ def uncertainty_budget(model: Compensator, readings: Readings) -> tuple[Uncertai
         if times[i] > FAR_STDS
     ]
     return budget, tuple(far)
+
+
+def _frame_unseen(model: IdentifiedModel) -> bool:
+    """Whether nothing that the model learned from says where the arm's frame stands."""
+    return not {"point", "orientation"} & {reference.kind for reference in model.fit_.references}
 
 
 def _rms_std(covariance: FloatArray) -> float:

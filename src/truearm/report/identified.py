@@ -86,6 +86,12 @@ def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | Non
         "and effects without a term; it is sized so that ellipsoids hold their share of readings held out. Values are "
         "the root mean square over the readings of this page."
     )
+    if budget.is_relative:
+        text += (
+            "\n\nSeats and lengths do not tell where the arm's frame stands, nor does it matter where coordinates are "
+            "compared with each other: uncertainties are what is left when a frame is fitted to the points of this "
+            "page."
+        )
     if budget.n_points:
         share = budget.n_held / budget.n_points
         text += (
