@@ -1,0 +1,64 @@
+"""The uncertainty of tips against each other: what is left of it when a frame is fitted to them.
+
+Where the arm's frame stands, an arm that was identified from seats and lengths cannot know: a rigid motion of all tips
+changes nothing that was seen. It is no error of measurement either, as coordinates are compared with each other. With
+the errors of all tips ``J e``, e of covariance ``F^T F``, and the rigid motions of them all as columns of R,
+
+    covariance of a tip = its block of (I - R R^+) J F^T F J^T (I - R R^+)^T,
+
+which is what a fit of the frame leaves (K. S. Arun and others, IEEE PAMI 9 (1987) 698, to first order).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.identify.identification import Identified
+from truearm.identify.leave_out import root_of
+from truearm.terms.state import ArmState
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def relative_covariance(fit: Identified, state: ArmState) -> FloatArray:
+    """Covariance of tips by that of the coefficients, a frame fitted to the tips of the state.
+
+    Parameters
+    ----------
+    fit : Identified
+    state : ArmState
+        Of tips that are not all on a line.
+
+    Returns
+    -------
+    (n, 3, 3) array
+        [mm^2].
+    """
+    tips = fit.tips(state)
+    rigid = _rigid_motions(tips)
+    root = root_of(fit.covariance)
+    basis = np.linalg.qr(rigid.reshape(-1, 6))[0].reshape(rigid.shape)  # (n, 3, 6)
+    shared = np.zeros((6, len(root)))
+    for rows, _, columns in fit.moved.derivatives(state, fit.coefficients):
+        shared += np.einsum("nia,pin->ap", basis[rows], columns, optimize=True) @ root.T
+    out = np.empty((len(state), 3, 3))
+    for rows, _, columns in fit.moved.derivatives(state, fit.coefficients):
+        n = columns.shape[2]
+        spread = (root @ columns.reshape(len(columns), -1)).reshape(-1, 3, n) - np.einsum(
+            "nia,ap->pin", basis[rows], shared, optimize=True
+        )
+        out[rows] = np.einsum("pin,pjn->nij", spread, spread, optimize=True)
+    return out
+
+
+def _rigid_motions(points: FloatArray) -> FloatArray:
+    """(n, 3, 6) shifts of points by three rotations about their mean and three translations, of about one size."""
+    n = len(points)
+    arms = points - points.mean(axis=0)
+    arms = arms / (np.sqrt((arms**2).sum(axis=1).mean()) or 1.0)
+    out = np.zeros((n, 3, 6))
+    for i in range(3):
+        out[:, :, i] = np.cross(np.eye(3)[i], arms)
+        out[:, i, 3 + i] = 1.0
+    return out
