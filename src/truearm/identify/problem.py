@@ -39,7 +39,7 @@ GROUPS = 2
 # A site with more functions than this goes in pairs.
 MOST_NARROW = 24
 # Values of basis functions that are kept between evaluations, rather than computed again.
-KEPT_BYTES = 160 * 2**20
+KEPT_BYTES = 64 * 2**20
 
 
 @dataclass(frozen=True, eq=False)
