@@ -85,7 +85,7 @@ def test_seats_may_be_given():
 
 
 def test_a_seat_with_all_its_poses_may_be_one_candidate():
-    found = seat_poses(load("gao2017"), seats=11, poses=2, seed=0).by_seat()
+    found = seat_poses(load("gao2017"), seats=11, poses=2, seed=0).by_place()
     assert len(found) == 11
     assert found.candidate.tolist() == np.repeat(np.arange(11), 2).tolist()
     assert found.seat[found.readings([10, 1])].tolist() == ["S11", "S11", "S2", "S2"]
@@ -220,7 +220,7 @@ def test_candidates_are_checked():
         (lambda: bar_places(arm, 0, length_mm=100, poses=2, seed=0), "places"),
         (lambda: tracker_poses(arm, 0, seed=0), "poses"),
         (lambda: tracker_poses(gantry(), 5, seed=0, sector=Sector(0.9, 1.0, 3.0, 4.0)), "larger sector"),
-        (lambda: tracker_poses(arm, 4, seed=0).by_seat(), "no seats"),
+        (lambda: tracker_poses(arm, 4, seed=0).by_place(), "no seats"),
     ):
         with pytest.raises(InputError, match=why):
             call()

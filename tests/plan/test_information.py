@@ -63,7 +63,7 @@ def test_under_a_tracker_a_pose_tells_its_tip(moved, volume):
 def test_a_seats_point_is_a_parameter_or_eliminated_all_the_same(moved, volume):
     found = seat_poses(ARM, seats=2, poses=6, seed=2)
     shared = problem(moved, found, volume)
-    whole = problem(moved, found.by_seat(), volume)
+    whole = problem(moved, found.by_place(), volume)
     assert shared.factors.shape == (12, 3, moved.n_coefficients + 6)
     assert whole.factors.shape == (2, 15, moved.n_coefficients)
     # Of a tip known to some millimetres, a seat known to ten metres tells less than a millionth.
@@ -91,7 +91,7 @@ def test_a_bar_is_two_seats_and_a_length(moved, volume):
 
 
 def test_seats_leave_the_scale_to_the_prior_and_a_bar_brings_it(moved, volume):
-    seats = seat_poses(ARM, seats=3, poses=20, seed=4).by_seat()
+    seats = seat_poses(ARM, seats=3, poses=20, seed=4).by_place()
     bars = bar_places(ARM, 3, length_mm=400, poses=10, seed=4)
     by_seats, by_bars = problem(moved, seats, volume), problem(moved, bars, volume)
     # The same number of readings: a millimetre, and some hundredths of one.

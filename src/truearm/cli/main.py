@@ -22,6 +22,7 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("arms", "arms"),
     ("fetch", "fetch"),
     ("simulate", "simulate"),
+    ("plan", "plan"),
     ("import", "import_table"),
     ("split", "split"),
     ("fit", "fit"),

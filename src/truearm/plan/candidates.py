@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.poses.measuring import inner_limits, measuring, needs_five_turning_joints, reach
+from truearm.poses.measuring import inner_limits, measuring, needs_five_turning_joints, postures, reach
 from truearm.poses.poses import checked_count, checked_seed, range_of
 from truearm.poses.seat import CONE_RAD, NOT_REACHED, POOL, SEATS_AT, SWING_RAD, TOO_FEW, most_different
 from truearm.poses.workspace import Sector, Stance, azimuth_of, draw_points, joint_origins, stance, within_cone
@@ -31,6 +31,8 @@ OUTSIDE, UNDER_TABLE, NO_ROOM = "tip outside the volume", "elbow under the table
 _DRAWS = 2000
 _PLACES = 300  # places of a bar drawn for each wanted, at most
 _SPARE = 3  # seats and bars to try for each wanted
+# A technician's stylus and joints, as `measuring` has them; a seat looks up.
+_CONE_DEG, _SWING_STD_DEG, _ROLL_STD_DEG = 40.0, 35.0, 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,8 @@ class Candidates:
         The seat that holds the tip: S1, S2, ..., or B1a and B1b for the two of a bar at its first place.
     seat_points : (m, 3) array, optional
         Where that seat is in the base frame, by the nominal arm [mm].
+    place : (m,) int array, optional
+        The place of the artefact, from 0: one for each seat, or one for both seats of a bar.
     length_mm : float, optional
         Between the two seats of a bar [mm].
     technician : (m,) bool array, optional
@@ -60,13 +64,14 @@ class Candidates:
     candidate: IntArray
     seat: NameArray | None = None
     seat_points: FloatArray | None = None
+    place: IntArray | None = None
     length_mm: float | None = None
     technician: BoolArray | None = None
     rejected: Mapping[str, int] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Number of candidates."""
-        return int(self.candidate[-1]) + 1
+        return int(self.candidate.max(initial=-1)) + 1
 
     def readings(self, chosen: npt.ArrayLike) -> IntArray:
         """Rows of `angles` that make up the chosen candidates, in the order chosen."""
@@ -74,20 +79,42 @@ class Candidates:
             [np.zeros(0, np.intp), *(np.flatnonzero(self.candidate == row) for row in np.asarray(chosen).tolist())]
         )
 
-    def by_seat(self) -> Candidates:
-        """Make every seat with all its poses one candidate: to choose where seats should stand."""
-        if self.seat is None:
+    def one_by_one(self, which: npt.ArrayLike | None = None) -> Candidates:
+        """Make every reading a candidate of its own, all of them or those in rows `which`, in that order."""
+        rows = np.arange(len(self.angles)) if which is None else np.asarray(which, dtype=np.intp)
+        return replace(
+            self,
+            angles=self.angles[rows],
+            candidate=np.arange(len(rows)),
+            seat=None if self.seat is None else self.seat[rows],
+            seat_points=None if self.seat_points is None else self.seat_points[rows],
+            place=None if self.place is None else self.place[rows],
+            technician=None if self.technician is None else self.technician[rows],
+        )
+
+    def by_place(self) -> Candidates:
+        """Make every place of the artefact with all its poses one candidate: to choose where it should stand."""
+        if self.place is None:
             raise InputError("these candidates have no seats")
-        _, first, which = np.unique(self.seat, return_index=True, return_inverse=True)
-        rank = np.argsort(np.argsort(first))  # in the order of the readings, not of the alphabet
+        _, first, which = np.unique(self.place, return_index=True, return_inverse=True)
+        rank = np.argsort(np.argsort(first))  # in the order of the readings
         return replace(self, candidate=rank[which].astype(np.intp))
 
 
-def seat_poses(arm: Arm, *, seats: int | npt.ArrayLike, poses: int, seed: int, sector: Sector = SEATS_AT) -> Candidates:
+def seat_poses(
+    arm: Arm,
+    *,
+    seats: int | npt.ArrayLike,
+    poses: int,
+    seed: int,
+    sector: Sector = SEATS_AT,
+    technician: bool = False,
+) -> Candidates:
     """Poses with the tip in seats, each a candidate.
 
     For each seat five times as many and more postures are found, with the stylus within 60 deg of the vertical and the
-    joints within 100 deg of the working pose turned to the seat; those farthest from one another are kept.
+    joints within 100 deg of the working pose turned to the seat; those farthest from one another are kept, the farthest
+    first.
 
     Parameters
     ----------
@@ -100,6 +127,9 @@ def seat_poses(arm: Arm, *, seats: int | npt.ArrayLike, poses: int, seed: int, s
     seed : int
     sector : Sector
         Where seats may stand.
+    technician : bool
+        Postures as a person takes them who measures parts, of which nothing is known but that the tip is in a seat: the
+        stylus and the joints as in `truearm.poses.measuring`, as they come.
 
     Raises
     ------
@@ -113,7 +143,7 @@ def seat_poses(arm: Arm, *, seats: int | npt.ArrayLike, poses: int, seed: int, s
         wanted = checked_count(int(seats), "seats")
         pool = draw_points(where, 10 * _SPARE * wanted, sector=sector, rng=rng)
         points = pool[most_different(pool, _SPARE * wanted)]
-        held = _held_in_turn(arm, points[:, None], wanted, per_seat, where, rng, rejected)
+        held = _held_in_turn(arm, points[:, None], wanted, per_seat, where, rng, rejected, technician)
         if len(held) < wanted:
             raise InputError(
                 f"only {len(held)} of {wanted} seats found that arm {arm.name!r} reaches by {per_seat} postures each",
@@ -121,7 +151,7 @@ def seat_poses(arm: Arm, *, seats: int | npt.ArrayLike, poses: int, seed: int, s
             )
     else:
         points = _checked_points(seats)
-        held = _held_in_turn(arm, points[:, None], len(points), per_seat, where, rng, rejected)
+        held = _held_in_turn(arm, points[:, None], len(points), per_seat, where, rng, rejected, technician)
         if len(held) < len(points):
             missed = min(set(range(len(points))) - {place for place, _ in held})
             raise InputError(
@@ -134,11 +164,22 @@ def seat_poses(arm: Arm, *, seats: int | npt.ArrayLike, poses: int, seed: int, s
         np.arange(len(angles)),
         np.repeat([f"S{count}" for count in range(1, len(held) + 1)], per_seat),
         np.repeat(points[[place for place, _ in held]], per_seat, axis=0),
+        np.repeat(np.arange(len(held)), per_seat),
+        technician=np.full(len(angles), technician),
         rejected=dict(+rejected),
     )
 
 
-def bar_places(arm: Arm, n: int, *, length_mm: float, poses: int, seed: int, sector: Sector = SEATS_AT) -> Candidates:
+def bar_places(
+    arm: Arm,
+    n: int,
+    *,
+    length_mm: float,
+    poses: int,
+    seed: int,
+    sector: Sector = SEATS_AT,
+    technician: bool = False,
+) -> Candidates:
     """Places of a bar with a seat at each end, in any direction, each with the tip in both seats in turn.
 
     Parameters
@@ -154,6 +195,8 @@ def bar_places(arm: Arm, n: int, *, length_mm: float, poses: int, seed: int, sec
     seed : int
     sector : Sector
         Both seats are in it.
+    technician : bool
+        As in `seat_poses`.
 
     Raises
     ------
@@ -167,7 +210,7 @@ def bar_places(arm: Arm, n: int, *, length_mm: float, poses: int, seed: int, sec
     rejected: Counter[str] = Counter()
     wanted = checked_count(n, "places")
     ends = _ends(where, _SPARE * wanted, length_mm, sector, rng, rejected)
-    held = _held_in_turn(arm, ends, wanted, per_seat, where, rng, rejected)
+    held = _held_in_turn(arm, ends, wanted, per_seat, where, rng, rejected, technician)
     if len(held) < wanted:
         raise InputError(
             f"only {len(held)} of {wanted} places found for a bar of {length_mm:g} mm that arm {arm.name!r} reaches by "
@@ -180,6 +223,8 @@ def bar_places(arm: Arm, n: int, *, length_mm: float, poses: int, seed: int, sec
         np.repeat(np.arange(wanted), 2 * per_seat),
         np.repeat(names, per_seat),
         np.repeat(ends[[place for place, _ in held]].reshape(-1, 3), per_seat, axis=0),
+        np.repeat(np.arange(wanted), 2 * per_seat),
+        technician=np.full(2 * per_seat * wanted, technician),
         length_mm=float(length_mm),
         rejected=dict(+rejected),
     )
@@ -207,7 +252,7 @@ def tracker_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) 
         If too few joint angles bring the tip there.
     """
     sector = sector or Sector()
-    of_technician = checked_count(n) // 2 if _takes_a_technician(arm) else 0
+    of_technician = checked_count(n) // 2 if takes_a_technician(arm) else 0
     angles, rejected = _spread(arm, n - of_technician, sector, np.random.default_rng(checked_seed(seed)))
     if of_technician:
         angles = np.concatenate([volume_poses(arm, of_technician, seed=seed, sector=sector), angles])
@@ -221,12 +266,13 @@ def volume_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) -
     drawn evenly.
     """
     sector = sector or Sector()
-    if _takes_a_technician(arm):
-        return measuring(arm, n, seed=seed, sector=sector).angles
+    if takes_a_technician(arm):
+        return _within_a_turn(arm, measuring(arm, n, seed=seed, sector=sector).angles)
     return _spread(arm, checked_count(n), sector, np.random.default_rng(checked_seed(seed)))[0]
 
 
-def _takes_a_technician(arm: Arm) -> bool:
+def takes_a_technician(arm: Arm) -> bool:
+    """Whether an arm can choose where its stylus points: five joints, all of which turn."""
     return arm.n_joints >= 5 and not bool(arm.chain.slides.any())
 
 
@@ -238,15 +284,16 @@ def _held_in_turn(
     where: Stance,
     rng: np.random.Generator,
     rejected: Counter[str],
+    technician: bool,
 ) -> list[tuple[int, list[FloatArray]]]:
     """The first `wanted` places (n, seats, 3) whose seats are all reached: number and (per_seat, n_joints) each."""
     held: list[tuple[int, list[FloatArray]]] = []
     at = 0
     while at < len(places) and len(held) < wanted:
         some = places[at : at + wanted - len(held)]
-        postures = _postures_in(arm, some.reshape(-1, 3), per_seat, where, rng, rejected)
+        found = _postures_in(arm, some.reshape(-1, 3), per_seat, where, rng, rejected, technician)
         for count in range(len(some)):
-            both = [angles for angles in postures[count * some.shape[1] :][: some.shape[1]] if angles is not None]
+            both = [angles for angles in found[count * some.shape[1] :][: some.shape[1]] if angles is not None]
             if len(both) == some.shape[1]:
                 held.append((at + count, both))
             else:
@@ -256,20 +303,36 @@ def _held_in_turn(
 
 
 def _postures_in(
-    arm: Arm, points: FloatArray, n: int, where: Stance, rng: np.random.Generator, rejected: Counter[str]
+    arm: Arm,
+    points: FloatArray,
+    n: int,
+    where: Stance,
+    rng: np.random.Generator,
+    rejected: Counter[str],
+    technician: bool,
 ) -> list[FloatArray | None]:
     """Find n postures with the tip at each of the points, (n, n_joints) [rad], or None where there are fewer."""
     m = POOL * n + 20
     tips = np.repeat(points, m, axis=0)
-    axes = within_cone(np.tile([0.0, 0.0, -1.0], (len(tips), 1)), half_angle_rad=CONE_RAD, rng=rng)
-    posture = arm.working + rng.uniform(-SWING_RAD, SWING_RAD, (len(tips), arm.n_joints))
-    posture[:, 0] += azimuth_of(tips, where)
-    angles, reason = reach(arm, tips, axes, np.clip(posture, *inner_limits(arm)))
+    down = np.tile([0.0, 0.0, -1.0], (len(tips), 1))
+    if technician:
+        axes = within_cone(down, half_angle_rad=np.radians(_CONE_DEG), rng=rng)
+        posture = postures(arm, tips, where, swing_std_deg=_SWING_STD_DEG, roll_std_deg=_ROLL_STD_DEG, rng=rng)
+    else:
+        axes = within_cone(down, half_angle_rad=CONE_RAD, rng=rng)
+        posture = arm.working + rng.uniform(-SWING_RAD, SWING_RAD, (len(tips), arm.n_joints))
+        posture[:, 0] += azimuth_of(tips, where)
+        posture = np.clip(posture, *inner_limits(arm))
+    angles, reason = reach(arm, tips, axes, posture)
+    angles = _within_a_turn(arm, angles)
     rejected[NOT_REACHED] += int((reason != "").sum())
     found: list[FloatArray | None] = []
     for some, why in zip(np.split(angles, len(points)), np.split(reason, len(points)), strict=True):
         good = some[why == ""]
-        found.append(good[most_different(good, n)] if len(good) >= n else None)
+        if len(good) < n:
+            found.append(None)
+        else:
+            found.append(good[:n] if technician else good[most_different(good, n)])
     return found
 
 
@@ -313,6 +376,13 @@ def _spread(arm: Arm, n: int, sector: Sector, rng: np.random.Generator) -> tuple
     raise InputError(
         f"only {len(found)} of {n} poses of arm {arm.name!r} found with the tip in the volume", hint="a larger sector"
     )
+
+
+def _within_a_turn(arm: Arm, angles: FloatArray) -> FloatArray:
+    """Angles of joints without limits at most half a turn from the working pose: full turns more are the same pose."""
+    free = np.isinf(arm.limits).all(axis=1) & ~arm.chain.slides
+    turned = (angles - arm.working + np.pi) % (2 * np.pi) - np.pi + arm.working
+    return np.asarray(np.where(free, turned, angles))
 
 
 def _in_sector(points: FloatArray, where: Stance, sector: Sector) -> BoolArray:

@@ -307,7 +307,7 @@ def exchanged(
         best, value, swaps = tried, lowered, swaps + made
 
 
-def mean_square(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None) -> FloatArray:
+def mean_square(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None, *, scale: bool = False) -> FloatArray:
     """Target of the I-criterion: the mean over poses of ``J_t^T J_t``, (p, p).
 
     With `tips` it is of what is left once the frame is fitted to the points. That is how an arm errs whose coordinates
@@ -319,6 +319,8 @@ def mean_square(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None) -> 
         Derivatives of the tip by the parameters at poses spread as the arm is to be used [mm per unit].
     tips : (n, 3) array, optional
         The tip at these poses [mm].
+    scale : bool
+        Whether a scale is fitted with the frame: seats without a known length do not tell it.
 
     Raises
     ------
@@ -330,7 +332,9 @@ def mean_square(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None) -> 
         raise InputError(f"expected finite Jacobians of shape (poses, 3, parameters), got {J.shape}")
     rows = J.reshape(-1, J.shape[2])
     if tips is not None:
-        rows = eliminated(rows, _rigid_motions(np.asarray(tips, dtype=float), len(J)))
+        if len(tips := np.asarray(tips, dtype=float)) != len(J):
+            raise InputError(f"expected {len(J)} finite tips, got {len(tips)}")
+        rows = eliminated(rows, rigid_motions(tips, scale=scale))
     return np.asarray(rows.T @ rows / len(J))
 
 
@@ -377,6 +381,31 @@ def eliminated(jacobian: npt.ArrayLike, nuisance: npt.ArrayLike) -> FloatArray:
     size = np.abs(R.diagonal())
     rank = int((size > max(B.shape) * np.finfo(float).eps * size[0]).sum())
     return np.asarray(Q[:, rank:].T @ J)
+
+
+def rigid_motions(points: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
+    """Shifts of points by small rigid motions of all of them, about their mean and of like size.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        [mm].
+    scale : bool
+        Whether a growth of all distances alike counts as one.
+
+    Returns
+    -------
+    (3 n, 6) array, (3 n, 7) with the scale
+        Three shifts, three turns, the growth.
+    """
+    where = np.asarray(points, dtype=float)
+    if where.ndim != 2 or where.shape[1] != 3 or not len(where) or not np.isfinite(where).all():
+        raise InputError(f"expected finite points of shape (n, 3), got {where.shape}")
+    apart = where - where.mean(axis=0)
+    apart /= np.abs(apart).max() or 1.0
+    turns = np.cross(np.eye(3)[None], apart[:, None]).transpose(0, 2, 1)
+    motions = [np.tile(np.eye(3), (len(where), 1, 1)), turns, *([apart[:, :, None]] if scale else [])]
+    return np.concatenate(motions, axis=2).reshape(3 * len(where), -1)
 
 
 def factor_of(information: npt.ArrayLike) -> FloatArray:
@@ -507,16 +536,6 @@ def _variance(information: FloatArray, target_factor: FloatArray) -> float | Non
     """``trace(F A^-1 F^T)``, or None where A is not positive definite."""
     half = whitened(information.copy(), target_factor.T)
     return None if half is None else float(np.vdot(half, half))
-
-
-def _rigid_motions(points: FloatArray, n: int) -> FloatArray:
-    """Shifts of points by small rigid motions of all of them, (3 n, 6), about their mean and of like size."""
-    if points.shape != (n, 3) or not np.isfinite(points).all():
-        raise InputError(f"expected {n} finite tips of shape {(n, 3)}, got {points.shape}")
-    apart = points - points.mean(axis=0)
-    apart /= np.abs(apart).max() or 1.0
-    turns = np.cross(np.eye(3)[None], apart[:, None]).transpose(0, 2, 1)
-    return np.concatenate([np.tile(np.eye(3), (n, 1, 1)), turns], axis=2).reshape(-1, 6)
 
 
 def _triangular(factor: FloatArray) -> FloatArray:

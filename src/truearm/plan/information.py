@@ -58,13 +58,15 @@ def design_problem(
     prior_precision: npt.ArrayLike,
     noise_mm: float,
     length_u_mm: float = 0.0,
+    scale: bool = False,
     coefficients: npt.ArrayLike | None = None,
 ) -> DesignProblem:
     """The problem of which candidates to measure, for the least uncertainty in a volume up to a rigid motion.
 
     Under a tracker a reading tells the tip. In a seat it tells the tip from the unknown point of the seat, and a bar
     tells the distance of its two seats besides. A seat's point is eliminated where all its readings belong to one
-    candidate; where they are spread over several it becomes three more parameters, after those of the terms.
+    candidate; where they are spread over several it becomes three more parameters, after those of the terms. A bar's
+    length is then known before, as the prior is, else it belongs to the candidate.
 
     Parameters
     ----------
@@ -81,6 +83,8 @@ def design_problem(
         Standard deviation of a coordinate of a reading, by the reference, by the touch, and by what no term explains.
     length_u_mm : float
         Standard uncertainty of a bar's length.
+    scale : bool
+        Whether the uncertainty in the volume is up to a scale as well.
     coefficients : (p,) array, optional
         As in `tip_jacobian`.
 
@@ -98,37 +102,39 @@ def design_problem(
         raise InputError(f"expected the positive uncertainty of the bar's length in mm, got {length_u_mm}")
     _, jacobian = tip_jacobian(moved, state, coefficients)
     tips_there, jacobian_there = tip_jacobian(moved, volume, coefficients)
-    seats, seat = _seats(candidates)
-    shared = [number for number in range(seats) if len(np.unique(candidates.candidate[seat == number])) > 1]
+    n_seats, seat = _seats(candidates)
+    bars = _bars(candidates, seat, length_u_mm)
+    shared = {number for number in range(n_seats) if len(np.unique(candidates.candidate[seat == number])) > 1}
+    # A bar of which one seat is shared: the other is known by the length too.
+    shared |= {end for one, other, _ in bars if one in shared or other in shared for end in (one, other)}
     p, q = jacobian.shape[2], 3 * len(shared)
-    column = np.full(max(seats, 1), -1)
-    column[shared] = np.arange(len(shared))
+    column = {number: p + 3 * place for place, number in enumerate(sorted(shared))}
     factors = []
     for place in range(len(candidates)):
         rows = candidates.readings([place])
-        by_terms, by_seats = jacobian[rows] / noise_mm, np.zeros((len(rows), 3, q))
-        own = [number for number in dict.fromkeys(seat[rows].tolist()) if number >= 0 and column[number] < 0]
-        nuisance = np.zeros((len(rows), 3, 3 * len(own)))
-        for reading, number in enumerate(seat[rows]):
-            if number in own:
-                nuisance[reading, :, 3 * own.index(number) :][:, :3] = -np.eye(3) / noise_mm
-            elif number >= 0:
-                by_seats[reading, :, 3 * column[number] :][:, :3] = -np.eye(3) / noise_mm
-        J = np.concatenate([by_terms, by_seats], axis=2).reshape(-1, p + q)
-        B = nuisance.reshape(len(J), -1)
-        if bar:
-            assert candidates.seat_points is not None  # a bar has seats
-            along = candidates.seat_points[rows[-1]] - candidates.seat_points[rows[0]]
-            along = along / (np.linalg.norm(along) * length_u_mm)
-            J = np.concatenate([J, np.zeros((1, p + q))])
-            B = np.concatenate([B, np.concatenate([-along, along])[None]])
+        own = [number for number in dict.fromkeys(seat[rows].tolist()) if number >= 0 and number not in shared]
+        lengths = [bar for bar in bars if bar[0] in own and bar[1] in own]
+        J = np.zeros((3 * len(rows) + len(lengths), p + q))
+        B = np.zeros((len(J), 3 * len(own)))
+        J[: 3 * len(rows), :p] = jacobian[rows].reshape(-1, p) / noise_mm
+        for reading, number in enumerate(seat[rows].tolist()):
+            if number >= 0:
+                part = J[:, column[number] :] if number in shared else B[:, 3 * own.index(number) :]
+                part[3 * reading :][:3, :3] = -np.eye(3) / noise_mm
+        for row, (one, other, along) in zip(B[3 * len(rows) :], lengths, strict=True):
+            row[3 * own.index(one) :][:3], row[3 * own.index(other) :][:3] = -along, along
         factors.append(eliminated(J, B))
     precision = np.asarray(prior_precision, dtype=float)
     if precision.shape != (p, p):
         raise InputError(f"expected a prior precision of shape {(p, p)}, got {precision.shape}")
     prior, target = np.diag(np.full(p + q, SEAT_STD_MM**-2.0)), np.zeros((p + q, p + q))
     prior[:p, :p] = precision
-    target[:p, :p] = mean_square(jacobian_there, tips_there)
+    for one, other, along in bars:
+        if one in shared:
+            row = np.zeros(p + q)
+            row[column[one] :][:3], row[column[other] :][:3] = -along, along
+            prior += np.outer(row, row)
+    target[:p, :p] = mean_square(jacobian_there, tips_there, scale=scale)
     return DesignProblem(stacked(factors), prior, target)
 
 
@@ -138,3 +144,20 @@ def _seats(candidates: Candidates) -> tuple[int, npt.NDArray[np.intp]]:
         return 0, np.full(len(candidates.angles), -1)
     names, seat = np.unique(candidates.seat, return_inverse=True)
     return len(names), seat.astype(np.intp)
+
+
+def _bars(candidates: Candidates, seat: npt.NDArray[np.intp], length_u_mm: float) -> list[tuple[int, int, FloatArray]]:
+    """Both seats of every place of a bar, and the direction from one to the other over the length's uncertainty."""
+    if candidates.length_mm is None:
+        return []
+    assert candidates.place is not None
+    assert candidates.seat_points is not None  # a bar has seats
+    found = []
+    for place in np.unique(candidates.place):
+        numbers, first = np.unique(np.where(candidates.place == place, seat, -1), return_index=True)
+        ends = {number: at for number, at in zip(numbers.tolist(), first.tolist(), strict=True) if number >= 0}
+        if len(ends) == 2:
+            (a, at_a), (b, at_b) = ends.items()
+            along = candidates.seat_points[at_b] - candidates.seat_points[at_a]
+            found.append((a, b, along / (np.linalg.norm(along) * length_u_mm)))
+    return found

@@ -1,0 +1,282 @@
+"""``truearm plan``: which readings to take next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from truearm.cli.console import Json, check_apart, progress, say, say_json, say_table
+
+if TYPE_CHECKING:
+    from truearm.arm import Arm
+    from truearm.plan.known import Known
+    from truearm.plan.proposal import Plan
+    from truearm.poses import Sector
+    from truearm.readings import Readings
+
+# Of a coordinate, where no model says how large it is [mm].
+NOISE_MM = 0.02
+# Poses a seat that are usual, and seats beyond which one rarely goes.
+POSES_PER_SEAT, MOST_SEATS = 10, 10
+
+
+def plan(
+    arm: Annotated[
+        str, typer.Argument(metavar="ARM|MODEL", help="A name from `truearm arms`, an arm, URDF or model file.")
+    ],
+    artefact: Annotated[
+        Literal["seat", "bar", "tracker"], typer.Option("--artefact", help="What the readings are taken with.")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Session file to fill in, .csv; must be new.")],
+    poses: Annotated[int, typer.Option("--poses", min=1, max=2000, help="Number of readings.")] = 50,
+    page: Annotated[Path | None, typer.Option("--page", help="Page with pictures to write, .html.")] = None,
+    seats: Annotated[
+        int | None,
+        typer.Option(
+            "--seats", min=1, max=200, help="Seats, or places of the bar; by default one to ten poses a seat."
+        ),
+    ] = None,
+    length: Annotated[float | None, typer.Option("--length", help="Of the bar, between its seats [mm].")] = None,
+    noise: Annotated[
+        float | None,
+        typer.Option("--noise", help="Standard deviation of a coordinate [mm]; by default the model's, else 0.02."),
+    ] = None,
+    strategy: Annotated[
+        Literal["i-optimal", "d-optimal", "technician", "random"],
+        typer.Option("--strategy", help="By which to choose the poses to write."),
+    ] = "i-optimal",
+    terms: Annotated[
+        Literal["constants", "physical"] | None,
+        typer.Option("--terms", help="What to find out of an arm; by default constants. A model has its own."),
+    ] = None,
+    taken: Annotated[
+        Path | None, typer.Option("--taken", help="Session of readings taken already, that the model has not seen.")
+    ] = None,
+    volume: Annotated[
+        str | None,
+        typer.Option(
+            "--volume",
+            help="Where the arm is to be used: NEAR,FAR,LOW,HIGH [mm] from its shoulder and HALF_ANGLE [deg].",
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of all that is drawn.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Plan the next readings: those that leave the least uncertainty in the volume.
+
+    Written is a session file with the angles to aim at in columns of notes; fill in what the encoders read (and, with a
+    tracker, the point) and hand it to truearm fit. For a bar its lengths are written too, beside it.
+
+    i-optimal: least uncertainty of a point in the volume. d-optimal: parameters known best, whatever they are good for.
+    technician: poses as of a person who measures parts. random: poses drawn. All four are compared.
+
+    With a model instead of an arm: the next poses after those it learned from.
+    """
+    from zipfile import is_zipfile
+
+    from truearm.arm import arm_from
+    from truearm.errors import InputError
+    from truearm.plan.known import as_drawn
+    from truearm.plan.proposal import STRATEGIES, Artefact, propose
+    from truearm.plan.template import check_template_path, numbered_on, write_bar_lengths, write_template
+    from truearm.writing import check_writable
+
+    check_template_path(out)
+    lengths = out.with_name(f"{out.stem}-lengths.csv") if artefact == "bar" else None
+    if lengths is not None:
+        check_template_path(lengths)
+    if page is not None:
+        if page.suffix not in (".html", ".htm"):
+            raise InputError(f"expected a file name that ends in .html, got {page.name!r}", file=page)
+        check_apart(page, Path(arm), *([] if taken is None else [taken]))
+        check_writable(page)
+    held = Artefact(artefact, seats or (0 if artefact == "tracker" else usual_seats(artefact, poses)), length)
+    with progress("planning", total=len(STRATEGIES)) as tell:
+        if model := Path(arm).is_file() and is_zipfile(arm):
+            if terms is not None:
+                raise InputError("--terms is for an arm as drawn; a model has its own", file=arm)
+            nominal, known, before = _of_model(Path(arm), noise, taken)
+        else:
+            nominal = arm_from(arm)
+            known = as_drawn(nominal, terms=terms or "constants", noise_mm=NOISE_MM if noise is None else noise)
+            before = None if taken is None else _readings(taken, nominal)
+        if before is not None:
+            known = known.after(before)
+        planned = propose(
+            nominal,
+            known,
+            held,
+            poses,
+            volume=None if volume is None else sector_of(volume, nominal),
+            seed=seed,
+            progress=tell,
+        )
+        if strategy not in planned.proposals:
+            raise InputError(
+                f"a technician's poses need five turning joints or more, which arm {nominal.name!r} has not",
+                hint="--strategy i-optimal",
+            )
+        chosen = numbered_on(planned.proposals[strategy].poses, None if before is None else before.seat)
+        result = _result(planned, strategy, out=out, lengths=lengths, page=page)
+        if page is not None:
+            from truearm.report.html import write_page
+            from truearm.report.plan_page import plan_page
+
+            tell(len(STRATEGIES), "drawing the page")
+            facts = _facts(planned, arm, model=model, taken=taken, seed=seed)
+            write_page(plan_page(planned, strategy, chosen, facts=facts), page)
+        if lengths is not None:
+            write_bar_lengths(chosen, lengths)
+        write_template(nominal, chosen, out)
+    if as_json:
+        say_json(result)
+    else:
+        _tell(result)
+
+
+def usual_seats(artefact: str, poses: int) -> int:
+    """Seats, or places of a bar with its two, for ten poses each."""
+    each = POSES_PER_SEAT * (2 if artefact == "bar" else 1)
+    return max(1, min(round(poses / each), MOST_SEATS))
+
+
+def sector_of(text: str, arm: Arm) -> Sector:
+    """The volume that --volume names."""
+    from truearm.errors import InputError
+    from truearm.poses import Sector
+    from truearm.poses.workspace import stance
+
+    try:
+        near, far, low, high, half_angle = (float(part) for part in text.split(","))
+    except ValueError:
+        near = far = low = high = half_angle = float("nan")
+    if not (
+        0 <= near < far < float("inf") and abs(low) < high - low + abs(low) < float("inf") and 0 < half_angle <= 180
+    ):
+        raise InputError(
+            f"--volume expects NEAR,FAR,LOW,HIGH in mm, each the smaller first, and HALF_ANGLE in deg, got {text!r}",
+            hint="--volume 300,800,-200,400,60",
+        )
+    reach = stance(arm).reach_mm
+    return Sector(near / reach, far / reach, low / reach, high / reach, half_angle)
+
+
+def _of_model(path: Path, noise: float | None, taken: Path | None) -> tuple[Arm, Known, Readings | None]:
+    """A model's arm, what the model knows of it, and the readings taken since."""
+    from truearm.errors import InputError
+    from truearm.models.compensator import fingerprint
+    from truearm.models.file import load_model
+    from truearm.models.identified import IdentifiedModel
+    from truearm.models.relations import state_of
+    from truearm.plan.known import as_identified
+    from truearm.readings import Readings
+
+    model = load_model(path)
+    if not isinstance(model, IdentifiedModel):
+        raise InputError(
+            "a network has no terms to plan for", file=path, hint="a kinematic or physical model, or the arm's name"
+        )
+    known = as_identified(
+        model.fit_,
+        noise_mm=model.unexplained_std_ if noise is None else noise,
+        state=lambda angles: state_of(
+            model.arm_, Readings(angles), temperature_degC=model.temperature_degC_, columns=model.columns_
+        ),
+    )
+    before = None if taken is None else _readings(taken, model.arm_)
+    if before is not None and fingerprint(before) == model.data_fingerprint_:
+        raise InputError("the model learned from these readings and knows what they told", file=taken)
+    return model.arm_, known, before
+
+
+def _readings(session: Path, arm: Arm) -> Readings:
+    from truearm.readings import check_angles, read_session
+
+    readings = read_session(session, n_joints=arm.n_joints)
+    lower, upper = arm.limits.T
+    check_angles(readings, joint_names=arm.joint_names, lower=lower, upper=upper, prismatic=arm.chain.prismatic)
+    return readings
+
+
+def _facts(planned: Plan, name: str, *, model: bool, taken: Path | None, seed: int) -> list[tuple[str, str]]:
+    """What a page about a plan rests on."""
+    import numpy
+    import scipy
+
+    from truearm import __version__
+    from truearm.plan.proposal import LENGTH_U_MM
+
+    arm = planned.arm
+    groups = ", ".join(dict.fromkeys(term.group for term in planned.known.moved.terms))
+    rows = [
+        ("arm", f"{arm.name}: {arm.title}. {arm.source}"),
+        ("known before", f"the model {Path(name).name}" if model else "the arm as drawn, with the priors of its terms"),
+        ("groups of terms", groups),
+        ("noise of a coordinate", f"{planned.known.noise_mm:.4g} mm"),
+        ("seed", str(seed)),
+        ("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"),
+    ]
+    if taken is not None:
+        rows.insert(2, ("readings taken since", taken.name))
+    if planned.artefact.length_mm is not None:
+        rows.insert(4, ("bar", f"{planned.artefact.length_mm:g} mm, standard uncertainty taken as {LENGTH_U_MM:g} mm"))
+    return rows
+
+
+def _result(planned: Plan, strategy: str, *, out: Path, lengths: Path | None, page: Path | None) -> dict[str, Any]:
+    from truearm.plan.untold import untold
+
+    chosen = next(proposal for name, proposal in planned.proposals.items() if name == strategy)
+    return {
+        "session": str(out),
+        "lengths": None if lengths is None else str(lengths),
+        "page": None if page is None else str(page),
+        "arm": planned.arm.name,
+        "artefact": planned.artefact.kind,
+        "strategy": strategy,
+        "n": len(chosen.poses),
+        "places": 0 if chosen.poses.place is None else len(set(chosen.poses.place.tolist())),
+        "noise_mm": planned.known.noise_mm,
+        "before_mm": float(chosen.rms_mm[0]),
+        "after_mm": float(chosen.rms_mm[-1]),
+        "strategies": {
+            name: {
+                "after_mm": float(proposal.rms_mm[-1]),
+                "course": {"n": proposal.counts.tolist(), "rms_mm": proposal.rms_mm.tolist()},
+                **{f"o{i}": getattr(proposal.observability, f"o{i}") for i in range(1, 6)},
+                "rank": proposal.observability.rank,
+                "n_parameters": proposal.observability.n_parameters,
+            }
+            for name, proposal in planned.proposals.items()
+        },
+        "untold": untold(planned, chosen),
+    }
+
+
+def _tell(result: dict[str, Any]) -> None:
+    where = {"tracker": "under a tracker", "seat": "in {} seats", "bar": "at {} places of a bar"}[result["artefact"]]
+    say(f"{result['session']}: {result['n']} poses {where.format(result['places'])} for {result['arm']}")
+    for name, what in (("lengths", "the bar's lengths, for truearm fit --lengths"), ("page", "the plan with pictures")):
+        if result[name] is not None:
+            say(f"{result[name]}: {what}")
+    apart = ", apart from the scale" if result["artefact"] == "seat" else ""
+    say(
+        f"uncertainty of a point in the volume, root mean square{apart}: {result['before_mm']:.4g} mm before, "
+        f"{result['after_mm']:.4g} mm after (noise of a coordinate {result['noise_mm']:.4g} mm)"
+    )
+    rows = [
+        [
+            name,
+            f"{row['after_mm']:.4g}",
+            *(f"{row[f'o{i}']:.3g}" for i in range(1, 6)),
+            f"{row['rank']} of {row['n_parameters']}",
+            "written" if name == result["strategy"] else "",
+        ]
+        for name, row in result["strategies"].items()
+    ]
+    say_table(["strategy", "after [mm]", *(f"O{i}" for i in range(1, 6)), "rank", ""], rows)
+    say("These poses will not tell:")
+    for phrase in result["untold"]:
+        say(f"- {phrase}")

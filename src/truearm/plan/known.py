@@ -1,0 +1,185 @@
+"""What is known of an arm before the next readings: its terms, and how surely."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.identify.identification import Identified
+from truearm.identify.problem import Moved
+from truearm.plan.exchange import eliminated, rigid_motions
+from truearm.plan.information import tip_jacobian
+from truearm.readings.readings import Readings
+from truearm.terms.basis import Constant
+from truearm.terms.catalogue import constants, gravity, own_axis, wobble
+from truearm.terms.state import ArmState
+from truearm.terms.term import Term
+
+FloatArray = npt.NDArray[np.float64]
+Terms = Literal["constants", "physical"]
+
+HIGHEST_ORDER = 4
+"""Of the harmonics about a joint's own axis that a plan for an arm as drawn reckons with.
+
+A disc's eccentricity and tilt and a grating's two heads make orders 1, 2 and 4; some ten poses cannot tell higher ones.
+"""
+# Share of the largest below which an eigenvalue of a correlation matrix is rounding.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """Terms of an arm and what is known of their coefficients.
+
+    Where the base stands is not among them: nothing that is compared within a set-up depends on it.
+
+    Attributes
+    ----------
+    moved : Moved
+        Chain and terms, with p coefficients.
+    coefficients : (p,) array
+        As known so far; zeros for the arm as drawn.
+    precision : (p, p) array
+        Inverse of their covariance.
+    noise_mm : float
+        Standard deviation of a coordinate of a reading.
+    state : callable
+        From angles (n, n_joints) to the arm's state there.
+    """
+
+    moved: Moved
+    coefficients: FloatArray
+    precision: FloatArray
+    noise_mm: float
+    state: Callable[[FloatArray], ArmState]
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.noise_mm) and self.noise_mm > 0):
+            raise InputError(f"expected the positive noise of a reading in mm, got {self.noise_mm}")
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(p, p) covariance of the coefficients."""
+        return _inverse(self.precision)
+
+    def with_frame(self) -> Known:
+        """The same in a reference's frame of which nothing is known: the base is free, its terms come last."""
+        chain = self.moved.chain
+        base = [term for term in constants(chain, free=("base",), angle_std=0, length_std=0) if term.place == 0]
+        p, q = self.moved.n_coefficients, len(base)
+        precision = np.zeros((p + q, p + q))
+        precision[:p, :p] = self.precision
+        precision[p:, p:] = np.diag(np.concatenate([term.prior_stds for term in base]) ** -2.0)
+        return replace(
+            self,
+            moved=Moved(chain, (*self.moved.terms, *base)),
+            coefficients=np.concatenate([self.coefficients, np.zeros(q)]),
+            precision=precision,
+        )
+
+    def told(self, rows: FloatArray) -> Known:
+        """The same after readings that told `rows` (m, p), over their noise."""
+        return replace(self, precision=self.precision + rows.T @ rows)
+
+    def after(self, readings: Readings) -> Known:
+        """What is known once readings have been taken too: points seen by a reference, and tips in seats.
+
+        The frame of each session is unknown, and so is the place of a seat. Readings on surfaces are not counted.
+
+        Raises
+        ------
+        InputError
+            If the readings have neither points nor seats.
+        """
+        seat = np.full(len(readings), "") if readings.seat is None else readings.seat
+        session = np.full(len(readings), "") if readings.session is None else readings.session
+        seen = readings.has_point
+        held = (seat != "") & ~seen
+        if not (seen | held).any():
+            raise readings.error("expected readings with points or seats, to know what they told; there are none")
+        known = self
+        for names, which in ((session, seen), (seat, held)):
+            for name in np.unique(names[which]):
+                rows = np.flatnonzero(which & (names == name))
+                tips, jacobian = tip_jacobian(self.moved, self.state(readings.angles[rows]), self.coefficients)
+                shifts = rigid_motions(tips)
+                unknown = shifts if which is seen else shifts[:, :3]
+                told = eliminated(jacobian.reshape(3 * len(rows), -1) / self.noise_mm, unknown)
+                known = known.told(told)
+        return known
+
+
+def as_drawn(arm: Arm, *, terms: Terms = "constants", noise_mm: float) -> Known:
+    """What is known of an arm of which no reading has been taken: its drawing, and the priors of the terms.
+
+    Parameters
+    ----------
+    arm : Arm
+    terms : {"constants", "physical"}
+        The constants of joints and tip (see `truearm.terms.catalogue.constants`), or also harmonics about the joints'
+        own axes up to order `HIGHEST_ORDER`, wobble, and gravity.
+    noise_mm : float
+        Standard deviation of a coordinate of a reading, by the reference, by the touch, and by what no term explains.
+    """
+    chain, joints = arm.chain, range(1, arm.n_joints + 1)
+    chosen: list[Term] = [term for term in constants(chain, free=()) if term.place > 0]
+    if terms == "physical":
+        for joint in (joint for joint in joints if not chain.slides[joint - 1]):
+            chosen += [*own_axis(chain, joint, highest=HIGHEST_ORDER), *wobble(chain, joint)]
+        chosen += [term for joint in (0, *joints) for term in gravity(chain, joint)]
+    elif terms != "constants":
+        raise InputError(f"expected the terms constants or physical, got {terms!r}")
+    stds = np.concatenate([term.prior_stds for term in chosen])
+    return Known(
+        Moved(chain, tuple(chosen)),
+        np.zeros(len(stds)),
+        np.diag(stds**-2.0),
+        noise_mm,
+        lambda angles: ArmState(chain, angles),
+    )
+
+
+def as_identified(found: Identified, *, noise_mm: float, state: Callable[[FloatArray], ArmState]) -> Known:
+    """What is known of an arm that has been identified.
+
+    Parameters
+    ----------
+    found : Identified
+    noise_mm : float
+        Standard deviation of a coordinate that its terms do not explain.
+    state : callable
+        From angles to the arm's state, as its terms need it.
+    """
+    starts = np.cumsum([0, *(term.n_coefficients for term in found.moved.terms)])
+    kept = [
+        number
+        for number, term in enumerate(found.moved.terms)
+        if term.place > 0 or not isinstance(term.basis, Constant)
+    ]
+    columns = np.concatenate([np.arange(starts[number], starts[number + 1]) for number in kept] or [np.zeros(0, int)])
+    if not len(columns):
+        raise InputError(
+            "nothing but the base was identified: there is nothing to plan for",
+            hint="the name of the arm, or a kinematic model",
+        )
+    return Known(
+        Moved(found.moved.chain, tuple(found.moved.terms[number] for number in kept)),
+        found.coefficients[columns],
+        _inverse(found.covariance[np.ix_(columns, columns)]),
+        noise_mm,
+        state,
+    )
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Inverse of a covariance or precision, whatever the units; what rounding left below zero counts as zero."""
+    scale = np.sqrt(matrix.diagonal())
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    unit = (vectors / np.maximum(values, _ROUNDING * values[-1])) @ vectors.T
+    return np.asarray((unit + unit.T) / 2 / np.outer(scale, scale))
