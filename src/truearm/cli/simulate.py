@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, progress, say, say_json
+from truearm.cli.console import Json, check_apart, progress, say, say_json
 
 if TYPE_CHECKING:
     from truearm.arm.arm import Arm
     from truearm.poses import Poses
+    from truearm.readings import Lengths
     from truearm.virtual import Measurement, VirtualArm
+
+
+# Standard uncertainty that a certificate states of a bar's length [mm].
+BAR_U_MM = 0.005
 
 
 def simulate(
@@ -33,6 +39,13 @@ def simulate(
         int, typer.Option("--arm-seed", min=0, help="Of the arm's own errors: same seed, same arm.")
     ] = 0,
     seats: Annotated[int | None, typer.Option("--seats", help="Number of seats (3); strategy seat only.")] = None,
+    bars: Annotated[
+        int, typer.Option("--bars", min=0, help="Places of a bar with a seat at each end, besides; strategy seat only.")
+    ] = 0,
+    bar_mm: Annotated[float, typer.Option("--bar-mm", help="Length of the bar from seat to seat.")] = 500.0,
+    lengths: Annotated[
+        Path | None, typer.Option("--lengths", help="File to write the bar's length to, .csv, for truearm fit.")
+    ] = None,
     half_width_deg: Annotated[
         float | None,
         typer.Option(
@@ -47,20 +60,41 @@ def simulate(
     """Measure with a virtual arm, whose errors are known.
 
     The readings are written as a session file. Two sessions of one arm have the same --arm-seed and different --seed.
+
+    --strategy seat --no-reference is what is done without an instrument: the tip is held in seats in many poses, shared
+    out evenly among them. --bars 2 lays a bar with two seats in two places more; what its certificate states of its
+    length, true but for its uncertainty of 0.005 mm, goes to the file of --lengths.
     """
     from truearm.arm.catalogue import arm_from
+    from truearm.errors import InputError
+    from truearm.readings import write_lengths
     from truearm.readings.files import check_session_path, write_session
     from truearm.virtual import VirtualArm, load_preset
+    from truearm.writing import check_writable, whole_file
 
     nominal, magnitudes = arm_from(arm), load_preset(preset)
     check_session_path(out)
+    if bool(bars) != (lengths is not None):
+        raise InputError("--bars and --lengths belong together", hint="--bars 2 --lengths lengths.csv")
+    if lengths is not None:
+        check_apart(lengths, out)
+        check_writable(lengths)
     with progress(f"measuring {poses} poses"):
-        taken = _poses(nominal, strategy, poses, seed=seed, seats=seats, half_width_deg=half_width_deg)
+        if bars:
+            taken = _with_bars(nominal, strategy, poses, seed=seed, seats=seats, bars=bars, bar_mm=bar_mm)
+        else:
+            taken = _poses(nominal, strategy, poses, seed=seed, seats=seats, half_width_deg=half_width_deg)
         virtual = VirtualArm.draw(nominal, magnitudes, seed=arm_seed)
         measured = virtual.measure(
             taken.angles, seed=seed, seat=taken.seat, seat_points=taken.seat_points, reference=reference
         )
-        write_session(measured.readings, out)
+        if lengths is None:
+            write_session(measured.readings, out)
+        else:
+            # Both or none, as they belong together.
+            with whole_file(out) as session:
+                write_session(measured.readings, session)
+                write_lengths(_certificate(bars, bar_mm, seed=arm_seed), lengths)
         result = _result(virtual, measured, taken, out=out, strategy=strategy, seed=seed)
     if as_json:
         say_json(result)
@@ -91,6 +125,48 @@ def _poses(nominal: Arm, strategy: str, n: int, *, seed: int, seats: int | None,
             raise InputError(f"--seats is for the strategy seat, not for {strategy}", hint="--strategy seat")
         options["seats"] = seats
     return STRATEGIES[strategy](nominal, n, seed=seed, **options)
+
+
+def _with_bars(nominal: Arm, strategy: str, n: int, *, seed: int, seats: int | None, bars: int, bar_mm: float) -> Poses:
+    """Poses in seats and in both seats of a bar at its places, as many in each seat."""
+    import numpy as np
+
+    from truearm.errors import InputError
+    from truearm.plan.candidates import bar_places
+    from truearm.poses import Poses, seat
+
+    if strategy != "seat":
+        raise InputError(f"--bars is for the strategy seat, not for {strategy}", hint="--strategy seat")
+    single = 3 if seats is None else seats
+    each = n // (single + 2 * bars)
+    if single < 0 or each < 1:
+        raise InputError(f"expected at least one pose a seat, got {n} poses for {single} seats and {bars} bars")
+    found = bar_places(nominal, bars, length_mm=bar_mm, poses=each, seed=seed)
+    assert found.seat is not None
+    assert found.seat_points is not None
+    if not single:
+        return Poses(found.angles, found.rejected, found.seat, found.seat_points)
+    alone = seat(nominal, n - len(found.angles), seed=seed, seats=single)
+    assert alone.seat is not None
+    assert alone.seat_points is not None
+    rejected = Counter(alone.rejected) + Counter(found.rejected)
+    return Poses(
+        np.concatenate([alone.angles, found.angles]),
+        dict(rejected),
+        np.concatenate([alone.seat, found.seat]),
+        np.concatenate([alone.seat_points, found.seat_points]),
+    )
+
+
+def _certificate(bars: int, bar_mm: float, *, seed: int) -> Lengths:
+    """What is stated of the bar's length, the same at all its places."""
+    import numpy as np
+
+    from truearm.readings import Lengths
+
+    stated = round(bar_mm + BAR_U_MM * np.random.default_rng([seed, *b"bar"]).standard_normal(), 4)
+    ends = [np.array([f"B{place}{end}" for place in range(1, bars + 1)]) for end in "ab"]
+    return Lengths(ends[0], ends[1], np.full(bars, stated), np.full(bars, BAR_U_MM))
 
 
 def _result(
