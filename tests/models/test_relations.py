@@ -63,6 +63,18 @@ def test_a_seat_of_one_reading_counts_only_by_its_length(angles):
     assert found.rows.tolist() == [0, 1, 2, 4, 5]
 
 
+def test_one_pose_again_and_again_in_a_seat_says_nothing(angles):
+    """Its tips are one whatever the arm; their scatter, zero, would pass for the noise of all seats."""
+    names = seats("a", "a", "a", "b", "b", "b")
+    angles[:3] = angles[0]
+    assert references_of(Readings(angles, seat=names), None)[0].names == ("b",)
+    assert references_of(Readings(angles, seat=names), lengths(("a", "b")))[0].names == ("a", "b")
+    warming = Readings(angles, seat=names, temperature_degC=np.linspace(20, 30, 12))
+    assert references_of(warming, None)[0].names == ("a", "b")
+    loaded = Readings(angles, seat=names, columns={"load_1_Nm": np.arange(12.0)})
+    assert references_of(loaded, None)[0].names == ("a", "b")
+
+
 @pytest.mark.parametrize(("kind", "n"), [("sphere", 5), ("plane", 4), ("line", 3)])
 def test_surfaces_are_for_the_readings_that_touch_one(kind, n, angles):
     names = np.array(["", *["k"] * n, *[""] * (11 - n)])

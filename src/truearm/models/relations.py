@@ -38,7 +38,8 @@ def state_of(
 def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference]:
     """References of the readings, one of a kind.
 
-    A seat with one reading and no known length says nothing and is left out; so are lengths between other seats.
+    A seat with one reading, or one pose again and again, and no known length says nothing and is left out; so are
+    lengths between other seats.
 
     Raises
     ------
@@ -57,9 +58,8 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
     if len(held):
         assert seat is not None
         between = _between(lengths, seat[held])
-        unique, counts = np.unique(seat[held], return_counts=True)
         ends = [name for row in between for name in row[:2]]
-        held = held[np.isin(seat[held], np.array([*unique[counts > 1], *ends], dtype=seat.dtype))]
+        held = held[np.isin(seat[held], np.array([*_in_poses(readings, held), *ends], dtype=seat.dtype))]
         if len(held):
             found.append(seats_of(held, seat[held], between))
     surfaces: tuple[tuple[NameArray | None, Callable[[IntArray, NameArray], Reference]], ...] = (
@@ -123,6 +123,17 @@ def tool_terms(arm: Arm, readings: Readings) -> list[Term]:
 def _orientations(readings: Readings, rows: IntArray) -> FloatArray:
     assert readings.quaternion is not None
     return np.asarray(Rotation.from_quat(readings.quaternion[rows], scalar_first=True).as_matrix())
+
+
+def _in_poses(readings: Readings, held: IntArray) -> list[str]:
+    """Seats that were held in two or more states of the arm; in one and the same, all its tips are one."""
+    assert readings.seat is not None
+    names, seat = np.unique(readings.seat[held], return_inverse=True)
+    state = [readings.angles, *readings.columns.values()]
+    if readings.temperature_degC is not None:
+        state.append(readings.temperature_degC)
+    different = np.unique(np.column_stack([seat, *(values[held] for values in state)]), axis=0)
+    return [str(name) for name in names[np.bincount(different[:, 0].astype(np.intp)) > 1]]
 
 
 def _between(lengths: Lengths | None, seat: NameArray) -> list[tuple[str, str, float, float]]:
