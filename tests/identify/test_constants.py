@@ -278,6 +278,28 @@ def test_poor_data_leave_what_they_do_not_tell_at_its_prior(case, rng):
         assert np.trace(covariance[n:].mean(axis=0)) > 3 * np.trace(covariance[:n].mean(axis=0))
 
 
+def test_a_tip_is_never_less_known_than_one_reading_tells(rng):
+    """On an arm of few joints, base and tip can move by decimetres unseen: tips are known all the same.
+
+    The covariance of a point that was read is below that of its noise, in every direction.
+    """
+    fixed = np.tile(np.eye(4), (4, 1, 1))
+    fixed[1:, :3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    fixed[1:, :3, 3] = [20, 0, 100]
+    arm = Arm("few", Chain(fixed, np.array([0, 0, 50.0]), np.array([False, True, False])))
+    truth = drawn(arm.chain, rng, angle=1e-3, length=0.2)
+    angles = rng.uniform(-1, 1, (80, 3)) * [1, 40, 1]
+    points = truth.tip_in_base(angles) + rng.normal(0, 0.01, (80, 3))
+    fit = found(arm, angles, points, constants(arm.chain))
+    assert np.sqrt(fit.covariance.diagonal().max()) > 100  # mm
+    noise = fit.references[0].noise_std ** 2 / fit.references[0].trust
+    largest = np.linalg.eigvalsh(fit.tip_covariance(ArmState(arm.chain, angles)))[:, -1]
+    assert (largest < 1.001 * noise).all()
+    effective = sum(group.effective for group in fit.groups)
+    traces = np.trace(fit.tip_covariance(ArmState(arm.chain, angles)), axis1=1, axis2=2)
+    assert (traces / noise).sum() == pytest.approx(effective, rel=0.05)
+
+
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(4, 12))
 def test_any_arm_and_any_readings_give_finite_numbers(seed, n_joints, n):
