@@ -77,10 +77,12 @@ def test_a_bar_is_two_seats_and_a_length(moved, volume):
     found = bar_places(ARM, 2, length_mm=300, poses=3, seed=3)
     told = problem(moved, found, volume)
     assert told.factors.shape == (2, 13, moved.n_coefficients)
-    _, J = tip_jacobian(moved, state(found.angles[:6]))
+    tips, J = tip_jacobian(moved, state(found.angles[:6]))
     p = moved.n_coefficients
     # The same as a plain problem with six more unknowns.
-    along = (found.seat_points[5] - found.seat_points[0]) / 300
+    along = tips[3:].mean(axis=0) - tips[:3].mean(axis=0)
+    assert along == pytest.approx(found.seat_points[5] - found.seat_points[0])
+    along /= np.linalg.norm(along)
     A = np.zeros((19, p + 6))
     A[:18, :p] = J.reshape(18, p) / NOISE_MM
     A[:9, p : p + 3] = A[9:18, p + 3 :] = -np.tile(np.eye(3), (3, 1)) / NOISE_MM

@@ -118,7 +118,8 @@ def plan(
                 f"a technician's poses need five turning joints or more, which arm {nominal.name!r} has not",
                 hint="--strategy i-optimal",
             )
-        chosen = numbered_on(planned.proposals[strategy].poses, None if before is None else before.seat)
+        seats_before = () if before is None or before.seat is None else before.seat.tolist()
+        chosen = numbered_on(planned.proposals[strategy].poses, seats_before)
         result = _result(planned, strategy, out=out, lengths=lengths, page=page)
         if page is not None:
             from truearm.report.html import write_page
@@ -178,7 +179,8 @@ def _of_model(path: Path, noise: float | None, taken: Path | None) -> tuple[Arm,
         raise InputError(
             "a network has no terms to plan for", file=path, hint="a kinematic or physical model, or the arm's name"
         )
-    known = as_identified(
+    arm, known = as_identified(
+        model.arm_,
         model.fit_,
         noise_mm=model.unexplained_std_ if noise is None else noise,
         state=lambda angles: state_of(
@@ -188,7 +190,7 @@ def _of_model(path: Path, noise: float | None, taken: Path | None) -> tuple[Arm,
     before = None if taken is None else _readings(taken, model.arm_)
     if before is not None and fingerprint(before) == model.data_fingerprint_:
         raise InputError("the model learned from these readings and knows what they told", file=taken)
-    return model.arm_, known, before
+    return arm, known, before
 
 
 def _readings(session: Path, arm: Arm) -> Readings:

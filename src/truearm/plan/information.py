@@ -100,10 +100,10 @@ def design_problem(
     bar = candidates.length_mm is not None
     if bar and not (np.isfinite(length_u_mm) and length_u_mm > 0):
         raise InputError(f"expected the positive uncertainty of the bar's length in mm, got {length_u_mm}")
-    _, jacobian = tip_jacobian(moved, state, coefficients)
+    tips, jacobian = tip_jacobian(moved, state, coefficients)
     tips_there, jacobian_there = tip_jacobian(moved, volume, coefficients)
     n_seats, seat = _seats(candidates)
-    bars = _bars(candidates, seat, length_u_mm)
+    bars = _bars(candidates, seat, tips, length_u_mm)
     shared = {number for number in range(n_seats) if len(np.unique(candidates.candidate[seat == number])) > 1}
     # A bar of which one seat is shared: the other is known by the length too.
     shared |= {end for one, other, _ in bars if one in shared or other in shared for end in (one, other)}
@@ -146,18 +146,18 @@ def _seats(candidates: Candidates) -> tuple[int, npt.NDArray[np.intp]]:
     return len(names), seat.astype(np.intp)
 
 
-def _bars(candidates: Candidates, seat: npt.NDArray[np.intp], length_u_mm: float) -> list[tuple[int, int, FloatArray]]:
+def _bars(
+    candidates: Candidates, seat: npt.NDArray[np.intp], tips: FloatArray, length_u_mm: float
+) -> list[tuple[int, int, FloatArray]]:
     """Both seats of every place of a bar, and the direction from one to the other over the length's uncertainty."""
     if candidates.length_mm is None:
         return []
-    assert candidates.place is not None
-    assert candidates.seat_points is not None  # a bar has seats
+    assert candidates.place is not None  # a bar has places
     found = []
     for place in np.unique(candidates.place):
-        numbers, first = np.unique(np.where(candidates.place == place, seat, -1), return_index=True)
-        ends = {number: at for number, at in zip(numbers.tolist(), first.tolist(), strict=True) if number >= 0}
+        here = candidates.place == place
+        ends = np.unique(seat[here]).tolist()
         if len(ends) == 2:
-            (a, at_a), (b, at_b) = ends.items()
-            along = candidates.seat_points[at_b] - candidates.seat_points[at_a]
-            found.append((a, b, along / (np.linalg.norm(along) * length_u_mm)))
+            along = np.subtract(*(tips[here & (seat == end)].mean(axis=0) for end in ends[::-1]))
+            found.append((ends[0], ends[1], along / (np.linalg.norm(along) * length_u_mm)))
     return found

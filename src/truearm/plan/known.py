@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
+from truearm.arm.inverse import solve_inverse
 from truearm.errors import InputError
 from truearm.identify.identification import Identified
 from truearm.identify.problem import Moved
@@ -42,9 +43,8 @@ class Known:
     Attributes
     ----------
     moved : Moved
-        Chain and terms, with p coefficients.
-    coefficients : (p,) array
-        As known so far; zeros for the arm as drawn.
+        Chain, as well as it is known, and terms by which it may still differ, with p coefficients that are expected to
+        be zero.
     precision : (p, p) array
         Inverse of their covariance.
     noise_mm : float
@@ -54,7 +54,6 @@ class Known:
     """
 
     moved: Moved
-    coefficients: FloatArray
     precision: FloatArray
     noise_mm: float
     state: Callable[[FloatArray], ArmState]
@@ -79,7 +78,6 @@ class Known:
         return replace(
             self,
             moved=Moved(chain, (*self.moved.terms, *base)),
-            coefficients=np.concatenate([self.coefficients, np.zeros(q)]),
             precision=precision,
         )
 
@@ -107,7 +105,13 @@ class Known:
         for names, which in ((session, seen), (seat, held)):
             for name in np.unique(names[which]):
                 rows = np.flatnonzero(which & (names == name))
-                tips, jacobian = tip_jacobian(self.moved, self.state(readings.angles[rows]), self.coefficients)
+                angles = readings.angles[rows]
+                if which is held:
+                    # Tips that scatter would look as if the seat told the scale, and where the base is.
+                    tips = self.moved.chain.tip_in_base(angles)
+                    middle = np.broadcast_to(tips.mean(axis=0), tips.shape)
+                    angles = solve_inverse(self.moved.chain, middle, start=angles).angles
+                tips, jacobian = tip_jacobian(self.moved, self.state(angles))
                 shifts = rigid_motions(tips)
                 unknown = shifts if which is seen else shifts[:, :3]
                 told = eliminated(jacobian.reshape(3 * len(rows), -1) / self.noise_mm, unknown)
@@ -138,43 +142,58 @@ def as_drawn(arm: Arm, *, terms: Terms = "constants", noise_mm: float) -> Known:
     stds = np.concatenate([term.prior_stds for term in chosen])
     return Known(
         Moved(chain, tuple(chosen)),
-        np.zeros(len(stds)),
         np.diag(stds**-2.0),
         noise_mm,
         lambda angles: ArmState(chain, angles),
     )
 
 
-def as_identified(found: Identified, *, noise_mm: float, state: Callable[[FloatArray], ArmState]) -> Known:
+def as_identified(
+    arm: Arm, found: Identified, *, noise_mm: float, state: Callable[[FloatArray], ArmState]
+) -> tuple[Arm, Known]:
     """What is known of an arm that has been identified.
 
     Parameters
     ----------
+    arm : Arm
+        As drawn.
     found : Identified
+        Of it.
     noise_mm : float
         Standard deviation of a coordinate that its terms do not explain.
     state : callable
         From angles to the arm's state, as its terms need it.
+
+    Returns
+    -------
+    arm : Arm
+        With the constants identified, on the base as drawn.
+    known : Known
+
+    Raises
+    ------
+    InputError
+        If nothing but the base has been identified.
     """
-    starts = np.cumsum([0, *(term.n_coefficients for term in found.moved.terms)])
-    kept = [
-        number
-        for number, term in enumerate(found.moved.terms)
-        if term.place > 0 or not isinstance(term.basis, Constant)
-    ]
-    columns = np.concatenate([np.arange(starts[number], starts[number + 1]) for number in kept] or [np.zeros(0, int)])
+    constant = [isinstance(term.basis, Constant) for term in found.moved.terms]
+    sizes = [term.n_coefficients for term in found.moved.terms]
+    kept = [term.place > 0 or not same for term, same in zip(found.moved.terms, constant, strict=True)]
+    columns = np.flatnonzero(np.repeat(kept, sizes))
     if not len(columns):
         raise InputError(
-            "nothing but the base was identified: there is nothing to plan for",
-            hint="the name of the arm, or a kinematic model",
+            "nothing but the base has been identified: there is nothing to plan for",
+            hint="a kinematic or physical model, or the name of the arm",
         )
-    return Known(
-        Moved(found.moved.chain, tuple(found.moved.terms[number] for number in kept)),
-        found.coefficients[columns],
+    fixed = found.chain.fixed.copy()
+    fixed[0] = arm.chain.fixed[0]
+    chain = replace(found.chain, fixed=fixed)
+    known = Known(
+        Moved(chain, tuple(term for term, wanted in zip(found.moved.terms, kept, strict=True) if wanted)),
         _inverse(found.covariance[np.ix_(columns, columns)]),
         noise_mm,
         state,
     )
+    return replace(arm, chain=chain), known
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:

@@ -282,7 +282,6 @@ class _Chooser:
             noise_mm=known.noise_mm,
             length_u_mm=LENGTH_U_MM,
             scale=self.artefact.kind == "seat",
-            coefficients=known.coefficients,
         )
 
     def _in_places(self, places: int, per_seat: int, *, technician: bool) -> Candidates:
@@ -298,7 +297,7 @@ def information_rows(known: Known, poses: Candidates) -> FloatArray:
     The frame of a tracker and the places of seats are eliminated: they are found from the same readings.
     """
     state = known.state(poses.angles)
-    tips, jacobian = tip_jacobian(known.moved, state, known.coefficients)
+    tips, jacobian = tip_jacobian(known.moved, state)
     J = jacobian.reshape(3 * len(state), -1) / known.noise_mm
     if poses.seat is None:
         rows = eliminated(J, rigid_motions(tips))
@@ -311,7 +310,6 @@ def information_rows(known: Known, poses: Candidates) -> FloatArray:
             prior_precision=known.precision,
             noise_mm=known.noise_mm,
             length_u_mm=LENGTH_U_MM,
-            coefficients=known.coefficients,
         )
         rows = problem.factors.reshape(-1, J.shape[1])
     # What moves all points alike is gone but for rounding, which must not look like something told.

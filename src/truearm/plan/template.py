@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -109,12 +110,13 @@ def place_names(poses: Candidates) -> NameArray:
     return poses.seat if poses.length_mm is None else np.array([name[:-1] for name in poses.seat.tolist()])
 
 
-def numbered_on(poses: Candidates, taken: Iterable[str] | None) -> Candidates:
+def numbered_on(poses: Candidates, taken: Iterable[str]) -> Candidates:
     """Name the places 1, 2, ... in the order of the poses, on from the seats taken: the same name is the same seat."""
     if poses.seat is None:
         return poses
     letter = poses.seat[0][0]
-    used = [int(digits) for name in taken or () if name[:1] == letter and (digits := name[1:].rstrip("ab")).isdecimal()]
+    numbers = (re.fullmatch(rf"{letter}([0-9]{{1,9}})[ab]?", name) for name in taken)
+    used = [int(found[1]) for found in numbers if found]
     places = place_names(poses)
     number = {name: max(used, default=0) + count for count, name in enumerate(dict.fromkeys(places.tolist()), start=1)}
     named = [

@@ -28,7 +28,7 @@ def untold(plan: Plan, proposal: Proposal) -> list[str]:
     """
     known = plan.known
     after = known.told(information_rows(known, proposal.poses))
-    tips, jacobian = tip_jacobian(known.moved, known.state(plan.volume), known.coefficients)
+    tips, jacobian = tip_jacobian(known.moved, known.state(plan.volume))
     left = mean_square(jacobian, tips) @ after.covariance
     # With seats, what is left apart from the scale, which is said by itself.
     cared = mean_square(jacobian, tips, scale=plan.artefact.kind == "seat") @ after.covariance
