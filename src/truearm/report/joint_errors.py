@@ -8,17 +8,18 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from truearm.errors import InputError
 from truearm.identify.joint_errors import JointError
 from truearm.report.arrays import FloatArray, joint_matrix, joint_names
-from truearm.report.canvas import FAINT, INK, LIMIT, Figure, Style, drawing_rules, listed, panel, short, styles_of
+from truearm.report.canvas import LIMIT, Figure, Style, drawing_rules, listed, log_scale, panel, short, styles_of
 from truearm.report.quantities import format_number
 
 ARCSEC = float(np.degrees(1.0) * 3600)  # of a radian
 COVERAGE_FACTOR = 1.96  # 95 % of a normal distribution
-_LABELLED = 3  # orders with the largest amplitudes
+_LABELLED = 3  # orders whose amplitudes are known best
+_SMALLEST = 0.003  # amplitude that is drawn, by the largest
 
 
 def joint_errors(
@@ -77,11 +78,11 @@ def joint_errors(
     without = f" Of {', '.join(none)} the readings tell nothing that is larger than its uncertainty." if none else ""
     return Figure(
         panels,
-        caption="What each joint turns further than its encoder shows, over its angle and by order (waves in a full "
-        "turn). Bands and whiskers hold the true value with 95 % probability. The grey hill is where the readings "
-        "stood; away from them the band widens. 10 arcsec move a point 1 m away by 0.048 mm. Where a joint did not "
-        "turn all round, neighbouring orders cannot be told apart: the curve is known better than its orders are."
-        + without,
+        caption="What each joint turns further than its encoder shows, over its angle and by order, waves in a full turn"
+        f"{'' if several else ' (numbers at those known best)'}. Bands and whiskers hold the true value with 95 % "
+        "probability. The grey hill is where the readings stood; away from them the band widens. 10 arcsec move a point "
+        "1 m away by 0.048 mm. Where a joint did not turn all round, neighbouring orders cannot be told apart: the "
+        "curve is known better than its orders are." + without,
         alt=f"Error of {len(by_joint)} joints about their own axes over their angles, and its amplitude by order. "
         f"Root mean square: {listed(sizes, most=8)}.",
         columns=2,
@@ -127,41 +128,35 @@ def _hill(axes: Axes, read: FloatArray) -> None:
         axes.stairs(low + height, edges, baseline=low, fill=True, color=LIMIT, alpha=0.55, zorder=2, linewidth=0)
 
 
-def _peaks(orders: npt.NDArray[np.intp], amplitudes: FloatArray) -> list[int]:
-    """Give where the largest amplitudes stand, none beside another, for there is no room for two labels."""
-    found: list[int] = []
-    for i in np.argsort(-amplitudes, kind="stable").tolist():
-        if len(found) < _LABELLED and all(abs(orders[i] - orders[j]) > 3 for j in found):
-            found.append(i)
-    return found
-
-
 def _spectra(errors: Mapping[str, JointError], pens: Mapping[str, Style], name: str) -> Drawing:
     drawing, (axes,) = panel(4.6, 2.0)
-    width = 0.84 / len(errors)
-    highest = max(int(error.orders[-1]) for error in errors.values())
-    tops = []
+    highest = max(float(error.amplitudes.max(initial=0.0)) for error in errors.values()) * ARCSEC or 1e-6
+    floor = _SMALLEST * highest
+    tops = [highest]
     for i, (model, error) in enumerate(errors.items()):
-        at = error.orders + (i - (len(errors) - 1) / 2) * width
+        at = error.orders * 1.015 ** (i - (len(errors) - 1) / 2)  # side by side
         high, half = error.amplitudes * ARCSEC, COVERAGE_FACTOR * error.amplitudes_std * ARCSEC
-        axes.bar(at, high, width, color=pens[model].colour, linewidth=0)
-        axes.vlines(at, np.maximum(high - half, 0), high + half, color=INK, linewidth=0.5, alpha=0.6)
-        tops.append(float((high + half).max()))
-    if len(errors) == 1:
-        for order in _peaks(error.orders, high):
-            axes.annotate(
-                str(error.orders[order]),
-                (float(at[order]), float(high[order] + half[order])),
-                xytext=(0, 2),
-                textcoords="offset points",
-                ha="center",
-                fontsize=7.5,
-            )
-    axes.set_xlim(0, highest + 1)
-    axes.set_ylim(0, 1.12 * (max(tops) or 1e-6))
+        seen = high > floor
+        axes.vlines(at, np.maximum(high - half, floor), high + half, color=pens[model].colour, linewidth=0.6, alpha=0.4)
+        axes.scatter(at[seen], high[seen], s=5, color=pens[model].colour, linewidths=0, zorder=3)
+        tops += (high + half).tolist()
+        for order in _surest(error) if len(errors) == 1 else ():
+            label = str(error.orders[order])
+            place = (float(at[order]), float(high[order] + half[order]))
+            axes.annotate(label, place, xytext=(0, 2), textcoords="offset points", ha="center", fontsize=7.5)
+    log_scale(axes, "x", 0.85, 1.18 * max(int(error.orders.max(initial=2)) for error in errors.values()))
+    axes.xaxis.set_major_locator(FixedLocator([1, 2, 5, 10, 20, 50, 100, 200, 500]))
+    log_scale(axes, "y", floor, 1.6 * max(tops))
     axes.set_title(f"{short(name, longest=14)} by order")
     axes.set(xlabel="order: waves in a full turn", ylabel="amplitude [arcsec]")
-    axes.xaxis.set_major_locator(MaxNLocator(9, integer=True))
-    axes.yaxis.set_major_locator(MaxNLocator(5))
-    axes.tick_params(axis="x", color=FAINT)
     return drawing
+
+
+def _surest(error: JointError) -> list[int]:
+    """Give where the amplitudes stand that are known best, none beside another: there is no room for two labels."""
+    found: list[int] = []
+    for i in np.argsort(-error.amplitudes / np.maximum(error.amplitudes_std, 1e-12), kind="stable").tolist():
+        apart = all(abs(np.log(error.orders[i] / error.orders[j])) > 0.2 for j in found)
+        if len(found) < _LABELLED and apart and error.amplitudes[i] > COVERAGE_FACTOR * error.amplitudes_std[i]:
+            found.append(i)
+    return found
