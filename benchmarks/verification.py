@@ -1,0 +1,52 @@
+"""Shapes of the standards' tests: a sphere from 25 points, the smallest about 5, a cylinder from 100. One thread.
+
+python benchmarks/verification.py [--json] [--runs N]
+"""
+
+import os
+
+os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")  # before NumPy is loaded
+
+import numpy as np
+
+from machine import Target, options_of, say_json, say_machine, say_table, say_targets, times_of_each
+from truearm.verify.circumscribed import circumscribed_sphere
+from truearm.verify.cylinder import fit_cylinder
+from truearm.verify.sphere import fit_sphere
+
+NOISE = 0.01  # mm
+
+
+def main() -> None:
+    """Measure and print."""
+    options = options_of(__doc__, runs=200)
+    rng = np.random.default_rng(20170101)
+    away = rng.normal(size=(25, 3))
+    away[:, 2] = np.abs(away[:, 2])
+    ball = [800.0, 300.0, 100.0] + 12.5 * away / np.linalg.norm(away, axis=1)[:, None]
+    ball += NOISE * rng.normal(size=ball.shape)
+    angle, along = rng.uniform(0, 2 * np.pi, 100), rng.uniform(-40, 40, 100)
+    tube = np.column_stack([20 * np.cos(angle), 20 * np.sin(angle), along]) + NOISE * rng.normal(size=(100, 3))
+    centres = rng.normal(size=(5, 3))
+    times = times_of_each(
+        {
+            "sphere from 25 points": lambda: fit_sphere(ball),
+            "smallest sphere about 5 points": lambda: circumscribed_sphere(centres),
+            "cylinder from 100 points": lambda: fit_cylinder(tube),
+        },
+        runs=options.runs,
+    )
+    target = Target("sphere from 25 points [ms]", 1e3 * times["sphere from 25 points"].median, 1.0)
+    if options.json:
+        say_json({"ms": {what: 1e3 * t.median for what, t in times.items()}}, [target])
+        return
+    say_machine()
+    say_table(
+        ["", "shortest [ms]", "median [ms]"],
+        [[what, f"{1e3 * t.shortest:.3f}", f"{1e3 * t.median:.3f}"] for what, t in times.items()],
+    )
+    say_targets([target])
+
+
+if __name__ == "__main__":
+    main()

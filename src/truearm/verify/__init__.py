@@ -1,0 +1,1 @@
+"""The standards' tests: shapes from points, uncertainty of the test value, the decision. It never sees a model."""

@@ -1,0 +1,291 @@
+"""Orthogonal distance regression: what the least-squares ("Gauss") shapes share.
+
+Residuals are distances [mm] from the nearest point of the shape, and the sum of their squares is least: A. B. Forbes,
+"Least-squares best-fit geometric elements", NPL Report DITC 140/89, National Physical Laboratory 1989; C. M. Shakarji,
+"Least-squares fitting algorithms of the NIST Algorithm Testing System", J. Res. Natl. Inst. Stand. Technol. 103 (1998)
+633. Points are brought to their mean and to a root mean square distance of 1 from it first, so that neither far-away
+coordinates nor units cost digits. A shape is moved in a frame of its own, which every step takes along: no direction
+is singular.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+
+FloatArray = npt.NDArray[np.float64]
+State = TypeVar("State")
+
+# Spreads below this share of the largest are taken for none: points on a line, in a plane.
+NOTHING = 1e-9
+# Singular values of the derivative below this share of the largest: parameters that the points do not tell apart.
+RANK = 1e-11
+# In spreads of the points: a radius beyond is that of a straight thing.
+FARTHEST = 1e6
+MOST_STEPS = 1000
+# Steps that change residuals by less than this share, and no longer by less and less, are rounding.
+STALLED = 1e-10
+
+
+class Normalised(NamedTuple):
+    """Points about their mean, in units of their spread.
+
+    Attributes
+    ----------
+    points : (n, 3) array
+        Their mean is 0, the mean of their squared lengths 1.
+    middle : (3,) array
+        Where the mean was [mm].
+    scale : float
+        The unit [mm].
+    rounding : float
+        What the rounding of the given coordinates is in that unit.
+    """
+
+    points: FloatArray
+    middle: FloatArray
+    scale: float
+    rounding: float
+
+    @property
+    def nothing(self) -> float:
+        """Spreads up to here, in units of the largest, count as none."""
+        return max(NOTHING, 16 * self.rounding)
+
+
+class Linearised(NamedTuple):
+    """Residuals (m,) at a state and their derivative (m, p) by the shape's parameters."""
+
+    residuals: FloatArray
+    jacobian: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What every shape fitted to points says of the fit.
+
+    Attributes
+    ----------
+    residuals : (n,) or (n, 2) array
+        Signed distances [mm] of the points from the shape; where the shape is a curve, their two components.
+    std_mm : float
+        Standard deviation of a point's coordinate [mm]: as given, or from the residuals; NaN if there are no more
+        residuals than parameters.
+    covariance : (p, p) array
+        Of the parameters, in the order that the shape's description gives them, to first order and for points with
+        independent errors alike in all directions. Points and directions that move only across the shape, or keep
+        length 1, make it singular. NaN where `std_mm` is.
+    """
+
+    residuals: FloatArray
+    std_mm: float
+    covariance: FloatArray
+
+    @property
+    def form_mm(self) -> float:
+        """Least-squares form deviation: largest less smallest residual; of a curve, twice the largest distance."""
+        if self.residuals.ndim == 1:
+            return float(np.ptp(self.residuals))
+        return 2 * float(np.sqrt((self.residuals**2).sum(axis=1)).max())
+
+
+def normalised(points: npt.ArrayLike, *, least: int, shape: str) -> Normalised:
+    """Check points (n, 3) [mm], and bring them to their middle and to unit spread.
+
+    Raises
+    ------
+    InputError
+        If they are not (n, 3) finite numbers, are fewer than `least`, or all in one place.
+    """
+    given = np.asarray(points, dtype=float)
+    if given.ndim != 2 or given.shape[1] != 3:
+        raise InputError(f"expected points of a {shape} as an array (n, 3), got shape {given.shape}")
+    if not np.isfinite(given).all():
+        row = int(np.argmin(np.isfinite(given).all(axis=1)))
+        raise InputError(f"expected finite coordinates of a {shape}, got {given[row].tolist()} at point {row + 1}")
+    if len(given) < least:
+        raise InputError(f"expected {least} points or more for a {shape}, got {len(given)}", hint="measure more points")
+    largest = np.abs(given).max()
+    unit = float(largest) or 1.0  # neither squares of huge numbers nor of tiny ones
+    middle = given.mean(axis=0)
+    centred = (given - middle) / unit
+    middle = middle + unit * centred.mean(axis=0)
+    centred -= centred.mean(axis=0)
+    spread = float(np.sqrt((centred**2).sum(axis=1).mean()))
+    if spread <= 16 * np.finfo(float).eps:
+        raise InputError(f"expected points all over a {shape}, got {len(given)} in one place")
+    scale = spread * unit
+    return Normalised(centred / spread, middle, scale, float(np.finfo(float).eps * largest / scale))
+
+
+def principal_axes(normal: Normalised) -> tuple[FloatArray, FloatArray]:
+    """Spreads (3,) of the points, largest first, and the right-handed frame (3, 3) of their axes as columns."""
+    n = len(normal.points)
+    three = np.concatenate([normal.points, np.zeros((max(3 - n, 0), 3))])  # rows of zeros change neither
+    _, spreads, axes = np.linalg.svd(three, full_matrices=False)
+    spreads = spreads / np.sqrt(n)
+    frame = axes.T.copy()
+    frame[:, 1] *= np.sign(np.linalg.det(frame))
+    return spreads, frame
+
+
+def gauss_newton(
+    start: State,
+    linearised: Callable[[State], Linearised],
+    moved: Callable[[State, FloatArray], State],
+    *,
+    size: Callable[[State], float],
+    shape: str,
+    most_steps: int = MOST_STEPS,
+) -> tuple[State, Linearised]:
+    """Minimise a sum of squares by Gauss-Newton steps, halved until they do not raise it.
+
+    Parameters
+    ----------
+    start : state
+        Near the minimum.
+    linearised : callable
+        Residuals and derivative at a state.
+    moved : callable
+        The state after a step (p,).
+    size : callable
+        The largest length of a state, in spreads of the points.
+    shape : str
+        What is fitted, for messages.
+    most_steps : int
+        After which the search is given up.
+
+    Raises
+    ------
+    InputError
+        If the points do not determine the shape: the sum has no minimum nearby, or a whole line of minima.
+    """
+    state, at = start, linearised(start)
+    before = np.inf
+    for _ in range(most_steps):
+        step = _least_squares(at, shape)
+        # Of residuals of that many points, at distances of that size.
+        rounding = 4 * np.finfo(float).eps * np.sqrt(len(at.residuals)) * max(1.0, size(state))
+        norm, promised, share = _norm(at.residuals), _norm(at.jacobian @ step), 1.0
+        while True:
+            there = moved(state, share * step)
+            then = linearised(there)
+            if _norm(then.residuals) <= norm + rounding:
+                break
+            share /= 2
+            if share * promised < rounding:
+                return state, at
+        state, at = there, then
+        if size(state) > FARTHEST:
+            raise undetermined(shape)
+        if promised < rounding or (promised < STALLED * max(1.0, size(state)) and promised > 0.9 * before):
+            return state, at
+        before = promised
+    raise undetermined(shape)
+
+
+def undetermined(shape: str) -> InputError:
+    """The error of points from which no shape can be found."""
+    return InputError(
+        f"the points do not determine a {shape}: within their scatter it may be of any size or direction",
+        hint="points spread wider over it, and look for points that belong to another surface",
+    )
+
+
+def scatter(at: Linearised, scale: float, std_mm: float | None) -> float:
+    """The standard deviation of a coordinate [mm]: the given one, or from the residuals; NaN if they cannot tell.
+
+    Raises
+    ------
+    InputError
+        If a given one is not a positive number.
+    """
+    if std_mm is not None:
+        if not (np.isfinite(std_mm) and std_mm > 0):
+            raise InputError(f"expected a positive standard deviation of a point, got {std_mm} mm")
+        return float(std_mm)
+    m, p = at.jacobian.shape
+    return scale * float(np.sqrt(at.residuals @ at.residuals / (m - p))) if m > p else np.nan
+
+
+def covariance_of(at: Linearised, to_parameters: FloatArray, std: float, shape: str) -> FloatArray:
+    """Propagate the points' scatter `std` through the fit: ``std^2 G (J^T J)^-1 G^T`` with ``G = to_parameters``."""
+    r: FloatArray = np.asarray(np.linalg.qr(at.jacobian, mode="r"))
+    diagonal = np.abs(r.diagonal())
+    if diagonal.min() <= RANK * diagonal.max():
+        raise undetermined(shape)
+    root = std * to_parameters @ np.linalg.inv(r)
+    return np.asarray(root @ root.T)
+
+
+def tilted(frame: FloatArray, a: float, b: float) -> FloatArray:
+    """The frame (3, 3) turned about its own first two axes by small angles `a`, `b` [rad], orthonormal again."""
+    third = frame[:, 2] + b * frame[:, 0] - a * frame[:, 1]
+    third = third / np.sqrt(third @ third)
+    first = frame[:, 0] - (frame[:, 0] @ third) * third
+    first = first / np.sqrt(first @ first)
+    return np.column_stack([first, cross(third, first), third])
+
+
+def cross(one: FloatArray, other: FloatArray) -> FloatArray:
+    """The cross product of two vectors (3,), without the cost of the general one."""
+    (a, b, c), (d, e, f) = one, other
+    return np.array([b * f - c * e, c * d - a * f, a * e - b * d])
+
+
+def radial(local: FloatArray, *, moves: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """Distances from the third axis of the shape's frame and their derivatives.
+
+    Parameters
+    ----------
+    local : (n, 3) array
+        Points in the frame.
+    moves : tuple of int
+        Axes along which the shape moves.
+
+    Returns
+    -------
+    distance : (n,) array
+    jacobian : (n, len(moves) + 3) array
+        Of distance less radius, by the moves, the tilts about the first and second axis, and the radius.
+    """
+    x, y, z = local.T
+    distance = np.sqrt(x * x + y * y)
+    safe = np.where(distance > 0, distance, 1.0)
+    outward = (x / safe, y / safe, np.zeros(len(local)))
+    columns = [-outward[axis] for axis in moves] + [z * outward[1], -z * outward[0], -np.ones(len(local))]
+    return distance, np.column_stack(columns)
+
+
+def signed(direction: FloatArray) -> float:
+    """The sign that makes the largest component of a direction (3,) positive."""
+    return 1.0 if direction[np.argmax(np.abs(direction))] > 0 else -1.0
+
+
+def circle_start(plane: FloatArray) -> FloatArray:
+    """The centre (2,) of the circle through points (n, 2), or (3,) of the sphere through points (n, 3), algebraically.
+
+    Linear in centre and ``r^2 - c^2``: I. Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8.
+    """
+    square = (plane**2).sum(axis=1)
+    A = np.column_stack([2 * plane, np.ones(len(plane))])
+    found, *_ = np.linalg.lstsq(A, square, rcond=None)
+    return np.asarray(found[:-1])
+
+
+def _norm(vector: FloatArray) -> float:
+    return float(np.sqrt(vector @ vector))
+
+
+def _least_squares(at: Linearised, shape: str) -> FloatArray:
+    """The step (p,) that solves ``J step = -r``."""
+    step, _, _, singular = np.linalg.lstsq(at.jacobian, -at.residuals, rcond=None)
+    if singular[-1] <= RANK * singular[0]:
+        raise undetermined(shape)
+    return np.asarray(step)
