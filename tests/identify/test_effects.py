@@ -83,3 +83,10 @@ def test_a_group_that_was_given_up_has_no_size(rng):
     gone = of_group(effects(fit, random_state(chain, 5, rng)), "bending")
     assert (gone.offered, gone.determined) == (7, 0.0)
     assert (gone.rotation_rad, gone.shift_mm, gone.tip_mm) == (None, None, None)
+
+
+def test_an_arm_that_is_as_drawn_has_no_terms(rng):
+    """All groups were given up."""
+    chain = random_chain(rng)
+    fit = identified(chain, [], np.zeros(0), pruned=("bending", "tip"))
+    assert [effect.tip_mm for effect in effects(fit, random_state(chain, 5, rng))] == [None, None]

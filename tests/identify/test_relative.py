@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from test_joint_errors import identified
 from test_problem import random_chain, random_state
 
+from truearm.identify.problem import Moved
 from truearm.identify.relative import relative_covariance
 from truearm.terms import constants
 from truearm.terms.catalogue import own_axis
@@ -43,6 +44,9 @@ def test_where_the_base_stands_does_not_matter(rng):
     state = random_state(fit.moved.chain, 1500, rng)  # more than a piece
     assert np.abs(fit.tip_covariance(state)).max() > 1e-8
     assert np.abs(relative_covariance(fit, state)).max() < 1e-20
+
+    nothing = replace(fit, moved=Moved(fit.moved.chain, ()), coefficients=np.zeros(0), covariance=np.zeros((0, 0)))
+    assert not relative_covariance(nothing, random_state(nothing.moved.chain, 5, rng)).any()
 
     fit = identified([*only_base, *own_axis(chain, 1, highest=2)], rng, std=1e-3)
     wide = fit.covariance.copy()

@@ -100,14 +100,17 @@ def load_for(model: Path, session: Path) -> tuple[Compensator, Readings]:
 
 
 def load_with_reference(model: Path, session: Path, *, purpose: str) -> tuple[Compensator, Readings]:
-    """The same, for the readings with reference points, which the arm can reach; if there are none, all."""
+    """The same, for the readings with reference points, which the arm can reach; if there are none, those in seats."""
     fitted, readings = load_for(model, session)
     check_reference(readings, fitted, purpose=purpose, seats=True)
-    with_point = readings.has_point
-    if with_point.all() or not with_point.any():
+    useful, lacking = readings.has_point, "have no reference point"
+    if not useful.any():
+        assert readings.seat is not None  # checked above
+        useful, lacking = readings.seat != "", "are in no seat"
+    if useful.all():
         return fitted, readings
-    note(f"{int((~with_point).sum())} of {len(readings)} readings have no reference point and are left out")
-    return fitted, readings.rows(with_point)
+    note(f"{int((~useful).sum())} of {len(readings)} readings {lacking} and are left out")
+    return fitted, readings.rows(useful)
 
 
 def without_served(models: Sequence[Compensator], readings: Readings) -> tuple[Readings, int]:

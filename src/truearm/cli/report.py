@@ -300,7 +300,7 @@ def remarks(model: Compensator, readings: Readings) -> list[str]:
     outside = int(model.outside_training(readings.angles).sum())
     if outside:
         said.append(f"{outside} of {len(readings)} readings have a joint away from the training angles.")
-    if readings.points is not None and fingerprint(readings) == model.data_fingerprint_:
+    if fingerprint(readings) == model.data_fingerprint_:
         said.append("These are the readings it learned from: an honest test needs others (truearm split).")
     return said
 

@@ -87,7 +87,7 @@ def _tip_squares(fit: Identified, state: ArmState, group: IntArray, is_free: npt
     free = np.flatnonzero(is_free[group])
     own, cross, gram = np.zeros(len(parts)), np.zeros((len(free), len(parts))), np.zeros((len(free), len(free)))
     for _, _, columns in fit.moved.derivatives(state, fit.coefficients):
-        flat = columns.reshape(len(columns), -1)
+        flat = columns.reshape(len(columns), 3 * columns.shape[2])
         moved = np.stack([fit.coefficients[part] @ flat[part] for part in parts])
         own += (moved**2).sum(axis=1)
         cross += flat[free] @ moved.T

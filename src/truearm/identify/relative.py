@@ -44,8 +44,8 @@ def relative_covariance(fit: Identified, state: ArmState) -> FloatArray:
         shared += np.einsum("nia,pin->ap", basis[rows], columns, optimize=True) @ root.T
     out = np.empty((len(state), 3, 3))
     for rows, _, columns in fit.moved.derivatives(state, fit.coefficients):
-        n = columns.shape[2]
-        spread = (root @ columns.reshape(len(columns), -1)).reshape(-1, 3, n) - np.einsum(
+        p, _, n = columns.shape
+        spread = (root @ columns.reshape(p, 3 * n)).reshape(len(root), 3, n) - np.einsum(
             "nia,ap->pin", basis[rows], shared, optimize=True
         )
         out[rows] = np.einsum("pin,pjn->nij", spread, spread, optimize=True)

@@ -78,11 +78,11 @@ def joint_errors(
     without = f" Of {', '.join(none)} the readings tell nothing that is larger than its uncertainty." if none else ""
     return Figure(
         panels,
-        caption="What each joint turns further than its encoder shows, over its angle and by order, waves in a full turn"
-        f"{'' if several else ' (numbers at those known best)'}. Bands and whiskers hold the true value with 95 % "
-        "probability. The grey hill is where the readings stood; away from them the band widens. 10 arcsec move a point "
-        "1 m away by 0.048 mm. Where a joint did not turn all round, neighbouring orders cannot be told apart: the "
-        "curve is known better than its orders are." + without,
+        caption="What each joint turns further than its encoder shows, over its angle and by order, waves in a full "
+        f"turn{'' if several else ' (numbers at those known best)'}. Bands and whiskers hold the true value with 95 % "
+        "probability. The grey hill is where the readings stood; away from them the band widens. 10 arcsec move a "
+        "point 1 m away by 0.048 mm. Where a joint did not turn all round, neighbouring orders cannot be told apart: "
+        "the curve is known better than its orders are." + without,
         alt=f"Error of {len(by_joint)} joints about their own axes over their angles, and its amplitude by order. "
         f"Root mean square: {listed(sizes, most=8)}.",
         columns=2,

@@ -1,0 +1,67 @@
+"""``truearm report`` of identified arms: sections on what was found, and sessions of seats alone."""
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def seated(truearm, tmp_path_factory):
+    """Readings in three seats and both of a bar at one place, a model of them, and what the bar's length is."""
+    folder = tmp_path_factory.mktemp("seated")
+    session, lengths, model = (folder / name for name in ("seats.csv", "lengths.csv", "arm.truearm"))
+    simulated = truearm(
+        *("simulate", "gao2017", "--strategy", "seat", "--bars", 1, "--poses", 75, "--no-reference"),
+        *("--lengths", lengths, "--out", session),
+    )
+    assert simulated.code == 0, simulated.err
+    fitted = truearm("fit", session, "--arm", "gao2017", "--model", "kinematic", "--lengths", lengths, "--out", model)
+    assert fitted.code == 0, fitted.err
+    return folder
+
+
+def test_an_identified_arm_has_its_uncertainty_and_terms_on_the_page(truearm, made, tmp_path):
+    page = tmp_path / "page.html"
+    files = [made / f"{name}.truearm" for name in ("nominal", "kinematic", "network")]
+    ran = truearm("report", *files, made / "test.csv", "--out", page)
+    assert ran.code == 0, ran.err
+    text = page.read_text(encoding="utf-8")
+    for said in (">Uncertainty</h2>", "(k = 2)", ">What the arm does</h2>", "lengths and offsets", "held out"):
+        assert said in text, said
+    assert "Error of each joint" not in text  # a kinematic model has none
+
+
+def test_two_identified_arms_are_told_apart(truearm, made, tmp_path):
+    page, other = tmp_path / "page.html", tmp_path / "other.truearm"
+    other.write_bytes((made / "kinematic.truearm").read_bytes())
+    ran = truearm("report", made / "kinematic.truearm", other, made / "train.csv", "--out", page)
+    assert ran.code == 0, ran.err
+    text = page.read_text(encoding="utf-8")
+    assert ">Uncertainty: kinematic</h2>" in text
+    assert ">Uncertainty: other</h2>" in text
+
+
+def test_a_session_of_seats_has_a_page(truearm, seated, tmp_path):
+    page = tmp_path / "page.html"
+    ran = truearm(
+        "report", seated / "arm.truearm", seated / "seats.csv", "--lengths", seated / "lengths.csv", "--out", page
+    )
+    assert ran.code == 0, ran.err
+    assert "1 model compared on 75 readings" in ran.out
+    text = page.read_text(encoding="utf-8")
+    for said in ("Agreement in the seats", "B1a", ">Lengths</h2>", "a frame is fitted", "These are the readings"):
+        assert said in text, said
+
+
+def test_lengths_are_for_sessions_of_seats(truearm, made, seated, tmp_path):
+    ran = truearm(
+        *("report", made / "kinematic.truearm", made / "test.csv"),
+        *("--lengths", seated / "lengths.csv", "--out", tmp_path / "page.html"),
+    )
+    assert ran.code == 2
+    assert "expected lengths with a session without reference points" in ran.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_session_without_points_or_seats_is_refused(truearm, made, tmp_path):
+    ran = truearm("report", made / "kinematic.truearm", made / "angles.csv", "--out", tmp_path / "page.html")
+    assert ran.code == 2
+    assert "reference points or seats to compare with" in ran.err
