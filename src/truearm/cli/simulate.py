@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, check_apart, progress, say, say_json
+from truearm.cli.console import Json, progress, say, say_json
 
 if TYPE_CHECKING:
     from truearm.arm.arm import Arm
@@ -77,7 +77,8 @@ def simulate(
     if bool(bars) != (lengths is not None):
         raise InputError("--bars and --lengths belong together", hint="--bars 2 --lengths lengths.csv")
     if lengths is not None:
-        check_apart(lengths, out)
+        if lengths.resolve() == out.resolve():
+            raise InputError("--out and --lengths are the same file", file=lengths)
         check_writable(lengths)
     with progress(f"measuring {poses} poses"):
         if bars:
@@ -139,13 +140,11 @@ def _with_bars(nominal: Arm, strategy: str, n: int, *, seed: int, seats: int | N
         raise InputError(f"--bars is for the strategy seat, not for {strategy}", hint="--strategy seat")
     single = 3 if seats is None else seats
     each = n // (single + 2 * bars)
-    if single < 0 or each < 1:
+    if single < 1 or each < 1:
         raise InputError(f"expected at least one pose a seat, got {n} poses for {single} seats and {bars} bars")
     found = bar_places(nominal, bars, length_mm=bar_mm, poses=each, seed=seed)
     assert found.seat is not None
     assert found.seat_points is not None
-    if not single:
-        return Poses(found.angles, found.rejected, found.seat, found.seat_points)
     alone = seat(nominal, n - len(found.angles), seed=seed, seats=single)
     assert alone.seat is not None
     assert alone.seat_points is not None
