@@ -89,18 +89,22 @@ def simulate(
         measured = virtual.measure(
             taken.angles, seed=seed, seat=taken.seat, seat_points=taken.seat_points, reference=reference
         )
-        if lengths is None:
+        certificate = _certificate(bars, bar_mm, seed=arm_seed) if bars else None
+        if lengths is None or certificate is None:
             write_session(measured.readings, out)
         else:
             # Both or none, as they belong together.
             with whole_file(out) as session:
                 write_session(measured.readings, session)
-                write_lengths(_certificate(bars, bar_mm, seed=arm_seed), lengths)
+                write_lengths(certificate, lengths)
         result = _result(virtual, measured, taken, out=out, strategy=strategy, seed=seed)
     if as_json:
         say_json(result)
     else:
         _tell(result, taken)
+        if certificate is not None:
+            stated = f"{certificate.length_mm[0]:.4f} mm, u = {BAR_U_MM} mm"
+            say(f"{lengths}: length of the bar by its certificate, {stated}, at {bars} place{'s' * (bars > 1)}")
 
 
 def _poses(nominal: Arm, strategy: str, n: int, *, seed: int, seats: int | None, half_width_deg: float | None) -> Poses:
