@@ -1,0 +1,205 @@
+"""The uncertainty of a test value, and the decision by ISO 14253-1.
+
+Sources: JCGM 100:2008 (GUM), sections 5.1.2, 6.2 and G.4; ISO 14253-1 as recalled, not confirmed against its text (its
+2017 edition also allows smaller guard bands than the whole expanded uncertainty; they are not used here).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from math import erf, hypot, inf, isfinite, isinf, sqrt
+from typing import Literal
+
+from truearm.errors import InputError
+
+Rule = Literal["iso14253-1", "simple"]
+RULES: tuple[Rule, ...] = ("iso14253-1", "simple")
+
+# Two-sided, of a normal distribution within two standard deviations: k = 2 for infinite degrees of freedom.
+LEVEL = erf(2 / sqrt(2))
+# Simple acceptance wants limits this many times the expanded uncertainty: the "4:1 rule" of laboratories.
+SIMPLE_RATIO = 4.0
+
+
+class Verdict(Enum):
+    """What a test value says of conformity with a specification."""
+
+    CONFORM = "conform"
+    NOT_CONFORM = "not conform"
+    UNDECIDED = "undecided"
+
+
+# From good to bad.
+_ORDER = (Verdict.CONFORM, Verdict.UNDECIDED, Verdict.NOT_CONFORM)
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """One line of an uncertainty budget.
+
+    Parameters
+    ----------
+    label : str
+        Where it comes from.
+    u : float
+        Standard uncertainty that it gives the test value, in the test value's unit: sensitivity included.
+    dof : float, optional
+        Its degrees of freedom; infinite by default.
+
+    Raises
+    ------
+    InputError
+        If `u` is negative or not finite, or `dof` not positive.
+    """
+
+    label: str
+    u: float
+    dof: float = inf
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.u) and self.u >= 0):
+            raise InputError(f"{self.label}: expected a standard uncertainty of 0 or more, got {self.u}")
+        if not self.dof > 0:
+            raise InputError(f"{self.label}: expected positive degrees of freedom, got {self.dof}")
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The uncertainty of a test value as a list of contributions, independent of each other."""
+
+    contributions: tuple[Contribution, ...] = ()
+
+    @property
+    def u(self) -> float:
+        """Combined standard uncertainty: the root of the sum of squares (GUM 5.1.2)."""
+        return hypot(*(one.u for one in self.contributions))
+
+    @property
+    def dof(self) -> float:
+        """Effective degrees of freedom by Welch and Satterthwaite (GUM G.4.1, equation G.2b)."""
+        largest = max((one.u for one in self.contributions), default=0.0)
+        if largest == 0:
+            return inf
+        shares = [(one.u / largest, one.dof) for one in self.contributions]
+        spent = sum(share**4 / dof for share, dof in shares)
+        return inf if spent == 0 else sum(share**2 for share, _ in shares) ** 2 / spent
+
+    @cached_property
+    def coverage_factor(self) -> float:
+        """Student's t for `LEVEL` and the effective degrees of freedom, cut to an integer (GUM G.4.1, note 1)."""
+        if isinf(self.dof):
+            return 2.0
+        from scipy.stats import t
+
+        # The integer may not fall for the rounding of a sum, nor below what a single contribution has.
+        return float(t.ppf((1 + LEVEL) / 2, max(1, int(self.dof * (1 + 1e-12)))))
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty U = k u."""
+        return self.coverage_factor * self.u
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a verification's table.
+
+    Attributes
+    ----------
+    label : str
+        What was tested.
+    value : float
+        The test value.
+    unit : str
+    budget : Budget
+        Of the test value: of artefact and set-up, not of the arm (ISO 23165's view, recalled).
+    limit : float or None
+        Maximum permissible error or limit; None where the specification states none.
+    verdict : Verdict or None
+        None where there is no limit.
+    where : str
+        At which place, length and run the value was found.
+    """
+
+    label: str
+    value: float
+    unit: str
+    budget: Budget
+    limit: float | None
+    verdict: Verdict | None
+    where: str = ""
+
+    @property
+    def uncertainty(self) -> float:
+        """Expanded uncertainty of the value."""
+        return self.budget.expanded
+
+
+def decide(value: float, uncertainty: float, limit: float, *, rule: Rule = "iso14253-1") -> Verdict:
+    """Decide whether a test value conforms.
+
+    Parameters
+    ----------
+    value : float
+        Test value; its magnitude is compared.
+    uncertainty : float
+        Expanded uncertainty of it.
+    limit : float
+        Maximum permissible error, positive.
+    rule : {"iso14253-1", "simple"}
+        ISO 14253-1 for a supplier who proves conformity and a customer who proves the contrary: conform if
+        ``|value| + U <= limit``, not conform if ``|value| - U > limit``, else undecided. Simple acceptance leaves the
+        uncertainty out, and is undecided where that is not small: more than the limit over `SIMPLE_RATIO`.
+
+    Raises
+    ------
+    InputError
+        If the value is not finite, the uncertainty is negative or not finite, or the limit is not positive.
+    """
+    if not isfinite(value):
+        raise InputError(f"expected a finite test value, got {value}")
+    if not (isfinite(uncertainty) and uncertainty >= 0):
+        raise InputError(f"expected an expanded uncertainty of 0 or more, got {uncertainty}")
+    if not (isfinite(limit) and limit > 0):
+        raise InputError(f"expected a positive limit, got {limit}")
+    if rule == "simple":
+        if uncertainty * SIMPLE_RATIO > limit:
+            return Verdict.UNDECIDED
+        return Verdict.CONFORM if abs(value) <= limit else Verdict.NOT_CONFORM
+    if abs(value) + uncertainty <= limit:
+        return Verdict.CONFORM
+    return Verdict.NOT_CONFORM if abs(value) - uncertainty > limit else Verdict.UNDECIDED
+
+
+def judged(
+    label: str,
+    value: float,
+    budget: Budget,
+    limit: float | None,
+    *,
+    rule: Rule,
+    where: str = "",
+) -> Row:
+    """Make the row of a test value in mm, with the verdict where there is a limit."""
+    verdict = None if limit is None else decide(value, budget.expanded, limit, rule=rule)
+    return Row(label, value, "mm", budget, limit, verdict, where)
+
+
+def decisive(rows: Sequence[Row]) -> Row:
+    """Find the row that decides over several of one test: the worst verdict, and nearest to its limit among those."""
+    return max(
+        rows,
+        key=lambda row: (
+            -1 if row.verdict is None else _ORDER.index(row.verdict),
+            abs(row.value) + row.uncertainty - (row.limit or 0.0),
+        ),
+    )
+
+
+def overall(rows: Iterable[Row]) -> Verdict | None:
+    """The verdict of a whole verification: conform only where every row that has a limit is; None if none has one."""
+    verdicts = [row.verdict for row in rows if row.verdict is not None]
+    return max(verdicts, key=_ORDER.index) if verdicts else None
