@@ -48,8 +48,8 @@ def plan(
         typer.Option("--strategy", help="By which to choose the poses to write."),
     ] = "i-optimal",
     terms: Annotated[
-        Literal["constants", "physical"] | None,
-        typer.Option("--terms", help="What to find out of an arm; by default constants. A model has its own."),
+        Literal["physical", "constants"] | None,
+        typer.Option("--terms", help="What to find out of an arm; by default physical. A model has its own."),
     ] = None,
     taken: Annotated[
         Path | None, typer.Option("--taken", help="Session of readings taken already, that the model has not seen.")
@@ -100,7 +100,7 @@ def plan(
             nominal, known, before = _of_model(Path(arm), noise, taken)
         else:
             nominal = arm_from(arm)
-            known = as_drawn(nominal, terms=terms or "constants", noise_mm=NOISE_MM if noise is None else noise)
+            known = as_drawn(nominal, terms=terms or "physical", noise_mm=NOISE_MM if noise is None else noise)
             before = None if taken is None else _readings(taken, nominal)
         if before is not None:
             known = known.after(before)

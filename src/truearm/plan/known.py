@@ -23,7 +23,7 @@ from truearm.terms.state import ArmState
 from truearm.terms.term import Term
 
 FloatArray = npt.NDArray[np.float64]
-Terms = Literal["constants", "physical"]
+Terms = Literal["physical", "constants"]
 
 HIGHEST_ORDER = 4
 """Of the harmonics about a joint's own axis that a plan for an arm as drawn reckons with.
@@ -119,15 +119,15 @@ class Known:
         return known
 
 
-def as_drawn(arm: Arm, *, terms: Terms = "constants", noise_mm: float) -> Known:
+def as_drawn(arm: Arm, *, terms: Terms = "physical", noise_mm: float) -> Known:
     """What is known of an arm of which no reading has been taken: its drawing, and the priors of the terms.
 
     Parameters
     ----------
     arm : Arm
-    terms : {"constants", "physical"}
-        The constants of joints and tip (see `truearm.terms.catalogue.constants`), or also harmonics about the joints'
-        own axes up to order `HIGHEST_ORDER`, wobble, and gravity.
+    terms : {"physical", "constants"}
+        The constants of joints and tip (see `truearm.terms.catalogue.constants`), harmonics about the joints' own axes
+        up to order `HIGHEST_ORDER`, wobble, and gravity; or the constants alone.
     noise_mm : float
         Standard deviation of a coordinate of a reading, by the reference, by the touch, and by what no term explains.
     """
