@@ -81,7 +81,7 @@ def test_gain_and_covariance_are_those_of_dense_algebra(known):
     E = np.eye(len(x))[:, -9:]
     ((_, _, columns),) = list(found.moved.derivatives(state, found.coefficients))
     J = columns.reshape(len(x), -1).T
-    R = NOISE**2 * np.eye(len(J))
+    R = found.references[0].noise_std ** 2 * np.eye(len(J))
     S = R + J @ P @ J.T
     K = np.linalg.solve((J @ E).T @ np.linalg.solve(S, J @ E), (J @ E).T @ np.linalg.inv(S))
     B = np.eye(len(x)) - E @ K @ J
@@ -97,24 +97,28 @@ def test_gain_and_covariance_are_those_of_dense_algebra(known):
     np.testing.assert_array_equal(found.coefficients[:-9], x[:-9])
 
 
-def test_stated_uncertainty_is_right_for_many_arms_and_set_ups(known):
-    """True arms drawn from the posterior, each seen anew in 5 poses and asked at others."""
-    rng = np.random.default_rng(2)
+@pytest.mark.parametrize(("n", "most"), [(5, 1.0), (40, 0.98)])
+def test_stated_uncertainty_is_right_for_many_arms_and_set_ups(known, n, most):
+    """True arms drawn from the posterior, each seen anew in a few poses and asked at others.
+
+    Noise that never shrinks makes it too large where 6 degrees of freedom must tell it, not where 111 do.
+    """
+    rng = np.random.default_rng(n)
     root = np.linalg.cholesky(known.covariance)
     asked = ArmState(known.moved.chain, rng.uniform(-1, 1, (20, 3)))
     squares = []
     for _ in range(60):
         x = known.coefficients + root @ rng.normal(size=len(root))
         T, tip = rigid(rng.uniform(-3, 3), rng.uniform(-500, 500, 3)), rng.uniform(-5, 5, 3)
-        state, points = new_session(known, rng, 5, T=T, tip=tip, x=x, half_width=1.5)
+        state, points = new_session(known, rng, n, T=T, tip=tip, x=x, half_width=1.5)
         found = anew(known, state, points + rng.normal(0, NOISE, points.shape), T=T)
         chain = known.moved.chain.placed(T)
         truth = Moved(chain.with_tip(chain.tip_in_flange + tip), known.moved.terms).tips(asked, x)
         off = found.tips(asked) - truth
         squares.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(found.tip_covariance(asked)), off))
-    # 60 independent arms: a mean square of 3 is known to 3 * sqrt(2 / 180) at best, rows of one arm being alike.
-    assert np.mean(squares) == pytest.approx(3, abs=1.0)
-    assert np.mean(np.array(squares) < chi2.ppf(0.95, 3)) == pytest.approx(0.95, abs=0.04)
+    # Of 60 independent arms, a share of 0.95 is known to 0.03, rows of one arm being alike.
+    assert 0.89 < np.mean(np.array(squares) < chi2.ppf(0.95, 3)) <= most
+    assert 1.5 < np.mean(squares) < 4.0
 
 
 def test_the_uncertainty_of_the_arm_does_not_vanish_and_is_not_counted_twice(known):
@@ -159,9 +163,9 @@ def test_noise_is_kept_unless_the_readings_say_more(known):
     def noise_found(std):
         return anew(known, state, points + std * noise).references[0].noise_std
 
-    assert noise_found(NOISE) == pytest.approx(NOISE, rel=1e-12)
     assert noise_found(NOISE / 5) == pytest.approx(NOISE, rel=1e-12)
     # 81 degrees of freedom tell a standard deviation to 8 %.
+    assert NOISE <= noise_found(NOISE) < 1.2 * NOISE
     assert noise_found(4 * NOISE) == pytest.approx(4 * NOISE, rel=0.25)
 
 

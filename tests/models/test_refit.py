@@ -51,7 +51,8 @@ def test_ten_readings_take_the_arm_to_another_tracker_and_probe(real, fitted):
     assert np.sqrt((off**2).mean()) < 1.6 * NOISE
     assert coverage(new, test) > 0.9
     # The arm is the old one.
-    assert (new.n_train_, new.unexplained_std_) == (80, fitted.unexplained_std_)
+    assert new.n_train_ == 80
+    assert 1 <= new.unexplained_std_ / fitted.unexplained_std_ < 1.4  # 21 degrees of freedom: 15 %
     np.testing.assert_array_equal(new.angle_ranges_, fitted.angle_ranges_)
     old = dict(zip([t.name for t in fitted.fit_.moved.terms], fitted.fit_.coefficients, strict=True))
     found = dict(zip([t.name for t in new.fit_.moved.terms], new.fit_.coefficients, strict=True))
@@ -116,7 +117,8 @@ def test_noise_that_the_new_readings_do_not_bear_out_grows(real, fitted):
     rng = np.random.default_rng(7)
     taken = elsewhere(real, 20, rng)
     rough = Readings(taken.angles, taken.points + rng.normal(0, 0.3, taken.points.shape))
-    assert refit(fitted, taken).unexplained_std_ == fitted.unexplained_std_
+    calm = Readings(taken.angles, fitted.predict(taken.angles))
+    assert refit(fitted, calm).unexplained_std_ == fitted.unexplained_std_
     # 51 degrees of freedom tell it to 10 %.
     assert refit(fitted, rough).unexplained_std_ == pytest.approx(0.3, rel=0.35)
 
@@ -142,7 +144,7 @@ def test_stated_uncertainties_of_the_points_count(real, fitted):
     stated = refit(fitted, Readings(taken.angles, points, std))
     off = np.linalg.norm(stated.predict(test.angles) - test.points, axis=1).mean()
     assert off < 3 * NOISE
-    assert stated.unexplained_std_ == fitted.unexplained_std_
+    assert stated.unexplained_std_ < 1.5 * fitted.unexplained_std_
 
 
 def test_the_file_remembers_which_readings_served(real, fitted, tmp_path):

@@ -88,7 +88,7 @@ def refit(
         say("The base stays where it was: only reference points say where it stands.")
     unexplained = f"unexplained: {new.unexplained_std_:.4f} mm, standard deviation of a coordinate"
     if new.unexplained_std_ > known.unexplained_std_:
-        say(f"{unexplained}; it was {known.unexplained_std_:.4f} mm, and the new readings scatter more")
+        say(f"{unexplained}; {known.unexplained_std_:.4f} mm before: the new readings scatter more")
     else:
         say(f"{unexplained}, as it was")
     say(f"standard uncertainty of a coordinate over the session: {std:.4f} mm (median)")

@@ -25,7 +25,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
-from scipy.stats import chi2
 
 from truearm.arm.chain import Chain
 from truearm.identify.identification import UNKNOWN_STD, GroupFound, Identified, explained
@@ -46,8 +45,6 @@ MOST_ROUNDS = 40
 # A step is the last when it moves the new parameters by a smaller share of their uncertainty.
 SETTLED_STEP = 0.01
 SETTLED_NOISE = 0.02
-# The noise is what it was before, unless residuals as large as the new ones had a smaller probability under it.
-SURPRISE = 0.05
 
 
 def identified_anew(
@@ -78,8 +75,8 @@ def identified_anew(
         Of the new readings, one of a kind.
     unexplained_std : float
         Standard deviation of a residual that neither the terms nor the references explain [mm], as it was before.
-        Where the new residuals r are larger than it allows, it grows to what they say; it never shrinks. They are too
-        large where ``r^T S^-1 r``, of a chi-squared distribution, had a probability below 0.05 to be so large.
+        Where ``r^T S^-1 r`` of the new residuals is larger than its expectation, their number less that of what was
+        sought, it grows to where it is not; it never shrinks, as a few readings may agree by chance.
     robust : bool
         Whether far residuals weigh less.
     progress : callable, optional
@@ -104,7 +101,7 @@ def identified_anew(
 
     root = root_of(merged.covariance)
     of_arm = [_arm_variance(moved, state.rows(reference.rows), x[:n], root) for reference in references]
-    variance, raised, converged = unexplained_std**2, False, False
+    variance, converged = unexplained_std**2, False
     for n_rounds in range(1, MOST_ROUNDS + 1):
         weighed = _weighed(problem.references, residuals, variance, of_arm, robust=robust)
         left, found = sought.at(x, weighed, root)
@@ -116,9 +113,7 @@ def identified_anew(
         if left.size_of(step[which]) > SETTLED_STEP:
             continue
         freedom = max(weighed.freedom + sought.n_relations(x) - float(np.vdot(left.gram, found.covariance)), 1.0)
-        square = left.square - weighed.beyond
-        raised = raised or square > chi2.isf(SURPRISE, freedom)
-        grown = max(variance * square / freedom, unexplained_std**2) if raised else variance
+        grown = max(variance * (left.square - weighed.beyond) / freedom, unexplained_std**2)
         converged = abs(grown - variance) < SETTLED_NOISE * variance
         if converged:
             break
