@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from typing import Literal
 
@@ -160,7 +160,8 @@ def propose(
     n : int
         Number of poses; two and more for each seat.
     volume : Sector, optional
-        Where the arm is to be used, that of `Sector()` by default. Tips under a tracker are in it too.
+        Where the arm is to be used, that of `Sector()` by default. There too are a technician's poses under a tracker;
+        other poses may be anywhere in the sector that the arm works in.
     seed : int
         Of all that is drawn.
     progress : callable, optional
@@ -220,7 +221,14 @@ class _Chooser:
     def pool(self, volume: Sector) -> Candidates:
         """Poses to choose from, in more places than are wanted."""
         if self.artefact.kind == "tracker":
-            return tracker_poses(self.arm, max(_PER_POSE * self.n, _FEWEST), seed=self.seed, sector=volume)
+            found = tracker_poses(self.arm, max(_PER_POSE * self.n, _FEWEST), seed=self.seed)
+            assert found.technician is not None  # tracker_poses says so
+            if volume != Sector() and found.technician.any():  # a technician measures there; others may be anywhere
+                angles = found.angles.copy()
+                n_there = int(found.technician.sum())
+                angles[found.technician] = volume_poses(self.arm, n_there, seed=self.seed, sector=volume)
+                found = replace(found, angles=angles)
+            return found
         per_seat = min(_PER_POSE_IN_SEAT * self.per_seat, self.per_seat + _MOST_SPARE)
         return self._in_places(_PER_PLACE * self.artefact.places, per_seat, technician=False)
 
