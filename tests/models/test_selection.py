@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,7 +61,14 @@ def test_free_parts_and_lengths_are_passed_on(real, rng):
     np.testing.assert_allclose(apart, real.lengths().length_mm, atol=0.05)
 
 
-def test_models_cannot_be_compared_where_nothing_can_be_held_out(real, rng):
-    one_seat = real.held(rng).rows(np.arange(20))
-    with pytest.raises(InputError, match="to compare models on; there are none.*--model kinematic"):
-        select_model(real.arm, one_seat)
+def test_models_are_compared_on_parts_of_a_single_seat(real, rng):
+    _, table = select_model(real.arm, real.held(rng).rows(np.arange(20)))
+    assert all(np.isfinite(row.standard_error_mm) for row in table)
+
+
+def test_a_group_beside_a_single_reading_still_has_a_standard_error(real, rng):
+    held = real.held(rng).rows(np.arange(21))
+    seat = np.array(["S1"] * 20 + ["stray"])
+    model, table = select_model(real.arm, replace(held, seat=seat))
+    assert all(np.isfinite(row.standard_error_mm) for row in table)
+    assert not isinstance(model, NominalModel)

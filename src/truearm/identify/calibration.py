@@ -52,11 +52,12 @@ class HeldOut:
     @property
     def standard_error_mm(self) -> float:
         """Of the mean, from its scatter between groups [mm]."""
+        errors = self.errors_mm
         group = np.unique(self.group, return_inverse=True)[1]
         counts = np.bincount(group)
-        sums = np.bincount(group, self.errors_mm)
-        if len(counts) < 2:
-            return float("inf")
+        sums = np.bincount(group, errors)
+        if len(counts) < 2:  # no scatter between groups to go by: that of the readings
+            return float(errors.std(ddof=1) / np.sqrt(len(errors))) if len(errors) > 1 else float("inf")
         scatter = sums - counts * self.mean_mm
         return float(np.sqrt((scatter**2).sum() * len(counts) / (len(counts) - 1)) / counts.sum())
 

@@ -16,10 +16,14 @@ from truearm.models.compensator import MIN_ROWS, Compensator
 from truearm.models.relations import placed, references_of, state_of, tool_terms
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
-from truearm.terms import ArmState, LeftOut, Term
+from truearm.terms import ArmState, Constant, LeftOut, Term
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
+
+
+# Readings in one seat, as many as there are, are held out in so many parts.
+PARTS_OF_A_SEAT = 5
 
 
 class IdentifiedModel(Compensator):
@@ -61,6 +65,8 @@ class IdentifiedModel(Compensator):
         progress(0, "terms")
         state = state_of(self.arm_, readings)
         terms, left_out = self._terms(state)
+        if not readings.has_point.any():
+            terms = [term for term in terms if not _places_the_frame(term)]
         self.fit_ = identify(
             placed(self.arm_, readings, self.free_),
             state,
@@ -89,11 +95,25 @@ class IdentifiedModel(Compensator):
         return len(np.unique(np.concatenate([reference.rows for reference in references_of(readings, lengths)])))
 
 
+def _places_the_frame(term: Term) -> bool:
+    """Whether a constant only says where the arm's frame is: its base, and zero and height of joint 1.
+
+    Seats and lengths tell how points lie to one another. The frame is then the arm's own, with the axis and zero of
+    joint 1 as drawn (L. J. Everett, T.-W. Hsu, "The theory of kinematic parameter identification for industrial
+    robots", J. Dyn. Sys. Meas. Control 110 (1988) 96, on what a choice of frames leaves to identify).
+    """
+    along_own_axis = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    return isinstance(term.basis, Constant) and (
+        term.place == 0 or (term.place == 1 and term.direction in along_own_axis)
+    )
+
+
 def groups_of(readings: Readings) -> IntArray:
     """(n,) numbers of the groups that a fair test keeps together.
 
     A reading's group is its position; where it names none, its seat; else it is its own. What would put all readings
-    into one group counts for nothing.
+    into one group counts for nothing; readings of a single seat are parted in `PARTS_OF_A_SEAT`, as they follow each
+    other.
     """
     n = len(readings)
     group = np.arange(n)
@@ -101,4 +121,7 @@ def groups_of(readings: Readings) -> IntArray:
         if names is not None:
             named = np.where(names != "", start + np.unique(names, return_inverse=True)[1], group)
             group = named if len(np.unique(named)) > 1 else group
+    seat = np.unique(readings.seat) if readings.seat is not None else np.zeros(0)
+    if len(seat) == 1 and len(np.unique(group)) == n and not readings.has_point.any():
+        group = np.arange(n) * PARTS_OF_A_SEAT // n
     return np.unique(group, return_inverse=True)[1].astype(np.intp)
