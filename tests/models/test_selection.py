@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.errors import InputError
 from truearm.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.models.selection import CANDIDATES, select_model
 from truearm.readings import Readings
