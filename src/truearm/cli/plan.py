@@ -258,8 +258,13 @@ def _result(planned: Plan, strategy: str, *, out: Path, lengths: Path | None, pa
 
 
 def _tell(result: dict[str, Any]) -> None:
-    where = {"tracker": "under a tracker", "seat": "in {} seats", "bar": "at {} places of a bar"}[result["artefact"]]
-    say(f"{result['session']}: {result['n']} poses {where.format(result['places'])} for {result['arm']}")
+    many = "s" * (result["places"] != 1)
+    where = {
+        "tracker": "under a tracker",
+        "seat": f"in {result['places']} seat{many}",
+        "bar": f"at {result['places']} place{many} of a bar",
+    }[result["artefact"]]
+    say(f"{result['session']}: {result['n']} pose{'s' * (result['n'] != 1)} {where} for {result['arm']}")
     for name, what in (("lengths", "the bar's lengths, for truearm fit --lengths"), ("page", "the plan with pictures")):
         if result[name] is not None:
             say(f"{result[name]}: {what}")

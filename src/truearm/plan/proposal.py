@@ -320,6 +320,8 @@ def information_rows(known: Known, poses: Candidates) -> FloatArray:
             length_u_mm=LENGTH_U_MM,
         )
         rows = problem.factors.reshape(-1, J.shape[1])
+    if not len(rows):  # too few poses to tell anything
+        return np.zeros((1, J.shape[1]))
     # What moves all points alike is gone but for rounding, which must not look like something told.
     gone = np.linalg.norm(rows, axis=0) < _GONE * np.linalg.norm(J, axis=0)
     return np.where(gone, 0.0, rows)
