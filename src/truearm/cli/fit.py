@@ -271,6 +271,7 @@ def _say_result(
 ) -> None:
     from dataclasses import asdict
 
+    from truearm.identify.identifiability import identifiability
     from truearm.identify.outliers import outliers
     from truearm.models import MODELS, KinematicModel, NetworkModel, NominalModel
     from truearm.models.identified import IdentifiedModel
@@ -295,6 +296,7 @@ def _say_result(
             told["unexplained_std_mm"] = fitted.unexplained_std_
             told["groups"] = [asdict(group) for group in fitted.fit_.groups]
             told["left_out"] = [left_out._asdict() for left_out in fitted.left_out_]
+            told["identifiability"] = asdict(identifiability(fitted.fit_))
             told["outliers"] = [asdict(outlier) for outlier in outliers(fitted.fit_)]
         say_json(told)
         return
@@ -313,6 +315,13 @@ def _say_result(
         say(f"training error, distance of points from the mean of their seat: {said}")
     if isinstance(fitted, IdentifiedModel):
         _say_identified(fitted, readings)
+    if errors is not None and readings.session is not None and "base" in fitted.free:
+        n_sessions = len(set(readings.session.tolist()))
+        if n_sessions > 1:
+            say(
+                f"One frame was fitted to {n_sessions} sessions. If the arm or the reference moved between them, fit one"
+            )
+            say("session and carry its arm over to the others with truearm refit.")
     if errors is None and not with_lengths:
         say("No point and no length is known: the arm's size stays as drawn.")
     if not getattr(fitted, "fit_", fitted.nominal_).converged:
@@ -345,6 +354,7 @@ def _say_table(table: tuple[Compared, ...]) -> None:
 
 def _say_identified(fitted: IdentifiedModel, readings: Readings) -> None:
     """What the model cannot explain, which groups of terms it has, and readings far off."""
+    from truearm.identify.identifiability import identifiability
     from truearm.identify.outliers import outliers
 
     say(f"unexplained: {fitted.unexplained_std_:.4f} mm, standard deviation of a coordinate")
@@ -358,6 +368,10 @@ def _say_identified(fitted: IdentifiedModel, readings: Readings) -> None:
         say(f"not offered: {left_out.name}, as {left_out.reason}")
     if len(fitted.left_out_) > MOST_NAMED:
         say(f"not offered: {len(fitted.left_out_) - MOST_NAMED} more (--json names all)")
+    untold = identifiability(fitted.fit_).untold
+    if untold:
+        more = f"; {len(untold) - 3} more (--json names all)" if len(untold) > 3 else ""
+        say(f"not determined: {'; '.join(map(str, untold[:3]))}{more}")
     far = outliers(fitted.fit_)
     for outlier in far[:MOST_NAMED]:
         say(f"far off: {readings.called(outlier.row)}, {outlier.error_mm:.3f} mm, {outlier.times:.0f} times the usual")

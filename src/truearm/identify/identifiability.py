@@ -1,0 +1,128 @@
+"""What readings tell of an arm's constants, and what they leave open, in words.
+
+With the posterior covariance of the constants divided by their prior standard deviations on both sides, an eigenvalue
+near 1 is a combination of constants of which the readings say nothing: it is as little known as before. Eigenvectors of
+equal eigenvalues are any mixture; brought to echelon form by the constants that stand for them best, they name few.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import qr
+
+from truearm.identify.identification import Identified
+from truearm.terms.basis import Constant
+
+FloatArray = npt.NDArray[np.float64]
+
+# Above this share of the prior variance a combination is as good as unknown.
+UNTOLD = 0.5
+# Partners with a smaller share of a combination are not named.
+LEAST_LOADING = 0.2
+# A combination of more constants than this is named by its largest.
+MOST_PARTNERS = 4
+STRONG = 0.95
+
+
+@dataclass(frozen=True)
+class Untold:
+    """A combination of constants that the readings do not determine.
+
+    Attributes
+    ----------
+    constants : tuple of str
+        Their names. Of several only a sum, with the weights, is known: they can move together and nothing shows.
+    movement : tuple of float
+        How far each moves together with the first [rad or mm], the first by its prior standard deviation.
+    """
+
+    constants: tuple[str, ...]
+    movement: tuple[float, ...]
+
+    def __str__(self) -> str:
+        if len(self.constants) == 1:
+            return self.constants[0]
+        return f"{', '.join(self.constants[:-1])} and {self.constants[-1]} only together"
+
+
+@dataclass(frozen=True)
+class Correlated:
+    """Two constants whose errors go together.
+
+    Attributes
+    ----------
+    constants : tuple of str
+    correlation : float
+    """
+
+    constants: tuple[str, str]
+    correlation: float
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """What readings tell of the constants.
+
+    Attributes
+    ----------
+    determined : dict of str to float
+        Share of each constant's prior variance that the readings took away: 1 fully known, 0 as before.
+    untold : tuple of Untold
+        Combinations left open.
+    correlated : tuple of Correlated
+        Pairs with a correlation beyond 0.95, the strongest first, ten at most.
+    """
+
+    determined: dict[str, float]
+    untold: tuple[Untold, ...]
+    correlated: tuple[Correlated, ...]
+
+
+def identifiability(fit: Identified) -> Identifiability:
+    """What the readings of a fit tell of its constants; base and tip where they are free too."""
+    names, columns, start = [], [], 0
+    for term in fit.moved.terms:
+        if isinstance(term.basis, Constant):
+            names.append(term.name)
+            columns.append(start)
+        start += term.n_coefficients
+    if not names:
+        return Identifiability({}, (), ())
+    prior_std = fit.prior_std[columns]
+    whitened = fit.covariance[np.ix_(columns, columns)] / np.outer(prior_std, prior_std)
+    determined = {name: float(np.clip(1 - v, 0.0, 1.0)) for name, v in zip(names, whitened.diagonal(), strict=True)}
+    values, vectors = np.linalg.eigh(whitened)
+    untold = _named(vectors[:, values > UNTOLD], names, prior_std)
+    return Identifiability(determined, untold, _correlated(whitened, names))
+
+
+def _named(open_directions: FloatArray, names: list[str], prior_std: FloatArray) -> tuple[Untold, ...]:
+    """The combinations that span `open_directions` (n, k), each by one constant of its own and what goes with it."""
+    n_open = open_directions.shape[1]
+    if not n_open:
+        return ()
+    pivots = qr(open_directions.T, mode="r", pivoting=True)[1][:n_open]
+    echelon = open_directions @ np.linalg.inv(open_directions[pivots])
+    found = []
+    for pivot, loadings in zip(pivots, echelon.T, strict=True):
+        largest = np.argsort(-np.abs(loadings))[:MOST_PARTNERS]
+        partners = [i for i in largest if abs(loadings[i]) > LEAST_LOADING and i != pivot]
+        members = [int(pivot), *(int(i) for i in partners)]
+        found.append(
+            Untold(
+                tuple(names[i] for i in members),
+                tuple(float(loadings[i] * prior_std[i]) for i in members),
+            )
+        )
+    return tuple(sorted(found, key=lambda one: names.index(one.constants[0])))
+
+
+def _correlated(covariance: FloatArray, names: list[str]) -> tuple[Correlated, ...]:
+    scale = np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
+    upper = np.triu(covariance / np.outer(scale, scale), 1)
+    strongest = np.argsort(-np.abs(upper), axis=None)[:10]
+    pairs = [divmod(int(k), len(names)) for k in strongest]
+    return tuple(Correlated((names[i], names[j]), float(upper[i, j])) for i, j in pairs if abs(upper[i, j]) > STRONG)
