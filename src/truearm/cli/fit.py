@@ -318,10 +318,8 @@ def _say_result(
     if errors is not None and readings.session is not None and "base" in fitted.free:
         n_sessions = len(set(readings.session.tolist()))
         if n_sessions > 1:
-            say(
-                f"One frame was fitted to {n_sessions} sessions. If the arm or the reference moved between them, fit one"
-            )
-            say("session and carry its arm over to the others with truearm refit.")
+            say(f"One frame was fitted to {n_sessions} sessions. If the arm or the reference moved between them,")
+            say("fit one session and carry its arm over to the others with truearm refit.")
     if errors is None and not with_lengths:
         say("No point and no length is known: the arm's size stays as drawn.")
     if not getattr(fitted, "fit_", fitted.nominal_).converged:
