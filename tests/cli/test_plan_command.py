@@ -88,6 +88,10 @@ def test_a_filled_plan_makes_a_model_better_than_the_drawing_without_any_instrum
     write_lengths(Lengths(a, b, np.array(true), np.full(len(ends), 0.005)), lengths)
     ran = truearm("fit", session, "--arm", "gao2017", "--model", "kinematic", "--lengths", lengths, "--out", model)
     assert ran.code == 0, ran.err
+    # More for this model: seats of other names, so that both sessions may go into one.
+    ran = truearm("plan", model, "--artefact", "bar", "--length", 300, "--poses", 4, "--out", tmp_path / "more.csv")
+    assert ran.code == 0, ran.err
+    assert not set(aims(tmp_path / "more.csv")[1].tolist()) & set(seat.tolist())
     there = proposal.volume_poses(arm, 60, seed=9)
     # Lengths between points of the volume: no seat tells where the base is.
     true, found, nominal = (

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from math import isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
+from zipfile import is_zipfile
 
 import typer
 
@@ -11,6 +14,7 @@ from truearm.cli.console import Json, check_apart, progress, say, say_json, say_
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
+    from truearm.models.identified import IdentifiedModel
     from truearm.plan.known import Known
     from truearm.plan.proposal import Plan
     from truearm.poses import Sector
@@ -30,13 +34,11 @@ def plan(
         Literal["seat", "bar", "tracker"], typer.Option("--artefact", help="What the readings are taken with.")
     ],
     out: Annotated[Path, typer.Option("--out", help="Session file to fill in, .csv; must be new.")],
-    poses: Annotated[int, typer.Option("--poses", min=1, max=2000, help="Number of readings.")] = 50,
+    poses: Annotated[int, typer.Option("--poses", min=1, max=500, help="Number of readings.")] = 50,
     page: Annotated[Path | None, typer.Option("--page", help="Page with pictures to write, .html.")] = None,
     seats: Annotated[
         int | None,
-        typer.Option(
-            "--seats", min=1, max=200, help="Seats, or places of the bar; by default one to ten poses a seat."
-        ),
+        typer.Option("--seats", min=1, max=200, help="Seats, or places of the bar; by default ten poses a seat."),
     ] = None,
     length: Annotated[float | None, typer.Option("--length", help="Of the bar, between its seats [mm].")] = None,
     noise: Annotated[
@@ -74,11 +76,7 @@ def plan(
 
     With a model instead of an arm: the next poses after those it learned from.
     """
-    from zipfile import is_zipfile
-
-    from truearm.arm import arm_from
     from truearm.errors import InputError
-    from truearm.plan.known import as_drawn
     from truearm.plan.proposal import STRATEGIES, Artefact, propose
     from truearm.plan.template import check_template_path, numbered_on, write_bar_lengths, write_template
     from truearm.writing import check_writable
@@ -94,16 +92,7 @@ def plan(
         check_writable(page)
     held = Artefact(artefact, seats or (0 if artefact == "tracker" else usual_seats(artefact, poses)), length)
     with progress("planning", total=len(STRATEGIES)) as tell:
-        if model := Path(arm).is_file() and is_zipfile(arm):
-            if terms is not None:
-                raise InputError("--terms is for an arm as drawn; a model has its own", file=arm)
-            nominal, known, before = _of_model(Path(arm), noise, taken)
-        else:
-            nominal = arm_from(arm)
-            known = as_drawn(nominal, terms=terms or "physical", noise_mm=NOISE_MM if noise is None else noise)
-            before = None if taken is None else _readings(taken, nominal)
-        if before is not None:
-            known = known.after(before)
+        nominal, known, seats_before = _before(arm, noise=noise, terms=terms, taken=taken)
         planned = propose(
             nominal,
             known,
@@ -118,7 +107,6 @@ def plan(
                 f"a technician's poses need five turning joints or more, which arm {nominal.name!r} has not",
                 hint="--strategy i-optimal",
             )
-        seats_before = () if before is None or before.seat is None else before.seat.tolist()
         chosen = numbered_on(planned.proposals[strategy].poses, seats_before)
         result = _result(planned, strategy, out=out, lengths=lengths, page=page)
         if page is not None:
@@ -126,7 +114,7 @@ def plan(
             from truearm.report.plan_page import plan_page
 
             tell(len(STRATEGIES), "drawing the page")
-            facts = _facts(planned, arm, model=model, taken=taken, seed=seed)
+            facts = _facts(planned, arm, taken=taken, seed=seed)
             write_page(plan_page(planned, strategy, chosen, facts=facts), page)
         if lengths is not None:
             write_bar_lengths(chosen, lengths)
@@ -150,12 +138,10 @@ def sector_of(text: str, arm: Arm) -> Sector:
     from truearm.poses.workspace import stance
 
     try:
-        near, far, low, high, half_angle = (float(part) for part in text.split(","))
+        near, far, low, high, half_angle = numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        near = far = low = high = half_angle = float("nan")
-    if not (
-        0 <= near < far < float("inf") and abs(low) < high - low + abs(low) < float("inf") and 0 < half_angle <= 180
-    ):
+        numbers = [nan]
+    if not (all(map(isfinite, numbers)) and 0 <= near < far and low < high and 0 < half_angle <= 180):
         raise InputError(
             f"--volume expects NEAR,FAR,LOW,HIGH in mm, each the smaller first, and HALF_ANGLE in deg, got {text!r}",
             hint="--volume 300,800,-200,400,60",
@@ -164,22 +150,59 @@ def sector_of(text: str, arm: Arm) -> Sector:
     return Sector(near / reach, far / reach, low / reach, high / reach, half_angle)
 
 
-def _of_model(path: Path, noise: float | None, taken: Path | None) -> tuple[Arm, Known, Readings | None]:
-    """A model's arm, what the model knows of it, and the readings taken since."""
+def _before(
+    arm: str, *, noise: float | None, terms: Literal["physical", "constants"] | None, taken: Path | None
+) -> tuple[Arm, Known, list[str]]:
+    """The arm, what is known of it, and the names of seats that readings have been taken in."""
+    from truearm.arm import arm_from
     from truearm.errors import InputError
     from truearm.models.compensator import fingerprint
+    from truearm.plan.known import as_drawn
+
+    learned = ""
+    if _is_model(arm):
+        if terms is not None:
+            raise InputError("--terms is for an arm as drawn; a model has its own", file=arm)
+        model = _model(Path(arm))
+        learned = model.data_fingerprint_
+        nominal, known = _of_model(model, noise)
+        seats = [name for reference in model.fit_.references for name in reference.unknowns]
+        seats = [found[1] for name in seats if (found := re.fullmatch(r"x of seat (.+) \[mm\]", name))]
+    else:
+        nominal, seats = arm_from(arm), []
+        known = as_drawn(nominal, terms=terms or "physical", noise_mm=NOISE_MM if noise is None else noise)
+    if taken is None:
+        return nominal, known, seats
+    readings = _readings(taken, nominal)
+    if fingerprint(readings) == learned:
+        raise InputError("the model learned from these readings and knows what they told", file=taken)
+    return nominal, known.after(readings), seats + ([] if readings.seat is None else readings.seat.tolist())
+
+
+def _is_model(arm: str) -> bool:
+    return Path(arm).is_file() and is_zipfile(arm)
+
+
+def _model(path: Path) -> IdentifiedModel:
+    from truearm.errors import InputError
     from truearm.models.file import load_model
     from truearm.models.identified import IdentifiedModel
-    from truearm.models.relations import state_of
-    from truearm.plan.known import as_identified
-    from truearm.readings import Readings
 
     model = load_model(path)
     if not isinstance(model, IdentifiedModel):
         raise InputError(
             "a network has no terms to plan for", file=path, hint="a kinematic or physical model, or the arm's name"
         )
-    arm, known = as_identified(
+    return model
+
+
+def _of_model(model: IdentifiedModel, noise: float | None) -> tuple[Arm, Known]:
+    """A model's arm, and what the model knows of it."""
+    from truearm.models.relations import state_of
+    from truearm.plan.known import as_identified
+    from truearm.readings import Readings
+
+    return as_identified(
         model.arm_,
         model.fit_,
         noise_mm=model.unexplained_std_ if noise is None else noise,
@@ -187,10 +210,6 @@ def _of_model(path: Path, noise: float | None, taken: Path | None) -> tuple[Arm,
             model.arm_, Readings(angles), temperature_degC=model.temperature_degC_, columns=model.columns_
         ),
     )
-    before = None if taken is None else _readings(taken, model.arm_)
-    if before is not None and fingerprint(before) == model.data_fingerprint_:
-        raise InputError("the model learned from these readings and knows what they told", file=taken)
-    return arm, known, before
 
 
 def _readings(session: Path, arm: Arm) -> Readings:
@@ -202,7 +221,7 @@ def _readings(session: Path, arm: Arm) -> Readings:
     return readings
 
 
-def _facts(planned: Plan, name: str, *, model: bool, taken: Path | None, seed: int) -> list[tuple[str, str]]:
+def _facts(planned: Plan, name: str, *, taken: Path | None, seed: int) -> list[tuple[str, str]]:
     """What a page about a plan rests on."""
     import numpy
     import scipy
@@ -214,7 +233,10 @@ def _facts(planned: Plan, name: str, *, model: bool, taken: Path | None, seed: i
     groups = ", ".join(dict.fromkeys(term.group for term in planned.known.moved.terms))
     rows = [
         ("arm", f"{arm.name}: {arm.title}. {arm.source}"),
-        ("known before", f"the model {Path(name).name}" if model else "the arm as drawn, with the priors of its terms"),
+        (
+            "known before",
+            f"the model {Path(name).name}" if _is_model(name) else "the arm as drawn, with the priors of its terms",
+        ),
         ("groups of terms", groups),
         ("noise of a coordinate", f"{planned.known.noise_mm:.4g} mm"),
         ("seed", str(seed)),
