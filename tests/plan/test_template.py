@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+from test_candidates import gantry
 
 from truearm.arm.catalogue import load
 from truearm.errors import InputError
@@ -17,6 +18,7 @@ from truearm.plan.template import (
     write_bar_lengths,
     write_template,
 )
+from truearm.poses import Sector
 from truearm.readings import read_lengths, read_session
 
 ARM = load("gao2017")
@@ -74,6 +76,15 @@ def test_a_trackers_template_has_room_for_points(tmp_path):
     readings = read_session(filled(tmp_path / "plan.csv", tmp_path / "filled.csv", **xyz))
     assert readings.points[:, 0].tolist() == [1.5, 2.5, 3.5, 4.5]
     assert readings.seat is None
+
+
+def test_sliding_joints_are_in_mm(tmp_path):
+    arm = gantry()
+    poses = tracker_poses(arm, 2, seed=0, sector=Sector(0.1, 1.0, -1.0, 1.0, 90))
+    write_template(arm, poses, tmp_path / "plan.csv")
+    row = table(tmp_path / "plan.csv")[1]
+    assert [name for name in row if name.startswith("q")] == ["q1_mm", "q2_deg", "q3_deg"]
+    assert float(row["note_q1_mm"]) == pytest.approx(poses.angles[1, 0], abs=0.0501)
 
 
 def test_a_bars_places_stay_together_and_have_their_length(tmp_path, places):

@@ -33,13 +33,14 @@ def untold(plan: Plan, proposal: Proposal) -> list[str]:
     # With seats, what is left apart from the scale, which is said by itself.
     cared = mean_square(jacobian, tips, scale=plan.artefact.kind == "seat") @ after.covariance
     said = []
-    scale = _scale_std(tips, jacobian, after.covariance)
-    if scale**2 * ((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean() > _WORTH_A_WORD * left.trace():
-        more = (
-            "a longer bar tells more" if plan.artefact.kind == "bar" else "one known length between two seats tells it"
-        )
-        said.append(f"the scale: all lengths together stay uncertain by {1000 * scale:.2g} mm in a metre; {more}")
     if plan.artefact.kind != "tracker":
+        scale = _scale_std(tips, jacobian, after.covariance)
+        if scale**2 * ((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean() > _WORTH_A_WORD * left.trace():
+            more = {"bar": "a longer bar tells more", "seat": "one known length between two seats tells it"}
+            said.append(
+                f"the scale: all lengths together stay uncertain by {1000 * scale:.2g} mm in a metre; "
+                f"{more[plan.artefact.kind]}"
+            )
         said.append("where the base stands: seats tell how points lie to one another")
     said += _joints(plan, proposal.poses.angles)
     named = [f"{name} ({100 * share:.0f} %)" for name, share in _shares(known, cared) if share >= _WORTH_A_WORD]
