@@ -1,0 +1,192 @@
+"""The tactile tests of ISO 10360-12 for articulated arms, one function each.
+
+The standard's text was not at hand. What is taken from where stands at each function; numbers of points, places and
+runs are in the test plan (`truearm.verify.test_plan`) and checked by `truearm.verify.verification`, so that functions
+here take whatever they are given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from truearm.verify.circumscribed import circumscribed_sphere
+from truearm.verify.decision import Budget, Row, Rule, Verdict, decisive, judged
+from truearm.verify.limits import Specification
+from truearm.verify.measurands import LengthMeasured, SphereMeasured
+
+
+def p_size(spheres: Sequence[SphereMeasured], specification: Specification, *, rule: Rule = "iso14253-1") -> Row:
+    """Probing size error P_Size.Sph.1x25: diameter of the least-squares sphere less the calibrated one.
+
+    The worst of all positions counts. Source: Kreon's page on ISO 10360-12 (25 points, least-squares sphere, two
+    positions, the worse one counts). Not confirmed: that the sign is kept, the sizes allowed for the sphere.
+
+    Parameters
+    ----------
+    spheres : sequence of SphereMeasured
+        One for each position.
+    specification : Specification
+    rule : {"iso14253-1", "simple"}
+
+    Returns
+    -------
+    Row
+    """
+    corrected = specification.corrected_to_20_degC
+    limit = specification.limit("P_Size.Sph.1x25")
+    return decisive(
+        [
+            judged(
+                "P_Size.Sph.1x25",
+                one.size_error(corrected=corrected),
+                one.size_budget(corrected=corrected),
+                limit,
+                rule=rule,
+                where=one.where,
+            )
+            for one in spheres
+        ]
+    )
+
+
+def p_form(spheres: Sequence[SphereMeasured], specification: Specification, *, rule: Rule = "iso14253-1") -> Row:
+    """Probing form error P_Form.Sph.1x25: thickness of the shell about the least-squares centre that holds all points.
+
+    The worst of all positions counts. Source: Kreon's page on ISO 10360-12, in these words. Arguments as `p_size`.
+    """
+    limit = specification.limit("P_Form.Sph.1x25")
+    return decisive(
+        [
+            judged("P_Form.Sph.1x25", one.fit.form_mm, one.still_budget, limit, rule=rule, where=one.where)
+            for one in spheres
+        ]
+    )
+
+
+def l_dia(
+    positions: Sequence[Sequence[SphereMeasured]], specification: Specification, *, rule: Rule = "iso14253-1"
+) -> list[Row]:
+    """Articulated location error L_Dia.5x5: diameter of the smallest sphere that holds the centres of the groups.
+
+    Each group's sphere is fitted with a free radius. Source: Kreon's page on ISO 10360-12 (five groups of five points,
+    in each group the probe points one way). Not confirmed: the minimum circumscribed sphere, the number of positions.
+
+    Parameters
+    ----------
+    positions : sequence of sequence of SphereMeasured
+        The groups of each position of the sphere.
+    specification : Specification
+    rule : {"iso14253-1", "simple"}
+
+    Returns
+    -------
+    list of Row
+        L_Dia of the worst position, and there the largest distance between two centres, which is never larger and
+        has no limit: some programs print that.
+    """
+    limit = specification.limit("L_Dia.5x5")
+    rows, secondary = [], []
+    for groups in positions:
+        centres = np.stack([one.fit.centre for one in groups])
+        budget, where = groups[0].still_budget, groups[0].where
+        value = circumscribed_sphere(centres).diameter_mm
+        rows.append(judged("L_Dia.5x5", value, budget, limit, rule=rule, where=where))
+        distance = np.sqrt(((centres[:, None] - centres) ** 2).sum(axis=2)).max()
+        secondary.append(judged("L_Dia.5x5, largest distance", float(distance), budget, None, rule=rule, where=where))
+    worst = decisive(rows)
+    return [worst, secondary[rows.index(worst)]]
+
+
+def e_uni(
+    lengths: Sequence[LengthMeasured],
+    specification: Specification,
+    *,
+    repeats: int = 3,
+    tolerated_sets: int = 0,
+    rule: Rule = "iso14253-1",
+) -> list[Row]:
+    """Length measurement error E_Uni: distance found less calibrated, ends touched from the same side.
+
+    Ball centre to ball centre, seat to seat, or between faces approached from the same side: the error of the stylus
+    tip cancels. Source: ISO 10360-2's structure; not confirmed that part 12 has its lengths, positions and repeats,
+    nor its tolerance of single values.
+
+    Parameters
+    ----------
+    lengths : sequence of LengthMeasured
+    specification : Specification
+    repeats : int
+        Runs that make one set.
+    tolerated_sets : int
+        How many sets (one length at one position) may have a single value that does not conform, if measured again as
+        often; the second runs then count instead.
+    rule : {"iso14253-1", "simple"}
+
+    Returns
+    -------
+    list of Row
+        One row a length, the worst of its positions and repeats; and how many sets were measured again, if any is
+        tolerated.
+    """
+    return _length_errors("E_Uni", False, lengths, specification, repeats, tolerated_sets, rule)
+
+
+def e_bi(
+    lengths: Sequence[LengthMeasured],
+    specification: Specification,
+    *,
+    repeats: int = 3,
+    tolerated_sets: int = 0,
+    rule: Rule = "iso14253-1",
+) -> list[Row]:
+    """Length measurement error E_Bi: distance found less calibrated, faces touched from opposite sides.
+
+    It contains the error of the stylus tip. With three and more points on face A the distance is taken along the
+    normal of their least-squares plane. Source, arguments and what is not confirmed: as `e_uni`.
+    """
+    return _length_errors("E_Bi", True, lengths, specification, repeats, tolerated_sets, rule)
+
+
+def _length_errors(
+    symbol: str,
+    opposite: bool,
+    lengths: Sequence[LengthMeasured],
+    specification: Specification,
+    repeats: int,
+    tolerated_sets: int,
+    rule: Rule,
+) -> list[Row]:
+    corrected = specification.corrected_to_20_degC
+
+    def row(one: LengthMeasured) -> Row:
+        return judged(
+            f"{symbol}, {one.length.name}",
+            one.error(opposite=opposite, corrected=corrected),
+            one.budget(corrected=corrected),
+            specification.limit(symbol, one.length.length_mm),
+            rule=rule,
+            where=one.where,
+        )
+
+    sets: dict[tuple[str, ...], list[Row]] = {}
+    for one in sorted(lengths, key=_run):
+        sets.setdefault((one.bar.name, one.length.name, one.position), []).append(row(one))
+    again = 0
+    counted: dict[tuple[str, ...], list[Row]] = {}
+    for key, rows in sets.items():
+        first, second = rows[:repeats], rows[repeats:]
+        outside = sum(one.verdict not in (Verdict.CONFORM, None) for one in first)
+        if outside == 1 and len(second) == repeats and again < tolerated_sets:
+            first, second, again = second, [], again + 1
+        counted.setdefault(key[:2], []).extend(first + second)
+    found = [decisive(rows) for rows in counted.values()]
+    if tolerated_sets:
+        found.append(Row(f"{symbol}, sets measured again", again, "", Budget(), None, None, f"of {len(sets)}"))
+    return found
+
+
+def _run(one: LengthMeasured) -> int:
+    """The number of its run; 0 of what has none."""
+    return int(one.repeat) if one.repeat.isdigit() else 0

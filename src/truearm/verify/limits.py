@@ -1,0 +1,127 @@
+"""What an arm's specification permits: its measuring range and limits by symbol.
+
+The file (TOML, docs/verification.md) states limits in micrometres with the length in millimetres, as data sheets do:
+``+-(A + L/K)``, ``+-B``, or ``+-min(A + L/K, B)`` (the forms of ISO 10360-1 and -2, recalled).
+"""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Self
+
+from pydantic import field_validator, model_validator
+
+from truearm.errors import InputError
+from truearm.verify.documents import Document, Name, NotNegative, Positive, read_document
+
+# By what the test functions call their results; the index that standards write after them (":0:Tact.AArm") is left out.
+SYMBOLS = (
+    "P_Size.Sph.1x25",
+    "P_Form.Sph.1x25",
+    "L_Dia.5x5",
+    "E_Uni",
+    "E_Bi",
+    "EffectiveDiameter",
+    "SPAT.Max",
+    "SPAT.2s",
+    "Volumetric.Max",
+    "Volumetric.2s",
+    "Volumetric.2RMS",
+)
+
+
+class Limit(Document):
+    """A maximum permissible error or limit.
+
+    Attributes
+    ----------
+    A_um : float
+        [um]
+    K_mm_per_um : float
+        The length in mm over K is in um.
+    B_um : float
+        [um]
+    """
+
+    A_um: NotNegative | None = None
+    K_mm_per_um: Positive | None = None
+    B_um: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_of_the_forms(self) -> Self:
+        if (self.A_um is None) != (self.K_mm_per_um is None):
+            raise InputError("A_um and K_mm_per_um belong together", hint="B_um alone for a limit without a length")
+        if self.A_um is None and self.B_um is None:
+            raise InputError("expected B_um, or A_um and K_mm_per_um, or all three; got none of them")
+        return self
+
+    def at(self, length_mm: float | None) -> float:
+        """The limit [mm] of a length; of a test without a length where that is None.
+
+        Raises
+        ------
+        InputError
+            If the limit needs a length and there is none.
+        """
+        among = [] if self.B_um is None else [self.B_um]
+        if self.A_um is not None and self.K_mm_per_um is not None:
+            if length_mm is None:
+                raise InputError("this test has no length: its limit is B_um alone, not A_um + L / K_mm_per_um")
+            among.append(self.A_um + length_mm / self.K_mm_per_um)
+        return min(among) / 1000
+
+
+class Specification(Document):
+    """An arm's specification.
+
+    Attributes
+    ----------
+    name, source : str
+        The arm, and where the numbers come from.
+    measuring_range_mm : float
+        Diameter of its spherical reach [mm].
+    corrected_to_20_degC : bool
+        Whether the limits hold for lengths corrected to 20 degC for the artefact's temperature; as usual.
+    limits : dict of str to Limit
+        By symbol.
+    """
+
+    name: Name
+    source: Name
+    measuring_range_mm: Positive
+    corrected_to_20_degC: bool = True
+    limits: dict[str, Limit]
+
+    @field_validator("limits")
+    @classmethod
+    def _known_symbols(cls, limits: dict[str, Limit]) -> dict[str, Limit]:
+        found: dict[str, Limit] = {}
+        for written, limit in limits.items():
+            symbol = written.partition(":")[0]
+            if symbol not in SYMBOLS:
+                close = difflib.get_close_matches(symbol, SYMBOLS, n=1)
+                raise InputError(f"unknown symbol {written!r:.80}", hint=close[0] if close else ", ".join(SYMBOLS))
+            if symbol in found:
+                raise InputError(f"the limit of {symbol} stands twice")
+            found[symbol] = limit
+        return found
+
+    def limit(self, symbol: str, length_mm: float | None = None) -> float | None:
+        """The limit [mm] of a symbol, at a length where it has one; None where none is stated."""
+        stated = self.limits.get(symbol)
+        try:
+            return None if stated is None else stated.at(length_mm)
+        except InputError as error:
+            raise InputError(f"limits.{symbol}: {error.problem}") from None
+
+
+def read_specification(path: str | Path) -> Specification:
+    """Read a file of limits.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or breaks a rule of its format.
+    """
+    return read_document(path, Specification)

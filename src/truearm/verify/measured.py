@@ -1,0 +1,253 @@
+"""Measured points: which test, artefact, place and run each belongs to.
+
+The file (CSV, docs/verification.md) has one row a point. Which of the columns a test needs stands in `KEYS`; the cells
+of the others stay empty.
+"""
+
+from __future__ import annotations
+
+import datetime
+import difflib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+from truearm.readings.delimited import Sheet, read_columns, read_sheet, shown
+from truearm.verify.orthogonal import FloatArray
+
+NameArray = npt.NDArray[np.str_]
+
+# The columns that tell the groups of a test's points apart, outermost first.
+KEYS: dict[str, tuple[str, ...]] = {
+    "probing": ("position",),
+    "articulation": ("position", "group"),
+    "uni": ("length", "position", "repeat", "end"),
+    "bi": ("length", "position", "repeat", "end"),
+    "effective_diameter": ("repeat",),
+    "single_point": ("position",),
+    "volumetric": ("length", "position", "end"),
+}
+ENDS = ("A", "B")
+# Tests that compare with a calibrated size, which grows with temperature.
+SIZED = ("probing", "uni", "bi", "effective_diameter", "volumetric")
+
+POINT = ("x_mm", "y_mm", "z_mm")
+TEMPERATURE, TIP = "artefact_degC", "tip_diameter_mm"
+NEEDED = ("test", "artefact", "date", *POINT)
+OPTIONAL = ("position", "length", "repeat", "end", "group", TEMPERATURE, TIP)
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Points that belong together: touched in one go on one thing.
+
+    Attributes
+    ----------
+    artefact : str
+    keys : dict of str to str
+        What tells it from the other groups of its test, by column.
+    points : (n, 3) array
+        [mm]
+    degC : float
+        Mean temperature of the artefact; NaN where the test needs none and none is given.
+    tip_mm : float
+        Diameter of the stylus tip where points are its centres; 0 where they are compensated.
+    date : datetime.date
+        The day it was measured.
+    line : int
+        Of its first point in the file, counted from 1.
+    """
+
+    artefact: str
+    keys: dict[str, str]
+    points: FloatArray
+    degC: float
+    tip_mm: float
+    date: datetime.date
+    line: int
+
+    @property
+    def where(self) -> str:
+        """The keys in words: ``position 3, repeat 2``."""
+        return ", ".join(f"{key} {value}" for key, value in self.keys.items() if key != "end")
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """The groups of every test, as `read_points` finds them.
+
+    Attributes
+    ----------
+    tests : dict of str to tuple of Group
+    file : Path
+    """
+
+    tests: dict[str, tuple[Group, ...]]
+    file: Path
+
+    def error(self, problem: str, group: Group | None = None, *, hint: str | None = None) -> InputError:
+        """Make an error that knows the file, and the line of a group."""
+        return InputError(problem, file=self.file, line=None if group is None else group.line, hint=hint)
+
+
+def read_points(path: str | Path) -> Measured:
+    """Read a file of measured points.
+
+    Raises
+    ------
+    InputError
+        If anything is not as the format demands: the file, the line and the column, and what to try.
+    """
+    path = Path(path)
+    try:
+        sheet = read_sheet(path)
+        _check_names(sheet)
+        columns = _columns(sheet)
+    except InputError as error:
+        if error.hint and "import" in error.hint:  # which is for session files
+            hint = "comma between cells, point as decimal sign"
+            raise InputError(error.problem, file=path, line=error.line, column=error.column, hint=hint) from None
+        raise
+    tests = {}
+    for test in dict.fromkeys(columns.words["test"].tolist()):
+        if test not in KEYS:
+            close = difflib.get_close_matches(test, KEYS, n=1)
+            raise columns.error(
+                f"unknown test {shown(test)}",
+                int(np.argmax(columns.words["test"] == test)),
+                "test",
+                hint=close[0] if close else ", ".join(KEYS),
+            )
+        tests[test] = tuple(_groups(columns, test))
+    return Measured(tests, path)
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """The columns of the file as arrays; those that are not there are full of empty cells."""
+
+    numbers: dict[str, FloatArray]
+    words: dict[str, NameArray]
+    sheet: Sheet
+
+    def error(self, problem: str, row: int, column: str, *, hint: str | None = None) -> InputError:
+        return InputError(problem, file=self.sheet.file, line=self.sheet.first_line + row, column=column, hint=hint)
+
+
+def _check_names(sheet: Sheet) -> None:
+    known = (*NEEDED, *OPTIONAL)
+    for i, name in enumerate(sheet.names):
+        if name in sheet.names[:i]:
+            raise InputError("the column stands twice", file=sheet.file, line=1, column=name, hint="delete one of them")
+        if name not in known and not name.startswith("note"):
+            hint = ", ".join(known)
+            if name[:1] in "xyz" and name[1:2] in ("", "_"):
+                hint = f"{name[0]}_mm: coordinates in mm; convert others first"
+            raise InputError(f"unknown column {shown(name)}", file=sheet.file, line=1, column=name or i + 1, hint=hint)
+    for name in NEEDED:
+        if name not in sheet.names:
+            raise InputError(f"the column {name} is missing", file=sheet.file, line=1, hint=", ".join(NEEDED))
+
+
+def _columns(sheet: Sheet) -> _Columns:
+    numbers = [*POINT, *(name for name in (TEMPERATURE, TIP) if name in sheet.names)]
+    words = [name for name in (*NEEDED, *OPTIONAL) if name in sheet.names and name not in numbers]
+    index = sheet.names.index
+    optional = [index(name) for name in numbers if name not in POINT]
+    found, texts = read_columns(sheet, [index(n) for n in numbers], [index(n) for n in words], optional)
+    by_name = {name: np.char.strip(text) for name, text in zip(words, texts, strict=True)}
+    empty = np.full(len(found), "")
+    return _Columns(
+        {
+            name: found[:, numbers.index(name)] if name in numbers else np.full(len(found), np.nan)
+            for name in (*POINT, TEMPERATURE, TIP)
+        },
+        {name: by_name.get(name, empty) for name in (*NEEDED[:3], *OPTIONAL[:5])},
+        sheet,
+    )
+
+
+def _groups(columns: _Columns, test: str) -> Iterator[Group]:
+    """The groups of a test in the order of their first points."""
+    keys = KEYS[test]
+    rows = np.flatnonzero(columns.words["test"] == test)
+    for key in ("artefact", "date", *keys):
+        cells = columns.words[key][rows]
+        if (cells == "").any():
+            row = int(rows[np.argmax(cells == "")])
+            raise columns.error(f"a point of test {test!r} needs {key!r}, got an empty cell", row, key)
+        if key == "repeat" and not np.char.isdigit(cells).all():
+            row = int(rows[np.argmin(np.char.isdigit(cells))])
+            raise columns.error(
+                f"expected a whole number 1, 2, .., got {shown(str(columns.words[key][row]))}", row, key
+            )
+        if key == "end" and not np.isin(cells, ENDS).all():
+            row = int(rows[np.argmin(np.isin(cells, ENDS))])
+            raise columns.error(f"expected A or B, got {shown(str(columns.words[key][row]))}", row, key)
+    for key in ("position", "length", "repeat", "end", "group"):
+        cells = columns.words[key][rows]
+        if key not in keys and (cells != "").any():
+            row = int(rows[np.argmax(cells != "")])
+            raise columns.error(
+                f"a point of test {test!r} has no {key!r}, got {shown(str(columns.words[key][row]))}",
+                row,
+                key,
+                hint=f"it is told by artefact, {', '.join(keys)}: leave the cell empty",
+            )
+    members: dict[tuple[str, ...], list[int]] = {}
+    for row in rows.tolist():
+        told = tuple(str(columns.words[key][row]) for key in ("artefact", *keys))
+        members.setdefault(told, []).append(row)
+    for told, inside in members.items():
+        yield _group(columns, test, told, inside)
+
+
+def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int]) -> Group:
+    days = columns.words["date"][rows]
+    if (days != days[0]).any():
+        row = rows[int(np.argmax(days != days[0]))]
+        raise columns.error(
+            f"points of one group were taken on {days[0]} and on {columns.words['date'][row]}", row, "date"
+        )
+    try:
+        day = datetime.date.fromisoformat(str(days[0]))
+    except ValueError:
+        raise columns.error(
+            f"expected a date, got {shown(str(days[0]))}", rows[0], "date", hint="2026-03-31: year, month, day"
+        ) from None
+    degC = columns.numbers[TEMPERATURE][rows]
+    if test in SIZED and np.isnan(degC).any():
+        raise columns.error(
+            f"a point of test {test!r} needs the temperature of the artefact, to compare with its size at 20 degC",
+            rows[int(np.argmax(np.isnan(degC)))],
+            TEMPERATURE,
+            hint="fill in what the thermometer on the artefact showed",
+        )
+    if (np.abs(degC) > 100).any():
+        row = rows[int(np.argmax(np.abs(degC) > 100))]
+        raise columns.error(
+            f"expected the temperature of the artefact in degC, got {columns.numbers[TEMPERATURE][row]:g}",
+            row,
+            TEMPERATURE,
+        )
+    tip = np.nan_to_num(columns.numbers[TIP][rows])
+    if (tip != tip[0]).any() or tip[0] < 0:
+        row = rows[int(np.argmax(tip != tip[0]))]
+        raise columns.error(
+            f"expected one tip diameter of 0 or more for the group, got {tip.min():g} to {tip.max():g} mm", row, TIP
+        )
+    points = np.column_stack([columns.numbers[name][rows] for name in POINT])
+    known = degC[~np.isnan(degC)]
+    return Group(
+        artefact=told[0],
+        keys=dict(zip(KEYS[test], told[1:], strict=True)),
+        points=points,
+        degC=float(known.mean()) if len(known) else float("nan"),
+        tip_mm=float(tip[0]),
+        date=day,
+        line=columns.sheet.first_line + rows[0],
+    )

@@ -1,0 +1,325 @@
+"""A whole verification: the points against a test plan, the artefacts' certificates and the specification."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from truearm.errors import InputError
+from truearm.verify import asme_b89_4_22, iso10360_12
+from truearm.verify.artefacts import Artefact, Artefacts
+from truearm.verify.decision import SIMPLE_RATIO, Row, Rule, Verdict, overall
+from truearm.verify.limits import SYMBOLS, Specification
+from truearm.verify.measurands import LengthMeasured, SphereMeasured
+from truearm.verify.measured import KEYS, Group, Measured
+from truearm.verify.test_plan import (
+    CHECK,
+    Articulation,
+    EffectiveDiameter,
+    LengthTest,
+    Plan,
+    PlannedTest,
+    Probing,
+    SinglePoint,
+    Volumetric,
+)
+
+A = TypeVar("A", bound=Artefact)
+
+# A size or length that is further from the calibrated one than this share is another artefact's, or in another unit.
+SAME_SHARE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """The outcome of a verification.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+    verdict : Verdict
+        Conform only where every row with a limit is.
+    remarks : tuple of str
+        What was not tested, and which numbers of the plan are recalled.
+    """
+
+    rows: tuple[Row, ...]
+    verdict: Verdict
+    remarks: tuple[str, ...]
+
+
+def verify(
+    measured: Measured,
+    *,
+    plan: Plan,
+    artefacts: Artefacts,
+    specification: Specification,
+    rule: Rule = "iso14253-1",
+) -> Verification:
+    """Test points against a specification as a plan says.
+
+    Raises
+    ------
+    InputError
+        If points of a test are missing, too many or not of the plan; an artefact is unknown, its certificate does not
+        serve on the day, or what was measured cannot be it; or nothing has a limit.
+    """
+    for name, groups in measured.tests.items():
+        if name not in plan.tests:
+            raise measured.error(f"the plan {plan.name!r} has no test {name!r}", groups[0], hint=", ".join(plan.tests))
+    evaluation = _Evaluation(measured, artefacts, specification, rule)
+    rows: list[Row] = []
+    remarks: list[str] = []
+    for name, test in plan.tests.items():
+        if name in measured.tests:
+            rows += evaluation.rows_of(name, test)
+        elif test.required:
+            raise measured.error(
+                f"the points of test {name!r} are missing",
+                hint=f"measure them, or take the test out of the plan {plan.name!r} if it is not agreed",
+            )
+        else:
+            remarks.append(f"not tested: {name}")
+    verdict = overall(rows)
+    if verdict is None:
+        raise InputError(
+            f"the specification {specification.name!r} states no limit for what was tested",
+            hint=f"under [limits], one of {', '.join(SYMBOLS)}",
+        )
+    remarks += _remarks(rows, plan, specification, rule)
+    return Verification(tuple(rows), verdict, tuple(remarks))
+
+
+def _remarks(rows: Sequence[Row], plan: Plan, specification: Specification, rule: Rule) -> list[str]:
+    remarks = []
+    if rule == "simple":
+        remarks.append(
+            f"simple acceptance: the uncertainty is left out where it is below 1/{SIMPLE_RATIO:g} of the limit"
+        )
+    if not specification.corrected_to_20_degC:
+        remarks.append("lengths are not corrected to 20 degC, as the specification says")
+    symbols = dict.fromkeys(row.label.partition(", ")[0] for row in rows)
+    limited = {row.label.partition(", ")[0] for row in rows if row.limit is not None}
+    if without := [symbol for symbol in symbols if symbol in SYMBOLS and symbol not in limited]:
+        remarks.append(f"no limit is stated for: {', '.join(without)}")
+    numbers = [f"{key} = {value:g} ({source})" for key, value, source in plan.unconfirmed()]
+    if numbers:
+        remarks.append(f"numbers of the plan that were recalled and not read, {CHECK}: {'; '.join(numbers)}")
+    return remarks
+
+
+@dataclass(frozen=True, eq=False)
+class _Evaluation:
+    """From groups of points to the functions of the standards, with every count checked on the way."""
+
+    measured: Measured
+    artefacts: Artefacts
+    specification: Specification
+    rule: Rule
+
+    def rows_of(self, name: str, test: PlannedTest) -> list[Row]:
+        """The rows of one test."""
+        groups = self.measured.tests[name]
+        if isinstance(test, Probing):
+            self._count(name, groups, "position", test.positions.value)
+            spheres = [self._sphere(name, group, test) for group in groups]
+            return [
+                iso10360_12.p_size(spheres, self.specification, rule=self.rule),
+                iso10360_12.p_form(spheres, self.specification, rule=self.rule),
+            ]
+        if isinstance(test, Articulation):
+            return self._articulation(name, groups, test)
+        if isinstance(test, EffectiveDiameter):
+            self._count(name, groups, "repeat", test.repeats.value)
+            spheres = [self._sphere(name, group, test) for group in groups]
+            return [asme_b89_4_22.effective_diameter(spheres, self.specification, rule=self.rule)]
+        if isinstance(test, SinglePoint):
+            return self._single_point(name, groups, test)
+        if isinstance(test, LengthTest):
+            return self._lengths(name, groups, test)
+        assert isinstance(test, Volumetric)
+        return self._volumetric(name, groups, test)
+
+    def _articulation(self, name: str, groups: Sequence[Group], test: Articulation) -> list[Row]:
+        positions = _split(groups, "position")
+        self._expect(name, groups[0], "positions", len(positions), test.positions.value)
+        found = []
+        for position, members in positions.items():
+            self._one_artefact(name, members)
+            what = f"groups at position {position}"
+            self._expect(name, members[0], what, len(_split(members, "group")), test.groups.value)
+            spheres = [self._sphere(name, group, test, where=f"position {position}") for group in members]
+            reach = spheres[0].sphere.diameter_mm
+            for group, one in zip(members, spheres, strict=True):
+                away = float(((one.fit.centre - spheres[0].fit.centre) ** 2).sum() ** 0.5)
+                if away > reach:
+                    raise self.measured.error(
+                        f"test {name!r}, {group.where}: its sphere is {away:.4g} mm from that of the first group, "
+                        f"which is more than the sphere's diameter",
+                        group,
+                        hint="all groups of one position are taken on one sphere that stays in place",
+                    )
+            found.append(spheres)
+        return iso10360_12.l_dia(found, self.specification, rule=self.rule)
+
+    def _single_point(self, name: str, groups: Sequence[Group], test: SinglePoint) -> list[Row]:
+        self._count(name, groups, "position", test.positions.value)
+        seats = []
+        for group in groups:
+            self._points(name, group, test.points.value)
+            seat = self._known(self.artefacts.seat, group)
+            seats.append(asme_b89_4_22.Seated(seat, group.points, group.where))
+        return asme_b89_4_22.single_point(seats, self.specification, rule=self.rule)
+
+    def _lengths(self, name: str, groups: Sequence[Group], test: LengthTest) -> list[Row]:
+        repeats, positions = test.repeats.value, test.positions.value
+        lengths = self._pairs(name, groups)
+        by_length = _split(groups, "artefact", "length")
+        self._expect(name, groups[0], "lengths", len(by_length), test.lengths.value)
+        for members in by_length.values():
+            what = f"positions of length {members[0].keys['length']}"
+            by_position = _split(members, "position")
+            self._expect(name, members[0], what, len(by_position), positions)
+            for at in by_position.values():
+                runs = sorted({int(group.keys["repeat"]) for group in at})
+                whole = list(range(1, repeats + 1))
+                again = list(range(1, 2 * repeats + 1)) if test.tolerated_sets.value else whole
+                if runs not in (whole, again):
+                    raise self.measured.error(
+                        f"test {name!r}, length {at[0].keys['length']}, position {at[0].keys['position']}: expected "
+                        f"repeats 1 to {repeats}, got {', '.join(map(str, runs))}",
+                        at[0],
+                    )
+        longest = max(one.length.length_mm for one in lengths)
+        needed = test.longest_share.value * self.specification.measuring_range_mm
+        if longest < needed:
+            raise self.measured.error(
+                f"test {name!r}: the longest length is {longest:.5g} mm, the plan wants {needed:.5g} mm or more, "
+                f"{test.longest_share.value:.0%} of the measuring range",
+                groups[0],
+                hint="a longer bar, or longest_share in the plan as your copy of the standard has it",
+            )
+        evaluate = iso10360_12.e_uni if name == "uni" else iso10360_12.e_bi
+        return evaluate(
+            lengths, self.specification, repeats=repeats, tolerated_sets=test.tolerated_sets.value, rule=self.rule
+        )
+
+    def _volumetric(self, name: str, groups: Sequence[Group], test: Volumetric) -> list[Row]:
+        lengths = self._pairs(name, groups)
+        self._expect(name, groups[0], "lengths", len(_split(groups, "artefact", "length")), test.lengths.value)
+        self._expect(name, groups[0], "measured lengths", len(lengths), test.positions.value)
+        return asme_b89_4_22.volumetric(lengths, self.specification, rule=self.rule)
+
+    def _sphere(
+        self, name: str, group: Group, test: Probing | Articulation | EffectiveDiameter, where: str = ""
+    ) -> SphereMeasured:
+        """A sphere's points, if they are as many as planned and can be that sphere's."""
+        self._points(name, group, test.points.value)
+        sphere = self._known(self.artefacts.sphere, group)
+        if not test.smallest_sphere_mm.value <= sphere.diameter_mm <= test.largest_sphere_mm.value:
+            raise self.measured.error(
+                f"test {name!r}: the plan wants a sphere of {test.smallest_sphere_mm.value:g} to "
+                f"{test.largest_sphere_mm.value:g} mm, {sphere.name!r} has {sphere.diameter_mm:g} mm",
+                group,
+                hint="another sphere, or the plan's numbers as your copy of the standard has them",
+            )
+        degC = 20.0 if group.degC != group.degC else group.degC  # no temperature is needed for a place
+        found = SphereMeasured(sphere, group.points, degC, group.tip_mm, where or group.where)
+        try:
+            diameter = found.diameter_mm
+        except InputError as error:
+            raise self.measured.error(
+                f"test {name!r}, {group.where}: {error.problem}", group, hint=error.hint
+            ) from None
+        self._plausible(name, group, diameter, sphere.diameter_mm)
+        return found
+
+    def _pairs(self, name: str, groups: Sequence[Group]) -> list[LengthMeasured]:
+        """Lengths from the groups of their ends."""
+        found = []
+        for members in _split(groups, "artefact", *(key for key in KEYS[name] if key != "end")).values():
+            ends = {group.keys["end"]: group for group in members}
+            if len(ends) != 2:
+                missing = "B" if "A" in ends else "A"
+                raise self.measured.error(
+                    f"test {name!r}, length {members[0].keys['length']}, {members[0].where}: end {missing} is missing",
+                    members[0],
+                )
+            start, end = ends["A"], ends["B"]
+            bar = self._known(self.artefacts.bar, start)
+            self._known(self.artefacts.bar, end)  # on its own day
+            try:
+                one = LengthMeasured(
+                    bar,
+                    bar.length(start.keys["length"]),
+                    start.points,
+                    end.points,
+                    (start.degC + end.degC) / 2,
+                    start.tip_mm,
+                    start.keys["position"],
+                    start.keys.get("repeat", ""),
+                )
+                distance = one.distance_mm(opposite=name == "bi")
+            except InputError as error:
+                raise self.measured.error(f"test {name!r}: {error.problem}", start, hint=error.hint) from None
+            if start.tip_mm != end.tip_mm:
+                raise self.measured.error(f"test {name!r}, {start.where}: the ends have different tip diameters", end)
+            self._plausible(name, start, distance, one.length.length_mm)
+            found.append(one)
+        return found
+
+    def _known(self, look_up: Callable[[str], A], group: Group) -> A:
+        """An artefact whose certificate serves on the group's day."""
+        try:
+            artefact = look_up(group.artefact)
+            artefact.check_valid(group.date)
+        except InputError as error:
+            raise self.measured.error(error.problem, group, hint=error.hint) from None
+        return artefact
+
+    def _plausible(self, name: str, group: Group, found: float, calibrated: float) -> None:
+        if abs(found - calibrated) <= SAME_SHARE * calibrated:
+            return
+        hint = "the artefact's name, and whether points are compensated or need tip_diameter_mm"
+        for unit, factor in (("inches", 25.4), ("metres", 1000.0)):
+            if abs(found * factor - calibrated) <= SAME_SHARE * calibrated:
+                hint = f"the points seem to be in {unit}: convert them to mm"
+        raise self.measured.error(
+            f"test {name!r}, {group.where}: measured {found:.5g} mm where {group.artefact!r} has {calibrated:.5g} mm",
+            group,
+            hint=hint,
+        )
+
+    def _points(self, name: str, group: Group, planned: int) -> None:
+        self._expect(name, group, f"points at {group.where}", len(group.points), planned)
+
+    def _count(self, name: str, groups: Sequence[Group], key: str, planned: int) -> None:
+        """Each position or repeat once, as many as planned."""
+        self._expect(name, groups[0], f"{key}s", len(_split(groups, key)), planned)
+        for members in _split(groups, key).values():
+            self._one_artefact(name, members)
+
+    def _one_artefact(self, name: str, members: Sequence[Group]) -> None:
+        for group in members:
+            if group.artefact != members[0].artefact:
+                raise self.measured.error(
+                    f"test {name!r}, {group.where}: points on {members[0].artefact!r} and on {group.artefact!r}", group
+                )
+
+    def _expect(self, name: str, group: Group, what: str, found: int, planned: int) -> None:
+        if found != planned:
+            raise self.measured.error(
+                f"test {name!r}: the plan wants {planned} {what}, got {found}",
+                group,
+                hint="measure what is missing" if found < planned else "take out what is too much, or change the plan",
+            )
+
+
+def _split(groups: Iterable[Group], *keys: str) -> dict[str | tuple[str, ...], list[Group]]:
+    """Groups by the values of some keys, in the order of the file."""
+    found: dict[str | tuple[str, ...], list[Group]] = {}
+    for group in groups:
+        values = tuple(group.artefact if key == "artefact" else group.keys[key] for key in keys)
+        found.setdefault(values[0] if len(values) == 1 else values, []).append(group)
+    return found
