@@ -191,6 +191,7 @@ def _of_one_arm(models: dict[str, Compensator]) -> Compensator:
 def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section]:
     """Sections on what the identified models, if there are any, found of their arm."""
     from truearm.identify.effects import effects
+    from truearm.identify.identifiability import identifiability
     from truearm.models import NominalModel
     from truearm.models.identified import IdentifiedModel
     from truearm.models.relations import state_of
@@ -224,7 +225,12 @@ def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section
             next(iter(models.values())).arm.joint_names,
             styles=styles_of(["nominal", *(n for n, model in models.items() if not isinstance(model, NominalModel))]),
         ),
-        *(identified.open_section(model.left_out_, name=titles[name]) for name, model in found.items()),
+        *(
+            identified.open_section(
+                model.left_out_, [one.constants for one in identifiability(model.fit_).untold], name=titles[name]
+            )
+            for name, model in found.items()
+        ),
         *(
             identified.far_off_section(_far_off(model, readings, budgets[name][1]), name=titles[name])
             for name, model in found.items()

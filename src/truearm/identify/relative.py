@@ -1,8 +1,8 @@
 """The uncertainty of tips against each other: what is left of it when a frame is fitted to them.
 
-Where the arm's frame stands, an arm that was identified from seats and lengths cannot know: a rigid motion of all tips
-changes nothing that was seen. It is no error of measurement either, as coordinates are compared with each other. With
-the errors of all tips ``J e``, e of covariance ``F^T F``, and the rigid motions of them all as columns of R,
+An arm that was identified from seats and lengths has a frame of its own, which joint 1 sets and which is known no
+better than that joint's axis. That is no error of measurement, as coordinates are compared with each other. With the
+errors of all tips ``J e``, e of covariance ``F^T F``, and the rigid motions of them all as columns of R,
 
     covariance of a tip = its block of (I - R R^+) J F^T F J^T (I - R R^+)^T,
 

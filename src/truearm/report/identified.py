@@ -88,9 +88,9 @@ def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | Non
     )
     if budget.is_relative:
         text += (
-            "\n\nSeats and lengths do not tell where the arm's frame stands, nor does it matter where coordinates are "
-            "compared with each other: uncertainties are what is left when a frame is fitted to the points of this "
-            "page."
+            "\n\nAn arm that was identified from seats has a frame of its own. Where coordinates are compared with "
+            "each other its place does not matter: uncertainties are what is left when a frame is fitted to the points "
+            "of this page."
         )
     if budget.n_points:
         share = budget.n_held / budget.n_points
@@ -196,32 +196,35 @@ def joints_section(
 
 
 def open_section(
-    left_out: Sequence[tuple[str, str]], undetermined: Sequence[str] = (), *, name: str = ""
+    left_out: Sequence[tuple[str, str]], untold: Sequence[Sequence[str]], *, name: str = ""
 ) -> Section | None:
-    """What the readings do not tell: terms that were not offered, and why. None where there is nothing to say.
+    """What the readings do not tell: constants, and terms that were not offered. None where there is nothing to say.
 
     Parameters
     ----------
     left_out : sequence of (str, str)
         Terms, each with what the readings lack.
-    undetermined : sequence of str
-        Combinations that the readings left open, in words.
+    untold : sequence of sequences of str
+        Constants, alone or in combinations, that the readings left open.
     name : str
         Of the model, where there are several.
     """
-    if not left_out and not undetermined:
-        return None
-    text = (
-        "What is not determined stays near its drawing, held there by what is known of arms beforehand. Where it "
-        "matters for a coordinate, that coordinate's uncertainty says so."
-    )
-    if undetermined:
-        text += f"\n\nNot told by the readings: {'; '.join(undetermined)}."
-    tables: tuple[Table, ...] = ()
+    tables = []
+    if untold:
+        rows = tuple((", ".join(names), "only together" if len(names) > 1 else "not told") for names in untold)
+        tables.append(Table((Column("constants"), Column("known")), rows, "Constants that the readings left open"))
     if left_out:
         rows = tuple((term, f"as {reason}") for term, reason in left_out)
-        tables = (Table((Column("term"), Column("not offered")), rows, "Terms that these readings could not show"),)
-    return Section(_titled("What is not determined", name), text, tables=tables)
+        tables.append(Table((Column("term"), Column("not offered")), rows, "Terms that these readings could not show"))
+    if not tables:
+        return None
+    return Section(
+        _titled("What is not determined", name),
+        "What is not determined stays near its drawing, held there by what is known of arms beforehand. Where it "
+        "matters for a coordinate, that coordinate's uncertainty says so. Of constants known only together a sum is "
+        "known: where they move against each other no tip moves, and nothing is lost.",
+        tables=tuple(tables),
+    )
 
 
 def far_off_section(found: Mapping[str, Sequence[FarOff]], *, name: str = "") -> Section | None:
