@@ -17,10 +17,17 @@ import numpy.typing as npt
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identify.noise import huber_weights, unexplained_variance
-from truearm.identify.problem import Moved, SmallMotionProblem
+from truearm.identify.problem import RELATIVE, Moved, SmallMotionProblem
 from truearm.identify.references import Reference
 from truearm.solve import NormalEquations
-from truearm.solve.group_evidence import GroupedPrior, Posterior, marginals, posterior, updated_scales
+from truearm.solve.group_evidence import (
+    GroupedPrior,
+    Posterior,
+    marginals,
+    posterior,
+    updated_scales,
+    without_dispensable,
+)
 from truearm.solve.threads import one_blas_thread
 from truearm.terms.state import ArmState
 from truearm.terms.term import Term
@@ -39,8 +46,13 @@ INVISIBLE = 0.02
 # A step is the last when tips move by a smaller share of their uncertainty; the noise is calm when it changes by less.
 SETTLED_STEP = 0.05
 CALM_NOISE = 0.05
-# Bounds of a group's scale, against where it starts: a term of a three-hundredth of its usual size is none.
-LEAST_SCALE, MOST_SCALE = 3e-3, 100.0
+# A group's scale is known beforehand to a factor of five, as arms differ by as much, and is ten at most: a term larger
+# than that is what other, missing terms look like. Harmonics to 16 alone would explain some of a UR10's higher ones by
+# radians that nearly cancel where readings are, and miss others by 20 mm.
+LOG_SPREAD = float(np.log(5.0))
+LEAST_SCALE, MOST_SCALE = 1e-4, 10.0
+# Where nothing tells its size it stays as drawn, to this share.
+SIZE_STD = 1e-6
 # An artefact's unknowns have a prior far beyond any workshop [mm, or 1]: nothing known beforehand.
 UNKNOWN_STD = 1e6
 
@@ -260,7 +272,21 @@ def _linearised(
     relations = problem.relations(x)
     gram = sum((part.gram for part in parts), start=relations.gram)
     gradient = sum((part.gradient for part in parts), start=relations.gradient)
+    if any(reference.kind in RELATIVE for reference in problem.references):
+        size = problem.growth_gradient(x)
+        for part, reference in zip(parts, problem.references, strict=True):
+            if reference.kind in RELATIVE:
+                gradient = gradient - 2 * part.cost * size
+        if _size_is_open(problem, x):
+            gram = gram + np.outer(size, size) / SIZE_STD**2
+            gradient = gradient + size * problem.growth(x) / SIZE_STD**2
     return parts, gram, gradient
+
+
+def _size_is_open(problem: SmallMotionProblem, x: FloatArray) -> bool:
+    """Whether nothing tells how large the arm is: neither points nor lengths nor radii."""
+    told = [reference.relations(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)]
+    return all(r.kind != "point" for r in problem.references) and all(relations is None for relations in told)
 
 
 def _gathered(
@@ -289,7 +315,7 @@ def _gathered(
             for i, name in enumerate(groups)
         ),
         explained(problem, x, np.sqrt(noise), trust),
-        converged,
+        bool(converged),
         n_rounds,
     )
 
@@ -359,15 +385,19 @@ def _evidence(
     """
     effective = np.zeros(len(prior.scale))
     for _ in range(2 if prune else SCALE_ROUNDS):
-        scale, effective = updated_scales(prior, marginals(gram, right, prior), least=LEAST_SCALE, most=MOST_SCALE)
-        if prune:
-            scale = np.where(prior.learned & (scale <= LEAST_SCALE), 0.0, scale)
+        known = marginals(gram, right, prior)
+        scale, effective = updated_scales(prior, known, log_spread=LOG_SPREAD, least=LEAST_SCALE, most=MOST_SCALE)
         told = effective > LEAST_EFFECTIVE
         change = np.abs(scale - prior.scale)[told] / prior.scale[told]
         prior = replace(prior, scale=scale)
         if change.max(initial=0.0) < SETTLED_SCALES:
             break
-    return prior, posterior(gram, right, prior), effective
+    found = posterior(gram, right, prior)
+    if prune:
+        pruned = without_dispensable(prior, found, log_spread=LOG_SPREAD)
+        if (pruned.scale < prior.scale).any():
+            return pruned, posterior(gram, right, pruned), np.where(pruned.scale > 0, effective, 0.0)
+    return prior, found, effective
 
 
 def _stepped(
@@ -381,7 +411,10 @@ def _stepped(
     """`x` after the step, halved until the cost under these weights does not rise, and the residuals there."""
 
     def cost(at: FloatArray, residuals: list[FloatArray]) -> float:
-        data = sum(float(((w * r) ** 2).sum()) for w, r in zip(weights, residuals, strict=True))
+        growth = problem.growth(at)
+        data = (growth / SIZE_STD) ** 2 if _size_is_open(problem, at) else 0.0
+        for reference, w, r in zip(problem.references, weights, residuals, strict=True):
+            data += float(((w * r) ** 2).sum()) * (np.exp(-2 * growth) if reference.kind in RELATIVE else 1.0)
         return 0.5 * (
             data + float((prior.precision[prior.active] * at[prior.active] ** 2).sum())
         ) + problem.relations_cost(at)

@@ -33,6 +33,9 @@ from truearm.terms.term import Term
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
+# References that compare tips with one another. A smaller arm has smaller residuals of them, and none of them says that
+# it is not so: they count as shares of the arm's size, or the noise would be found smaller and smaller with the arm.
+RELATIVE = ("seat", "sphere", "plane", "line")
 CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays near a core
 # Chunks are dealt to so many groups, whatever the threads: the order of the sums is always the same.
 GROUPS = 2
@@ -246,6 +249,32 @@ class SmallMotionProblem:
                 self._add_by_unknown(out[n:, :, piece], i, linear)
             found.append(out)
         return found
+
+    def growth(self, x: FloatArray) -> float:
+        """How much larger, as a logarithm, the tips of readings with relative references lie than as drawn."""
+        return float(np.log(self._spread(x) / self._spread(np.zeros(len(x)))) / 2) if len(self._relative) else 0.0
+
+    def growth_gradient(self, x: FloatArray) -> FloatArray:
+        """(n_parameters,) derivative of `growth`."""
+        found = np.zeros(self.n_parameters)
+        if len(self._relative):
+            state, coefficients = self.state.rows(self._relative), x[: self.moved.n_coefficients]
+            tips = self.moved.tips(state, coefficients)
+            off = (tips - tips.mean(axis=0)).T / self._spread(x)
+            for rows, _, columns in self.moved.derivatives(state, coefficients):
+                found[: self.moved.n_coefficients] += np.tensordot(columns, off[:, rows], axes=2)
+        return found
+
+    @cached_property
+    def _relative(self) -> IntArray:
+        """Readings that are compared with one another."""
+        rows = [reference.rows for reference in self.references if reference.kind in RELATIVE]
+        return np.unique(np.concatenate(rows)) if rows else np.zeros(0, dtype=np.intp)
+
+    def _spread(self, x: FloatArray) -> float:
+        """Sum of squared distances of those tips from their mean [mm^2]."""
+        tips = self.moved.tips(self.state.rows(self._relative), x[: self.moved.n_coefficients])
+        return float(((tips - tips.mean(axis=0)) ** 2).sum()) + 1e-12  # a picometre: never zero
 
     def relations(self, x: FloatArray) -> NormalEquations:
         """What is known among the unknowns: lengths."""

@@ -6,19 +6,25 @@ greatest where ``s_g^2 gamma_g = sum over i in g of (x_i / r_i)^2`` with
 ``gamma_g = sum over i in g of 1 - Sigma_ii / (s_g r_i)^2``: MacKay's fixed point, group by group. gamma_g counts the
 parameters of the group that the data, rather than the prior, determine.
 
+Where the data say nothing of a group, neither do these equations of its scale; they would then let it shrink to nothing
+or grow without end. So a scale has a prior too, wide: its logarithm is normally distributed about 0 with standard
+deviation tau. The maximum is then where ``sum of (x_i / s_g r_i)^2 = gamma_g + log(s_g) / tau^2``, which Lambert's
+function solves for s_g.
+
 Source: D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 415, section 4; groups: D. J. C. MacKay,
 "Bayesian non-linear modeling for the energy prediction competition", ASHRAE Trans. 100 (1994) 1053.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import LinAlgError, cholesky, qr
 from scipy.linalg.lapack import dtrtri
+from scipy.special import wrightomega
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -28,6 +34,8 @@ BoolArray = npt.NDArray[np.bool_]
 # pivots of Cholesky's factor that are smaller have lost their digits to it.
 ROUNDING = 1e-14
 LEAST_PIVOT = 1e-12
+# Evidence's logarithm must gain so much for a group to be left out: what the data hardly see is not given up.
+LEAST_GAIN = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +180,7 @@ def _inverse_triangle(matrix: FloatArray, *, lower: bool) -> FloatArray:
 
 
 def updated_scales(
-    prior: GroupedPrior, found: Marginals, *, least: float, most: float
+    prior: GroupedPrior, found: Marginals, *, log_spread: float, least: float, most: float
 ) -> tuple[FloatArray, FloatArray]:
     """One round of the fixed point.
 
@@ -181,8 +189,10 @@ def updated_scales(
     prior : GroupedPrior
     found : Marginals
         Under `prior`.
+    log_spread : float
+        Standard deviation of the logarithm of a scale about that of 1 before any data.
     least, most : float
-        Bounds of a scale: a group that the data have no use for goes to `least`.
+        Bounds of a scale, so that numbers stay numbers.
 
     Returns
     -------
@@ -194,8 +204,62 @@ def updated_scales(
     share = np.zeros(len(active))
     share[active] = 1 - found.variance[active] * prior.precision[active]
     effective = np.maximum(prior.sums(share), 0.0)
-    sizes = prior.sums((found.x / prior.ratio) ** 2)
-    told = prior.learned & (effective > 0)
-    square = np.divide(sizes, effective, out=prior.scale**2, where=told)
-    scale = np.where(told, np.clip(np.sqrt(square), least, most), prior.scale)
+    told = prior.learned & (prior.scale > 0)
+    sizes, spread, gamma = prior.sums((found.x / prior.ratio) ** 2)[told], log_spread**2, effective[told]
+    with np.errstate(divide="ignore"):  # sizes of zero: Lambert's function is zero there
+        log_scale = wrightomega(np.log(2 * spread * sizes) + 2 * spread * gamma) / 2 - spread * gamma
+    scale = prior.scale.copy()
+    scale[told] = np.exp(np.clip(log_scale, np.log(least), np.log(most)))
     return scale, effective
+
+
+def without_dispensable(prior: GroupedPrior, found: Posterior, *, log_spread: float) -> GroupedPrior:
+    """Leave out groups that evidence would rather do without.
+
+    With x and S the posterior of a group's m parameters and P their prior covariance, leaving it out changes the log
+    evidence by ``(log|P| - log|S| - x^T S^-1 x) / 2`` (J. M. Dickey, Ann. Math. Stat. 42 (1971) 204), and saves what
+    its scale's logarithm costs. The group that gains most goes first, and the others' posterior without it decides on
+    the next: of two that stand for each other one remains.
+
+    Parameters
+    ----------
+    prior : GroupedPrior
+    found : Posterior
+        Under `prior`.
+    log_spread : float
+        As in `updated_scales`.
+
+    Returns
+    -------
+    GroupedPrior
+        With scale 0 for what is left out.
+    """
+    std = prior.ratio * prior.scale[prior.group]
+    active = np.flatnonzero(prior.active)
+    scale = prior.scale.copy()
+    x = np.divide(found.x, std, out=np.zeros(len(std)), where=std > 0)
+    covariance = np.zeros_like(found.covariance)
+    covariance[np.ix_(active, active)] = found.covariance[np.ix_(active, active)] / np.outer(std[active], std[active])
+    members = {int(g): np.flatnonzero(prior.group == g) for g in np.flatnonzero(prior.learned & (scale > 0))}
+    while members:
+        gains = {}
+        for g, rows in members.items():
+            values, vectors = _eigen(covariance[np.ix_(rows, rows)])
+            squares = (vectors.T @ x[rows]) ** 2 / values
+            gains[g] = 0.5 * (np.log(scale[g]) ** 2 / log_spread**2 - np.log(values).sum() - squares.sum())
+        g = max(gains, key=gains.__getitem__)
+        if gains[g] < LEAST_GAIN:
+            break
+        rows = members.pop(g)
+        values, vectors = _eigen(covariance[np.ix_(rows, rows)])
+        across = covariance[:, rows] @ (vectors / np.sqrt(values))
+        x -= across @ ((vectors.T @ x[rows]) / np.sqrt(values))
+        covariance -= across @ across.T
+        scale[g] = 0.0
+    return replace(prior, scale=scale)
+
+
+def _eigen(white: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues and vectors of a posterior covariance in units of the prior's: between 0 and 1 but for rounding."""
+    values, vectors = np.linalg.eigh(white)
+    return np.clip(values, ROUNDING, 1.0), vectors
