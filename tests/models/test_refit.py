@@ -99,6 +99,18 @@ def test_without_points_the_base_stays(real):
         refit(fitted, held, free=("base",))
 
 
+def test_an_arm_known_from_seats_comes_before_a_tracker(real):
+    """Identified without an instrument, in a frame of its own, the arm then finds its place from a few points."""
+    rng = np.random.default_rng(14)
+    fitted = KinematicModel(real.arm).fit_readings(real.held(rng), lengths=real.lengths())
+    new = refit(fitted, elsewhere(real, 10, rng))
+    assert new.free_ == ("base", "tip")
+    # Other readings in the seats: 60 of 0.01 mm know the arm there to hundredths of a millimetre.
+    test = real.held(rng)
+    truth = real.chain.tip_in_base(test.angles) @ TURN.T + SHIFT
+    assert np.linalg.norm(new.predict_readings(test) - truth, axis=1).mean() < 0.3
+
+
 @pytest.mark.parametrize("kind", [NominalModel, KinematicModel, PhysicalModel])
 @pytest.mark.parametrize("free", [(), ("base",), ("base", "tip")])
 def test_every_model_whatever_was_free_in_it(real, kind, free):
