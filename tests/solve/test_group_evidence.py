@@ -249,7 +249,7 @@ def test_scales_prior_and_data_meet_where_their_slopes_cancel():
 
 @settings(deadline=None, max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.5, 1.6]))
-def test_with_it_the_fixed_point_is_the_mode(seed, tau):
+def test_with_it_the_fixed_point_is_stationary(seed, tau):
     rng = np.random.default_rng(seed)
     J = rng.normal(size=(20, 6))
     gram, right = J.T @ J, J.T @ (J @ rng.normal(0, 2, 6) + rng.normal(size=20))
@@ -258,12 +258,14 @@ def test_with_it_the_fixed_point_is_the_mode(seed, tau):
         return log_evidence(gram, right, prior) - 0.5 * (np.log(prior.scale) ** 2).sum() / tau**2
 
     prior, _ = settled(gram, right, prior_of(np.ones(6), [0, 0, 1, 1, 1, 2]), log_spread=tau)
-    best = log_posterior(prior)
+    # A stationary point: where two groups stand for each other it may be a saddle.
     for g in range(3):
-        for factor in (0.99, 1.01):
+        either = []
+        for factor in (1 / 1.001, 1.001):
             scale = prior.scale.copy()
             scale[g] *= factor
-            assert log_posterior(replace(prior, scale=scale)) < best
+            either.append(log_posterior(replace(prior, scale=scale)))
+        assert abs(either[1] - either[0]) < 1e-6  # of slopes of order 1 over 0.002, and rounding
 
 
 def test_no_size_at_all_is_the_least_scale():
