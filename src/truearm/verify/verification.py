@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -87,11 +87,13 @@ def verify(
             f"the specification {specification.name!r} states no limit for what was tested",
             hint=f"under [limits], one of {', '.join(SYMBOLS)}",
         )
-    remarks += _remarks(rows, plan, specification, rule)
+    remarks += _remarks(rows, plan, specification, rule, measured.tests)
     return Verification(tuple(rows), verdict, tuple(remarks))
 
 
-def _remarks(rows: Sequence[Row], plan: Plan, specification: Specification, rule: Rule) -> list[str]:
+def _remarks(
+    rows: Sequence[Row], plan: Plan, specification: Specification, rule: Rule, tested: Collection[str]
+) -> list[str]:
     remarks = []
     if rule == "simple":
         remarks.append(
@@ -103,9 +105,13 @@ def _remarks(rows: Sequence[Row], plan: Plan, specification: Specification, rule
     limited = {row.label.partition(", ")[0] for row in rows if row.limit is not None}
     if without := [symbol for symbol in symbols if symbol in SYMBOLS and symbol not in limited]:
         remarks.append(f"no limit is stated for: {', '.join(without)}")
-    numbers = [f"{key} = {value:g} ({source})" for key, value, source in plan.unconfirmed()]
-    if numbers:
-        remarks.append(f"numbers of the plan that were recalled and not read, {CHECK}: {'; '.join(numbers)}")
+    recalled: dict[str, list[str]] = {}
+    for key, value, _ in plan.unconfirmed():
+        name, _, number = key.partition(".")
+        if name in tested:
+            recalled.setdefault(name, []).append(f"{number} = {value:g}")
+    for name, numbers in recalled.items():
+        remarks.append(f"plan, {name}: recalled, {CHECK}: {', '.join(numbers)}")
     return remarks
 
 
@@ -243,7 +249,7 @@ class _Evaluation:
             if len(ends) != 2:
                 missing = "B" if "A" in ends else "A"
                 raise self.measured.error(
-                    f"test {name!r}, length {members[0].keys['length']}, {members[0].where}: end {missing} is missing",
+                    f"test {name!r}, {members[0].where}: end {missing} is missing",
                     members[0],
                 )
             start, end = ends["A"], ends["B"]

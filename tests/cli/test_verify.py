@@ -1,0 +1,331 @@
+"""``truearm verify``: from a technician's files to the verdict; wrong files are refused with what to do."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from made_up_verification import ARTEFACTS, MPE, Made
+
+from truearm.verify.measured import KEYS, NEEDED, OPTIONAL, SIZED
+from truearm.verify.test_plan import plan_text
+
+PAGE = Path(__file__).parents[2] / "docs" / "verification.md"
+
+
+@pytest.fixture
+def bench(tmp_path, monkeypatch):
+    """A folder with all files of a good arm's verification."""
+    monkeypatch.chdir(tmp_path)
+    Path("points.csv").write_text(Made().iso().text())
+    Path("artefacts.toml").write_text(ARTEFACTS)
+    Path("mpe.toml").write_text(MPE)
+    return tmp_path
+
+
+def options(plan="iso10360-12"):
+    return ["verify", "--plan", plan, "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml"]
+
+
+# Verdicts ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_good_arm_conforms(truearm, bench):
+    ran = truearm(*options())
+    assert (ran.code, ran.err) == (0, ""), ran
+    rows = {line.split("  ")[0]: line for line in ran.out.splitlines()}
+    for label, limit in (("P_Size.Sph.1x25", "0.0150"), ("P_Form.Sph.1x25", "0.0300"), ("L_Dia.5x5", "0.0400")):
+        assert limit in rows[label]
+        assert " conform " in rows[label]
+    for length, limit in (("150", "0.0169"), ("900", "0.0263"), ("1700", "0.0363")):
+        assert limit in rows[f"E_Uni, {length}"]
+    assert "not tested: bi" in ran.out
+    assert "plan, probing: recalled, check against your copy of the standard: smallest_sphere_mm = 10" in ran.out
+    assert ran.out.splitlines()[-1].startswith("conform:")
+
+
+def test_an_arm_that_measures_too_large_does_not_conform(truearm, bench):
+    """60 um per metre: 102 um in the longest length; the sphere and the places are fine."""
+    Path("points.csv").write_text(Made(too_large=60e-6).iso().text())
+    ran = truearm(*options(), "--json")
+    found = json.loads(ran.out)
+    assert (ran.code, found["verdict"]) == (1, "not conform")
+    by_label = {row["label"]: row for row in found["rows"]}
+    assert by_label["E_Uni, 1700"]["value"] == pytest.approx(60e-6 * 1700, abs=0.01)
+    assert by_label["E_Uni, 1700"]["verdict"] == "not conform"
+    assert by_label["P_Size.Sph.1x25"]["verdict"] == "conform"
+
+
+def test_an_arm_near_its_limit_is_undecided_and_simple_acceptance_decides(truearm, bench):
+    """Half a micrometre below the limit of a form of some 15, with U of one: 4:1 is kept."""
+    Path("points.csv").write_text(Made(noise_mm=0.004).iso().text())
+    value = json.loads(truearm(*options(), "--json").out)["rows"][1]["value"]
+    Path("mpe.toml").write_text(
+        MPE.replace('"P_Form.Sph.1x25" = { B_um = 30 }', f'"P_Form.Sph.1x25" = {{ B_um = {1e3 * value + 0.5:.3f} }}')
+    )
+    ran = truearm(*options())
+    assert ran.code == 3
+    assert "undecided: within the uncertainty of a limit" in ran.out
+    ran = truearm(*options(), "--simple")
+    assert ran.code == 0
+    assert "simple acceptance" in ran.out
+
+
+def test_both_standards_and_opposite_faces(truearm, bench):
+    Path("points.csv").write_text(Made(degC=23.5).asme().text())
+    ran = truearm(*options("asme-b89.4.22"))
+    assert ran.code == 0, ran
+    for label in ("EffectiveDiameter", "SPAT.Max", "SPAT.2s", "Volumetric.Max", "Volumetric.2RMS"):
+        assert label in ran.out
+    assert "no limit is stated for: Volumetric.2s, Volumetric.2RMS" in ran.out
+    Path("points.csv").write_text(Made(degC=18.0).iso(bi=True).text())
+    ran = truearm(*options())
+    assert ran.code == 0, ran
+    assert "E_Bi, 1700" in ran.out
+    assert "not tested" not in ran.out
+
+
+def test_machines_get_the_whole_budget(truearm, bench):
+    found = json.loads(truearm(*options(), "--json").out)
+    assert found["standard"] == "ISO 10360-12:2016"
+    row = next(row for row in found["rows"] if row["label"] == "E_Uni, 1700")
+    lines = {one["label"]: one["u"] for one in row["budget"]}
+    assert lines["calibration of the length"] == 0.0005
+    assert lines["temperature of the artefact"] == pytest.approx(1700.005 * 1e-6 * 0.5)
+    assert row["coverage_factor"] == 2
+    assert row["degrees_of_freedom"] is None
+    assert row["uncertainty"] == pytest.approx(2 * sum(u**2 for u in lines.values()) ** 0.5)
+
+
+# Refusals ------------------------------------------------------------------------------------------------------------
+
+
+def without(phrase):
+    return lambda text: "".join(line for line in text.splitlines(keepends=True) if phrase not in line)
+
+
+def first(phrase, before, after):
+    """Change the first line that holds a phrase."""
+
+    def change(text):
+        lines = text.splitlines(keepends=True)
+        at = next(i for i, line in enumerate(lines) if phrase in line)
+        lines[at] = lines[at].replace(before, after, 1)
+        return "".join(lines)
+
+    return change
+
+
+def first_two(phrase, before, after):
+    """Both ends of the first length that holds a phrase."""
+    once = first(phrase, before, after)
+    return lambda text: once(once(text))
+
+
+def scaled(factor):
+    def change(text):
+        rows = [line.split(",") for line in text.splitlines()]
+        for row in rows[1:]:
+            row[8:11] = [repr(float(cell) * factor) for cell in row[8:11]]
+        return "\n".join(",".join(row) for row in rows) + "\n"
+
+    return change
+
+
+def one_less(phrase):
+    def change(text):
+        lines = text.splitlines(keepends=True)
+        del lines[next(i for i, line in enumerate(lines) if phrase in line)]
+        return "".join(lines)
+
+    return change
+
+
+def first_column(name, after):
+    return lambda text: text.replace(name, after, 1)
+
+
+POINTS = {
+    "no probing": (without("probing"), ["points of test 'probing' are missing", "Try: measure them"]),
+    "no position 2": (without("probing,ball,2026-11-03,2"), ["line 2", "the plan wants 2 positions, got 1"]),
+    "a point less": (one_less("probing"), ["the plan wants 25 points at position 1, got 24"]),
+    "a group less": (without(",,,,D,"), ["the plan wants 5 groups at position 1, got 4"]),
+    "group of four": (one_less(",,,,B,"), ["the plan wants 5 points at position 1, group B, got 4"]),
+    "a repeat less": (without(",3,450,2,"), ["length 450, position 3: expected repeats 1 to 3, got 1, 3"]),
+    "an end less": (one_less(",1,B,"), ["length 150, position 1, repeat 1: end B is missing"]),
+    "a length less": (without(",900,"), ["the plan wants 5 lengths, got 4"]),
+    "a position more": (first_two(",7,150,", ",7,150,", ",8,150,"), ["wants 7 positions of length 150, got 8"]),
+    "metres": (scaled(1e-3), ["measured 0.02499", "seem to be in metres: convert them to mm"]),
+    "inches": (scaled(1 / 25.4), ["measured 0.98", "seem to be in inches: convert them to mm"]),
+    "unit in the head": (first_column("x_mm", "x_inch"), ["line 1, column 'x_inch'", "Try: x_mm: coordinates in mm"]),
+    "no x": (first_column("x_mm", "note_x"), ["the column x_mm is missing"]),
+    "unknown column": (first_column("group", "gruppe"), ["unknown column 'gruppe'", "Try: test, artefact"]),
+    "column twice": (first_column("repeat", "length"), ["column 'length'", "stands twice"]),
+    "unknown test": (first("uni", "uni", "unit"), ["column 'test'", "unknown test 'unit'", "Try: uni"]),
+    "another standard's": (first("uni", "uni", "volumetric"), ["has no 'repeat'", "leave the cell empty"]),
+    "unknown artefact": (lambda text: text.replace("ing,ball", "ing,bal"), ["has no sphere 'bal'", "Try: 'ball'"]),
+    "unknown length": (lambda text: text.replace(",150,", ",160,"), ["'bar' has no length '160'", "Try: '150'"]),
+    "expired": (lambda text: text.replace("2026", "2029"), ["expired on 2028-01-15; points were taken on 2029-11-03"]),
+    "too early": (lambda text: text.replace("2026", "2025"), ["calibrated on 2026-01-15, after points were taken"]),
+    "no date": (first("uni", "2026-11-03", ""), ["column 'date'", "needs 'date', got an empty cell"]),
+    "odd date": (
+        lambda text: text.replace("2026-11-03", "3.11.2026"),
+        ["expected a date, got '3.11.2026'", "Try: 2026"],
+    ),
+    "no temperature": (first("probing", ",20.0", ","), ["column 'artefact_degC'", "needs the temperature"]),
+    "kelvin": (lambda text: text.replace(",20.0", ",293.15"), ["column 'artefact_degC'", "in degC, got 293.15"]),
+    "no group": (first("articulation", ",A,", ",,"), ["column 'group'", "needs 'group', got an empty cell"]),
+    "odd repeat": (first("uni", ",1,A", ",one,A"), ["column 'repeat'", "expected a whole number", "got 'one'"]),
+    "odd end": (first("uni", ",A,", ",left,"), ["column 'end'", "expected A or B, got 'left'"]),
+    "text": (first("probing", ",20.0", ",warm"), ["line 2, column 'artefact_degC'", "a number, got 'warm'"]),
+    "semicolons": (lambda text: text.replace(",", ";"), ["unknown column"]),
+    "empty": (lambda text: "", ["empty file"]),
+    "flat": (lambda text: re.sub(r"(?m)^(probing.*,)[^,]*(,20.0)$", r"\g<1>0.0\2", text), ["in one plane"]),
+}
+
+
+@pytest.mark.parametrize("what", POINTS)
+def test_wrong_points_are_refused(truearm, bench, snapshot, what):
+    change, phrases = POINTS[what]
+    path = Path("points.csv")
+    before = path.read_text()
+    path.write_text(change(before))
+    assert path.read_text() != before
+    left = snapshot(bench)
+    ran = truearm(*options())
+    assert (ran.code, ran.out) == (2, ""), ran
+    assert ran.err.startswith("truearm: points.csv")
+    assert ran.err.count("\n") == 1
+    for phrase in phrases:
+        assert phrase in ran.err, ran.err
+    assert "truearm import" not in ran.err
+    assert snapshot(bench) == left
+
+
+def test_points_of_one_group_are_of_one_day(truearm, bench):
+    path = Path("points.csv")
+    path.write_text(first("probing,ball,2026-11-03,1", "2026-11-03", "2026-11-04")(path.read_text()))
+    ran = truearm(*options())
+    assert ran.code == 2
+    assert "points of one group were taken on 2026-11-04 and on 2026-11-03" in ran.err
+
+
+def test_groups_of_two_places_are_not_taken_for_one(truearm, bench):
+    path = Path("points.csv")
+    text = path.read_text()
+    lines = [line.split(",") for line in text.splitlines()]
+    for cells in lines:
+        if cells[0] == "articulation" and cells[3] == "1" and cells[7] == "C":
+            cells[8] = repr(float(cells[8]) + 40)
+    path.write_text("\n".join(",".join(cells) for cells in lines) + "\n")
+    ran = truearm(*options())
+    assert ran.code == 2
+    assert "position 1, group C: its sphere is" in ran.err
+    assert "stays in place" in ran.err
+
+
+@pytest.mark.parametrize(
+    ("file", "before", "after", "phrases"),
+    [
+        (
+            "artefacts.toml",
+            "expires = 2028-01-15",
+            "expires = 2026-06-30",
+            ["points.csv, line 2", "expired on 2026-06-30"],
+        ),
+        (
+            "artefacts.toml",
+            "expires = 2028-01-15",
+            "expires = 2025-01-15",
+            ["artefacts.toml", "not after its calibration"],
+        ),
+        ("artefacts.toml", "diameter_mm = 25.0004", "diameter_mm = 0.98427", ["calibrated 0.98427 mm, nominal 25 mm"]),
+        ("artefacts.toml", '"ball"', '"bar"', ["the artefact 'bar' stands twice"]),
+        (
+            "artefacts.toml",
+            "[[seats]]",
+            "[[seat]]",
+            ["artefacts.toml: unknown key seat", "Try: one of spheres, bars, seats"],
+        ),
+        ("mpe.toml", "measuring_range_mm = 2500", "measuring_range_mm = 4000", ["the longest length is 1700", "66%"]),
+        ("mpe.toml", "measuring_range_mm", "measuring_range_m", ["mpe.toml: unknown key measuring_range_m"]),
+        ("mpe.toml", "E_Uni = {", "E_uni = {", ["unknown symbol 'E_uni'", "Try: E_Uni"]),
+        (
+            "mpe.toml",
+            "{ B_um = 15 }",
+            "{ A_um = 1, K_mm_per_um = 5 }",
+            ["limits.P_Size.Sph.1x25: this test has no length"],
+        ),
+    ],
+)
+def test_wrong_certificates_and_limits_are_refused(truearm, bench, file, before, after, phrases):
+    path = Path(file)
+    text = path.read_text()
+    assert before in text
+    path.write_text(text.replace(before, after, 1))
+    ran = truearm(*options())
+    assert (ran.code, ran.out) == (2, ""), ran
+    for phrase in phrases:
+        assert phrase in ran.err, ran.err
+
+
+def test_limits_of_another_standard_decide_nothing(truearm, bench):
+    Path("mpe.toml").write_text(MPE.partition("[limits]")[0] + '[limits]\n"SPAT.Max" = { B_um = 30 }\n')
+    ran = truearm(*options())
+    assert ran.code == 2
+    assert "states no limit for what was tested" in ran.err
+
+
+@pytest.mark.parametrize("missing", ["points.csv", "artefacts.toml", "mpe.toml"])
+def test_a_missing_file_is_named(truearm, bench, missing):
+    Path(missing).unlink()
+    ran = truearm(*options())
+    assert ran.code == 2
+    assert missing in ran.err
+    assert ran.err.count("\n") == 1
+
+
+# The page ------------------------------------------------------------------------------------------------------------
+
+
+def blocks(kind):
+    return re.findall(rf"```{kind}\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+def test_the_page_shows_what_the_program_prints(truearm, bench):
+    (shown,) = blocks("console")
+    command, _, printed = shown.partition("\n")
+    assert command == "$ truearm " + " ".join(options())
+    assert truearm(*options()).out == printed
+
+
+def test_the_files_of_the_page_are_those_of_the_run():
+    assert blocks("toml artefacts") == [ARTEFACTS]
+    assert blocks("toml mpe") == [MPE]
+    (plan,) = blocks("toml")
+    for line in plan.splitlines():
+        assert line in plan_text("iso10360-12")
+    for line in blocks("csv")[0].splitlines():
+        cells = line.split(",")
+        assert len(cells) == 12
+        assert cells[0] in ("test", *KEYS)
+
+
+def test_the_page_names_every_column_and_what_tells_groups_apart():
+    text = PAGE.read_text(encoding="utf-8")
+    for name in (*NEEDED, *OPTIONAL):
+        assert f"`{name}`" in text
+    for test, keys in KEYS.items():
+        row = next(line for line in text.splitlines() if line.startswith(f"| `{test}` | `"))
+        assert row.split("|")[2].strip() == ", ".join(f"`{key}`" for key in keys)
+        assert ("needed" in row) == (test in SIZED)
+
+
+def test_the_examples_of_the_page_run(bench):
+    names: dict = {}
+    for example in blocks("python"):
+        exec(example, names)
+    assert Path("my-plan.toml").read_text(encoding="utf-8") == plan_text("iso10360-12")
+    assert names["sphere"].radius_mm == pytest.approx(12.5)
