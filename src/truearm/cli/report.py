@@ -78,7 +78,7 @@ def _page(models: dict[str, Compensator], readings: Readings, lengths: Path | No
     from truearm.report.comparison import comparison_page
     from truearm.report.seats import seats_page
 
-    arm = next(iter(models.values())).arm
+    arm = _of_one_arm(models).arm
     told: dict[str, Any] = {
         "title": title or f"{arm.name}: error before and after compensation",
         "subtitle": f"{len(readings)} readings of {session.name}",
