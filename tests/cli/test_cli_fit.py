@@ -95,7 +95,7 @@ def test_without_a_length_the_size_is_that_of_the_drawing_and_it_is_said(truearm
     )  # fmt: skip
     assert set(told["training"]) == {"seat_mean_mm", "seat_rms_mm", "seat_max_mm", "n_in_seats"}
     assert set(told) == {"model", "file", "fit_seconds", "training", "unexplained_std_mm"} | {
-        *("groups", "left_out", "outliers")
+        *("groups", "left_out", "identifiability", "outliers")
     }
 
 
