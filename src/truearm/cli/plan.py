@@ -66,7 +66,7 @@ def plan(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of all that is drawn.")] = 0,
     as_json: Json = False,
 ) -> None:
-    """Plan the next readings: those that leave the least uncertainty in the volume.
+    """Plan the readings that tell most of an arm.
 
     Written is a session file with the angles to aim at in columns of notes; fill in what the encoders read (and, with a
     tracker, the point) and hand it to truearm fit. For a bar its lengths are written too, beside it.

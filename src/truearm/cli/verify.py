@@ -28,7 +28,7 @@ def verify(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Verify an arm by a standard's tests: points on calibrated artefacts against the limits of its specification.
+    """Verify an arm by the tests of a standard.
 
     The points may come from any program. Each test value is printed with its expanded uncertainty U, its limit and
     the verdict by ISO 14253-1. Exit code 0: conform; 1: not conform; 3: undecided within the uncertainty.

@@ -121,7 +121,9 @@ def groups_of(readings: Readings) -> IntArray:
         if names is not None:
             named = np.where(names != "", start + np.unique(names, return_inverse=True)[1], group)
             group = named if len(np.unique(named)) > 1 else group
-    seat = np.unique(readings.seat) if readings.seat is not None else np.zeros(0)
-    if len(seat) == 1 and len(np.unique(group)) == n and not readings.has_point.any():
-        group = np.arange(n) * PARTS_OF_A_SEAT // n
+    if readings.seat is not None and not readings.has_point.any():
+        seats, counts = np.unique(readings.seat[readings.seat != ""], return_counts=True)
+        if (counts > 1).sum() == 1 and (readings.position is None or len(np.unique(readings.position)) == 1):
+            held = np.flatnonzero(readings.seat == seats[np.argmax(counts)])
+            group[held] = 3 * n + np.arange(len(held)) * PARTS_OF_A_SEAT // len(held)
     return np.unique(group, return_inverse=True)[1].astype(np.intp)
