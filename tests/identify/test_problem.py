@@ -215,6 +215,61 @@ def test_no_terms_leave_the_chain():
     assert found.gram.shape == (0, 0)
 
 
+# The arm's size
+
+
+def seats_only(rng, chain, state, terms, n_seats=3):
+    seats = seats_of(np.arange(len(state)), np.array([f"s{i % n_seats}" for i in range(len(state))]))
+    return SmallMotionProblem(Moved(chain, tuple(terms)), state, (seats,)), np.zeros(3 * n_seats)
+
+
+@settings(deadline=None, max_examples=10)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([None, 2]))
+def test_growth_and_its_gradient(seed, slides):
+    rng = np.random.default_rng(seed)
+    chain = random_chain(rng, slides=slides)
+    state = random_state(chain, 12, rng)
+    terms, _ = candidate_terms(state, free=(), highest=2)
+    problem, unknowns = seats_only(rng, chain, state, terms)
+    prior = np.concatenate([term.prior_stds for term in terms])
+    x = np.concatenate([prior * rng.normal(size=len(prior)), unknowns])
+    gradient = problem.growth_gradient(x)
+    assert not gradient[len(prior) :].any()
+    for i in rng.choice(len(prior), 10, replace=False):
+        step = np.zeros(len(x))
+        step[i] = 0.1 * prior[i]
+        quotient = (problem.growth(x + step) - problem.growth(x - step)) / 0.2
+        # by an usual coefficient an arm grows by 1e-2 at most; to second order in a tenth of it
+        assert prior[i] * gradient[i] == pytest.approx(quotient, abs=1e-5)
+
+
+@pytest.mark.parametrize("n_seats", [1, 3])
+def test_an_arm_one_per_cent_larger_has_grown_by_that(n_seats):
+    """All its links longer, wherever it stands; a single seat, whose tips keep together, tells it as well."""
+    rng = np.random.default_rng(14)
+    chain = random_chain(rng)
+    state = random_state(chain, 12, rng)
+    links = [*chain.fixed[1:, :3, 3], chain.tip_in_flange]
+    terms = [
+        Term(f"{i}", i + 1, (0.0, 0.0, 0.0, *(link / 100)), Constant(), "all", 1.0) for i, link in enumerate(links)
+    ]
+    terms += constants(chain, free=("base",), angle_std=0, length_std=0)
+    problem, unknowns = seats_only(rng, chain, state, terms, n_seats)
+    anywhere = np.array([0.3, -0.2, 0.1, 500, -900, 40])
+    x = np.concatenate([np.ones(len(links)), anywhere, unknowns])
+    assert problem.growth(x) == pytest.approx(np.log(1.01), rel=1e-9)
+    x[: len(links)] = 0
+    assert problem.growth(x) == pytest.approx(0, abs=1e-12)
+    assert not problem.growth_gradient(x)[len(links) : len(links) + 6].any()
+
+
+def test_points_alone_leave_growth_out():
+    problem, x, _ = everything(15)
+    points = SmallMotionProblem(problem.moved, problem.state, problem.references[:1])
+    assert points.growth(x[: points.n_parameters]) == 0
+    assert not points.growth_gradient(x[: points.n_parameters]).any()
+
+
 # Sums
 
 

@@ -252,17 +252,21 @@ class SmallMotionProblem:
 
     def growth(self, x: FloatArray) -> float:
         """How much larger, as a logarithm, the tips of readings with relative references lie than as drawn."""
-        return float(np.log(self._spread(x) / self._spread(np.zeros(len(x)))) / 2) if len(self._relative) else 0.0
+        if not len(self._relative):
+            return 0.0
+        squares = [float((self._off_axis(at) ** 2).sum()) + 1e-12 for at in (x, np.zeros(len(x)))]  # a picometre
+        return float(np.log(squares[0] / squares[1]) / 2)
 
     def growth_gradient(self, x: FloatArray) -> FloatArray:
         """(n_parameters,) derivative of `growth`."""
         found = np.zeros(self.n_parameters)
         if len(self._relative):
-            state, coefficients = self.state.rows(self._relative), x[: self.moved.n_coefficients]
-            tips = self.moved.tips(state, coefficients)
-            off = (tips - tips.mean(axis=0)).T / self._spread(x)
-            for rows, _, columns in self.moved.derivatives(state, coefficients):
+            off = self._off_axis(x)
+            off = self.moved.chain.fixed[0, :3, :3] @ off.T / ((off**2).sum() + 1e-12)
+            state = self.state.rows(self._relative)
+            for rows, _, columns in self.moved.derivatives(state, self._without_base(x)):
                 found[: self.moved.n_coefficients] += np.tensordot(columns, off[:, rows], axes=2)
+            found[self._base] = 0.0
         return found
 
     @cached_property
@@ -271,10 +275,29 @@ class SmallMotionProblem:
         rows = [reference.rows for reference in self.references if reference.kind in RELATIVE]
         return np.unique(np.concatenate(rows)) if rows else np.zeros(0, dtype=np.intp)
 
-    def _spread(self, x: FloatArray) -> float:
-        """Sum of squared distances of those tips from their mean [mm^2]."""
-        tips = self.moved.tips(self.state.rows(self._relative), x[: self.moved.n_coefficients])
-        return float(((tips - tips.mean(axis=0)) ** 2).sum()) + 1e-12  # a picometre: never zero
+    @cached_property
+    def _base(self) -> IntArray:
+        """Coefficients that move the arm as a whole."""
+        columns = [site.columns for site in self.moved.sites if site.place == 0]
+        return np.concatenate(columns) if columns else np.zeros(0, dtype=np.intp)
+
+    def _without_base(self, x: FloatArray) -> FloatArray:
+        """Coefficients of an arm that stands as drawn."""
+        coefficients = x[: self.moved.n_coefficients].copy()
+        coefficients[self._base] = 0.0
+        return coefficients
+
+    def _off_axis(self, x: FloatArray) -> FloatArray:
+        """Those tips in the base frame (m, 3) [mm], from the axis of joint 1, and along it from their mean.
+
+        Where the arm stands, and how high on its axis, is then no part of its size; and tips all in one seat, which
+        move together as the arm fits better, still have one.
+        """
+        base = self.moved.chain.fixed[0]
+        tips = self.moved.tips(self.state.rows(self._relative), self._without_base(x))
+        off: FloatArray = (tips - base[:3, 3]) @ base[:3, :3]
+        off[:, 2] -= off[:, 2].mean()
+        return off
 
     def relations(self, x: FloatArray) -> NormalEquations:
         """What is known among the unknowns: lengths."""
