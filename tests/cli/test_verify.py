@@ -178,6 +178,8 @@ POINTS = {
     "kelvin": (lambda text: text.replace(",20.0", ",293.15"), ["column 'artefact_degC'", "in degC, got 293.15"]),
     "no group": (first("articulation", ",A,", ",,"), ["column 'group'", "needs 'group', got an empty cell"]),
     "odd repeat": (first("uni", ",1,A", ",one,A"), ["column 'repeat'", "expected a whole number", "got 'one'"]),
+    "raised repeat": (first("uni", ",1,A", ",²,A"), ["column 'repeat'", "expected a whole number", "got '²'"]),
+    "far away": (scaled(1e280), ["line 2, column 'x_mm'", "expected a coordinate within 1e+06 mm"]),
     "odd end": (first("uni", ",A,", ",left,"), ["column 'end'", "expected A or B, got 'left'"]),
     "text": (first("probing", ",20.0", ",warm"), ["line 2, column 'artefact_degC'", "a number, got 'warm'"]),
     "semicolons": (lambda text: text.replace(",", ";"), ["unknown column"]),

@@ -60,7 +60,7 @@ def circumscribed_sphere(points: npt.ArrayLike) -> Circumscribed:
         raise InputError(f"expected finite points as an array (n, 3), got shape {given.shape}")
     if not 1 <= len(given) <= MOST_POINTS:
         raise InputError(f"expected 1 to {MOST_POINTS} points for a circumscribed sphere, got {len(given)}")
-    middle = given.mean(axis=0)
+    middle = (given / len(given)).sum(axis=0)
     unit = float(np.abs(given - middle).max()) or 1.0
     centred = (given - middle) / unit
     centres = np.concatenate([centred[:1], *(_centres(centred, k) for k in range(2, min(len(given), 4) + 1))])

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.verify.orthogonal import (
-    MOST_STEPS,
     Fit,
     FloatArray,
     Linearised,
@@ -27,12 +26,10 @@ from truearm.verify.orthogonal import (
     undetermined,
 )
 
-# Directions that are tried for the axis, all over half a sphere: about eight degrees apart; and how many of the best
-# are followed to their minimum.
-DIRECTIONS = 400
-FOLLOWED = 6
-# A start that has not arrived after so many steps is on its way to somewhere else.
-STEPS = 30
+# Directions that are tried for the axis: all over half a sphere, about eight degrees apart, of which the best are
+# followed; and about each of the points' own axes, about two degrees apart. They are followed for so many steps at
+# first: the lowest then goes on to its minimum.
+DIRECTIONS, FOLLOWED, NEARBY, STEPS = 400, 6, 60, 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,27 +91,22 @@ def fit_cylinder(points: npt.ArrayLike, *, std_mm: float | None = None) -> Cylin
         origin = placed.origin + placed.frame[:, :2] @ step[:2]
         return _Placed(origin - (origin @ frame[:, 2]) * frame[:, 2], frame)
 
-    def followed(start: _Placed, most_steps: int) -> tuple[float, _Placed] | None:
+    def size(placed: _Placed) -> float:
+        return float(np.abs(placed.origin).max())
+
+    found: list[tuple[float, _Placed]] = []
+    for start in _starts(normal, axes):
         try:
             placed, at = gauss_newton(
-                start,
-                linearised,
-                moved,
-                size=lambda placed: float(np.abs(placed.origin).max()),
-                shape="cylinder",
-                most_steps=most_steps,
+                start, linearised, moved, size=size, shape="cylinder", most_steps=STEPS, arrive=False
             )
         except InputError:  # this start leads nowhere; another may
-            return None
-        return float(at.residuals @ at.residuals), placed
-
-    starts = _starts(normal, axes)
-    found = [one for start in starts if (one := followed(start, STEPS)) is not None]
-    if not found:
-        found = [one for start in starts if (one := followed(start, MOST_STEPS)) is not None]
+            continue
+        found.append((float(at.residuals @ at.residuals), placed))
     if not found:
         raise undetermined("cylinder")
-    placed = min(found, key=lambda one: one[0])[1]
+    lowest = min(found, key=lambda one: one[0])[1]
+    placed, at = gauss_newton(lowest, linearised, moved, size=size, shape="cylinder")
     frame = placed.frame * signed(placed.frame[:, 2])
     at = linearised(_Placed(placed.origin, frame))
     std = scatter(at, normal.scale, std_mm)
@@ -133,33 +125,47 @@ def fit_cylinder(points: npt.ArrayLike, *, std_mm: float | None = None) -> Cylin
 
 
 def _starts(normal: Normalised, axes: FloatArray) -> list[_Placed]:
-    """The most promising places of the axis, with directions that differ."""
-    # The points' own axes are tried too.
-    frames = np.concatenate([_half_sphere(), [axes[:, [1, 2, 0]], axes[:, [2, 0, 1]], axes]])
-    seen = np.einsum("nk,dkc->dnc", normal.points, frames[:, :, :2])
-    # The circle through the points seen along each, by the normal equations of Kasa's fit.
-    A = np.concatenate([2 * seen, np.ones((*seen.shape[:2], 1))], axis=2)
-    square = (seen**2).sum(axis=2)
-    gram = np.einsum("dni,dnj->dij", A, A)
-    solved = np.linalg.pinv(gram, hermitian=True) @ np.einsum("dni,dn->di", A, square)[:, :, None]
-    centres = solved[:, :2, 0]
-    distance = np.sqrt(((seen - centres[:, None]) ** 2).sum(axis=2))
-    cost = distance.var(axis=1)
-    starts: list[_Placed] = []
-    for best in np.argsort(cost):
-        if all(abs(frames[best, :, 2] @ start.frame[:, 2]) < 0.97 for start in starts):  # 14 degrees apart
-            starts.append(_Placed(frames[best, :, :2] @ centres[best], frames[best]))
-        if len(starts) == FOLLOWED:
-            break
+    """The most promising places of the axis: along the best directions that differ, and along the points' own axes.
+
+    A long rod is seen round from a narrow cone only, and the points' longest axis lies in it or nearby.
+    """
+    own = [axes[:, [1, 2, 0]], axes[:, [2, 0, 1]], axes]
+    starts = []
+    for frames, count in (
+        (_directions(DIRECTIONS, np.pi / 2), FOLLOWED),
+        *((frame[None], 1) for frame in own),
+        *((frame @ _directions(NEARBY, np.radians(8)), 1) for frame in own),
+    ):
+        centres, cost = _circles_along(normal, frames)
+        best: list[FloatArray] = []
+        for i in np.argsort(cost):
+            if all(abs(frames[i, :, 2] @ other[:, 2]) < 0.97 for other in best):  # 14 degrees apart
+                best.append(frames[i])
+                starts.append(_Placed(frames[i, :, :2] @ centres[i], frames[i]))
+            if len(best) == count:
+                break
     return starts
 
 
+def _circles_along(normal: Normalised, frames: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Centres (d, 2) of the circles through the points seen along the third axes of frames (d, 3, 3), and their cost.
+
+    By the normal equations of Kasa's fit; the cost (d,) is the variance of the distances.
+    """
+    seen = normal.points @ frames[:, :, :2]
+    A = np.concatenate([2 * seen, np.ones((*seen.shape[:2], 1))], axis=2)
+    square = (seen**2).sum(axis=2)[:, :, None]
+    turned = A.transpose(0, 2, 1)
+    centres = (np.linalg.pinv(turned @ A, hermitian=True) @ (turned @ square))[:, :2, 0]
+    return centres, np.sqrt(((seen - centres[:, None]) ** 2).sum(axis=2)).var(axis=1)
+
+
 @cache
-def _half_sphere() -> FloatArray:
-    """Frames (d, 3, 3) whose third axes cover half a sphere evenly, on a spiral from the pole to the equator."""
-    k = np.arange(DIRECTIONS) + 0.5
-    height, angle = k / DIRECTIONS, k * np.pi * (3 - np.sqrt(5))
+def _directions(count: int, reach: float) -> FloatArray:
+    """Frames (count, 3, 3) whose third axes lie evenly on a spiral from the pole to `reach` [rad] from it."""
+    k = np.arange(count) + 0.5
+    height, angle = 1 - (1 - np.cos(reach)) * k / count, k * np.pi * (3 - np.sqrt(5))
     ring = np.sqrt(1 - height**2)
     third = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])
-    first = np.column_stack([-np.sin(angle), np.cos(angle), np.zeros(DIRECTIONS)])
+    first = np.column_stack([-np.sin(angle), np.cos(angle), np.zeros(count)])
     return np.stack([first, np.cross(third, first), third], axis=2)

@@ -189,4 +189,4 @@ def _length_errors(
 
 def _run(one: LengthMeasured) -> int:
     """The number of its run; 0 of what has none."""
-    return int(one.repeat) if one.repeat.isdigit() else 0
+    return int(one.repeat) if one.repeat.isdecimal() else 0

@@ -35,6 +35,9 @@ ENDS = ("A", "B")
 # Tests that compare with a calibrated size, which grows with temperature.
 SIZED = ("probing", "uni", "bi", "effective_diameter", "volumetric")
 
+# A kilometre; no arm reaches there.
+FARTHEST_MM = 1e6
+
 POINT = ("x_mm", "y_mm", "z_mm")
 TEMPERATURE, TIP = "artefact_degC", "tip_diameter_mm"
 NEEDED = ("test", "artefact", "date", *POINT)
@@ -180,8 +183,8 @@ def _groups(columns: _Columns, test: str) -> Iterator[Group]:
         if (cells == "").any():
             row = int(rows[np.argmax(cells == "")])
             raise columns.error(f"a point of test {test!r} needs {key!r}, got an empty cell", row, key)
-        if key == "repeat" and not np.char.isdigit(cells).all():
-            row = int(rows[np.argmin(np.char.isdigit(cells))])
+        if key == "repeat" and not np.char.isdecimal(cells).all():
+            row = int(rows[np.argmin(np.char.isdecimal(cells))])
             raise columns.error(
                 f"expected a whole number 1, 2, .., got {shown(str(columns.words[key][row]))}", row, key
             )
@@ -241,6 +244,10 @@ def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int])
             f"expected one tip diameter of 0 or more for the group, got {tip.min():g} to {tip.max():g} mm", row, TIP
         )
     points = np.column_stack([columns.numbers[name][rows] for name in POINT])
+    if (np.abs(points) > FARTHEST_MM).any():
+        row, axis = (int(i) for i in np.argwhere(np.abs(points) > FARTHEST_MM)[0])
+        problem = f"expected a coordinate within {FARTHEST_MM:g} mm, got {points[row, axis]:g} mm"
+        raise columns.error(problem, rows[row], POINT[axis])
     known = degC[~np.isnan(degC)]
     return Group(
         artefact=told[0],

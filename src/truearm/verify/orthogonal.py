@@ -113,10 +113,11 @@ def normalised(points: npt.ArrayLike, *, least: int, shape: str) -> Normalised:
         raise InputError(f"expected {least} points or more for a {shape}, got {len(given)}", hint="measure more points")
     largest = np.abs(given).max()
     unit = float(largest) or 1.0  # neither squares of huge numbers nor of tiny ones
-    middle = given.mean(axis=0)
-    centred = (given - middle) / unit
-    middle = middle + unit * centred.mean(axis=0)
-    centred -= centred.mean(axis=0)
+    centred = given / unit
+    middle = centred.mean(axis=0)
+    centred = centred - middle
+    rest = centred.mean(axis=0)  # what the rounding of the mean of far-away points leaves
+    centred, middle = centred - rest, unit * (middle + rest)
     spread = float(np.sqrt((centred**2).sum(axis=1).mean()))
     if spread <= 16 * np.finfo(float).eps:
         raise InputError(f"expected points all over a {shape}, got {len(given)} in one place")
@@ -143,6 +144,7 @@ def gauss_newton(
     size: Callable[[State], float],
     shape: str,
     most_steps: int = MOST_STEPS,
+    arrive: bool = True,
 ) -> tuple[State, Linearised]:
     """Minimise a sum of squares by Gauss-Newton steps, halved until they do not raise it.
 
@@ -159,7 +161,9 @@ def gauss_newton(
     shape : str
         What is fitted, for messages.
     most_steps : int
-        After which the search is given up.
+        After which the search ends.
+    arrive : bool
+        Whether it is an error if it has not arrived by then.
 
     Raises
     ------
@@ -187,7 +191,9 @@ def gauss_newton(
         if promised < rounding or (promised < STALLED * max(1.0, size(state)) and promised > 0.9 * before):
             return state, at
         before = promised
-    raise undetermined(shape)
+    if arrive:
+        raise undetermined(shape)
+    return state, at
 
 
 def undetermined(shape: str) -> InputError:
