@@ -213,11 +213,16 @@ def identify(
     Raises
     ------
     InputError
-        If there are no references, or two of a kind.
+        If there are no references, or two of a kind; if one has no readings, readings that are not in the state, or
+        uncertainties that are none; or if a term's place is beyond the chain.
     """
     kinds = [reference.kind for reference in references]
     if not kinds or len(set(kinds)) < len(kinds):
         raise InputError(f"expected references, one of a kind, got {kinds or 'none'}")
+    for term in terms:
+        term.check_place(chain)
+    for reference in references:
+        _check_rows(reference, len(state))
     moved = Moved(chain, tuple(terms))
     rough = moved.tips(state, np.zeros(moved.n_coefficients)).T
     started = [reference.started(rough[:, reference.rows]) for reference in references]
@@ -262,6 +267,16 @@ def identify(
     with one_blas_thread():
         found = posterior(gram, gram @ x - gradient, prior)
     return _gathered(problem, x, prior, groups, found, effective, noise, trust, converged, n_rounds)
+
+
+def _check_rows(reference: Reference, n: int) -> None:
+    rows, std = reference.rows, reference.std
+    if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer) or not len(rows):
+        raise InputError(f"expected the numbers of one reading or more with a {reference.kind}, got {rows!r:.60}")
+    if rows.min() < 0 or rows.max() >= n:
+        raise InputError(f"expected a {reference.kind} at readings 0 to {n - 1}, got {rows.min()} to {rows.max()}")
+    if std.shape != (reference.n_residuals, len(rows)) or not (np.isfinite(std) & (std >= 0)).all():
+        raise InputError(f"expected standard uncertainties of a {reference.kind} of zero or more, finite, got others")
 
 
 def _linearised(

@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
+from truearm.arm.chain import LONGEST_MM
 from truearm.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
@@ -129,6 +130,11 @@ class Points:
         [mm].
     point_std : (m, 3) array, optional
         Standard uncertainties [mm].
+
+    Raises
+    ------
+    InputError
+        If they are not as many, not finite or farther than any arm reaches.
     """
 
     rows: IntArray
@@ -138,6 +144,17 @@ class Points:
     n_residuals = 3
     turns = False
     unknowns: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for what, values in (("points", self.points), ("their standard uncertainties", self.point_std)):
+            if values is not None and np.shape(values) != (len(self.rows), 3):
+                raise InputError(f"expected {what} of shape {(len(self.rows), 3)}, got {np.shape(values)}")
+        bad = ~(np.abs(self.points) <= LONGEST_MM).all(axis=1)
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise InputError(
+                f"expected points within {LONGEST_MM:g} mm, got {self.points[at].tolist()} at reading {self.rows[at]}"
+            )
 
     @property
     def std(self) -> FloatArray:
@@ -196,7 +213,7 @@ class Seats:
     Raises
     ------
     InputError
-        If a length joins a seat to itself, or is not positive.
+        If a reading's seat is none of the names, a length joins a seat to itself, or is not positive.
     """
 
     rows: IntArray
@@ -208,6 +225,7 @@ class Seats:
     turns = False
 
     def __post_init__(self) -> None:
+        _check_members(self.kind, self.rows, self.seat, self.names)
         for a, b, length, std in self.lengths:
             if a == b:
                 raise InputError(f"a length from seat {self.names[a]!r} to itself says nothing")
@@ -296,3 +314,8 @@ def numbered(names: npt.NDArray[np.str_]) -> tuple[tuple[str, ...], IntArray]:
     """The different names, and for each reading (m,) the index of its own."""
     unique, index = np.unique(names, return_inverse=True)
     return tuple(str(name) for name in unique), index.astype(np.intp)
+
+
+def _check_members(kind: str, rows: IntArray, which: IntArray, names: tuple[str, ...]) -> None:
+    if np.shape(which) != (len(rows),) or not np.isin(which, np.arange(len(names))).all():
+        raise InputError(f"expected one of {len(names)} {kind}s at each of {len(rows)} readings, got {which!r:.60}")
