@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.arm import load
-from truearm.identify.identifiability import identifiability
+from truearm.identify.identifiability import MOST_PARTNERS, identifiability
 from truearm.identify.identification import identify
 from truearm.identify.references import Points
 from truearm.terms import ArmState, constants
@@ -20,10 +20,10 @@ def rng():
 
 
 def fitted(arm, angles, rng, terms=None):
-    """An arm identified from points of one whose constants are off by their prior standard deviations."""
+    """An arm identified from points of one whose constants are off by half their prior standard deviations."""
     terms = constants(arm.chain, free=()) if terms is None else terms
     motions = np.zeros((arm.chain.n_places, 6))
-    for term in terms:
+    for term in terms if all(term.learn for term in terms) else constants(arm.chain, free=()):
         motions[term.place] += np.array(term.direction) * term.prior_stds[0] * 0.5 * rng.standard_normal()
     points = arm.chain.with_motions(motions).tip_in_base(angles) + rng.normal(0, NOISE, (len(angles), 3))
     return identify(arm.chain, ArmState(arm.chain, angles), terms, [Points(np.arange(len(angles)), points)])
@@ -54,6 +54,38 @@ def test_a_joint_that_stood_still_does_not_tell_its_zero_from_its_neighbour(rng)
     still = identifiability(fitted(arm, angles, rng))
     assert len(still.untold) > len(moving.untold)
     assert any("J5" in name for untold in still.untold for name in untold.constants)
+
+
+def test_offsets_of_the_last_link_and_a_free_tip_are_known_together_only(rng):
+    """A metre of prior for the tip, a millimetre for the offset: what makes up for what is told in millimetres."""
+    arm = load("ur10")
+    found = identifiability(fitted(arm, rng.uniform(-2, 2, (200, 6)), rng, constants(arm.chain)))
+    named = {frozenset(untold.constants): untold.movement for untold in found.untold}
+    offset, tip = named[frozenset({"J6 shift along z", "tip shift along z"})]
+    assert tip == pytest.approx(-offset, rel=1e-3)
+    assert frozenset({"J1 rotation about z", "base rotation about z"}) in named
+    assert frozenset({"J1 shift along z", "base shift along z"}) in named
+    # Theory says of six joints, base and tip: 45 constants, 27 combinations. The parallel axes 2, 3, 4 cost up to two.
+    assert 45 - 27 <= len(found.untold) <= 45 - 27 + 2
+    assert found.determined["J6 shift along z"] < 0.01
+
+
+@pytest.mark.parametrize("name", ["ur10", "gao2017", "measuring7"])
+def test_what_is_named_together_makes_up_for_itself(name, rng):
+    """Moving the members together moves tips less, mostly by far, than one of them would by itself."""
+    arm = load(name)
+    angles = arm.working + rng.uniform(-1, 1, (200, arm.n_joints))
+    fit = fitted(arm, angles, rng, constants(arm.chain))
+    state, names = ArmState(arm.chain, angles), [term.name for term in fit.moved.terms]
+    ((_, _, columns),) = fit.moved.derivatives(state, fit.coefficients)
+    together = [untold for untold in identifiability(fit).untold if 1 < len(untold.constants) < MOST_PARTNERS]
+    assert len(together) > 10
+    left = []
+    for untold in together:
+        moved = [columns[names.index(one)] * by for one, by in zip(untold.constants, untold.movement, strict=True)]
+        left.append(np.sqrt((sum(moved) ** 2).mean() / max((one**2).mean() for one in moved)))
+    assert np.median(left) < 0.01
+    assert sorted(left)[-2] < 0.5  # one of small effect whose third member goes unnamed
 
 
 def test_what_is_known_is_not_named(rng):

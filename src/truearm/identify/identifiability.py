@@ -3,6 +3,9 @@
 With the posterior covariance of the constants divided by their prior standard deviations on both sides, an eigenvalue
 near 1 is a combination of constants of which the readings say nothing: it is as little known as before. Eigenvectors of
 equal eigenvalues are any mixture; brought to echelon form by the constants that stand for them best, they name few.
+
+What goes with a constant is told by how far it moves the tip: a free tip, a metre uncertain beforehand, hardly moves by
+its own measure when it makes up for a millimetre of the last link.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import qr
 
+from truearm.arm.chain import Chain
 from truearm.identify.identification import Identified
 from truearm.terms.basis import Constant
 
@@ -20,8 +24,8 @@ FloatArray = npt.NDArray[np.float64]
 
 # Above this share of the prior variance a combination is as good as unknown.
 UNTOLD = 0.5
-# Partners with a smaller share of a combination are not named.
-LEAST_LOADING = 0.2
+# Partners that move the tip by a smaller share of what the combination's first constant does are not named.
+LEAST_SHARE = 0.2
 # A combination of more constants than this is named by its largest.
 MOST_PARTNERS = 4
 STRONG = 0.95
@@ -83,11 +87,14 @@ class Identifiability:
 
 def identifiability(fit: Identified) -> Identifiability:
     """What the readings of a fit tell of its constants; base and tip where they are free too."""
-    names, columns, start = [], [], 0
+    names, columns, effects, start = [], [], [], 0
+    levers = _levers(fit.chain)
     for term in fit.moved.terms:
         if isinstance(term.basis, Constant):
             names.append(term.name)
             columns.append(start)
+            turn, shift = np.linalg.norm(term.direction[:3]), np.linalg.norm(term.direction[3:])
+            effects.append(float(turn * levers[term.place] + shift))
         start += term.n_coefficients
     if not names:
         return Identifiability({}, (), ())
@@ -95,28 +102,36 @@ def identifiability(fit: Identified) -> Identifiability:
     whitened = fit.covariance[np.ix_(columns, columns)] / np.outer(prior_std, prior_std)
     determined = {name: float(np.clip(1 - v, 0.0, 1.0)) for name, v in zip(names, whitened.diagonal(), strict=True)}
     values, vectors = np.linalg.eigh(whitened)
-    untold = _named(vectors[:, values > UNTOLD], names, prior_std)
+    untold = _named(vectors[:, values > UNTOLD], names, prior_std, np.array(effects))
     return Identifiability(determined, untold, _correlated(whitened, names))
 
 
-def _named(open_directions: FloatArray, names: list[str], prior_std: FloatArray) -> tuple[Untold, ...]:
-    """The combinations that span `open_directions` (n, k), each by one constant of its own and what goes with it."""
+def _levers(chain: Chain) -> FloatArray:
+    """(n_places,) lengths of links from every place to the tip [mm]."""
+    links = np.linalg.norm(chain.fixed[:, :3, 3], axis=1)
+    links[0] = 0.0  # the base stands where the instrument has it
+    links[-1] += np.linalg.norm(chain.tip_in_flange)
+    return np.append(links[::-1].cumsum()[::-1], 0.0)
+
+
+def _named(
+    open_directions: FloatArray, names: list[str], prior_std: FloatArray, effects: FloatArray
+) -> tuple[Untold, ...]:
+    """The combinations that span `open_directions` (n, k), each by one constant of its own and what goes with it.
+
+    `effects` (n,) say how far a unit of each moves the tip [mm].
+    """
     n_open = open_directions.shape[1]
     if not n_open:
         return ()
     pivots = qr(open_directions.T, mode="r", pivoting=True)[1][:n_open]
-    echelon = open_directions @ np.linalg.inv(open_directions[pivots])
+    echelon = prior_std[:, None] * (open_directions @ np.linalg.inv(open_directions[pivots]))
     found = []
-    for pivot, loadings in zip(pivots, echelon.T, strict=True):
-        largest = np.argsort(-np.abs(loadings))[:MOST_PARTNERS]
-        partners = [i for i in largest if abs(loadings[i]) > LEAST_LOADING and i != pivot]
-        members = [int(pivot), *(int(i) for i in partners)]
-        found.append(
-            Untold(
-                tuple(names[i] for i in members),
-                tuple(float(loadings[i] * prior_std[i]) for i in members),
-            )
-        )
+    for pivot, movement in zip(pivots, echelon.T, strict=True):
+        moved = np.abs(movement) * effects
+        largest = [i for i in np.argsort(-moved) if i != pivot and moved[i] > LEAST_SHARE * moved[pivot]]
+        members = [int(pivot), *(int(i) for i in largest[: MOST_PARTNERS - 1])]
+        found.append(Untold(tuple(names[i] for i in members), tuple(float(movement[i]) for i in members)))
     return tuple(sorted(found, key=lambda one: names.index(one.constants[0])))
 
 
