@@ -87,9 +87,9 @@ def test_gain_and_covariance_are_those_of_dense_algebra(known):
     B = np.eye(len(x)) - E @ K @ J
     covariance = B @ P @ B.T + E @ K @ R @ K.T @ E.T
     scale = np.sqrt(covariance.diagonal())
-    # Priors of base and tip (10 m, 1 m) count for 1e-8 of what 8 readings tell.
+    # Priors of base and tip (10 m, 1 m) count for 1e-5 of what a shift of the last joint (3 mm) has that does the same.
     np.testing.assert_allclose(
-        found.covariance / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=1e-5
+        found.covariance / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=3e-5
     )
     # At the minimum the gain has nothing left to correct: less than a hundredth of the uncertainty, where it stops.
     residual = (found.tips(state) - points).T.ravel()

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from truearm.arm import load
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.terms import (
@@ -99,7 +100,7 @@ def test_constants_have_the_priors_of_the_kinematic_model(make_chain, free):
     for term in terms:
         got[term.place, np.argmax(term.direction)] = term.prior_std
         part = {0: "base", chain.n_places - 1: "tip"}.get(term.place)
-        assert term.learn == (part not in free)
+        assert term.learn == (part not in free and "makes up for" not in term.group)
         assert (term.group == part) == (part in free)
         assert term.labels == (term.name,)
     assert np.array_equal(got, wanted)
@@ -107,7 +108,25 @@ def test_constants_have_the_priors_of_the_kinematic_model(make_chain, free):
 
 
 def test_constants_known_exactly_are_left_out(make_chain):
-    assert {t.group for t in constants(make_chain(), angle_std=0.0)} == {"base", "lengths and offsets", "tip"}
+    groups = {t.group for t in constants(make_chain(), angle_std=0.0)}
+    free = {"base", "tip", "what a free base makes up for", "what a free tip makes up for"}
+    assert groups == free | {"lengths and offsets"}
+
+
+def test_constants_that_a_free_base_or_tip_makes_up_for_keep_their_prior():
+    """Of a UR10: what turns and shifts joint 1 along its axis, all shifts of joint 6, joint 5's along that axis."""
+    chain = load("ur10").chain
+    groups = {"base": set(), "tip": set()}
+    for part, names in groups.items():
+        names |= {t.name for t in constants(chain, free=(part,)) if t.group == f"what a free {part} makes up for"}
+    assert groups["base"] == {"J1 rotation about z", "J1 shift along z"}
+    assert groups["tip"] == {"J5 shift along y", *(f"J6 shift along {axis}" for axis in "xyz")}
+    assert not [t for t in constants(chain, free=()) if "makes up for" in t.group]
+    # They do move tips as a shift of the tip or base does.
+    q = np.random.default_rng(0).uniform(-2, 2, (20, 6))
+    by = chain.small_motions(q).by_motion
+    np.testing.assert_allclose(np.abs(by[:, 5, 4]), np.abs(by[:, 7, 5]), atol=1e-9)
+    np.testing.assert_allclose(by[:, 1, [2, 5]], by[:, 0, [2, 5]], atol=1e-9)
 
 
 def test_own_axis_orders_stand_once_each_in_bands_with_a_scale_each(make_chain):

@@ -189,7 +189,7 @@ def _lengths(seated: Seated) -> tuple[Section, ...]:
         (
             Column("seat"),
             Column("seat"),
-            Column("length", "mm", 6),
+            Column("length", "mm", 7),
             Column("its u", "mm", 2),
             *(Column(name, "mm", 2, group="error") for name in seated.length_errors),
         ),

@@ -43,6 +43,9 @@ GROWTH_STD = 1e-5  # 1/K: steel 1.2e-5, aluminium 2.3e-5, carbon fibre 1e-6
 HYSTERESIS_STD = {"turns": 5e-5, "slides": 0.02}  # rad, mm
 COLUMN_STD = {"turns": 1e-4, "slides": 0.05}  # rad, mm, by a column's spread
 
+# Cosine of the angle between a component and a joint's axis from which on one does as the other.
+AS_GOOD_AS_ALONG = 0.99
+
 # A joint that moved by less than a quarter of a harmonic's period shows a slope of it at most.
 LEAST_PHASE = np.pi / 2
 
@@ -65,6 +68,9 @@ def constants(
     chain: Chain, *, free: tuple[str, ...] = ("base", "tip"), angle_std: float = 3e-3, length_std: float = 3.0
 ) -> list[Term]:
     """Constant motions of all places: lengths, offsets, twists and zeros of the joints, base and tip.
+
+    What a free base or tip can make up for, as a shift along the last joint's axis, keeps its prior too: readings tell
+    it together with that only, or by traces of other terms, and must not size the other lengths by them.
 
     Parameters
     ----------
@@ -94,10 +100,23 @@ def constants(
                 group = (
                     "joint zeros" if component == OWN_AXIS else "axis directions" if turns else "lengths and offsets"
                 )
+                for other in free:
+                    if (place, component) in _made_up_for(chain, other):
+                        group = f"what a free {other} makes up for"
             if std != 0:
                 name = f"{part} {_component_name(component)}"
-                terms.append(Term(name, place, _unit(component), Constant(), group, std, learn=part not in free))
+                learn = group in ("joint zeros", "axis directions", "lengths and offsets")
+                terms.append(Term(name, place, _unit(component), Constant(), group, std, learn=learn))
     return terms
+
+
+def _made_up_for(chain: Chain, part: str) -> set[tuple[int, int]]:
+    """Constants (place, component) that a motion of base or tip does the same as."""
+    if part == "base":
+        return {(1, OWN_AXIS), (1, OWN_AXIS + 3)}
+    n = chain.n_joints
+    along_last = np.abs(chain.fixed[n - 1, :3, 2]) > AS_GOOD_AS_ALONG
+    return {(n, c) for c in range(3, 6)} | {(n - 1, 3 + int(c)) for c in np.flatnonzero(along_last) if n > 1}
 
 
 def tool_rotation(chain: Chain) -> list[Term]:
