@@ -41,6 +41,8 @@ def session(rng: np.random.Generator) -> tuple[Readings, Lengths | None]:
         given["temperature_degC"] = 20 + rng.choice([0, 5]) * rng.normal(size=n)
     if rng.random() < 0.3:
         given["columns"] = {"load_2_Nm": rng.choice([0, 1, 1e6]) * rng.normal(size=n)}
+    if rng.random() < 0.3:
+        given["directions"] = rng.choice([-1, 0, 1], (n, 6))
     lengths = None
     if "seat" in given and rng.random() < 0.5:
         length, u = float(rng.choice([1e-3, 300, 1e5])), float(rng.choice([1e-6, 0.01, 10]))

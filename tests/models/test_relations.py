@@ -71,6 +71,8 @@ def test_one_pose_again_and_again_in_a_seat_says_nothing(angles):
     assert references_of(Readings(angles, seat=names), lengths(("a", "b")))[0].names == ("a", "b")
     warming = Readings(angles, seat=names, temperature_degC=np.linspace(20, 30, 12))
     assert references_of(warming, None)[0].names == ("a", "b")
+    pulled = Readings(angles, seat=names, directions=np.where(np.arange(12)[:, None] % 2, 1.0, -1.0) * np.ones(6))
+    assert references_of(pulled, None)[0].names == ("a", "b")
     loaded = Readings(angles, seat=names, columns={"load_1_Nm": np.arange(12.0)})
     assert references_of(loaded, None)[0].names == ("a", "b")
 
@@ -115,6 +117,10 @@ def test_a_state_has_what_the_readings_have_and_else_what_is_given(angles, rng):
     np.testing.assert_array_equal(own.temperature_degC, measured)
     np.testing.assert_array_equal(own.columns["load_1_Nm"], load_1)
     np.testing.assert_array_equal(own.columns["load_2_Nm"], np.full(12, 7.0))
+    assert own.directions is None
+    came = np.sign(rng.normal(size=(12, 6)))
+    np.testing.assert_array_equal(state_of(arm, Readings(angles, directions=came), direction=0.0).directions, came)
+    assert not state_of(arm, readings, direction=0.0).directions.any()
     given = state_of(arm, Readings(angles), temperature_degC=21.0)
     np.testing.assert_array_equal(given.temperature_degC, np.full(12, 21.0))
 

@@ -61,6 +61,7 @@ def any_readings(draw: st.DrawFn) -> Readings:
         point_std=std,
         temperature_degC=draw(st.none() | arrays(float, (n,), elements=st.floats(-40, 90))),
         quaternion=turn,
+        directions=draw(st.none() | arrays(float, (n, joints), elements=st.sampled_from([-1.0, 0.0, 1.0]))),
         columns=draw(loads),
         **{field: draw(st.none() | name) for field in NAMES},
     )
@@ -68,7 +69,7 @@ def any_readings(draw: st.DrawFn) -> Readings:
 
 def assert_same(found: Readings, given: Readings, *, angle_rtol: float) -> None:
     np.testing.assert_allclose(found.angles, given.angles, rtol=angle_rtol, atol=0)
-    for name in ("points", "point_std", "temperature_degC", "quaternion", *NAMES):
+    for name in ("points", "point_std", "temperature_degC", "quaternion", "directions", *NAMES):
         here, there = getattr(found, name), getattr(given, name)
         assert (here is None) == (there is None), name
         if there is not None:
@@ -168,6 +169,7 @@ def test_names_are_names_even_if_they_look_like_numbers_or_nothing(tmp_path):
         ("q1_deg,tau1", "tau1", "load_1_Nm"),
         ("q1_deg,load_", "load_", "start with load_"),
         ("q1_deg,load 1", "load 1", "start with load_"),
+        ("q1_deg,direction_of_J1", "direction_of_J1", "direction_1: the sign"),
         ("q1_deg,operator", "operator", "'note'"),
     ],
 )
@@ -196,6 +198,8 @@ def test_remarks_are_left_alone(tmp_path):
         ("q1_deg,load_1,load_1", "stands twice"),
         ("q1_deg,q1_rad", "q1_deg and q1_rad are the same quantity"),
         ("q1_deg,x_mm,x_m,y_mm,z_mm", "x_mm and x_m are the same quantity"),
+        ("q1_deg,q2_deg,direction_2", "for each of 2 joints, direction_1 .. direction_2, got direction_2"),
+        ("q1_deg,direction_1,direction_2", "for each of 1 joints, direction_1 .. direction_1, got direction_1, dir"),
         ("q1_deg,", "column 2 has no name"),
     ],
 )
@@ -280,6 +284,16 @@ def test_columns_that_are_empty_throughout_say_nothing(tmp_path):
     assert readings.points is None
     write_session(readings, tmp_path / "again.csv")
     assert (tmp_path / "again.csv").read_text() == "q1_rad,seat\n1.0,A\n2.0,A\n"
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [("0.5", "as -1, 0 or 1, got 0.5 for joint 2"), ("2", "got 2 for joint 2"), ("", "an empty cell")],
+)
+def test_a_direction_of_movement_is_a_sign(tmp_path, cell, said):
+    error = refusal(tmp_path, f"q1_deg,q2_deg,direction_1,direction_2\n1,2,-1,1\n1,2,0,{cell}\n")
+    assert (error.line, error.column) == (3, "direction_2")
+    assert said in error.problem
 
 
 def test_loads_are_read_as_they_stand_whatever_their_names_end_in(tmp_path):

@@ -198,7 +198,6 @@ def _model(path: Path) -> IdentifiedModel:
 
 def _of_model(model: IdentifiedModel, noise: float | None) -> tuple[Arm, Known]:
     """A model's arm, and what the model knows of it."""
-    from truearm.models.relations import state_of
     from truearm.plan.known import as_identified
     from truearm.readings import Readings
 
@@ -206,9 +205,7 @@ def _of_model(model: IdentifiedModel, noise: float | None) -> tuple[Arm, Known]:
         model.arm_,
         model.fit_,
         noise_mm=model.unexplained_std_ if noise is None else noise,
-        state=lambda angles: state_of(
-            model.arm_, Readings(angles), temperature_degC=model.temperature_degC_, columns=model.columns_
-        ),
+        state=lambda angles: model.state(Readings(angles)),
     )
 
 

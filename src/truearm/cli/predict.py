@@ -21,7 +21,8 @@ def predict(
     session: Annotated[
         Path,
         typer.Argument(
-            metavar="SESSION", help="Session file; its angles, and temperature and loads if there, are used."
+            metavar="SESSION",
+            help="Session file; its angles, and temperature, loads, directions if there, are used.",
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Table of points to write, .csv.")],

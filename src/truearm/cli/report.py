@@ -194,7 +194,6 @@ def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section
     from truearm.identify.identifiability import identifiability
     from truearm.models import NominalModel
     from truearm.models.identified import IdentifiedModel
-    from truearm.models.relations import state_of
     from truearm.models.uncertainty import uncertainty_budget
     from truearm.report import identified
     from truearm.report.figures import styles_of
@@ -206,10 +205,7 @@ def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section
     }
     titles = {name: name if len(found) > 1 else "" for name in found}
     budgets = {name: uncertainty_budget(model, readings) for name, model in found.items()}
-    states = {
-        name: state_of(model.arm, readings, temperature_degC=model.temperature_degC_, columns=model.columns_)
-        for name, model in found.items()
-    }
+    states = {name: model.state(readings) for name, model in found.items()}
     sections = [
         *(
             identified.uncertainty_section(budgets[name][0], _held_out(model), name=titles[name])

@@ -181,9 +181,10 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     def predict_readings(
         self, readings: Readings, *, return_cov: bool = False
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
-        """Corrected coordinates at readings, with their temperature and loads where the model knows what these do.
+        """Corrected coordinates at readings, by their temperature, loads and directions too if the model knows them.
 
-        `predict` takes them as they were on average when the model learned.
+        `predict` takes temperature and loads as they were on average when the model learned, and directions of movement
+        as half way between the two.
         """
         self._checked_angles(readings.angles)
         points = self._tips(readings)

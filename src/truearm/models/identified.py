@@ -81,14 +81,21 @@ class IdentifiedModel(Compensator):
         variance = unexplained_variance_of(self.held_out_) if known else self.fit_.references[0].noise_std ** 2
         self.unexplained_std_ = float(np.sqrt(variance))
 
-    def _state(self, readings: Readings) -> ArmState:
-        return state_of(self.arm_, readings, temperature_degC=self.temperature_degC_, columns=self.columns_)
+    def state(self, readings: Readings) -> ArmState:
+        """State of the arm at readings, as far as the model knows what it does.
+
+        Where they have no temperature or load it is that of the training readings on average; where they have no
+        directions of movement, half way between the two.
+        """
+        return state_of(
+            self.arm_, readings, temperature_degC=self.temperature_degC_, columns=self.columns_, direction=0.0
+        )
 
     def _tips(self, readings: Readings) -> FloatArray:
-        return self.fit_.tips(self._state(readings))
+        return self.fit_.tips(self.state(readings))
 
     def _covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
-        of_parameters = self.fit_.tip_covariance(self._state(readings))
+        of_parameters = self.fit_.tip_covariance(self.state(readings))
         return of_parameters, np.broadcast_to(self.unexplained_std_**2 * np.eye(3), of_parameters.shape)
 
     def _check_references(self, readings: Readings, lengths: Lengths | None) -> int:

@@ -107,7 +107,7 @@ def refit(
         name: float(readings.columns[name].mean()) if name in readings.columns else mean
         for name, mean in model.columns_.items()
     }
-    state = new._state(readings)
+    state = new.state(readings)
     references = references_of(readings, lengths)
     terms = constants(model.arm_.chain, free=free, angle_std=0.0, length_std=0.0)
 

@@ -24,15 +24,23 @@ LEAST_SPREAD = 1e-3
 
 
 def state_of(
-    arm: Arm, readings: Readings, *, temperature_degC: float | None = None, columns: Mapping[str, float] | None = None
+    arm: Arm,
+    readings: Readings,
+    *,
+    temperature_degC: float | None = None,
+    columns: Mapping[str, float] | None = None,
+    direction: float | None = None,
 ) -> ArmState:
-    """State of the arm at readings; where they have no temperature or column, the given ones stand in."""
+    """State of the arm at readings; where they have no temperature, column or directions, the given ones stand in."""
     n = len(readings)
     temperature = readings.temperature_degC
     if temperature is None and temperature_degC is not None:
         temperature = np.full(n, temperature_degC)
     given = {name: np.full(n, value) for name, value in (columns or {}).items()}
-    return ArmState(arm.chain, readings.angles, temperature, columns=given | dict(readings.columns))
+    directions = readings.directions
+    if directions is None and direction is not None:
+        directions = np.full(readings.angles.shape, direction)
+    return ArmState(arm.chain, readings.angles, temperature, directions, given | dict(readings.columns))
 
 
 def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference]:
@@ -130,8 +138,7 @@ def _in_poses(readings: Readings, held: IntArray) -> list[str]:
     assert readings.seat is not None
     names, seat = np.unique(readings.seat[held], return_inverse=True)
     state = [readings.angles, *readings.columns.values()]
-    if readings.temperature_degC is not None:
-        state.append(readings.temperature_degC)
+    state += [values for values in (readings.temperature_degC, readings.directions) if values is not None]
     different = np.unique(np.column_stack([seat, *(values[held] for values in state)]), axis=0)
     return [str(name) for name in names[np.bincount(different[:, 0].astype(np.intp)) > 1]]
 

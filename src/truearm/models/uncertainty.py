@@ -11,7 +11,6 @@ from scipy.stats import chi2
 from truearm.identify.relative import relative_covariance
 from truearm.models.compensator import Compensator
 from truearm.models.identified import IdentifiedModel
-from truearm.models.relations import state_of
 from truearm.readings.readings import Readings
 
 FloatArray = npt.NDArray[np.float64]
@@ -106,8 +105,7 @@ def uncertainty_budget(model: Compensator, readings: Readings) -> tuple[Uncertai
     seen = np.flatnonzero(readings.has_point)
     is_relative = isinstance(model, IdentifiedModel) and not len(seen) and _frame_unseen(model)
     if is_relative:
-        state = state_of(model.arm, readings, temperature_degC=model.temperature_degC_, columns=model.columns_)
-        of_parameters = relative_covariance(model.fit_, state)
+        of_parameters = relative_covariance(model.fit_, model.state(readings))
     combined = of_parameters + unexplained
     times, errors = np.zeros(0), np.zeros(0)
     if len(seen):

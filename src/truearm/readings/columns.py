@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.readings import LOAD, NAMED
+from truearm.readings.readings import DIRECTION, LOAD, NAMED
 
 TEMPERATURE = "temperature_degC"
 
@@ -21,6 +21,7 @@ FACTOR = {"deg": np.pi / 180, "rad": 1.0, "mm": 1.0, "m": 1000.0}
 
 ANGLE = re.compile(r"q([1-9]\d*)_(deg|rad|mm)")
 QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
+_DIRECTION = re.compile(DIRECTION + r"([1-9]\d*)")
 _POINT = re.compile(r"(s?[xyz])_(mm|m)")
 _Key = TypeVar("_Key", int, str)
 
@@ -34,13 +35,15 @@ class Columns:
     point_std: tuple[str, ...] = ()
     quaternion: tuple[str, ...] = ()
     temperature: tuple[str, ...] = ()
+    directions: tuple[str, ...] = ()
     loads: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
 
     @property
     def numbers(self) -> tuple[str, ...]:
         """Names of the columns that hold numbers."""
-        return self.angles + self.points + self.point_std + self.quaternion + self.temperature + self.loads
+        alone = self.temperature + self.directions + self.loads
+        return self.angles + self.points + self.point_std + self.quaternion + alone
 
     @property
     def optional(self) -> tuple[str, ...]:
@@ -69,6 +72,7 @@ def recognise(names: Sequence[str], *, file: Path, line: int | None, n_joints: i
     angles: dict[int, str] = {}
     points: dict[str, str] = {}
     quaternion: dict[str, str] = {}
+    directions: dict[int, str] = {}
     loads, words = [], []
     for name in names:
         if match := ANGLE.fullmatch(name):
@@ -77,18 +81,22 @@ def recognise(names: Sequence[str], *, file: Path, line: int | None, n_joints: i
             _once(points, match[1], name, file, line)
         elif name in QUATERNION:
             quaternion[name] = name
+        elif match := _DIRECTION.fullmatch(name):
+            directions[int(match[1])] = name
         elif LOAD.fullmatch(name):
             loads.append(name)
         elif name in NAMED:
             words.append(name)
         elif name != TEMPERATURE and not name.startswith("note"):
             raise InputError(*_unknown(name), file=file, line=line, column=name, hint=_instead(name))
+    joints = _joints(angles, file, line, n_joints)
     return Columns(
-        _joints(angles, file, line, n_joints),
+        joints,
         _together("xyz", points, file, line),
         _std(points, file, line),
         _together(QUATERNION, quaternion, file, line),
         (TEMPERATURE,) if TEMPERATURE in names else (),
+        _directions(directions, len(joints), file, line),
         tuple(loads),
         tuple(words),
     )
@@ -134,6 +142,21 @@ def _joints(found: dict[int, str], file: Path, line: int | None, n_joints: int |
     return tuple(found[i] for i in range(1, last + 1))
 
 
+def _directions(found: dict[int, str], n_joints: int, file: Path, line: int | None) -> tuple[str, ...]:
+    """One for each joint, or none."""
+    if found and sorted(found) != list(range(1, n_joints + 1)):
+        shown = ", ".join(found[i] for i in sorted(found))
+        raise InputError(
+            f"expected a direction of movement for each of {n_joints} joints, direction_1 .. direction_{n_joints}, "
+            f"got {shown}",
+            file=file,
+            line=line,
+            column=found[max(found)],
+            hint="0 for a joint whose last movement is not known",
+        )
+    return tuple(found[i] for i in sorted(found))
+
+
 def _together(keys: Sequence[str], found: dict[str, str], file: Path, line: int | None) -> tuple[str, ...]:
     """Find the columns of all `keys`, or none of them."""
     missing = [key for key in keys if key not in found]
@@ -172,6 +195,8 @@ def _instead(name: str) -> str:
         return f"quat_{match[1]}: the orientation as a unit quaternion, w first"
     if re.match(r"(load|torque|tau|moment|current)s?_?\d*(_|$)", plain):
         return "load_1_Nm or the like: loads of joints have names of letters, digits and _ that start with load_"
+    if match := re.fullmatch(r"dir(?:ection)?s?_?(?:of_)?(?:q|j|joint)?_?0*(\d+)", plain):
+        return f"{DIRECTION}{int(match[1]) or 1}: the sign of the joint's last movement, -1, 0 or 1"
     if match := re.fullmatch(r"(s|u|std|sigma)?_?([xyz])(?:_.*)?", plain):
         axis = ("s" if match[1] else "") + match[2]
         return f"{axis}_mm or {axis}_m: units stand in the names"

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from truearm.errors import InputError
 from truearm.readings.columns import ANGLE, FACTOR, QUATERNION, TEMPERATURE, Columns, recognise, unit_of
 from truearm.readings.delimited import MAX_NAME, FloatArray, NameArray, Sheet, read_columns, read_sheet, shown
-from truearm.readings.readings import NAMED, Readings
+from truearm.readings.readings import DIRECTION, NAMED, Readings
 from truearm.writing import check_writable, whole_file
 
 AngleUnit = Literal["deg", "rad"]
@@ -124,20 +124,22 @@ def _readings(
     columns: Columns, numbers: FloatArray, words: Sequence[NameArray], *, file: Path, first_line: int | None
 ) -> Readings:
     """Make the record, in the units of the house."""
-    groups = (columns.angles, columns.points, columns.point_std, columns.quaternion, columns.temperature)
+    references = (columns.points, columns.point_std, columns.quaternion)
+    groups = (columns.angles, *references, columns.temperature, columns.directions)
     parts = np.split(numbers, np.cumsum([len(group) for group in groups]), axis=1)
     for names, part in zip(groups[1:4], parts[1:4], strict=True):
         _check_whole(names, part, file=file, first_line=first_line)
     angles, points, std = (
         part * [FACTOR[unit_of(name)] for name in names] for part, names in zip(parts, groups[:3], strict=False)
     )
-    quaternion, temperature, loads = parts[3:]
+    quaternion, temperature, directions, loads = parts[3:]
     return Readings(
         angles,
         points if columns.points else None,
         point_std=std if columns.point_std else None,
         temperature_degC=temperature[:, 0] if columns.temperature else None,
         quaternion=quaternion if columns.quaternion else None,
+        directions=directions if columns.directions else None,
         columns=dict(zip(columns.loads, loads.T, strict=True)),
         file=file,
         angle_columns=columns.angles,
@@ -207,6 +209,8 @@ def _table(readings: Readings, units: Sequence[str]) -> dict[str, FloatArray | N
             table[name] = words
     if readings.temperature_degC is not None:
         table[TEMPERATURE] = readings.temperature_degC
+    if readings.directions is not None:
+        table |= {f"{DIRECTION}{i + 1}": readings.directions[:, i] for i in range(readings.n_joints)}
     table.update(readings.columns)
     return table
 

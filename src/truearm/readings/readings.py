@@ -24,6 +24,9 @@ NAMED = (*TOUCHED, "position", "session")
 # Names of further columns of numbers, such as the torque of a joint (load_1_Nm).
 LOAD = re.compile(r"load_[\w.-]+")
 
+# Columns with the sign of each joint's last movement: this and the joint's number.
+DIRECTION = "direction_"
+
 # A quaternion's length may differ from 1 by this much: what rounding to two decimals leaves. It is made 1 then.
 QUATERNION_TOLERANCE = 0.01
 
@@ -54,6 +57,8 @@ class Readings:
         Orientation of the flange in the reference's frame, a unit quaternion w, x, y, z. A row of NaN: not measured.
     sphere, plane, line : (n,) array of str, optional
         Name of the surface (line) that the tip touched; the same name is the same, unknown one. Empty: none.
+    directions : (n, n_joints) array, optional
+        Sign of each joint's last movement before the reading: -1, 1, or 0 where it is not known.
     columns : mapping of str to (n,) array, optional
         Further columns of numbers by their name, which starts with ``load_``: torque or load of a joint.
     file : Path, optional
@@ -66,8 +71,8 @@ class Readings:
     Raises
     ------
     InputError
-        If lengths do not fit each other, a number is not finite, a point or a quaternion is there in part, or a
-        quaternion is not of length 1.
+        If lengths do not fit each other, a number is not finite, a point or a quaternion is there in part, a
+        quaternion is not of length 1, or a direction is not -1, 0 or 1.
     """
 
     angles: FloatArray
@@ -81,6 +86,7 @@ class Readings:
     sphere: NameArray | None = None
     plane: NameArray | None = None
     line: NameArray | None = None
+    directions: FloatArray | None = None
     columns: Mapping[str, FloatArray] = field(default_factory=dict)
     file: Path | None = None
     angle_columns: tuple[str, ...] | None = None
@@ -97,6 +103,7 @@ class Readings:
             ("point_std", (n, 3)),
             ("temperature_degC", (n,)),
             ("quaternion", (n, 4)),
+            ("directions", angles.shape),
         ):
             value = getattr(self, name)
             if value is not None:
@@ -113,6 +120,7 @@ class Readings:
         object.__setattr__(self, "columns", {k: _shaped(v, (n,), k) for k, v in self.columns.items()})
         self._check_numbers()
         self._check_std()
+        self._check_directions()
         self._settle_quaternion()
         if n and not self.has_point.any():
             object.__setattr__(self, "points", None)
@@ -160,6 +168,20 @@ class Readings:
                 f"standard uncertainties must be positive, got {self.point_std[row].tolist()} mm in {self.called(row)}",
                 row,
                 hint="leave the uncertainties out of the file if they are not known",
+            )
+
+    def _check_directions(self) -> None:
+        if self.directions is None:
+            return
+        odd = ~np.isin(self.directions, (-1.0, 0.0, 1.0))
+        if odd.any():
+            row, joint = np.argwhere(odd)[0].tolist()
+            raise self.error(
+                f"expected a direction of movement as -1, 0 or 1, got {self.directions[row, joint]:g} for joint "
+                f"{joint + 1}{self._where(row)}",
+                row,
+                column=None if self.first_line is None else f"{DIRECTION}{joint + 1}",
+                hint="the sign of the joint's last movement before the reading; 0 where it is not known",
             )
 
     def _settle_quaternion(self) -> None:

@@ -39,7 +39,8 @@ class Measurement:
     Attributes
     ----------
     readings : Readings
-        What a user gets: angles with noise and in encoder steps, reference points with noise, air temperature.
+        What a user gets: angles with noise and in encoder steps, reference points with noise, air temperature, and
+        from which side each joint came.
     true_angles : (n, n_joints) array
         The angles before noise and quantisation [rad]; the encoders' systematic errors are in them.
     true_tips : (n, 3) array
@@ -161,6 +162,7 @@ class VirtualArm:
             seat=None if seat is None else np.asarray(seat, dtype=np.str_),
             session=None if session is None else np.full(len(angles), session),
             temperature_degC=air,
+            directions=state.direction,
         )
         if reference:
             readings = self._referenced(readings, tips, _stream(seed, "reference"))
