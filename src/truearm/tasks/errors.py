@@ -17,6 +17,13 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
+from truearm.errors import InputError
+from truearm.identify.leave_out import root_of
+from truearm.models.compensator import Compensator
+from truearm.models.identified import IdentifiedModel
+from truearm.models.relations import state_of
+from truearm.readings.readings import Readings
+from truearm.terms.state import ArmState
 from truearm.virtual.arm import VirtualArm
 from truearm.virtual.presets import Preset
 from truearm.virtual.state import State, at_rest, hand_forces, mean_hand_force
@@ -24,8 +31,12 @@ from truearm.virtual.systematic import ARCSEC
 
 FloatArray = npt.NDArray[np.float64]
 
-# First word of the streams that a session's slow state is drawn from, so that it shares nothing with an arm's errors.
-_SESSION = 3
+# First words of streams, so that what is drawn from one seed shares nothing with an arm's errors of that seed.
+_SESSION, _POSTERIOR = 3, 4
+# Chosen: a field of the pose falls to a correlation of 0.6 where one joint has turned by a radian, or three by 33 deg
+# each, as harmonics of low order in every joint would.
+_CONCENTRATION = 1.0
+_WAVES = 64
 
 
 class DrawnArm(Protocol):
@@ -147,3 +158,177 @@ def _session(arm: Arm, preset: Preset, seed: int) -> State:
         np.broadcast_to(mean_hand_force(preset), (1, 3)),
         rng.uniform(0, 2 * np.pi, arm.n_joints),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class ModelErrors:
+    """Arms that may be the one that a model was identified from, as its readings left them open.
+
+    Systematic are the coefficients of the model's terms, drawn from their posterior once an arm and composed exactly.
+    What the model cannot explain has two parts that readings at different poses do not tell apart:
+
+    - random: that by which its own readings scatter about it (`Explained.noise_std`), once the freedom that the terms
+      took up is given back. It holds the noise of encoders, hand and contact, and of a reference whose uncertainty was
+      not stated.
+    - systematic for a pose: by what readings held out err beyond that (`unexplained_std_`), drawn once an arm as a
+      smooth function of the joints' angles.
+
+    ``repeatability_mm`` replaces the first where it was measured; the second then is the rest of what is unexplained.
+    A model without terms for what its arm does needs it: the scatter about a kinematic model is mostly encoder errors,
+    the same at the same pose.
+
+    Parameters
+    ----------
+    model : Compensator
+        Identified: nominal, kinematic or physical. A task is simulated at the mean temperature of its readings.
+    repeatability_mm : float, optional
+        Standard deviation of a coordinate where a point is taken again in the same pose [mm].
+
+    Raises
+    ------
+    InputError
+        If the model is a network, or the repeatability is no number of zero or more, or larger than all that the
+        model does not explain.
+    """
+
+    model: Compensator
+    repeatability_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model, IdentifiedModel):
+            raise InputError(
+                "a network has no terms whose uncertainty could be drawn: it tells how far a point may be off, "
+                "but not how the errors of two points go together",
+                hint="a kinematic or physical model of the same readings",
+            )
+        given = self.repeatability_mm
+        if given is not None and not 0 <= given < np.inf:
+            raise InputError(f"expected a repeatability of zero or more in mm, got {given}")
+        if given is not None and given > 1.5 * max(self.model.unexplained_std_, self._scatter):
+            raise InputError(
+                f"a repeatability of {given:.4g} mm contradicts the model, about which readings held out scatter by "
+                f"{self.model.unexplained_std_:.4g} mm",
+                hint="the standard deviation of a coordinate, not a range, in mm",
+            )
+
+    @property
+    def arm(self) -> Arm:
+        """See `ArmErrors`."""
+        return self._model.arm_
+
+    @property
+    def random_std_mm(self) -> float:
+        """Standard deviation of a coordinate, drawn anew at every point [mm]."""
+        if self.repeatability_mm is not None:
+            return self.repeatability_mm
+        return min(self._scatter, self._model.unexplained_std_)
+
+    @property
+    def field_std_mm(self) -> float:
+        """Standard deviation of a coordinate of the unexplained part that is the same at the same pose [mm]."""
+        return float(np.sqrt(max(self._model.unexplained_std_**2 - self.random_std_mm**2, 0.0)))
+
+    def draw(self, seed: int) -> DrawnFromModel:
+        """Draw an arm from the posterior."""
+        rng = np.random.default_rng([_POSTERIOR, seed])
+        fit = self._model.fit_
+        shift = self._root.T @ rng.standard_normal(len(fit.coefficients))
+        field = PoseField.draw(self.arm.chain, self.field_std_mm, rng)
+        return DrawnFromModel(self, fit.coefficients + shift, field)
+
+    def state(self, angles: FloatArray) -> ArmState:
+        """The arm at poses (n, n_joints) [rad], else as it was on average when the model learned."""
+        model = self._model
+        return state_of(
+            self.arm, Readings(angles), temperature_degC=model.temperature_degC_, columns=dict(model.columns_)
+        )
+
+    @cached_property
+    def R_base_reference(self) -> FloatArray:
+        """(3, 3) turns errors from the frame of the model's reference into the arm's base frame."""
+        R_reference_base = self._model.fit_.chain.fixed[0, :3, :3] @ self.arm.chain.fixed[0, :3, :3].T
+        return np.asarray(R_reference_base.T)
+
+    @property
+    def _model(self) -> IdentifiedModel:
+        assert isinstance(self.model, IdentifiedModel)
+        return self.model
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        return root_of(self._model.fit_.covariance)
+
+    @property
+    def _scatter(self) -> float:
+        """Noise of the references, root mean square over their residuals [mm]."""
+        references = self._model.fit_.references
+        n = np.array([reference.residuals.size for reference in references], dtype=float)
+        noise = np.array([reference.noise_std for reference in references])
+        return float(np.sqrt((n * noise**2).sum() / n.sum()))
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnFromModel:
+    """An arm drawn from a model's posterior.
+
+    Parameters
+    ----------
+    errors : ModelErrors
+    coefficients : (n_coefficients,) array
+        Of the model's terms, as this arm has them [rad or mm per unit of the basis].
+    field : PoseField
+        What the model has no terms for.
+    """
+
+    errors: ModelErrors
+    coefficients: FloatArray
+    field: PoseField
+
+    def systematic(self, angles: FloatArray) -> FloatArray:
+        """See `DrawnArm`."""
+        fit, state = self.errors._model.fit_, self.errors.state(angles)
+        shown_less_true = fit.tips(state) - fit.moved.tips(state, self.coefficients)
+        return shown_less_true @ self.errors.R_base_reference.T + self.field.at(angles)
+
+    def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """See `DrawnArm`."""
+        errors: FloatArray = self.errors.random_std_mm * rng.standard_normal((len(angles), 3))
+        return errors
+
+
+@dataclass(frozen=True, eq=False)
+class PoseField:
+    """A smooth random function of the joints' angles, with a full turn as its period.
+
+    A Gaussian process with covariance ``s^2 exp(-c sum_i (1 - cos(q_i - q_i')))``, drawn as a sum of waves: the Fourier
+    coefficients of ``exp(c (cos d - 1))`` are the probabilities of a whole number k that is the difference of two
+    Poisson numbers of mean c/2 (J. G. Skellam, J. R. Stat. Soc. 109 (1946) 296), so whole wave numbers drawn by it have
+    that covariance on average (A. Rahimi, B. Recht, "Random features for large-scale kernel machines", NIPS 2007).
+    Sliding joints count as turned by a radian where they moved a third of the arm's reach.
+
+    Parameters
+    ----------
+    waves : (m, n_joints) array
+        Radians of a wave by a joint's radian, or mm.
+    cosine, sine : (m, 3) array
+        Amplitudes [mm].
+    """
+
+    waves: FloatArray
+    cosine: FloatArray
+    sine: FloatArray
+
+    @classmethod
+    def draw(cls, chain: Chain, std_mm: float, rng: np.random.Generator) -> PoseField:
+        """Draw a field of standard deviation `std_mm` in each coordinate."""
+        shape = (_WAVES, chain.n_joints)
+        orders = rng.poisson(_CONCENTRATION / 2, shape) - rng.poisson(_CONCENTRATION / 2, shape)
+        waves = orders / np.where(chain.slides, chain.reach / 3, 1.0)
+        amplitude = std_mm / np.sqrt(_WAVES) * rng.standard_normal((2, _WAVES, 3))
+        return cls(waves, amplitude[0], amplitude[1])
+
+    def at(self, angles: FloatArray) -> FloatArray:
+        """Values (n, 3) [mm] at angles (n, n_joints)."""
+        phase = angles @ self.waves.T
+        values: FloatArray = np.cos(phase) @ self.cosine + np.sin(phase) @ self.sine
+        return values
