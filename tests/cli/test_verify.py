@@ -331,3 +331,21 @@ def test_the_examples_of_the_page_run(bench):
         exec(example, names)
     assert Path("my-plan.toml").read_text(encoding="utf-8") == plan_text("iso10360-12")
     assert names["sphere"].radius_mm == pytest.approx(12.5)
+
+
+def test_the_page_stands_beside_the_verdict_or_not_at_all(truearm, bench, snapshot):
+    Path("points.csv").write_text(Made(too_large=60e-6).iso().text())
+    ran = truearm(*options(), "--report", "page.html")
+    assert (ran.code, ran.err) == (1, "")
+    html = Path("page.html").read_text()
+    assert "measuring arm 2.5 m: not conform" in html
+    for label in ("P_Size.Sph.1x25", "E_Uni, 1700", "fixture", "K-102", "check against your copy of the standard"):
+        assert label in html
+    before = snapshot(bench)
+    for page in ("points.csv", "page.pdf", "away/page.html"):
+        ran = truearm(*options(), "--report", page)
+        assert ran.code == 2
+        assert page in ran.err
+    Path("mpe.toml").write_text("")
+    assert truearm(*options(), "--report", "other.html").code == 2
+    assert snapshot(bench) == before | {"mpe.toml": b""}

@@ -69,6 +69,23 @@ def check_apart(out: Path, *inputs: Path) -> None:
         raise InputError("the file to write is the file to read, and would be lost", file=out, hint="another name")
 
 
+def check_page(page: Path, *inputs: Path) -> None:
+    """Check, before long work, that a page can be written under a name, which is that of no file that is read.
+
+    Raises
+    ------
+    InputError
+        If the name does not end in .html, is one of `inputs`, or cannot be written.
+    """
+    from truearm.errors import InputError
+    from truearm.writing import check_writable
+
+    if page.suffix not in (".html", ".htm"):
+        raise InputError(f"expected a file name that ends in .html, got {page.name!r}", file=page)
+    check_apart(page, *inputs)
+    check_writable(page)
+
+
 @contextmanager
 def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, str], None]]:
     """Show a progress bar and the time left on standard error while the block runs, if a person watches.

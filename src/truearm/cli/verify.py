@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, say, say_json, say_table
+from truearm.cli.console import Json, check_page, say, say_json, say_table
 
 if TYPE_CHECKING:
-    from truearm.verify.decision import Row
+    from truearm.verify.decision import Row, Rule
+    from truearm.verify.test_plan import Plan
 
 CODES = {"conform": 0, "not conform": 1, "undecided": 3}
 
@@ -26,6 +27,9 @@ def verify(
     simple: Annotated[
         bool, typer.Option("--simple", help="Simple acceptance: leave the uncertainty out where it is small.")
     ] = False,
+    report: Annotated[
+        Path | None, typer.Option("--report", help="Page to write, .html: values, budgets, artefacts, decision.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Verify an arm by the tests of a standard.
@@ -40,21 +44,25 @@ def verify(
     from truearm.verify.test_plan import load_plan
     from truearm.verify.verification import verify as verified
 
+    if report is not None:
+        check_page(report, Path(plan), points, artefacts, mpe)
+    rule: Rule = "simple" if simple else "iso14253-1"
     planned, specification = load_plan(plan), read_specification(mpe)
-    found = verified(
-        read_points(points),
-        plan=planned,
-        artefacts=read_artefacts(artefacts),
-        specification=specification,
-        rule="simple" if simple else "iso14253-1",
-    )
+    measured, certified = read_points(points), read_artefacts(artefacts)
+    found = verified(measured, plan=planned, artefacts=certified, specification=specification, rule=rule)
+    if report is not None:
+        from truearm.report.html import write_page
+        from truearm.report.verification import Outcome, verification_page
+
+        outcome = Outcome(found, measured, planned, certified, specification, rule)
+        write_page(verification_page(outcome, facts=facts(points, artefacts, mpe, plan=planned)), report)
     if as_json:
         say_json(
             {
                 "plan": planned.name,
                 "standard": planned.standard,
                 "specification": specification.name,
-                "rule": "simple" if simple else "iso14253-1",
+                "rule": rule,
                 "verdict": found.verdict.value,
                 "rows": [_for_machines(row) for row in found.rows],
                 "remarks": list(found.remarks),
@@ -77,6 +85,22 @@ def verify(
         }
         say(closing[found.verdict])
     raise typer.Exit(CODES[found.verdict.value])
+
+
+def facts(*files: Path, plan: Plan) -> list[tuple[str, str]]:
+    """What a page about a verification rests on."""
+    from hashlib import sha256
+
+    import numpy
+    import scipy
+
+    from truearm import __version__
+
+    return [
+        ("plan", f"{plan.name}: {plan.standard}"),
+        *((file.name, f"SHA-256 {sha256(file.read_bytes()).hexdigest()}") for file in files),
+        ("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"),
+    ]
 
 
 def _cells(row: Row) -> list[str]:

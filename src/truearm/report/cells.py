@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from truearm.report.page import Cell, Column, Row, Table
-from truearm.report.quantities import format_given, format_number, format_uncertainty
+from truearm.report.quantities import Rounded, format_given, format_number, format_uncertainty
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,8 @@ def shown(value: Cell, *, uncertainty: float | None = None, digits: int = 3) -> 
         return NOTHING
     if isinstance(value, str):
         return Shown(value)
+    if isinstance(value, Rounded):
+        value, uncertainty = value.value, value.uncertainty
     return _parted(format_number(value, uncertainty=uncertainty, digits=digits))
 
 

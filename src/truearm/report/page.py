@@ -9,8 +9,9 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.report.canvas import Figure
+from truearm.report.quantities import Rounded
 
-Cell = str | int | float | None
+Cell = str | int | float | Rounded | None
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,10 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; every row has one cell a column: text, a number, a count (int), or None where there is nothing."""
+    """A table; every row has one cell a column: text, a number, a count (int), or None where there is nothing.
+
+    A `Rounded` number is shown to the decimal of its uncertainty, whatever the digits of its column are.
+    """
 
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
@@ -115,6 +119,9 @@ class Page:
 
 
 def _checked(cell: object, place: str, *, column: str | None = None) -> None:
+    if isinstance(cell, Rounded):
+        _checked(cell.uncertainty, place, column=column)
+        cell = cell.value
     if cell is None or isinstance(cell, str | int | np.integer):
         return
     if isinstance(cell, float | np.floating) and math.isfinite(cell):

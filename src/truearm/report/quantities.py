@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +14,21 @@ MINUS = "\u2212"
 TIMES = "\u00d7"
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PLAIN_EXPONENTS = range(-5, 7)  # outside, a power of ten reads better than a row of zeros
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """A number that is shown to the decimal of the second significant digit of its uncertainty.
+
+    Parameters
+    ----------
+    value : float
+    uncertainty : float
+        Standard or expanded; 0 where there is none, and the number is then shown as one without uncertainty.
+    """
+
+    value: float
+    uncertainty: float
 
 
 def format_quantity(value: float, *, unit: str = "", uncertainty: float | None = None, digits: int = 3) -> str:
