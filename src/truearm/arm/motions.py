@@ -54,9 +54,18 @@ def moved_by(v: FloatArray, motion: FloatArray) -> FloatArray:
     angle = np.sqrt((r * r).sum(axis=0))
     sinc = np.sinc(angle / np.pi)
     half = np.sinc(angle / (2 * np.pi))  # (1 - cos a) / a^2 = half^2 / 2 without cancellation
-    rv = np.cross(r, v, axis=0)
-    moved: FloatArray = v + sinc * rv + (0.5 * half * half) * np.cross(r, rv, axis=0) + t
+    rv = _cross(r, v)
+    moved: FloatArray = v + sinc * rv + (0.5 * half * half) * _cross(r, rv) + t
     return moved
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """a x b of vectors (3, m), row by row: half the time of `numpy.cross`, which goes through copies."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(a[j], b[k], out=out[i])
+        out[i] -= a[k] * b[j]
+    return out
 
 
 def rotations_and_jacobians(r: FloatArray) -> tuple[FloatArray, FloatArray]:
