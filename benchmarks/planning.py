@@ -87,7 +87,7 @@ def errors_of(virtual: VirtualArm, plan: Plan, strategy: str, *, seed: int) -> d
     lengths = None
     if poses.seat is not None and bars(poses):
         a, b = np.array(bars(poses)).T
-        lengths = Lengths(a, b, np.full(len(a), BAR_MM), np.full(len(a), LENGTH_U_MM))
+        lengths = Lengths(a, b, np.full(len(a), BAR_MM), np.full(len(a), LENGTH_U_MM), np.full(len(a), "bar"))
     truth = virtual.true_tip(plan.volume)
     found = {}
     for name, kind in MODELS.items():

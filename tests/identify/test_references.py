@@ -121,7 +121,7 @@ def test_relations_among_unknowns_have_the_difference_quotients_as_derivatives(s
     rng = np.random.default_rng(seed)
     names = np.array([f"no {i % n_names}" for i in range(5 * n_names)])
     rows = np.arange(len(names))
-    lengths = [("no 0", "no 1", 40.0, 0.01), ("no 1", "no 0", 41.0, 0.01)]
+    lengths = [("no 0", "no 1", 40.0, 0.01), ("no 1", "no 0", 41.0, 0.01), ("no 0", "no 1", 39.0, 0.01, "bar", 0.002)]
     for reference in (seats_of(rows, names, lengths), spheres_of(rows, names, [("no 1", 40.0, 0.01)])):
         x = rng.normal(0, 50, len(reference.unknowns))
         x[:6] = np.where(seed % 2, x[:6], 1.0)

@@ -8,11 +8,14 @@ from truearm.errors import InputError
 from truearm.identify.problem import Moved
 from truearm.plan.candidates import bar_places, seat_poses, tracker_poses, volume_poses
 from truearm.plan.information import SEAT_STD_MM, design_problem, tip_jacobian
+from truearm.plan.known import Known
+from truearm.plan.proposal import LENGTH_U_MM, information_rows
+from truearm.readings.lengths import PLACE_U_MM
 from truearm.terms.catalogue import constants, own_axis
 from truearm.terms.state import ArmState
 
 ARM = load("gao2017")
-NOISE_MM, LENGTH_U_MM = 0.02, 0.005
+NOISE_MM = 0.02
 
 
 @pytest.fixture(scope="module")
@@ -76,18 +79,19 @@ def test_a_seats_point_is_a_parameter_or_eliminated_all_the_same(moved, volume):
 def test_a_bar_is_two_seats_and_a_length(moved, volume):
     found = bar_places(ARM, 2, length_mm=300, poses=3, seed=3)
     told = problem(moved, found, volume)
-    assert told.factors.shape == (2, 13, moved.n_coefficients)
+    assert told.factors.shape == (2, 13, moved.n_coefficients + 1)
     tips, J = tip_jacobian(moved, state(found.angles[:6]))
     p = moved.n_coefficients
-    # The same as a plain problem with six more unknowns.
+    # The same as a plain problem with six more unknowns; the bar's length is a parameter beside the terms'.
     along = tips[3:].mean(axis=0) - tips[:3].mean(axis=0)
     assert along == pytest.approx(found.seat_points[5] - found.seat_points[0])
     along /= np.linalg.norm(along)
-    A = np.zeros((19, p + 6))
+    A = np.zeros((19, p + 7))
     A[:18, :p] = J.reshape(18, p) / NOISE_MM
-    A[:9, p : p + 3] = A[9:18, p + 3 :] = -np.tile(np.eye(3), (3, 1)) / NOISE_MM
-    A[18, p:] = np.concatenate([-along, along]) / LENGTH_U_MM
+    A[:9, p + 1 : p + 4] = A[9:18, p + 4 :] = -np.tile(np.eye(3), (3, 1)) / NOISE_MM
+    A[18, p:] = np.concatenate([[-1], -along, along]) / PLACE_U_MM
     information = A.T @ A
+    p += 1
     schur = information[:p, :p] - information[:p, p:] @ np.linalg.solve(information[p:, p:], information[p:, :p])
     assert np.abs(told.factors[0].T @ told.factors[0] - schur).max() < 1e-12 * information.max()
 
@@ -101,6 +105,26 @@ def test_seats_leave_the_scale_to_the_prior_and_a_bar_brings_it(moved, volume):
     assert np.sqrt(by_bars.variance(range(3))) < 0.1
     wrong = problem(moved, bars, volume, length_u_mm=1.0)
     assert wrong.variance(range(3)) > 10 * by_bars.variance(range(3))
+
+
+@pytest.mark.parametrize("n_places", [1, 4, 8])
+def test_many_places_of_a_bar_do_not_tell_the_scale_better_than_its_certificate(moved, volume, n_places):
+    """Pose by pose, place by place, or as rows of the terms alone, all the same."""
+    found = bar_places(ARM, n_places, length_mm=400, poses=6, seed=5)
+    tips, J = tip_jacobian(moved, volume)
+    apart = tips - tips.mean(axis=0)
+    by = np.einsum("nc,ncp->p", apart, J) / (apart**2).sum()
+    known = Known(moved, prior(moved), 1e-4, state)
+    variances = [by @ known.told(information_rows(known, found)).covariance @ by]
+    for candidates in (found, found.one_by_one()):
+        told = problem(moved, candidates, volume, noise_mm=known.noise_mm)
+        p, C = moved.n_coefficients, np.linalg.inv(told.information(range(len(candidates))))
+        variances.append(by @ C[:p, :p] @ by)
+    # Rounding: a seat's prior, 1e-8 / mm^2, beside 1e8 / mm^2 of a reading.
+    assert variances == pytest.approx([variances[0]] * 3, rel=1e-4)
+    assert np.sqrt(variances[0]) >= LENGTH_U_MM / 400
+    if n_places == 8:
+        assert np.sqrt(variances[0]) < 1.02 * LENGTH_U_MM / 400  # eight places of 1 um and readings of 0.1 um
 
 
 def test_a_seats_point_has_a_wide_prior(moved, volume):

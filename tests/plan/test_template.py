@@ -96,6 +96,7 @@ def test_a_bars_places_stay_together_and_have_their_length(tmp_path, places):
     assert lengths.seat_a.tolist() == ["B1a", "B2a"]
     assert lengths.seat_b.tolist() == ["B1b", "B2b"]
     assert lengths.length_mm.tolist() == [250.0, 250.0]
+    assert lengths.artefact.tolist() == ["bar 250", "bar 250"]
 
 
 def test_a_bar_with_one_end_used_has_no_length(places):

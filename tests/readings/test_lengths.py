@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.readings import Lengths, read_lengths, write_lengths
+from truearm.readings.lengths import PLACE_U_MM
 
 HEADER = "seat_a,seat_b,length_mm,u_mm\n"
 
@@ -50,6 +51,21 @@ def test_what_is_written_comes_back(tmp_path_factory, ends, length, u):
         np.testing.assert_array_equal(getattr(found, name), getattr(given_lengths, name))
 
 
+def test_an_artefact_and_its_places_come_back(tmp_path):
+    given_lengths = Lengths(
+        ["A", "C", "E"], ["B", "D", "F"], [9.0, 9.0, 8.0], [0.1, 0.1, 0.2], ["bar", "bar", ""], [np.nan, 0.03, np.nan]
+    )
+    assert given_lengths.u_place_mm.tolist() == [PLACE_U_MM, 0.03, 0.0]
+    write_lengths(given_lengths, tmp_path / "l.csv")
+    assert (tmp_path / "l.csv").read_text().splitlines()[3] == "E,F,8.0,0.2,,"
+    found = read_lengths(tmp_path / "l.csv", seats="CDEF")
+    assert found.artefact.tolist() == ["bar", ""]
+    assert found.u_place_mm.tolist() == [0.03, 0.0]
+    plain = read_lengths(lengths_file(tmp_path, HEADER.strip() + ",artefact\nA,B,1,0.1,bar\nC,D,2,0.1,\n"))
+    assert plain.artefact.tolist() == ["bar", ""]
+    assert plain.u_place_mm.tolist() == [PLACE_U_MM, 0.0]
+
+
 def test_columns_may_stand_in_any_order_beside_remarks(tmp_path):
     path = lengths_file(tmp_path, 'note,u_mm,length_mm,seat_b,seat_a\nlab 7,0.001,250,"B, left",A\n')
     found = read_lengths(path)
@@ -80,6 +96,24 @@ def test_columns_may_stand_in_any_order_beside_remarks(tmp_path):
 )
 def test_a_row_that_is_no_length_is_found(tmp_path, row, column, said):
     error = refusal(tmp_path, ["P,Q,100,0.1", row, "P,R,100,0.1"])
+    assert (error.line, error.column) == (3, column)
+    assert said in error.problem
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "said"),
+    [
+        ("A,B,99,0.1,bar,", "length_mm", "'bar' has length_mm 100 in line 2, got 99"),
+        ("A,B,100,0.2,bar,", "u_mm", "'bar' has u_mm 0.1 in line 2, got 0.2"),
+        ("A,B,100,0.1,bar,0", "u_place_mm", "a positive standard uncertainty of a place, got 0 mm"),
+        ("A,B,100,0.1,,-1", "u_place_mm", "a positive standard uncertainty of a place, got -1 mm"),
+        ("A,B,100,0.1,,nan", "u_place_mm", "got 'nan'"),
+        (f"A,B,100,0.1,{'b' * 201},", "artefact", "a name of at most 200 signs"),
+    ],
+)
+def test_rows_of_an_artefact_that_differ_are_found(tmp_path, row, column, said):
+    header = HEADER.strip() + ",artefact,u_place_mm\n"
+    error = refusal(tmp_path, ["P,Q,100,0.1,bar,", row], header=header)
     assert (error.line, error.column) == (3, column)
     assert said in error.problem
 
@@ -157,6 +191,10 @@ def test_lengths_of_another_session_altogether_are_refused(tmp_path, seats):
     [
         ({"seat_b": ["B"]}, "expected one seat_b for each length"),
         ({"u_mm": 0.1}, "expected one u_mm for each length"),
+        ({"artefact": ["bar"]}, "expected one artefact for each length"),
+        ({"u_place_mm": [0.1]}, "expected one u_place_mm for each length"),
+        ({"artefact": ["bar", "bar"]}, "length 2: 'bar' has length_mm 1 in length 1, got 2"),
+        ({"u_place_mm": [0.0, np.inf]}, "length 2: expected a positive standard uncertainty of a place, got inf mm"),
         ({"length_mm": [1, np.inf]}, "length 2: expected a positive length, got inf mm"),
         ({"u_mm": [np.nan, 1]}, "length 1: expected a positive standard uncertainty, got nan mm"),
         ({"seat_b": ["C", "A"]}, "length 2: the length between 'C' and 'A' stands in length 1 already"),
@@ -175,6 +213,8 @@ def test_what_could_not_be_read_is_not_written(tmp_path):
         write_lengths(lengths, tmp_path / "l.csv")
     with pytest.raises(InputError, match=r"ends in \.csv, got 'l.txt'"):
         write_lengths(lengths, tmp_path / "l.txt")
+    with pytest.raises(InputError, match="an artefact must be one line of text"):
+        write_lengths(Lengths(["A"], ["C"], [1.0], [0.1], ["b\nr"]), tmp_path / "l.csv")
     assert not list(tmp_path.iterdir())
 
 
@@ -183,6 +223,7 @@ def test_the_example_in_the_manual_is_a_file_of_lengths(tmp_path):
     example = manual.split("```csv lengths\n")[1].split("```")[0]
     found = read_lengths(lengths_file(tmp_path, example), seats=["cone A", "cone B"])
     assert found.length_mm.tolist() == [250.0132]
+    assert found.artefact.tolist() == ["bar 7"]
 
 
 @settings(max_examples=150, deadline=None)

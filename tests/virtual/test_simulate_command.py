@@ -61,7 +61,8 @@ def test_a_bar_keeps_its_length_wherever_it_lies(tmp_path, seats):
     assert len(np.unique(readings.seat)) == single + 4
     assert list(zip(known.seat_a.tolist(), known.seat_b.tolist(), strict=True)) == [("B1a", "B1b"), ("B2a", "B2b")]
     assert np.abs(known.length_mm - 400).max() < 5 * known.u_mm[0] == 5 * 0.005
-    assert known.length_mm[0] == known.length_mm[1]  # one bar
+    assert known.length_mm[0] == known.length_mm[1]
+    assert known.artefact.tolist() == ["bar 400", "bar 400"]
     tips = load("gao2017").chain.tip_in_base(readings.angles)
     assert np.abs(length_errors(tips, readings.seat, known)).max() < 5 * 0.005 + 1e-3
 

@@ -169,7 +169,9 @@ def _certificate(bars: int, bar_mm: float, *, seed: int) -> Lengths:
 
     stated = round(bar_mm + BAR_U_MM * np.random.default_rng([seed, *b"bar"]).standard_normal(), 4)
     ends = [np.array([f"B{place}{end}" for place in range(1, bars + 1)]) for end in "ab"]
-    return Lengths(ends[0], ends[1], np.full(bars, stated), np.full(bars, BAR_U_MM))
+    return Lengths(
+        ends[0], ends[1], np.full(bars, stated), np.full(bars, BAR_U_MM), artefact=np.full(bars, f"bar {bar_mm:g}")
+    )
 
 
 def _result(

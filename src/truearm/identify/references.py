@@ -188,12 +188,18 @@ class Length(NamedTuple):
         The seats.
     length_mm, std_mm : float
         Its value and standard uncertainty [mm].
+    artefact : str
+        Whose length it is; lengths of one artefact are one and the same, with one error. Empty: of its own.
+    place_std_mm : float
+        Standard uncertainty of how it differs from place to place, on top [mm]; positive where there is an artefact.
     """
 
     a: int
     b: int
     length_mm: float
     std_mm: float
+    artefact: str = ""
+    place_std_mm: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +219,8 @@ class Seats:
     Raises
     ------
     InputError
-        If a reading's seat is none of the names, a length joins a seat to itself, or is not positive.
+        If a reading's seat is none of the names, a length joins a seat to itself, is not positive, or is another than
+        the artefact has elsewhere.
     """
 
     rows: IntArray
@@ -226,7 +233,8 @@ class Seats:
 
     def __post_init__(self) -> None:
         _check_members(self.kind, self.rows, self.seat, self.names)
-        for a, b, length, std in self.lengths:
+        certificates: dict[str, tuple[float, float]] = {}
+        for a, b, length, std, artefact, place_std in self.lengths:
             if a == b:
                 raise InputError(f"a length from seat {self.names[a]!r} to itself says nothing")
             if not (np.isfinite(length) and length > 0 and np.isfinite(std) and std > 0):
@@ -234,6 +242,12 @@ class Seats:
                     f"expected a positive length and uncertainty between seats {self.names[a]!r} and "
                     f"{self.names[b]!r}, got {length} mm and {std} mm"
                 )
+            if not (np.isfinite(place_std) and (place_std > 0 or (place_std == 0 and not artefact))):
+                raise InputError(
+                    f"expected a positive uncertainty of artefact {artefact!r} from place to place, got {place_std} mm"
+                )
+            if artefact and certificates.setdefault(artefact, (length, std)) != (length, std):
+                raise InputError(f"expected one length and one uncertainty of artefact {artefact!r}, got several")
 
     @property
     def std(self) -> FloatArray:
@@ -242,16 +256,23 @@ class Seats:
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Coordinates of the seats."""
-        return tuple(f"{axis} of seat {name} [mm]" for name in self.names for axis in "xyz")
+        """Coordinates of the seats, then lengths of the artefacts."""
+        seats = [f"{axis} of seat {name} [mm]" for name in self.names for axis in "xyz"]
+        return (*seats, *(f"length of artefact {name} [mm]" for name in self._artefacts))
+
+    @property
+    def _artefacts(self) -> dict[str, Length]:
+        """One length of each."""
+        return {length.artefact: length for length in self.lengths if length.artefact}
 
     def started(self, tips: FloatArray) -> tuple[Self, FloatArray]:
-        """The means of the tips in each seat."""
+        """The means of the tips in each seat, and the artefacts as stated."""
         count = np.bincount(self.seat, minlength=len(self.names))
         if not count.all():
             raise InputError(f"seat {self.names[int(np.argmin(count))]!r} has no reading")
         centres = np.stack([np.bincount(self.seat, tip, minlength=len(self.names)) for tip in tips], axis=1)
-        return self, (centres / count[:, None]).ravel()
+        stated = [length.length_mm for length in self._artefacts.values()]
+        return self, np.concatenate([(centres / count[:, None]).ravel(), stated])
 
     def linearised(
         self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
@@ -260,37 +281,56 @@ class Seats:
         del axes
         m, seat = tips.shape[1], self.seat[which]
         return Linearised(
-            tips - unknowns.reshape(-1, 3)[seat].T,
+            tips - self._centres(unknowns)[seat].T,
             _identity(m),
             3 * seat + np.arange(3)[:, None],
             -_identity(m),
         )
 
     def relations(self, unknowns: FloatArray) -> Relations | None:
-        """Lengths between seats, as (d^2 - L^2) / 2 L."""
+        """Lengths between seats, as (d^2 - L^2) / 2 L, and what is stated of artefacts' lengths.
+
+        An artefact's length is an unknown that all its places share, so that they together tell no more of it than its
+        certificate does.
+        """
         if not self.lengths:
             return None
-        centres = unknowns.reshape(-1, 3)
-        a, b = np.array([(length.a, length.b) for length in self.lengths]).T
-        known, std = np.array([(length.length_mm, length.std_mm) for length in self.lengths]).T
-        apart = centres[b] - centres[a]
-        # (d^2 - L^2) / 2 L is d - L near its zero, and smooth where the seats fall together.
-        along = apart / known[:, None]
-        by = np.zeros((len(apart), *centres.shape))
-        by[np.arange(len(apart)), a] = -along
-        by[np.arange(len(apart)), b] = along
-        residuals = ((apart * along).sum(axis=1) - known) / 2
-        return Relations(residuals, by.reshape(len(apart), -1), std)
+        centres, first = self._centres(unknowns), 3 * len(self.names)
+        number = {name: first + i for i, name in enumerate(self._artefacts)}
+        n = len(self.lengths)
+        residuals, std = np.empty(n + len(number)), np.empty(n + len(number))
+        by = np.zeros((n + len(number), len(unknowns)))
+        for i, length in enumerate(self.lengths):
+            apart = centres[length.b] - centres[length.a]
+            true = length.length_mm
+            if length.artefact:
+                true = unknowns[number[length.artefact]]
+                by[i, number[length.artefact]] = -true / length.length_mm
+            # (d^2 - L^2) / 2 L is d - L near its zero, and smooth where the seats fall together.
+            residuals[i] = (apart @ apart - true**2) / (2 * length.length_mm)
+            by[i, 3 * length.a :][:3] = -apart / length.length_mm
+            by[i, 3 * length.b :][:3] = apart / length.length_mm
+            std[i] = length.place_std_mm if length.artefact else np.hypot(length.std_mm, length.place_std_mm)
+        for i, (name, length) in enumerate(self._artefacts.items(), start=n):
+            residuals[i], std[i] = unknowns[number[name]] - length.length_mm, length.std_mm
+            by[i, number[name]] = 1.0
+        return Relations(residuals, by, std)
+
+    def _centres(self, unknowns: FloatArray) -> FloatArray:
+        """(n_seats, 3) [mm]."""
+        return unknowns[: 3 * len(self.names)].reshape(-1, 3)
 
 
 def _identity(m: int) -> FloatArray:
     return np.broadcast_to(np.eye(3)[:, :, None], (3, 3, m))
 
 
-def seats_of(
-    rows: IntArray, names: npt.NDArray[np.str_], lengths: Sequence[tuple[str, str, float, float]] = ()
-) -> Seats:
-    """Seats from the name of each reading's seat (m,), with lengths ``(seat_a, seat_b, length_mm, u_mm)``.
+StatedLength = tuple[str, str, float, float] | tuple[str, str, float, float, str, float]
+"""``(seat_a, seat_b, length_mm, u_mm)``, and ``artefact, u_place_mm`` besides."""
+
+
+def seats_of(rows: IntArray, names: npt.NDArray[np.str_], lengths: Sequence[StatedLength] = ()) -> Seats:
+    """Seats from the name of each reading's seat (m,), with lengths between them.
 
     Raises
     ------
@@ -306,8 +346,7 @@ def seats_of(
                     f"a length is given for seat {name!r}, but no reading is in it",
                     hint=f"seats of the session: {', '.join(list(known)[:8])}",
                 )
-    between = tuple(Length(known[a], known[b], float(length), float(std)) for a, b, length, std in lengths)
-    return Seats(rows, seat, unique, between)
+    return Seats(rows, seat, unique, tuple(Length(known[a], known[b], *rest) for a, b, *rest in lengths))
 
 
 def numbered(names: npt.NDArray[np.str_]) -> tuple[tuple[str, ...], IntArray]:

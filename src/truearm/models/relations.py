@@ -12,7 +12,7 @@ from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identify.alignment import about_a_line, placed_roughly
 from truearm.identify.poses import Orientations, turned_roughly
-from truearm.identify.references import FloatArray, IntArray, Points, Reference, seats_of
+from truearm.identify.references import FloatArray, IntArray, Points, Reference, StatedLength, seats_of
 from truearm.identify.surfaces import lines_of, planes_of, spheres_of
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import NameArray, Readings
@@ -143,10 +143,10 @@ def _in_poses(readings: Readings, held: IntArray) -> list[str]:
     return [str(name) for name in names[np.bincount(different[:, 0].astype(np.intp)) > 1]]
 
 
-def _between(lengths: Lengths | None, seat: NameArray) -> list[tuple[str, str, float, float]]:
+def _between(lengths: Lengths | None, seat: NameArray) -> list[StatedLength]:
     """The lengths whose two seats are among those of the readings."""
     if lengths is None:
         return []
     here = np.isin(lengths.seat_a, seat) & np.isin(lengths.seat_b, seat)
-    columns = (lengths.seat_a, lengths.seat_b, lengths.length_mm, lengths.u_mm)
-    return list(zip(*(column[here].tolist() for column in columns), strict=True))
+    names = ("seat_a", "seat_b", "length_mm", "u_mm", "artefact", "u_place_mm")
+    return list(zip(*(getattr(lengths, name)[here].tolist() for name in names), strict=True))

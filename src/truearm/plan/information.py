@@ -9,6 +9,7 @@ from truearm.errors import InputError
 from truearm.identify.problem import Moved
 from truearm.plan.candidates import Candidates
 from truearm.plan.exchange import DesignProblem, eliminated, mean_square, stacked
+from truearm.readings.lengths import PLACE_U_MM
 from truearm.terms.state import ArmState
 
 FloatArray = npt.NDArray[np.float64]
@@ -65,8 +66,11 @@ def design_problem(
 
     Under a tracker a reading tells the tip. In a seat it tells the tip from the unknown point of the seat, and a bar
     tells the distance of its two seats besides. A seat's point is eliminated where all its readings belong to one
-    candidate; where they are spread over several it becomes three more parameters, after those of the terms. A bar's
-    length is then known before, as the prior is, else it belongs to the candidate.
+    candidate; where they are spread over several it becomes three more parameters, after those of the terms. What a
+    bar tells of its two seats is then known before, as the prior is, else it belongs to the candidate.
+
+    The bar is one, with one certificate, whatever its places: its length is the last parameter. So plans with many
+    places do not pretend to know the scale better than the certificate does.
 
     Parameters
     ----------
@@ -82,7 +86,7 @@ def design_problem(
     noise_mm : float
         Standard deviation of a coordinate of a reading, by the reference, by the touch, and by what no term explains.
     length_u_mm : float
-        Standard uncertainty of a bar's length.
+        Standard uncertainty of a bar's length; from place to place it differs by `PLACE_U_MM` besides.
     scale : bool
         Whether the uncertainty in the volume is up to a scale as well.
     coefficients : (p,) array, optional
@@ -103,11 +107,11 @@ def design_problem(
     tips, jacobian = tip_jacobian(moved, state, coefficients)
     tips_there, jacobian_there = tip_jacobian(moved, volume, coefficients)
     n_seats, seat = _seats(candidates)
-    bars = _bars(candidates, seat, tips, length_u_mm)
+    bars = _bars(candidates, seat, tips)
     shared = {number for number in range(n_seats) if len(np.unique(candidates.candidate[seat == number])) > 1}
     # A bar of which one seat is shared: the other is known by the length too.
     shared |= {end for one, other, _ in bars if one in shared or other in shared for end in (one, other)}
-    p, q = jacobian.shape[2], 3 * len(shared)
+    p, q = jacobian.shape[2], 3 * len(shared) + bar
     column = {number: p + 3 * place for place, number in enumerate(sorted(shared))}
     factors = []
     for place in range(len(candidates)):
@@ -121,18 +125,21 @@ def design_problem(
             if number >= 0:
                 part = J[:, column[number] :] if number in shared else B[:, 3 * own.index(number) :]
                 part[3 * reading :][:3, :3] = -np.eye(3) / noise_mm
-        for row, (one, other, along) in zip(B[3 * len(rows) :], lengths, strict=True):
-            row[3 * own.index(one) :][:3], row[3 * own.index(other) :][:3] = -along, along
+        for at, (one, other, along) in zip(range(3 * len(rows), len(J)), lengths, strict=True):
+            B[at, 3 * own.index(one) :][:3], B[at, 3 * own.index(other) :][:3] = -along, along
+            J[at, -1] = -1 / PLACE_U_MM
         factors.append(eliminated(J, B))
     precision = np.asarray(prior_precision, dtype=float)
     if precision.shape != (p, p):
         raise InputError(f"expected a prior precision of shape {(p, p)}, got {precision.shape}")
     prior, target = np.diag(np.full(p + q, SEAT_STD_MM**-2.0)), np.zeros((p + q, p + q))
     prior[:p, :p] = precision
+    if bar:
+        prior[-1, -1] = length_u_mm**-2.0
     for one, other, along in bars:
         if one in shared:
             row = np.zeros(p + q)
-            row[column[one] :][:3], row[column[other] :][:3] = -along, along
+            row[column[one] :][:3], row[column[other] :][:3], row[-1] = -along, along, -1 / PLACE_U_MM
             prior += np.outer(row, row)
     target[:p, :p] = mean_square(jacobian_there, tips_there, scale=scale)
     return DesignProblem(stacked(factors), prior, target)
@@ -146,10 +153,8 @@ def _seats(candidates: Candidates) -> tuple[int, npt.NDArray[np.intp]]:
     return len(names), seat.astype(np.intp)
 
 
-def _bars(
-    candidates: Candidates, seat: npt.NDArray[np.intp], tips: FloatArray, length_u_mm: float
-) -> list[tuple[int, int, FloatArray]]:
-    """Both seats of every place of a bar, and the direction from one to the other over the length's uncertainty."""
+def _bars(candidates: Candidates, seat: npt.NDArray[np.intp], tips: FloatArray) -> list[tuple[int, int, FloatArray]]:
+    """Both seats of every place of a bar, and the direction from one to the other over the place's uncertainty."""
     if candidates.length_mm is None:
         return []
     assert candidates.place is not None  # a bar has places
@@ -159,5 +164,5 @@ def _bars(
         ends = np.unique(seat[here]).tolist()
         if len(ends) == 2:
             along = np.subtract(*(tips[here & (seat == end)].mean(axis=0) for end in ends[::-1]))
-            found.append((ends[0], ends[1], along / (np.linalg.norm(along) * length_u_mm)))
+            found.append((ends[0], ends[1], along / (np.linalg.norm(along) * PLACE_U_MM)))
     return found

@@ -319,7 +319,12 @@ def information_rows(known: Known, poses: Candidates) -> FloatArray:
             noise_mm=known.noise_mm,
             length_u_mm=LENGTH_U_MM,
         )
-        rows = problem.factors.reshape(-1, J.shape[1])
+        rows = problem.factors.reshape(-1, problem.factors.shape[2])
+        if poses.length_mm is not None:  # the bar's length is found too, and known before
+            certificate = np.zeros((1, rows.shape[1]))
+            certificate[0, -1] = 1 / LENGTH_U_MM
+            rows = np.concatenate([rows, certificate])
+        rows = eliminated(rows[:, : J.shape[1]], rows[:, J.shape[1] :])
     if not len(rows):  # too few poses to tell anything
         return np.zeros((1, J.shape[1]))
     # What moves all points alike is gone but for rounding, which must not look like something told.

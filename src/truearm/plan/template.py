@@ -15,7 +15,7 @@ from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.plan.candidates import Candidates
 from truearm.plan.proposal import LENGTH_U_MM
-from truearm.readings.lengths import ENDS, NUMBERS
+from truearm.readings.lengths import ARTEFACT, ENDS, NUMBERS
 from truearm.writing import check_writable, whole_file
 
 NameArray = npt.NDArray[np.str_]
@@ -80,7 +80,7 @@ def write_template(arm: Arm, poses: Candidates, path: str | Path) -> None:
 
 
 def write_bar_lengths(poses: Candidates, path: str | Path) -> None:
-    """Write the length of the bar at each of its places, as a fit takes it.
+    """Write the length of the bar at each of its places, as a fit takes it: one artefact, with one certificate.
 
     Raises
     ------
@@ -91,9 +91,9 @@ def write_bar_lengths(poses: Candidates, path: str | Path) -> None:
     note = "as planned; put in length and standard uncertainty from the bar's certificate"
     with whole_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow((*ENDS, *NUMBERS, "note"))
+        writer.writerow((*ENDS, *NUMBERS, ARTEFACT, "note"))
         for ends in bars(poses):
-            writer.writerow((*ends, f"{poses.length_mm:g}", f"{LENGTH_U_MM:g}", note))
+            writer.writerow((*ends, f"{poses.length_mm:g}", f"{LENGTH_U_MM:g}", f"bar {poses.length_mm:g}", note))
 
 
 def bars(poses: Candidates) -> list[tuple[str, str]]:

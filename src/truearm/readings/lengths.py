@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import difflib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +17,22 @@ from truearm.writing import whole_file
 
 ENDS = ("seat_a", "seat_b")
 NUMBERS = ("length_mm", "u_mm")
+ARTEFACT, PLACE = "artefact", "u_place_mm"
+
+PLACE_U_MM = 0.001
+"""Standard uncertainty by which an artefact's length differs from place to place where nobody says better [mm].
+
+A ball comes back to a good cone within about that. It is less than arms repeat to, so that it matters little to what
+they are found to be.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Lengths:
     """Lengths between the centres of seats, one row each.
+
+    Rows with the same artefact are about one length of one artefact, put to several places under one certificate: its
+    error is the same in all of them, however many they are. Other rows are independent of each other.
 
     Parameters
     ----------
@@ -31,6 +42,12 @@ class Lengths:
         Length between them [mm].
     u_mm : (m,) array
         Its standard uncertainty [mm].
+    artefact : (m,) array of str, optional
+        The artefact that has this length; empty where it is in one place only.
+    u_place_mm : (m,) array, optional
+        Standard uncertainty of how the length differs from place to place, by how the tip sits, by temperature and
+        setting up [mm]; it comes on top of `u_mm`. NaN, or none given: `PLACE_U_MM` for rows with an artefact, nothing
+        for others.
     file : Path, optional
         Where the lengths were read from; it serves messages.
     first_line : int, optional
@@ -40,18 +57,25 @@ class Lengths:
     ------
     InputError
         If there is no length, shapes do not fit each other, a name is empty, the two seats of a row are one, a length
-        or an uncertainty is not positive and finite, or two rows state the length between the same seats.
+        or an uncertainty is not positive and finite, two rows state the length between the same seats, or rows of one
+        artefact differ in length or `u_mm`.
     """
 
     seat_a: NameArray
     seat_b: NameArray
     length_mm: FloatArray
     u_mm: FloatArray
+    artefact: NameArray = field(default_factory=lambda: np.zeros(0, np.str_))
+    u_place_mm: FloatArray = field(default_factory=lambda: np.zeros(0))
     file: Path | None = None
     first_line: int | None = None
 
     def __post_init__(self) -> None:
-        for names, kind in ((ENDS, np.str_), (NUMBERS, float)):
+        n = np.size(self.seat_a)
+        for name, nothing in ((ARTEFACT, ""), (PLACE, np.nan)):
+            if not np.size(getattr(self, name)):
+                object.__setattr__(self, name, np.full(n, nothing))
+        for names, kind in (((*ENDS, ARTEFACT), np.str_), ((*NUMBERS, PLACE), float)):
             for name in names:
                 value = np.asarray(getattr(self, name), dtype=kind)
                 if value.shape != np.shape(self.seat_a) or value.ndim != 1:
@@ -73,6 +97,7 @@ class Lengths:
                 row = int(np.argmax(bad))
                 what = "length" if name == "length_mm" else "standard uncertainty"
                 raise self.error(f"expected a positive {what}, got {values[row]:.6g} mm", row, column=name)
+        self._check_places()
         self._check_once()
 
     def __len__(self) -> int:
@@ -100,7 +125,14 @@ class Lengths:
             raise self._unknown(str(self.seat_a[0]), 0, ENDS[0], known)
         if which.all():
             return self
-        return Lengths(self.seat_a[which], self.seat_b[which], self.length_mm[which], self.u_mm[which])
+        return Lengths(
+            self.seat_a[which],
+            self.seat_b[which],
+            self.length_mm[which],
+            self.u_mm[which],
+            self.artefact[which],
+            self.u_place_mm[which],
+        )
 
     def error(self, problem: str, row: int, *, column: str | None = None, hint: str | None = None) -> InputError:
         """Make an error that knows these lengths' file, and the line of `row` (counted from 0)."""
@@ -108,17 +140,46 @@ class Lengths:
             return InputError(f"length {row + 1}: {problem}", file=self.file, column=column, hint=hint)
         return InputError(problem, file=self.file, line=self.first_line + row, column=column, hint=hint)
 
+    def _check_places(self) -> None:
+        """Check the rows of each artefact, and set the uncertainty of a place where none is given."""
+        artefact, place = self.artefact, self.u_place_mm
+        place = np.where(np.isnan(place), np.where(artefact != "", PLACE_U_MM, 0.0), place)
+        if (bad := ~(np.isfinite(place) & ((place > 0) | ((place == 0) & (artefact == ""))))).any():
+            row = int(np.argmax(bad))
+            raise self.error(
+                f"expected a positive standard uncertainty of a place, got {place[row]:.6g} mm",
+                row,
+                column=PLACE,
+                hint=f"nothing, which stands for {PLACE_U_MM:g} mm where an artefact is named",
+            )
+        object.__setattr__(self, PLACE, place)
+        first: dict[str, int] = {}
+        for row, name in enumerate(artefact.tolist()):
+            before = first.setdefault(name, row)
+            for column in NUMBERS if name else ():
+                values = getattr(self, column)
+                if values[row] != values[before]:
+                    raise self.error(
+                        f"{shown(name)} has {column} {values[before]:.9g} in {self._where(before)}, "
+                        f"got {values[row]:.9g}",
+                        row,
+                        column=column,
+                        hint="one length of an artefact has one certificate; give another length another name",
+                    )
+
     def _check_once(self) -> None:
         pairs: dict[tuple[str, ...], int] = {}
         for row, pair in enumerate(zip(self.seat_a.tolist(), self.seat_b.tolist(), strict=True)):
             first = pairs.setdefault(tuple(sorted(pair)), row)
             if first != row:
-                where = f"length {first + 1}" if self.first_line is None else f"line {self.first_line + first}"
                 raise self.error(
-                    f"the length between {shown(pair[0])} and {shown(pair[1])} stands in {where} already",
+                    f"the length between {shown(pair[0])} and {shown(pair[1])} stands in {self._where(first)} already",
                     row,
                     hint="state it once, with the uncertainty of the mean if it was measured several times",
                 )
+
+    def _where(self, row: int) -> str:
+        return f"length {row + 1}" if self.first_line is None else f"line {self.first_line + row}"
 
     def _unknown(self, name: str, row: int, column: str, known: list[str]) -> InputError:
         close = difflib.get_close_matches(name, known, n=1)
@@ -128,6 +189,8 @@ class Lengths:
 
 def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Lengths:
     """Read a file of lengths (docs/session-file.md): CSV with the columns ``seat_a, seat_b, length_mm, u_mm``.
+
+    Columns ``artefact`` and ``u_place_mm`` may be there besides; empty cells in them are as if there were none.
 
     Parameters
     ----------
@@ -143,18 +206,37 @@ def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Len
     """
     path = Path(path)
     sheet = read_sheet(path)
-    wanted = (*ENDS, *NUMBERS)
+    wanted, further = (*ENDS, *NUMBERS), (ARTEFACT, PLACE)
     for i, name in enumerate(sheet.names):
         if name in sheet.names[:i]:
             raise InputError("the column stands twice", file=path, line=1, column=name, hint="delete one of the two")
-        if name not in wanted and not name.startswith("note"):
+        if name not in (*wanted, *further) and not name.startswith("note"):
             raise InputError(
-                f"unknown column {shown(name)}", file=path, line=1, column=name or i + 1, hint=", ".join(wanted)
+                f"unknown column {shown(name)}",
+                file=path,
+                line=1,
+                column=name or i + 1,
+                hint=", ".join((*wanted, *further)),
             )
     if missing := [name for name in wanted if name not in sheet.names]:
         raise InputError(f"the column {missing[0]} is missing", file=path, line=1, hint=", ".join(wanted))
-    numbers, ends = read_columns(sheet, [sheet.names.index(n) for n in NUMBERS], [sheet.names.index(n) for n in ENDS])
-    lengths = Lengths(ends[0], ends[1], numbers[:, 0], numbers[:, 1], file=path, first_line=sheet.first_line)
+    at = {name: sheet.names.index(name) for name in (*wanted, *further) if name in sheet.names}
+    numbers, names = read_columns(
+        sheet,
+        [at[name] for name in (*NUMBERS, PLACE) if name in at],
+        [at[name] for name in (*ENDS, ARTEFACT) if name in at],
+        optional=[at[PLACE]] if PLACE in at else (),
+    )
+    lengths = Lengths(
+        names[0],
+        names[1],
+        numbers[:, 0],
+        numbers[:, 1],
+        artefact=names[2] if ARTEFACT in at else np.zeros(0, np.str_),
+        u_place_mm=numbers[:, 2] if PLACE in at else np.zeros(0),
+        file=path,
+        first_line=sheet.first_line,
+    )
     return lengths if seats is None else lengths.between(seats)
 
 
@@ -169,12 +251,18 @@ def write_lengths(lengths: Lengths, path: str | Path) -> None:
     path = Path(path)
     if path.suffix != ".csv":
         raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
-    for column in ENDS:
+    columns: list[str] = [*ENDS, *NUMBERS]
+    if (lengths.artefact != "").any() or lengths.u_place_mm.any():
+        columns += [ARTEFACT, PLACE]
+    for column in (*ENDS, ARTEFACT):
         for name in getattr(lengths, column).tolist():
             if any(sign in name for sign in "\n\r\0"):
-                raise InputError(f"a seat must be one line of text, got {shown(name)}", file=path, column=column)
-    table = [getattr(lengths, name).tolist() for name in (*ENDS, *NUMBERS)]
+                what = "an artefact" if column == ARTEFACT else "a seat"
+                raise InputError(f"{what} must be one line of text, got {shown(name)}", file=path, column=column)
+    table = [getattr(lengths, name).tolist() for name in columns]
+    if PLACE in columns:  # nothing is written as nothing
+        table[-1] = [u or "" for u in table[-1]]
     with whole_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow((*ENDS, *NUMBERS))
+        writer.writerow(columns)
         writer.writerows(zip(*table, strict=True))

@@ -1,0 +1,100 @@
+"""One artefact in several places is one length: its certificate counts once, however often it is put down."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mixed_session import reached, unit
+
+from truearm.arm import load
+from truearm.errors import InputError
+from truearm.identify.identification import Identified, identify
+from truearm.identify.problem import Moved
+from truearm.identify.references import Length, Seats, seats_of
+from truearm.terms import ArmState, constants
+
+BAR_MM, U_MM = 200.0, 0.002
+CERTIFICATE = (BAR_MM, U_MM, "bar", 1e-4)
+
+
+def bars_read(n_places: int, rng: np.random.Generator) -> tuple[ArmState, np.ndarray, list[tuple[str, str]]]:
+    """An arm off its drawing, in both seats of a bar at some places, six readings each with a noise of 2 um or so."""
+    arm = load("gao2017")
+    terms = constants(arm.chain)
+    wrong = [rng.normal(0, 3e-4 if max(map(abs, term.direction[:3])) else 0.1) for term in terms]  # rad, mm
+    chain = Moved(arm.chain, tuple(terms)).with_constants(np.array(wrong))
+    middle = arm.chain.tip_in_base(arm.working[None])[0]
+    points, seats = [], []
+    for place in range(n_places):
+        at = middle + rng.uniform([-250, -200, -50], [0, 0, 100])
+        points += [at, at + BAR_MM * unit(rng.normal(size=(1, 3)))[0]]
+        seats.append((f"{place}a", f"{place}b"))
+    angles = reached(arm, chain, np.repeat(points, 6, axis=0), rng)
+    state = ArmState(arm.chain, angles + rng.normal(0, 3e-6, angles.shape))
+    return state, np.repeat([name for pair in seats for name in pair], 6), seats
+
+
+def scale_std(found: Identified, state: ArmState) -> float:
+    """Standard uncertainty of the scale of the tips, as a share."""
+    tips = found.tips(state)
+    apart = tips - tips.mean(axis=0)
+    pieces = found.moved.derivatives(state, found.coefficients)
+    by = sum(np.einsum("nc,pcn->p", apart[rows], columns) for rows, _, columns in pieces) / (apart**2).sum()
+    return float(np.sqrt(by @ found.covariance @ by))
+
+
+@pytest.mark.parametrize("n_places", [1, 4, 8])
+def test_the_scale_is_never_known_better_than_the_bar(n_places):
+    """And hardly worse from four places on: twelve readings a place of 2 um leave 0.4 um beside the bar's 2 um."""
+    state, names, ends = bars_read(n_places, np.random.default_rng(4))
+    terms = constants(state.chain, free=("tip",))
+    seats = seats_of(np.arange(len(names)), names, [(a, b, *CERTIFICATE) for a, b in ends])
+    found = identify(state.chain, state, terms, [seats], robust=False)
+    assert scale_std(found, state) >= U_MM / BAR_MM * (1 - 1e-6)
+    if n_places > 1:
+        assert scale_std(found, state) < 1.1 * U_MM / BAR_MM
+        apart = seats_of(np.arange(len(names)), names, [(a, b, BAR_MM, U_MM) for a, b in ends])
+        by_many = identify(state.chain, state, terms, [apart], robust=False)
+        # Bars of their own average their errors.
+        assert scale_std(by_many, state) < 1.4 * U_MM / BAR_MM / np.sqrt(n_places)
+    found_length = found.references[0].unknowns["length of artefact bar [mm]"]
+    assert found_length == pytest.approx(BAR_MM, abs=U_MM / 10)  # nothing else tells it
+
+
+def test_an_artefacts_length_is_missed_by_what_its_places_say():
+    """Two places 10 and 30 um longer than an unknown of 200.01 mm, of which 200 mm is stated."""
+    lengths = (Length(0, 1, *CERTIFICATE), Length(2, 3, *CERTIFICATE))
+    reference = Seats(np.arange(4), np.arange(4), tuple("abcd"), lengths)
+    assert reference.unknowns[12:] == ("length of artefact bar [mm]",)
+    x = np.array([0, 0, 0, 200.02, 0, 0, 0, 9, 0, 0, 209.04, 0, 200.01])
+    relations = reference.relations(x)
+    assert relations.residuals == pytest.approx([0.01, 0.03, 0.01], rel=1e-3)
+    assert relations.std.tolist() == [1e-4, 1e-4, U_MM]
+
+
+def test_an_artefact_in_one_place_is_a_length_with_both_uncertainties():
+    """Marginal over the unknown length, found by Schur's complement."""
+    shared = Seats(np.arange(2), np.arange(2), ("a", "b"), (Length(0, 1, BAR_MM, 0.03, "bar", 0.04),))
+    alone = Seats(np.arange(2), np.arange(2), ("a", "b"), (Length(0, 1, BAR_MM, 0.03, "", 0.04),))
+    x = np.array([0, 0, 0, 120, 160, 0, BAR_MM])
+    found, plain = shared.relations(x), alone.relations(x[:6])
+    assert plain.std == pytest.approx([0.05])
+    by = found.by_unknown / found.std[:, None]
+    gram = by.T @ by
+    marginal = gram[:6, :6] - np.outer(gram[:6, 6], gram[:6, 6]) / gram[6, 6]
+    expected = np.outer(plain.by_unknown[0], plain.by_unknown[0]) / 0.05**2
+    np.testing.assert_allclose(marginal, expected, atol=1e-9 * expected.max())
+
+
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [
+        ((201.0, U_MM, "bar", 1e-4), "several"),
+        ((BAR_MM, 0.003, "bar", 1e-4), "several"),
+        ((BAR_MM, U_MM, "bar", 0.0), "from place to place"),
+        ((BAR_MM, U_MM, "", -1.0), "from place to place"),
+    ],
+)
+def test_what_is_said_of_an_artefact_must_agree(second, message):
+    with pytest.raises(InputError, match=message):
+        seats_of(np.arange(4), np.array(list("abcd")), [("a", "b", *CERTIFICATE), ("c", "d", *second)])
