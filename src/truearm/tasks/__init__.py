@@ -1,1 +1,1 @@
-"""Tasks measured by virtual arms: a standard's test, a feature of a part, and what the arm's errors do to the result."""
+"""Measurements simulated on virtual arms: what an arm's errors do to a standard's test or to a feature of a part."""

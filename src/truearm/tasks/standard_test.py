@@ -1,15 +1,42 @@
-"""A standard's test taken by virtual arms: what would an arm pass?"""
+"""A standard's test taken by virtual arms, to see what an arm would pass.
+
+The points of a layout are posed once for the nominal arm. Each virtual arm then shows them with its systematic errors
+at these poses and random ones at each point, on artefacts whose true sizes are drawn within their certificates; what it
+shows is judged by `truearm.verify.verification.verify`, as points from a file are.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.poses.measuring import inner_limits, needs_five_turning_joints, postures, reach
+from truearm.poses.seat import most_different
+from truearm.poses.workspace import azimuth_of, stance, within_cone
+from truearm.tasks.errors import ArmErrors, DrawnArm
+from truearm.verify.artefacts import REFERENCE_DEGC, Artefacts, CalibratedBar, CalibratedSphere, Seat
+from truearm.verify.decision import Row, Rule, Verdict
 from truearm.verify.layout import Placement
+from truearm.verify.limits import Specification
+from truearm.verify.measured import Group, Measured
 from truearm.verify.orthogonal import FloatArray
+from truearm.verify.test_plan import Plan
+from truearm.verify.verification import Verification, verify
+
+# A group is taken in one posture: the elbow swings and the handle rolls from group to group, little within one.
+SWING_DEG, ROLL_DEG, WITHIN_DEG, NEAR_DEG = 35.0, 60.0, 3.0, 45.0
+# The stylus may lean off the wanted direction, the more the longer no pose is found.
+LEANS_DEG = (0.0,) * 6 + (15.0,) * 6 + (30.0,) * 6 + (45.0,) * 6 + (60.0,) * 12
+# In a seat: postures from the working pose at most so far, joint by joint; candidates a point, and how often again.
+SEAT_LEAN_DEG, SEAT_SWING_DEG, SEAT_POOL, SEAT_TRIES = 60.0, 100.0, 10, 10
+# Kept apart from the streams of the arms' own errors.
+_POSES, _POINTS = 4, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +64,282 @@ class PosedTest:
         return np.concatenate([one.points for one in self.placements])
 
 
-def pose(layout: tuple[Placement, ...], arm: Arm, *, seed: int) -> PosedTest:
-    """Find joint angles for every point of a layout."""
-    raise NotImplementedError
+def pose(layout: Sequence[Placement], arm: Arm, *, seed: int) -> PosedTest:
+    """Find joint angles for every point of a layout.
+
+    The points of one group are taken in nearly one posture, another for each group, about the working pose turned to
+    the artefact; the points of one seat in postures as different as can be, the stylus within 60 deg of its axis.
+    Elsewhere the stylus points against the wanted approach; where no posture allows that, it leans up to 60 deg off it.
+
+    Parameters
+    ----------
+    layout : sequence of Placement
+    arm : Arm
+        Base z up, at least five turning joints.
+    seed : int
+
+    Raises
+    ------
+    InputError
+        If the arm has too few joints, or points are not reached: which, and why.
+    """
+    needs_five_turning_joints(arm)
+    rng = np.random.default_rng([_POSES, seed])
+    layout = tuple(layout)
+    sizes = np.array([len(one.points) for one in layout])
+    placement = np.repeat(np.arange(len(layout)), sizes)
+    angles = np.full((len(placement), arm.n_joints), np.nan)
+    free = np.array([one.test != "single_point" for one in layout])
+    reasons = {}
+    for i in np.flatnonzero(~free):
+        found = _in_seat(layout[i], arm, rng)
+        if found is None:
+            reasons[f"{layout[i].where}: too few postures"] = len(layout[i].points)
+        else:
+            angles[placement == i] = found
+    reasons |= _posed(layout, arm, angles, placement, free[placement], rng)
+    if reasons:
+        raise InputError(
+            f"arm {arm.name!r} does not reach {sum(reasons.values())} of {len(placement)} points: "
+            + "; ".join(f"{where} ({count} x)" if count > 1 else where for where, count in list(reasons.items())[:3])
+            + ("; .." if len(reasons) > 3 else ""),
+            hint=f"a measuring range that is the arm's: the links from its shoulder on add up to "
+            f"{stance(arm).reach_mm:.0f} mm, twice that is the most",
+        )
+    return PosedTest(arm, layout, angles, placement)
+
+
+def _in_seat(one: Placement, arm: Arm, rng: np.random.Generator) -> FloatArray | None:
+    """Postures with the tip in a seat, as different as can be, (k, n_joints) [rad]; None if they are too few."""
+    k = len(one.points)
+    m = SEAT_POOL * k
+    tips, axes, stands = np.tile(one.at, (m, 1)), np.tile(-one.approach[0], (m, 1)), stance(arm)
+    good = np.empty((0, arm.n_joints))
+    for _ in range(SEAT_TRIES):
+        posture = arm.working + np.radians(SEAT_SWING_DEG) * rng.uniform(-1, 1, (m, arm.n_joints))
+        posture[:, 0] += azimuth_of(tips, stands)
+        leaning = within_cone(axes, half_angle_rad=np.radians(SEAT_LEAN_DEG), rng=rng)
+        angles, reason = reach(arm, tips, leaning, np.clip(posture, *inner_limits(arm)))
+        good = np.concatenate([good, angles[reason == ""]])
+        if len(good) >= 3 * k:
+            break
+    return good[most_different(good, k)] if len(good) >= k else None
+
+
+def _posed(
+    layout: tuple[Placement, ...],
+    arm: Arm,
+    angles: FloatArray,
+    placement: npt.NDArray[np.intp],
+    free: npt.NDArray[np.bool_],
+    rng: np.random.Generator,
+) -> dict[str, int]:
+    """Fill in angles row by row; which points are left, by place and reason, with their number."""
+    if not free.any():
+        return {}
+    points = np.concatenate([one.points for one in layout])
+    approach = np.concatenate([one.approach for one in layout])
+    middles = np.stack([one.at for one in layout])
+    stands, limits = stance(arm), inner_limits(arm)
+    why = np.full(len(points), "", dtype=object)
+    sizes = np.bincount(placement, minlength=len(layout))
+    # How far the joints move within a group whose points were all reached at once.
+    spread = np.where(np.bincount(placement, free, len(layout)) > 0, np.inf, 0.0)
+    for before, lean in zip((0.0, *LEANS_DEG), LEANS_DEG, strict=False):
+        if lean > before:  # what is whole stays: the stylus is better where it is wanted
+            spread[np.isfinite(spread)] = 0.0
+        rows = np.flatnonzero((spread > np.radians(NEAR_DEG))[placement])
+        if not len(rows):
+            break
+        drawn = postures(arm, middles, stands, swing_std_deg=SWING_DEG, roll_std_deg=ROLL_DEG, rng=rng)
+        near = drawn[placement[rows]] + np.radians(WITHIN_DEG) * rng.standard_normal((len(rows), arm.n_joints))
+        axes = -approach[rows]
+        if lean > 0:
+            axes = within_cone(axes, half_angle_rad=np.radians(lean), rng=rng)
+        found, reason = reach(arm, points[rows], axes, np.clip(near, *limits))
+        got = reason == ""
+        why[rows[~got]] = reason[~got]
+        for i in np.flatnonzero(np.bincount(placement[rows], got, len(layout)) == sizes):
+            if (range_of_group := np.ptp(found[placement[rows] == i], axis=0).max(initial=0.0)) < spread[i]:
+                spread[i], angles[placement == i] = range_of_group, found[placement[rows] == i]
+        first = got & np.isnan(angles[rows, 0])
+        angles[rows[first]] = found[first]
+    left = np.flatnonzero(np.isnan(angles[:, 0]))
+    return dict(Counter(f"{layout[placement[row]].where}: {why[row]}" for row in left))
+
+
+def simulated(
+    errors: ArmErrors,
+    posed: PosedTest,
+    *,
+    plan: Plan,
+    artefacts: Artefacts,
+    specification: Specification,
+    n_arms: int,
+    seed: int,
+    rule: Rule = "iso14253-1",
+    progress: Callable[[int], None] | None = None,
+) -> tuple[Verification, ...]:
+    """Take a test with virtual arms.
+
+    Parameters
+    ----------
+    errors : ArmErrors
+        What the arms may be wrong by.
+    posed : PosedTest
+    plan, artefacts, specification, rule
+        As of `verify`.
+    n_arms : int
+        How many arms are drawn, from `seed` on.
+    seed : int
+    progress : callable, optional
+        Told the number of arms done.
+
+    Returns
+    -------
+    tuple of Verification
+        One an arm.
+
+    Raises
+    ------
+    InputError
+        As `verify`; it cannot judge an arm that errs so much that an artefact seems to be another.
+    """
+    if n_arms < 1:
+        raise InputError(f"expected at least one virtual arm, got {n_arms}")
+    out = []
+    for i in range(n_arms):
+        points = measured_by(errors.draw(seed + i), posed, artefacts, seed=seed + i)
+        try:
+            found = verify(points, plan=plan, artefacts=artefacts, specification=specification, rule=rule)
+        except InputError as error:
+            hint = error.hint if error.hint and "artefact's name" not in error.hint else "an arm that errs less"
+            raise InputError(f"virtual arm {seed + i}: {error.problem}", hint=hint) from None
+        out.append(found)
+        if progress is not None:
+            progress(i + 1)
+    return tuple(out)
+
+
+def measured_by(drawn: DrawnArm, posed: PosedTest, artefacts: Artefacts, *, seed: int) -> Measured:
+    """The points that one virtual arm shows.
+
+    The artefacts are as their certificates allow. Sizes and temperatures are drawn as normal with the stated standard
+    uncertainties, once for each artefact; the fixture's, so that a length or a place in one direction errs by it, for
+    each group; and each point lies off a perfect ball by up to half the form deviation, evenly, as a seat does in each
+    direction. All stands at 20 degC, as thermometers show it.
+    """
+    rng = np.random.default_rng([_POINTS, seed])
+    true = _true_points(posed.placements, artefacts, rng)
+    shown = np.concatenate(true) + drawn.systematic(posed.angles) + drawn.random(posed.angles, rng)
+    each = np.split(shown, np.cumsum([len(one) for one in true])[:-1])
+    dates = {one.name: one.date for one in _all(artefacts)}
+    return Measured.of(
+        (
+            one.test,
+            Group(
+                artefact=one.artefact,
+                keys=dict(one.keys),
+                points=points,
+                degC=REFERENCE_DEGC,
+                tip_mm=0.0,
+                date=dates[one.artefact],
+            ),
+        )
+        for one, points in zip(posed.placements, each, strict=True)
+    )
+
+
+def _true_points(placements: Sequence[Placement], artefacts: Artefacts, rng: np.random.Generator) -> list[FloatArray]:
+    """Where the points of each placement truly are, (k, 3) [mm]."""
+    known = {one.name: one for one in _all(artefacts)}
+    growth = {
+        name: 0.0 if isinstance(one, Seat) else one.expansion_per_K * one.u_temperature_K * rng.standard_normal()
+        for name, one in known.items()
+    }
+    diameters = {one.name: one.diameter_mm + one.u_diameter_mm * rng.standard_normal() for one in artefacts.spheres}
+    # By how much a length is longer than its certificate says.
+    longer = {
+        (bar.name, length.name): length.length_mm * growth[bar.name] + length.u_mm * rng.standard_normal()
+        for bar in artefacts.bars
+        for length in bar.lengths
+    }
+    starts = {_pair(one): one.at for one in placements if one.keys.get("end") == "A"}
+    out = []
+    for one in placements:
+        artefact = known[one.artefact]
+        ends = 2 if "end" in one.keys else 1  # each end has its share
+        middle = one.at + artefact.u_fixture_mm / np.sqrt(ends) * rng.standard_normal(3)
+        if isinstance(artefact, CalibratedSphere):
+            radius = diameters[artefact.name] / 2 * (1 + growth[artefact.name])
+            off = artefact.form_mm * rng.uniform(-0.5, 0.5, (len(one.points), 1))
+            out.append(middle + (radius + off) * one.normals)
+            continue
+        if one.keys.get("end") == "B":
+            along = one.at - starts[_pair(one)]
+            middle = middle + longer[one.artefact, one.keys["length"]] * along / np.linalg.norm(along)
+        out.append(middle + artefact.form_mm * rng.uniform(-0.5, 0.5, (len(one.points), 3)))
+    return out
+
+
+def _pair(one: Placement) -> tuple[str, ...]:
+    """What both ends of a measured length have in common."""
+    return (one.test, one.artefact, *(value for key, value in one.keys.items() if key != "end"))
+
+
+def _all(artefacts: Artefacts) -> tuple[CalibratedSphere | CalibratedBar | Seat, ...]:
+    return (*artefacts.spheres, *artefacts.bars, *artefacts.seats)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One row of the test over all virtual arms.
+
+    Attributes
+    ----------
+    label : str
+    unit : str
+    median, high : float
+        Of the test value's magnitude over the arms: half of them, and 95 % of them have less.
+    limit : float or None
+    conform, not_conform, undecided : float
+        Shares of the arms; all 0 where there is no limit.
+    """
+
+    label: str
+    unit: str
+    median: float
+    high: float
+    limit: float | None
+    conform: float
+    not_conform: float
+    undecided: float
+
+
+def outcomes(found: Sequence[Verification]) -> tuple[Outcome, ...]:
+    """The rows of a test over the arms that took it."""
+    labels = Counter(row.label for row in found[0].rows)
+    return tuple(_outcome(rows, labels[rows[0].label] > 1) for rows in zip(*(one.rows for one in found), strict=True))
+
+
+def verdicts(found: Sequence[Verification]) -> Mapping[Verdict, float]:
+    """Shares of the arms by the verdict of the whole test."""
+    return {verdict: sum(one.verdict is verdict for one in found) / len(found) for verdict in Verdict}
+
+
+def _outcome(rows: Sequence[Row], at_places: bool) -> Outcome:
+    sizes = np.abs([row.value for row in rows])
+    conform, not_conform, undecided = (
+        sum(row.verdict is verdict for row in rows) / len(rows)
+        for verdict in (Verdict.CONFORM, Verdict.NOT_CONFORM, Verdict.UNDECIDED)
+    )
+    return Outcome(
+        f"{rows[0].label}, {rows[0].where}" if at_places else rows[0].label,
+        rows[0].unit,
+        float(np.median(sizes)),
+        float(np.quantile(sizes, 0.95)),
+        rows[0].limit,
+        conform,
+        not_conform,
+        undecided,
+    )

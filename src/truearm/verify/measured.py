@@ -1,14 +1,14 @@
 """Measured points: which test, artefact, place and run each belongs to.
 
 The file (CSV, docs/verification.md) has one row a point. Which of the columns a test needs stands in `KEYS`; the cells
-of the others stay empty.
+of the others stay empty. Points that come from elsewhere than a file are made into groups (`Measured.of`).
 """
 
 from __future__ import annotations
 
 import datetime
 import difflib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,8 +61,8 @@ class Group:
         Diameter of the stylus tip where points are its centres; 0 where they are compensated.
     date : datetime.date
         The day it was measured.
-    line : int
-        Of its first point in the file, counted from 1.
+    line : int or None
+        Of its first point in the file, counted from 1; None of points that come from no file.
     """
 
     artefact: str
@@ -71,7 +71,7 @@ class Group:
     degC: float
     tip_mm: float
     date: datetime.date
-    line: int
+    line: int | None = None
 
     @property
     def where(self) -> str:
@@ -86,11 +86,34 @@ class Measured:
     Attributes
     ----------
     tests : dict of str to tuple of Group
-    file : Path
+    file : Path or None
+        None of points that come from no file.
     """
 
     tests: dict[str, tuple[Group, ...]]
-    file: Path
+    file: Path | None = None
+
+    @classmethod
+    def of(cls, groups: Iterable[tuple[str, Group]]) -> Measured:
+        """Points that come from no file: groups, each with the name of its test.
+
+        Raises
+        ------
+        InputError
+            If there is no such test, a group's keys are not its test's, or its points are not finite (n, 3) in mm.
+        """
+        tests: dict[str, list[Group]] = {}
+        for test, group in groups:
+            if test not in KEYS:
+                raise InputError(f"unknown test {shown(test)}", hint=", ".join(KEYS))
+            if set(group.keys) != set(KEYS[test]):
+                came = ", ".join(group.keys) or "none"
+                raise InputError(f"a group of test {test!r} is told by {', '.join(KEYS[test])}, got {came}")
+            points = group.points
+            if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.isfinite(points).all():
+                raise InputError(f"test {test!r}, {group.where}: expected finite points (n, 3), got {points.shape}")
+            tests.setdefault(test, []).append(group)
+        return cls({test: tuple(members) for test, members in tests.items()})
 
     def error(self, problem: str, group: Group | None = None, *, hint: str | None = None) -> InputError:
         """Make an error that knows the file, and the line of a group."""

@@ -1,0 +1,241 @@
+"""A standard's test taken by virtual arms: poses that touch its points, and results that follow from the errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+
+from truearm.arm.catalogue import load
+from truearm.errors import InputError
+from truearm.poses.measuring import inner_limits
+from truearm.tasks.errors import PresetErrors
+from truearm.tasks.standard_test import measured_by, outcomes, pose, simulated, verdicts
+from truearm.verify.artefacts import Artefacts
+from truearm.verify.decision import Verdict
+from truearm.verify.example import example_artefacts, example_specification
+from truearm.verify.layout import layout_of
+from truearm.verify.measurands import LengthMeasured, SphereMeasured
+from truearm.verify.test_plan import load_plan
+from truearm.virtual import load_preset
+
+RANGE = 2500.0
+ARM = load("measuring7")
+
+
+@cache
+def posed(name="iso10360-12"):
+    return pose(layout_of(load_plan(name), example_artefacts(RANGE), RANGE, shoulder_mm=320.0), ARM, seed=0)
+
+
+def exact():
+    """The example artefacts, as good as certificates allow."""
+    whole = example_artefacts(RANGE)
+    nothing = {"form_mm": 0.0, "u_fixture_mm": 0.0}
+    still = {**nothing, "u_temperature_K": 0.0}
+    bar = whole.bars[0]
+    return Artefacts(
+        spheres=tuple(one.model_copy(update={**still, "u_diameter_mm": 1e-12}) for one in whole.spheres),
+        bars=(
+            bar.model_copy(
+                update={**still, "lengths": tuple(one.model_copy(update={"u_mm": 1e-12}) for one in bar.lengths)}
+            ),
+        ),
+        seats=tuple(one.model_copy(update=nothing) for one in whole.seats),
+    )
+
+
+@dataclass(frozen=True)
+class MadeUp:
+    """Arms that err as told: the same function of the tip for all, and noise."""
+
+    at: object = None
+    noise_mm: float = 0.0
+    arm = ARM
+
+    def draw(self, seed):
+        return self
+
+    def systematic(self, angles):
+        return np.zeros((len(angles), 3)) if self.at is None else self.at(self.arm.chain.tip_in_base(angles))
+
+    def random(self, angles, rng):
+        return self.noise_mm * rng.standard_normal((len(angles), 3))
+
+
+def taken(errors, *, n_arms=1, name="iso10360-12", artefacts=None, seed=0):
+    return simulated(
+        errors,
+        posed(name),
+        plan=load_plan(name),
+        artefacts=artefacts or exact(),
+        specification=example_specification(RANGE),
+        n_arms=n_arms,
+        seed=seed,
+    )
+
+
+def values(found):
+    return {row.label: row.value for row in found.rows}
+
+
+# Poses ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["iso10360-12", "asme-b89.4.22"])
+def test_the_nominal_tip_is_on_every_point_off_the_end_stops(name):
+    test = posed(name)
+    assert test.angles.shape == (len(test.points), 7)
+    assert ARM.chain.tip_in_base(test.angles) == pytest.approx(test.points, abs=1e-5)
+    lower, upper = inner_limits(ARM)
+    assert ((test.angles >= lower) & (test.angles <= upper)).all()
+    sizes = np.bincount(test.placement)
+    assert sizes.tolist() == [len(one.points) for one in test.placements]
+
+
+def test_the_stylus_comes_from_where_it_is_wanted():
+    """Nearly everywhere to rounding, and nowhere more than 60 deg off."""
+    test = posed()
+    stylus = ARM.chain.small_motions(test.angles).by_motion[:, -1, 5]  # a shift along the flange's z
+    approach = np.concatenate([one.approach for one in test.placements])
+    off = np.degrees(np.arccos(np.clip(-(stylus * approach).sum(axis=1), -1, 1)))
+    assert (off < 0.01).mean() > 0.9
+    assert off.max() <= 60.01
+
+
+def test_groups_are_taken_in_postures_of_their_own():
+    """In a group the joints move little from point to point; from group to group much; in a seat as much as can be."""
+    test = posed()
+    groups = [i for i, one in enumerate(test.placements) if one.test == "articulation"]
+    within = [np.ptp(test.angles[test.placement == i], axis=0).max() for i in groups]
+    means = np.stack([test.angles[test.placement == i].mean(axis=0) for i in groups[:5]])
+    assert max(within) < np.radians(60)
+    assert np.ptp(means, axis=0).max() > np.radians(60)
+    seats = posed("asme-b89.4.22")
+    for i, one in enumerate(seats.placements):
+        if one.test == "single_point":
+            assert np.ptp(seats.angles[seats.placement == i], axis=0).max() > np.radians(90)
+
+
+def test_poses_are_those_of_the_seed():
+    layout = layout_of(load_plan("asme-b89.4.22"), example_artefacts(RANGE), RANGE)[:5]
+    assert (pose(layout, ARM, seed=1).angles == pose(layout, ARM, seed=1).angles).all()
+    assert (pose(layout, ARM, seed=1).angles != pose(layout, ARM, seed=2).angles).any()
+
+
+def test_what_is_not_reached_is_named():
+    far = layout_of(load_plan("iso10360-12"), example_artefacts(4000.0), 4000.0)[-4:]
+    with pytest.raises(InputError, match=r"does not reach \d+ of 4 points: .*position .*: target") as refused:
+        pose(far, ARM, seed=0)
+    assert "1291 mm" in refused.value.hint
+    seats = layout_of(load_plan("asme-b89.4.22"), example_artefacts(4000.0), 4000.0)
+    with pytest.raises(InputError, match="single_point, position 3: too few postures"):
+        pose([one for one in seats if one.where == "single_point, position 3"], ARM, seed=0)
+
+
+# Errors --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_perfect_arm_on_exact_artefacts_shows_nothing():
+    for name in ("iso10360-12", "asme-b89.4.22"):
+        (found,) = taken(MadeUp(), name=name)
+        assert max(abs(value) for value in values(found).values()) < 1e-6
+        assert found.verdict is Verdict.CONFORM
+
+
+def test_an_error_of_scale_comes_out_in_lengths():
+    """50 um per metre: 85 um in 1.7 m; on a ball of 25 mm 1.25 um, of form and place nothing."""
+    (found,) = taken(MadeUp(lambda tips: 50e-6 * tips))
+    shown = values(found)
+    assert shown["E_Uni, 1700"] == pytest.approx(0.085, abs=1e-6)
+    assert shown["E_Uni, 150"] == pytest.approx(0.0075, abs=1e-6)
+    assert shown["P_Size.Sph.1x25"] == pytest.approx(0.00125, abs=1e-6)
+    assert abs(shown["P_Form.Sph.1x25"]) < 1e-6
+    assert abs(shown["L_Dia.5x5"]) < 1e-6
+    assert found.verdict is Verdict.NOT_CONFORM
+
+
+def test_a_shift_of_everything_is_no_error():
+    (found,) = taken(MadeUp(lambda tips: np.tile([0.3, -0.2, 0.1], (len(tips), 1))))
+    assert max(abs(value) for value in values(found).values()) < 1e-6
+
+
+def test_noise_has_the_size_that_statistics_give():
+    """White noise s of a coordinate: a length errs by s sqrt 2, a seat's 2s is 2 sqrt(3) s."""
+    s = 0.01
+    found = taken(MadeUp(noise_mm=s), n_arms=60, name="asme-b89.4.22")
+    rows = [values(one) for one in found]
+    assert np.mean([row["Volumetric.2RMS"] for row in rows]) == pytest.approx(2 * np.sqrt(2) * s, rel=0.05)
+    seats = [[row.value for row in one.rows if row.label == "SPAT.2s"] for one in found]
+    assert np.sqrt(np.mean(np.square(seats))) == pytest.approx(2 * np.sqrt(3) * s, rel=0.05)
+
+
+def test_errors_of_artefacts_are_drawn_within_their_certificates():
+    """A perfect arm finds each size and length as its certificate says, but for the budget that `verify` gives it."""
+    whole = example_artefacts(RANGE)
+    ball, bar = whole.spheres[0], whole.bars[0]
+    rough = Artefacts(
+        spheres=(ball.model_copy(update={"form_mm": 0.0, "u_diameter_mm": 0.01, "u_fixture_mm": 0.0}),),
+        bars=(bar.model_copy(update={"form_mm": 0.0}),),
+        seats=whole.seats,
+    )
+    sizes, lengths = [], []
+    for seed in range(300):
+        shown = measured_by(MadeUp(), posed(), rough, seed=seed).tests
+        sizes.append(SphereMeasured(rough.spheres[0], shown["probing"][0].points).size_error(corrected=True))
+        ends = [one for one in shown["uni"] if one.keys["length"] == "1700"][:2]
+        long = LengthMeasured(rough.bars[0], bar.length("1700"), ends[0].points, ends[1].points)
+        lengths.append(long.error(opposite=False, corrected=True))
+    # The standard deviation of 300 draws is known to 4 %.
+    assert np.std(sizes) == pytest.approx(0.01, rel=0.15)
+    assert np.std(lengths) == pytest.approx(long.budget(corrected=True).u, rel=0.15)
+    assert np.std(lengths) > 0.0025
+
+
+def test_an_arm_is_told_by_its_seed_and_a_group_shares_its_systematic_error():
+    errors = PresetErrors(ARM, load_preset("shop"))
+    first, again = (taken(errors, n_arms=2, seed=7) for _ in range(2))
+    assert [values(one) for one in first] == [values(one) for one in again]
+    (second,) = taken(errors, n_arms=1, seed=8)
+    assert values(second) == values(first[1])
+    assert values(first[0]) != values(first[1])
+
+
+# Outcomes ------------------------------------------------------------------------------------------------------------
+
+
+def test_outcomes_are_quantiles_and_shares_over_the_arms():
+    found = taken(MadeUp(noise_mm=0.006), n_arms=21)
+    told = []
+    simulated(
+        MadeUp(),
+        posed(),
+        plan=load_plan("iso10360-12"),
+        artefacts=exact(),
+        specification=example_specification(RANGE),
+        n_arms=3,
+        seed=0,
+        progress=told.append,
+    )
+    assert told == [1, 2, 3]
+    shown = outcomes(found)
+    assert [one.label for one in shown] == [row.label for row in found[0].rows]
+    size = np.sort(np.abs([one.rows[0].value for one in found]))
+    assert (shown[0].median, shown[0].high) == pytest.approx((size[10], size[19]))  # of 21: the 11th and the 20th
+    assert shown[0].limit == 0.02
+    for one in shown:
+        assert one.conform + one.not_conform + one.undecided == (0 if one.limit is None else pytest.approx(1))
+    assert sum(verdicts(found).values()) == pytest.approx(1)
+    labels = [one.label for one in outcomes(taken(MadeUp(), name="asme-b89.4.22"))]
+    assert labels.count("SPAT.Max, position 1") == 1
+    assert len(set(labels)) == len(labels)
+
+
+def test_an_arm_that_errs_beyond_measure_is_refused():
+    with pytest.raises(InputError, match=r"virtual arm 0: test 'uni', .*measured 159 mm where 'bar' has 150 mm") as no:
+        taken(MadeUp(lambda tips: 0.06 * tips * [0, 1, 0]))
+    assert "errs less" in no.value.hint
+    with pytest.raises(InputError, match="at least one virtual arm, got 0"):
+        taken(MadeUp(), n_arms=0)
