@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.arm import Arm, Chain, chain_from_dh, chain_from_mdh, load, names, read_arm, write_arm
+from truearm.arm import Arm, Chain, LinkMasses, chain_from_dh, chain_from_mdh, load, names, read_arm, write_arm
 from truearm.arm.frames import frame_from_xyz_rpy
 from truearm.errors import InputError
+from truearm.terms import gravity_torques, uniform_links
 
 GOOD = """
 name = "two"
@@ -123,6 +124,84 @@ def test_without_a_working_pose_it_is_zero_or_the_limit_next_to_it(tmp_path):
     np.testing.assert_array_equal(read_arm(write(tmp_path, text)).working, [0, 7])
 
 
+MASSES = """
+name = "two"
+convention = "dh"
+gravity_in_base = [0, -2, 0]
+
+[[joints]]
+type = "revolute"
+a_mm = 400
+d_mm = 0
+alpha_deg = 0
+theta_deg = 30
+mass_kg = 2.0
+centre_of_mass_mm = [-200, 0, 0]
+
+[[joints]]
+type = "fixed"
+a_mm = 100
+d_mm = 0
+alpha_deg = 90
+mass_kg = 1.0
+centre_of_mass_m = [0, 0, 0]
+
+[[joints]]
+type = "revolute"
+a_mm = 300
+d_mm = 0
+alpha_deg = 0
+mass_kg = 0
+"""
+
+
+def test_masses_stand_in_the_frames_at_the_ends_of_the_rows(tmp_path):
+    """By hand: an arm in a wall's plane, its first link along x at -30 deg, 2 kg at 200 mm and 1 kg at 500 mm."""
+    arm = read_arm(write(tmp_path, MASSES))
+    assert arm.n_joints == 2
+    np.testing.assert_array_equal(arm.masses.mass_kg, [3, 0])
+    np.testing.assert_array_equal(arm.gravity_direction, [0, -1, 0])
+    torque = gravity_torques(
+        arm.chain, [np.radians([-30, 0]), np.radians([60, 0])], arm.masses, gravity_in_base=[0, -10, 0]
+    )
+    np.testing.assert_allclose(torque[:, 0, 2], [-10 * (2 * 0.2 + 1 * 0.5), 0], atol=1e-12)
+    write_arm(arm, tmp_path / "again.toml", convention="mdh")
+    assert_same_arm(arm, read_arm(tmp_path / "again.toml"))
+
+
+def test_a_link_s_middle_is_half_its_row_back(tmp_path):
+    """In a standard table the middle of a link along x lies at -a/2 of its row's end."""
+    chain = load("ur10").chain
+    uniform = uniform_links(chain, kg_per_m=1.0)
+    arm = Arm("ur10", chain, masses=uniform)
+    write_arm(arm, tmp_path / "arm.toml")
+    assert "centre_of_mass_mm = [306.0, 0.0, 0.0]" in (tmp_path / "arm.toml").read_text()  # a_2 = -612 mm
+    assert_same_arm(arm, read_arm(tmp_path / "arm.toml"))
+
+
+def test_an_arm_stands_upright_and_its_masses_are_not_known_unless_it_says_so(tmp_path):
+    arm = read_arm(write(tmp_path, GOOD))
+    assert arm.masses is None
+    np.testing.assert_array_equal(arm.gravity_direction, [0, 0, -1])
+
+
+@pytest.mark.parametrize("gravity", [[0, 0, 0], [0, 0], [0, 0, np.nan], [0, 0, np.inf], 9.81])
+def test_gravity_needs_a_direction(gravity):
+    with pytest.raises(InputError, match="gravity as a direction of three numbers"):
+        Arm("any", load("ur5").chain, gravity_in_base=gravity)
+
+
+def test_masses_are_as_many_as_joints():
+    with pytest.raises(InputError, match="6 joints and needs as many masses"):
+        Arm("any", load("ur5").chain, masses=LinkMasses(np.ones(5), np.zeros((5, 3))))
+
+
+@pytest.mark.parametrize(("mass", "centre"), [(-1, 0), (np.nan, 0), (1, np.inf), (1e6, 0), (1, 1e7)])
+def test_masses_no_link_can_have_are_refused(mass, centre):
+    with pytest.raises(InputError, match="masses"):
+        LinkMasses([mass], [[0, 0, centre]])
+
+
 # There and back
 
 
@@ -154,8 +233,16 @@ def random_arm(seed: int) -> Arm:
     limited = rng.random(n) < 0.5
     lower, upper = np.where(limited, rng.uniform(-3, -1, n), -np.inf), np.where(limited, rng.uniform(1, 3, n), np.inf)
     title = 'quotes " and \\ and \t tab, ä, 测量臂, \x7f, 😀'
+    known = rng.random() < 0.5
     return Arm(
-        "any", chain, title=title.replace("\x7f", ""), lower=lower, upper=upper, working_pose=rng.uniform(-1, 1, n)
+        "any",
+        chain,
+        title=title.replace("\x7f", ""),
+        lower=lower,
+        upper=upper,
+        working_pose=rng.uniform(-1, 1, n),
+        masses=LinkMasses(rng.uniform(0.1, 9, n), rng.uniform(-300, 300, (n, 3))) if known else None,
+        gravity_in_base=rng.normal(size=3) if known else None,
     )
 
 
@@ -171,6 +258,14 @@ def assert_same_arm(one: Arm, other: Arm) -> None:
     np.testing.assert_allclose(one.limits, other.limits, rtol=0, atol=2e-14)
     np.testing.assert_allclose(one.working, other.working, rtol=0, atol=2e-14)
     q = np.random.default_rng(0).uniform(-3, 3, (10, one.n_joints)) * np.where(one.chain.slides, 100, 1)
+    np.testing.assert_allclose(one.gravity_direction, other.gravity_direction, rtol=0, atol=1e-15)
+    assert (one.masses is None) == (other.masses is None)
+    if one.masses is not None and other.masses is not None:
+        np.testing.assert_array_equal(one.masses.mass_kg, other.masses.mass_kg)
+        # Places may be turned about and shifted along their axes: what the weight does about the axis stays.
+        own = [gravity_torques(arm.chain, q, arm.masses, gravity_in_base=arm.gravity_direction) for arm in (one, other)]
+        turning = ~one.chain.slides
+        np.testing.assert_allclose(own[0][:, turning, 2], own[1][:, turning, 2], atol=1e-10, rtol=0)  # of up to 50 N m
     first, second = one.chain.pose(q), other.chain.pose(q)
     np.testing.assert_allclose(first.tip_in_base, second.tip_in_base, atol=1e-9, rtol=0)
     np.testing.assert_allclose(first.R_base_tip, second.R_base_tip, atol=1e-12, rtol=0)
@@ -236,6 +331,34 @@ BROKEN = {
     "crossed limits": (changed("min_deg = -170", "min_deg = 175"), "lower limit of J1 must be below"),
     "pose outside": (changed("working_deg = 30", "working_deg = 171"), "working pose of J1 is outside its limits"),
     "one name twice": (changed('"slide"', '"J1"'), "different names"),
+    "gravity of two": (changed("convention", "gravity_in_base = [0, -1]\nconvention"), "gravity_in_base: list should"),
+    "no gravity": (changed("convention", "gravity_in_base = [0, 0, 0]\nconvention"), "gravity as a direction"),
+    "mass below zero": (
+        changed("a_mm = 400", "a_mm = 400\nmass_kg = -1\ncentre_of_mass_mm = [0, 0, 0]"),
+        r"joints\[1\].mass_kg: input should be greater than or equal to 0",
+    ),
+    "mass nowhere": (
+        changed("a_mm = 400", "a_mm = 400\nmass_kg = 1"),
+        r"joints\[1\]: mass_kg needs the key centre_of_",
+    ),
+    "centre of nothing": (
+        changed("a_mm = 400", "a_mm = 400\ncentre_of_mass_mm = [0, 0, 0]"),
+        r"joints\[1\]: a centre of mass without the key mass_kg",
+    ),
+    "centre in two units": (
+        changed("a_mm = 400", "a_mm = 400\nmass_kg = 1\ncentre_of_mass_mm = [0, 0, 0]\ncentre_of_mass_m = [0, 0, 0]"),
+        r"joints\[1\]: expected one of centre_of_mass_m and centre_of_mass_mm, got both",
+    ),
+    "mass of one": (
+        changed("a_mm = 400", "a_mm = 400\nmass_kg = 1\ncentre_of_mass_mm = [0, 0, 0]"),
+        "mass of the link behind moving joint 2 is missing: expected masses of all 2 links or none, got 1",
+    ),
+    "mass in grams": (
+        changed("a_mm = 400", "a_mm = 400\nmass_kg = 1e9\ncentre_of_mass_mm = [0, 0, 0]").replace(
+            "a_mm = 0", "a_mm = 0\nmass_kg = 0"
+        ),
+        "at most 100000 kg",
+    ),
     "only fixed": (
         'name = "x"\nconvention = "dh"\n[[joints]]\ntype = "fixed"\na_mm = 0\nd_mm = 0\nalpha_deg = 0\n',
         "at least one joint that moves",

@@ -8,6 +8,7 @@ import pytest
 from truearm.arm import Arm, Chain, load, names, read_urdf, write_urdf
 from truearm.arm.urdf import MAX_BYTES
 from truearm.errors import InputError
+from truearm.terms import gravity_loads, uniform_links
 
 JOINT = '<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{more}</joint>'
 
@@ -82,6 +83,74 @@ def test_derivatives_agree_with_pinocchios_regressor(tmp_path):
     J = pinocchio.getFrameJacobian(model, data, tip, pinocchio.LOCAL_WORLD_ALIGNED)[:3]
     ours = arm.chain.small_motions([q]).by_motion[0, 1:-1, 2]
     np.testing.assert_allclose(ours, 1000 * J.T, atol=1e-9, rtol=0)
+
+
+def test_weight_pulls_as_in_pinocchio(tmp_path):
+    """The torques that hold the arm, whatever its axes and fixed links; a branch beside the chain without mass."""
+    pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
+    rng = np.random.default_rng(4)
+    text = random_urdf(4)
+    inertia = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    for i in (0, 1, 3, 4, 5, 6, 7, 8):  # link 2 has none
+        mass = f'<origin xyz="{fmt(rng.normal(0, 0.2, 3))}"/><mass value="{rng.uniform(1, 9)}"/>{inertia}'
+        text = text.replace(f"<link name='l{i}'/>", f"<link name='l{i}'><inertial>{mass}</inertial></link>")
+    path = write(tmp_path, text)
+    arm = read_urdf(path, tip="l8")
+    model = pinocchio.buildModelFromUrdf(str(path))
+    data = model.createData()
+    for q in rng.uniform(-2, 2, (4, arm.n_joints)):
+        state = pinocchio.neutral(model)
+        for name, value in zip(arm.joint_names, q, strict=True):
+            joint = model.joints[model.getJointId(name)]
+            state[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else [np.cos(value), np.sin(value)]
+        holds = pinocchio.computeGeneralizedGravity(model, data, state)
+        pulls = gravity_loads(
+            arm.chain, [np.where(arm.chain.slides, 1000 * q, q)], arm.masses, gravity_in_base=[0, 0, -9.81]
+        )
+        for i, name in enumerate(arm.joint_names):
+            ours = (pulls.force_in_joint if arm.chain.slides[i] else pulls.torque_in_joint)[0, i, 2]
+            assert ours == pytest.approx(-holds[model.joints[model.getJointId(name)].idx_v], abs=1e-9)  # N m, N
+
+
+@pytest.mark.parametrize(
+    ("inertial", "said"),
+    [
+        ("<inertial/>", "the <inertial> of link 'b' has no <mass>"),
+        ('<inertial><mass value="-1"/></inertial>', "mass of link 'b' is negative"),
+        ('<inertial><mass value="heavy"/></inertial>', "expected a finite number in value"),
+        ('<inertial><mass value="1e9"/></inertial>', "at most 100000 kg"),
+        ('<inertial><origin xyz="0 0"/><mass value="1"/></inertial>', "centre of mass of link 'b'"),
+        ('<inertial><mass value="1"/></inertial><inertial><mass value="1"/></inertial>', "expected one <inertial>"),
+    ],
+)
+def test_a_mass_that_is_none_is_refused(tmp_path, inertial, said):
+    text = robot(joint("j", "continuous", "a", "b"), links="a b").replace(
+        "<link name='b'/>", f"<link name='b'>{inertial}</link>"
+    )
+    with pytest.raises(InputError, match=said):
+        read_urdf(write(tmp_path, text))
+
+
+@pytest.mark.parametrize("mass", [None, 0])
+def test_links_without_mass_leave_the_masses_unknown(tmp_path, mass):
+    inertial = "" if mass is None else '<inertial><mass value="0"/></inertial>'
+    text = robot(joint("j", "continuous", "a", "b"), links="a b").replace(
+        "<link name='b'/>", f"<link name='b'>{inertial}</link>"
+    )
+    assert read_urdf(write(tmp_path, text)).masses is None
+
+
+def test_masses_and_gravity_go_there_and_back(tmp_path):
+    arm = load("ur5")
+    heavy = Arm("any", arm.chain, masses=uniform_links(arm.chain, kg_per_m=20.0), gravity_in_base=[0, 1, 1])
+    write_urdf(heavy, tmp_path / "arm.urdf")
+    again = read_urdf(tmp_path / "arm.urdf")
+    np.testing.assert_array_equal(again.gravity_direction, heavy.gravity_direction)
+    np.testing.assert_array_equal(again.masses.mass_kg, heavy.masses.mass_kg)
+    np.testing.assert_allclose(again.masses.centre_in_joint_mm, heavy.masses.centre_in_joint_mm, rtol=1e-15)
+    bad = (tmp_path / "arm.urdf").read_text().replace('gravity_in_base="', 'gravity_in_base="down ')
+    with pytest.raises(InputError, match="the direction of gravity: expected 3 finite numbers"):
+        read_urdf(write(tmp_path, bad))
 
 
 # There and back

@@ -49,6 +49,11 @@ KEPT = {
         [45.00120316930112, 55.31576258082871, 56.30488807014532],
         [858.598266119596, 217.6331274329102, 536.9964806506231],
     ),
+    "physical-format-3": (
+        [61.0017410199302, -47.99909471758715, 2.99888540178867],
+        [0.010109280990877956, 0.01012790564349316, 0.010078452366230693],
+        [61.00171169754166, -47.99894777884096, 2.9989775415453046],
+    ),
 }
 
 
@@ -194,7 +199,9 @@ def test_a_model_of_an_older_format_is_written_in_the_present_one(kept, tmp_path
         assert old.record_ is None is again.record_
     if isinstance(old, IdentifiedModel):
         assert again.unexplained_std_ == old.unexplained_std_ > 0
-        assert len(old.held_out_.rows) == len(again.held_out_.rows) == 0
+        assert len(old.held_out_.rows) == len(again.held_out_.rows) == (24 if kept == "physical-format-3" else 0)
+    assert again.arm.masses is None
+    np.testing.assert_array_equal(again.arm.gravity_direction, [0, 0, -1])
 
 
 @pytest.fixture
@@ -357,7 +364,7 @@ def first_row(value):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (edit_header(format=4), "format 4.*update truearm"),
+        (edit_header(format=99), "format 99.*update truearm"),
         (edit_header(format=True), "model.json, format"),
         (edit_header(format=0), "model.json, format"),
         (edit_header(options={"free": 3}), "does not hold what its kind of model needs"),
@@ -433,7 +440,7 @@ HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
         (edit_term(basis={"kind": "GravityTorque", "joint": 9, "axis": 0}), "expected a joint from 1 to 6, got 9"),
         (edit_term(basis={"kind": "Temperature", "link": 9}), "expected a link from 0 to 6, got 9"),
         (edit_term(basis={"kind": "Column", "name": "load_7_Nm"}), "expected readings with a column 'load_7_Nm'"),
-        (edit_term(basis={"kind": "Direction", "joint": 1}), "directions of movement are known"),
+        (edit_term(basis={"kind": "Direction", "joint": 7}), "expected a joint from 1 to 6, got 7"),
         (
             edit_fit(lambda fit: fit["terms"][0].update(basis={"kind": "Temperature", "link": 0}), "nominal_"),
             "with a te",
@@ -490,6 +497,9 @@ HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
         (edit_header(model="nominal"), "does not hold what its kind"),
         (edit_header(model="network"), "does not hold what its kind"),
         (edit_header(options={"highest": 0}), "expected a highest order"),
+        (lose("arm_gravity"), "does not hold what its kind"),
+        (edit_array("arm_gravity", lambda a: 0 * a), "gravity as a direction"),
+        (edit_array("arm_gravity", lambda a: a[:2]), "arm_gravity of shape"),
     ],
 )
 def test_a_physical_model_that_is_not_sound_is_refused(change, message, mixed, tmp_path):

@@ -6,6 +6,7 @@ from truearm.arm.chain import Chain, Pose, SmallMotions, exponential_derivative
 from truearm.arm.conventions import DHTable, chain_from_dh, chain_from_mdh, dh_table, mdh_table
 from truearm.arm.files import read_arm, write_arm
 from truearm.arm.inverse import InverseResult, solve_inverse
+from truearm.arm.masses import LinkMasses
 from truearm.arm.urdf import read_urdf, write_urdf
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "Chain",
     "DHTable",
     "InverseResult",
+    "LinkMasses",
     "Pose",
     "SmallMotions",
     "arm_from",

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truearm.arm.chain import Chain, FloatArray
+from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
 
 
@@ -30,11 +31,17 @@ class Arm:
         A pose in the middle of usual work [rad, or mm]; zeros by default.
     source : str
         Where the numbers come from.
+    masses : LinkMasses, optional
+        Of its links, where they are known.
+    gravity_in_base : (3,) array, optional
+        Where weight pulls, along the axes of the base frame: against z by default, as on an arm that stands upright.
+        Its length does not matter; it is kept as a unit vector.
 
     Raises
     ------
     InputError
-        If a length does not fit the chain, limits are crossed, or the working pose lies outside them.
+        If a length does not fit the chain, limits are crossed, the working pose lies outside them, or gravity has no
+        direction.
     """
 
     name: str
@@ -45,6 +52,8 @@ class Arm:
     upper: FloatArray | None = None
     working_pose: FloatArray | None = None
     source: str = ""
+    masses: LinkMasses | None = None
+    gravity_in_base: FloatArray | None = None
 
     def __post_init__(self) -> None:
         n = self.chain.n_joints
@@ -72,6 +81,25 @@ class Arm:
                 f"arm {self.name!r}: the working pose of {names[int(np.argmin(inside))]} is outside its limits"
             )
 
+        if self.masses is not None and len(self.masses.mass_kg) != n:
+            raise InputError(f"arm {self.name!r} has {n} joints and needs as many masses, got {self.masses.mass_kg}")
+        object.__setattr__(self, "gravity_in_base", self._unit_gravity())
+
+    def _unit_gravity(self) -> FloatArray:
+        given = (0.0, 0.0, -1.0) if self.gravity_in_base is None else self.gravity_in_base
+        gravity = np.array(given, dtype=float)
+        largest = float(np.abs(gravity).max(initial=0.0))
+        if gravity.shape != (3,) or not 1e-9 < largest < 1e9:
+            raise InputError(
+                f"arm {self.name!r}: expected gravity as a direction of three numbers, got {given}",
+                hint="[0, 0, -1] on a table or floor, [0, 0, 1] on a ceiling",
+            )
+        length = float(np.linalg.norm(gravity))
+        if abs(length - 1) > 1e-15:  # a unit vector stays as it is, to the last bit
+            gravity = gravity / length
+        gravity.flags.writeable = False
+        return gravity
+
     def __repr__(self) -> str:
         return f"Arm({self.name!r}, {self.n_joints} joints)"
 
@@ -92,6 +120,12 @@ class Arm:
         """(n_joints,) the working pose [rad, or mm for sliding joints]."""
         assert self.working_pose is not None  # set in __post_init__
         return self.working_pose
+
+    @property
+    def gravity_direction(self) -> FloatArray:
+        """(3,) unit vector along which weight pulls, in the base frame."""
+        assert self.gravity_in_base is not None  # set in __post_init__
+        return self.gravity_in_base
 
     def with_chain(self, chain: Chain) -> Arm:
         """Give the same arm other kinematics."""

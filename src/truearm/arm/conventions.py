@@ -110,9 +110,7 @@ def chain_from_dh(
     InputError
         If lengths do not fit each other, a kind is unknown, a number is not finite, or no joint moves.
     """
-    rows = _rows(a, d, alpha, theta, kinds)
-    links = [(row.kind, np.eye(4), screw_z(row.theta, row.d) @ screw_x(row.alpha, row.a)) for row in rows]
-    return _folded(links, base, flange, tip_in_flange)
+    return _folded(_links("dh", _rows(a, d, alpha, theta, kinds)), base, flange, tip_in_flange)
 
 
 def chain_from_mdh(
@@ -130,9 +128,37 @@ def chain_from_mdh(
 
     Parameters and errors as in `chain_from_dh`; row i holds alpha(i-1) and a(i-1), which act before joint i.
     """
-    rows = _rows(a, d, alpha, theta, kinds)
-    links = [(row.kind, screw_x(row.alpha, row.a) @ screw_z(row.theta, row.d), np.eye(4)) for row in rows]
-    return _folded(links, base, flange, tip_in_flange)
+    return _folded(_links("mdh", _rows(a, d, alpha, theta, kinds)), base, flange, tip_in_flange)
+
+
+def row_ends(
+    convention: Convention,
+    *,
+    a: npt.ArrayLike,
+    d: npt.ArrayLike,
+    alpha: npt.ArrayLike,
+    theta: npt.ArrayLike | None = None,
+    kinds: Sequence[Kind] | None = None,
+) -> list[tuple[int, FloatArray]]:
+    """Frames at the ends of a table's rows, in which the literature gives a link's centre of mass.
+
+    Parameters are those of `chain_from_dh`.
+
+    Returns
+    -------
+    list of (int, (4, 4) array)
+        For every row the joint that it moves with, counted from 1 (0: it does not move), and the frame at its end in
+        the frame of that joint's place [mm]; that of a row that does not move, in the frame where the first row begins.
+    """
+    ends: list[tuple[int, FloatArray]] = []
+    joint, end = 0, np.eye(4)
+    for kind, before, after in _links(convention, _rows(a, d, alpha, theta, kinds)):
+        if kind == "fixed":
+            end = end @ before @ after
+        else:
+            joint, end = joint + 1, after
+        ends.append((joint, end))
+    return ends
 
 
 def dh_table(chain: Chain, *, max_offset_mm: float = MAX_OFFSET_MM) -> DHTable:
@@ -229,6 +255,18 @@ def _rows(
     if len(kinds) != n or not set(kinds) <= set(get_args(Kind)):
         raise InputError(f"expected {n} kinds of joint out of {', '.join(get_args(Kind))}, got {kinds}")
     return [_Row(*row) for row in zip(*(column.tolist() for column in arrays.values()), kinds, strict=True)]
+
+
+def _links(convention: Convention, rows: list[_Row]) -> list[tuple[Kind, FloatArray, FloatArray]]:
+    """Kind, rigid motion before the joint and rigid motion after it, of each row."""
+    links: list[tuple[Kind, FloatArray, FloatArray]] = []
+    for row in rows:
+        along_z, along_x = screw_z(row.theta, row.d), screw_x(row.alpha, row.a)
+        if convention == "dh":
+            links.append((row.kind, np.eye(4), along_z @ along_x))
+        else:
+            links.append((row.kind, along_x @ along_z, np.eye(4)))
+    return links
 
 
 def _folded(

@@ -7,6 +7,7 @@ The format::
     source = "drawing 12-345"          # optional: where the numbers come from
     convention = "dh"                  # or "mdh": row i then holds alpha(i-1), a(i-1)
     tip_mm = [0.0, 0.0, 50.0]          # tip after the last row and the flange
+    gravity_in_base = [0, 0, -1]       # optional: where weight pulls, a direction; downwards along z by default
 
     [base]                             # optional, before the first row
     xyz_mm = [0.0, 0.0, 300.0]
@@ -22,6 +23,8 @@ The format::
     min_deg = -170.0                   # optional limits; _mm for a sliding joint
     max_deg = 170.0
     working_deg = 30.0                 # optional, a pose in the middle of usual work
+    mass_kg = 4.2                      # optional: of the link that moves with the joint, for all joints or none
+    centre_of_mass_mm = [-180, 0, 15]  # and its centre of mass, in the frame in which the row ends
 
     [flange]                           # optional, after the last row, as [base]
 
@@ -34,9 +37,9 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -44,8 +47,18 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from truearm.arm.arm import Arm
 from truearm.arm.bounded import read_bounded
 from truearm.arm.chain import Chain
-from truearm.arm.conventions import Convention, DHTable, Kind, chain_from_dh, chain_from_mdh, dh_table, mdh_table
+from truearm.arm.conventions import (
+    Convention,
+    DHTable,
+    Kind,
+    chain_from_dh,
+    chain_from_mdh,
+    dh_table,
+    mdh_table,
+    row_ends,
+)
 from truearm.arm.frames import FloatArray, frame_from_xyz_rpy, xyz_rpy_of
+from truearm.arm.masses import LinkMasses, Lump, gathered
 from truearm.arm.urdf import read_urdf, write_urdf
 from truearm.errors import InputError
 from truearm.writing import whole_file
@@ -111,6 +124,9 @@ class _Joint(_Strict):
     working_rad: _Number | None = None
     working_mm: _Number | None = None
     working_m: _Number | None = None
+    mass_kg: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)] | None = None
+    centre_of_mass_mm: _Triple | None = None
+    centre_of_mass_m: _Triple | None = None
 
     @model_validator(mode="after")
     def _whole_row(self) -> Self:
@@ -132,6 +148,15 @@ class _Joint(_Strict):
                     )
         return self
 
+    @model_validator(mode="after")
+    def _whole_mass(self) -> Self:
+        centred = self.settled("centre_of_mass") is not None
+        if centred and self.mass_kg is None:
+            raise InputError("a centre of mass without the key mass_kg")
+        if self.mass_kg and not centred:
+            raise InputError("mass_kg needs the key centre_of_mass_mm or centre_of_mass_m")
+        return self
+
     @classmethod
     def keys_of(cls, quantity: str) -> list[str]:
         """List the keys that may hold the quantity."""
@@ -147,6 +172,7 @@ class _ArmFile(_Strict):
     tip_m: _Triple | None = None
     base: _Frame | None = None
     flange: _Frame | None = None
+    gravity_in_base: _Triple | None = None
     joints: Annotated[list[_Joint], Field(min_length=1, max_length=100)]
 
 
@@ -249,21 +275,45 @@ def _arm_of(file: _ArmFile) -> Arm:
         upper=upper,
         working_pose=working,
         source=file.source,
+        masses=_masses_of(file),
+        gravity_in_base=None if file.gravity_in_base is None else np.asarray(file.gravity_in_base),
     )
+
+
+def _table_of(file: _ArmFile) -> dict[str, Any]:
+    return {q: [_number(joint, q) for joint in file.joints] for q in ("a", "d", "alpha", "theta")} | {
+        "kinds": [joint.type for joint in file.joints]
+    }
 
 
 def _chain_of(file: _ArmFile) -> Chain:
     build = chain_from_dh if file.convention == "dh" else chain_from_mdh
     return build(
-        a=[_number(joint, "a") for joint in file.joints],
-        d=[_number(joint, "d") for joint in file.joints],
-        alpha=[_number(joint, "alpha") for joint in file.joints],
-        theta=[_number(joint, "theta") for joint in file.joints],
-        kinds=[joint.type for joint in file.joints],
+        **_table_of(file),
         base=_frame_of(file.base),
         flange=_frame_of(file.flange),
         tip_in_flange=_triple(file, "tip"),
     )
+
+
+def _masses_of(file: _ArmFile) -> LinkMasses | None:
+    """Masses of the links, those of fixed rows with the link that carries them; what does not move has no say."""
+    ends = row_ends(file.convention, **_table_of(file))
+    lumps = []
+    for joint, (number, end) in zip(file.joints, ends, strict=True):
+        if joint.mass_kg is not None and number > 0:
+            lumps.append(Lump(number, joint.mass_kg, end[:3, :3] @ _triple(joint, "centre_of_mass") + end[:3, 3]))
+    given = {lump.joint for lump in lumps}
+    if not given:
+        return None
+    n_joints = ends[-1][0]
+    if missing := [number for number in range(1, n_joints + 1) if number not in given]:
+        raise InputError(
+            f"the mass of the link behind moving joint {missing[0]} is missing: expected masses of all {n_joints} "
+            f"links or none, got {len(given)}",
+            hint="mass_kg = 0 for a link that weighs next to nothing",
+        )
+    return gathered(lumps, n_joints)
 
 
 def _states_of(joint: _Joint) -> tuple[float, float, float]:
@@ -294,7 +344,10 @@ def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
     yield f"source = {_quoted(arm.source)}"
     yield f'convention = "{table.convention}"'
     yield f"tip_mm = {_listed(table.tip_in_flange)}  # the tip behind the last joint's row"
+    if (arm.gravity_direction != [0, 0, -1]).any():
+        yield f"gravity_in_base = {_listed(arm.gravity_direction)}  # where weight pulls"
     yield from _frame_lines("base", table.base)
+    centres = np.zeros((0, 3)) if arm.masses is None else _centres_at_row_ends(arm.chain, arm.masses, table)
     for i, name in enumerate(arm.joint_names):
         slides = bool(table.prismatic[i])
         yield from ("", "[[joints]]", f"name = {_quoted(name)}", f'type = "{"prismatic" if slides else "revolute"}"')
@@ -309,7 +362,23 @@ def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
         if np.isinf(lower) and np.isinf(upper):
             yield f"# min_{unit} = -170.0, max_{unit} = 170.0: limits of travel, one a line; none for an endless joint"
         yield f"working_{unit} = {plain(arm.working[i])}"
+        if arm.masses is not None:
+            yield f"mass_kg = {_plain(arm.masses.mass_kg[i])}"
+            yield f"centre_of_mass_mm = {_listed(centres[i])}  # in the frame at the end of this row"
     yield from _frame_lines("flange", table.flange)
+
+
+def _centres_at_row_ends(chain: Chain, masses: LinkMasses, table: DHTable) -> FloatArray:
+    """(n_joints, 3) centres of mass in the frames at the ends of a table's rows [mm].
+
+    The table's places lie on the same axes as the chain's, but turned about and shifted along them.
+    """
+    kinds: list[Kind] = ["prismatic" if slides else "revolute" for slides in table.prismatic]
+    ends = row_ends(table.convention, a=table.a, d=table.d, alpha=table.alpha, theta=table.theta, kinds=kinds)
+    places = [np.stack(list(accumulate(c.fixed[:-1], np.matmul))) for c in (chain, table.chain())]
+    at_ends = np.linalg.inv(places[0]) @ places[1] @ np.stack([end for _, end in ends])
+    off = masses.centre_in_joint_mm - at_ends[:, :3, 3]
+    return np.asarray(np.einsum("nab,na->nb", at_ends[:, :3, :3], off))
 
 
 def _frame_lines(key: str, frame: FloatArray) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """URDF, the robot description of ROS: a chain out of one, and one out of an arm.
 
-URDF speaks metres and radians; everything is turned into mm here. Meshes, inertias and whatever else a file holds
-are passed over.
+URDF speaks metres and radians; everything is turned into mm here. Meshes, moments of inertia and whatever else a
+file holds are passed over.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from truearm.arm.bounded import read_bounded
 from truearm.arm.chain import Chain
 from truearm.arm.documents import Element, attribute, child, children, numbers, parsed
 from truearm.arm.frames import FloatArray, frame_from_xyz_rpy, turn_of_z_to, xyz_rpy_of
+from truearm.arm.masses import Lump, gathered
 from truearm.errors import InputError
 from truearm.writing import whole_file
 
@@ -33,8 +34,10 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
 
     Fixed joints are folded into their neighbours. A revolute or sliding joint without a lower and upper limit has
     none here; if one of the two is given, the other is 0, as URDF has it. The frame of the tip's link is the flange,
-    its origin the tip. A title, a source and a working pose are read from an element ``truearm``, which other readers
-    pass over (see `write_urdf`); without it the working pose is zero, or the limit next to it.
+    its origin the tip. Masses are those of the chain's own links; a link without ``<inertial>`` has none; if none has one,
+    the masses are not known. Links that hang on the chain beside it are left out. A title, a source, a working pose
+    and the direction of gravity are read from an element ``truearm``, which other readers pass over (see `write_urdf`);
+    without it the working pose is zero, or the limit next to it, and the arm stands upright.
 
     Parameters
     ----------
@@ -53,7 +56,7 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
     try:
         tree = _Tree(parsed(read_bounded(path, limit_bytes=MAX_BYTES)))
         joints = tree.path(base, tip)
-        return _arm_of(tree.robot, joints)
+        return _arm_of(tree, joints)
     except InputError as error:
         raise error.in_file(path) from None
 
@@ -74,8 +77,9 @@ class _Tree:
         if robot.tag != "robot":
             raise InputError(f"a URDF starts with <robot>, got <{robot.tag}>", line=robot.line)
         self.robot = robot
-        links = _unique([attribute(link, "name") for link in children(robot, "link")], "links")
-        self.links = dict.fromkeys(links)  # in the order of the file, and quickly found
+        elements = children(robot, "link")
+        links = _unique([attribute(link, "name") for link in elements], "links")
+        self.links = dict(zip(links, elements, strict=True))  # in the order of the file, and quickly found
         self.joints = [_joint_of(element) for element in children(robot, "joint")]
         _unique([joint.name for joint in self.joints], "joints")
         self.joint_above: dict[str, _Joint] = {}
@@ -124,23 +128,31 @@ class _Tree:
         return candidates[0]
 
 
-def _arm_of(robot: Element, joints: list[_Joint]) -> Arm:
+def _arm_of(tree: _Tree, joints: list[_Joint]) -> Arm:
+    robot = tree.robot
     fixed, prismatic, names, limits = [np.eye(4)], [], [], []
+    lumps: list[Lump] = []
     for joint in joints:
         fixed[-1] = fixed[-1] @ _origin_of(joint)
-        if joint.kind == "fixed":
-            continue
-        turn = np.eye(4)
-        turn[:3, :3] = turn_of_z_to(_axis_of(joint))
-        fixed[-1] = fixed[-1] @ turn
-        fixed.append(turn.T)
-        prismatic.append(joint.kind == "prismatic")
-        names.append(joint.name)
-        limits.append(_limits_of(joint))
+        if joint.kind != "fixed":
+            turn = np.eye(4)
+            turn[:3, :3] = turn_of_z_to(_axis_of(joint))
+            fixed[-1] = fixed[-1] @ turn
+            fixed.append(turn.T)
+            prismatic.append(joint.kind == "prismatic")
+            names.append(joint.name)
+            limits.append(_limits_of(joint))
+        inertial = child(tree.links[joint.child], "inertial")
+        if inertial is not None and names:  # what does not move has no say
+            mass, centre = _mass_of(joint.child, inertial)
+            lumps.append(Lump(len(names), mass, fixed[-1][:3, :3] @ centre + fixed[-1][:3, 3]))
     if not names:
         raise InputError("there is no moving joint between the base and the tip")
     lower, upper = np.array(limits).T
-    extra = robot.find("truearm")
+    extra = child(robot, "truearm")
+    gravity = None
+    if extra is not None and "gravity_in_base" in extra.attrib:
+        gravity = numbers(extra, "gravity_in_base", "the direction of gravity", 3)
     return Arm(
         name=attribute(robot, "name"),
         chain=Chain(np.array(fixed), np.zeros(3), np.array(prismatic)),
@@ -150,6 +162,8 @@ def _arm_of(robot: Element, joints: list[_Joint]) -> Arm:
         upper=upper,
         working_pose=_working_pose(extra, names, np.array(prismatic), np.clip(0.0, lower, upper)),
         source="" if extra is None else extra.get("source", ""),
+        masses=gathered(lumps, len(names)) if any(lump.mass_kg > 0 for lump in lumps) else None,
+        gravity_in_base=gravity,
     )
 
 
@@ -226,6 +240,20 @@ def _limits_of(joint: _Joint) -> tuple[float, float]:
     return lower, upper
 
 
+def _mass_of(link: str, inertial: Element) -> tuple[float, FloatArray]:
+    """Mass [kg] of a link and its centre in the link's frame [mm]."""
+    mass = child(inertial, "mass")
+    if mass is None:
+        raise InputError(f"the <inertial> of link {link!r} has no <mass>", line=inertial.line)
+    value = float(numbers(mass, "value", f"the mass of link {link!r}", 1)[0])
+    if value < 0:
+        raise InputError(f"the mass of link {link!r} is negative: {value:g} kg", line=mass.line)
+    origin = child(inertial, "origin")
+    if origin is None or "xyz" not in origin.attrib:
+        return value, np.zeros(3)
+    return value, MM_PER_M * numbers(origin, "xyz", f"the centre of mass of link {link!r}", 3)
+
+
 def _unique(names: list[str], what: str) -> list[str]:
     name, count = Counter(names).most_common(1)[0] if names else ("", 0)
     if count > 1:
@@ -240,8 +268,9 @@ def _named(names: list[str]) -> str:
 def write_urdf(arm: Arm, path: str | Path) -> None:
     """Write an arm as a URDF with the links ``base``, ``link_1`` .. ``link_n`` and ``tip``.
 
-    The link ``tip`` has the axes of the flange and its origin at the tip. Title, source and working pose go into
-    an element ``truearm``, which other readers pass over.
+    The link ``tip`` has the axes of the flange and its origin at the tip. Masses are
+    written with no moments of inertia, which are not known. Title, source, working pose and a direction of gravity
+    other than downwards go into an element ``truearm``, which other readers pass over.
 
     Raises
     ------
@@ -252,8 +281,10 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
     robot = ET.Element("robot", name=arm.name)
     n = arm.n_joints
     links = ["base", *(f"link_{i + 1}" for i in range(n)), "tip"]
-    for link in links:
-        ET.SubElement(robot, "link", name=link)
+    for i, link in enumerate(links):
+        element = ET.SubElement(robot, "link", name=link)
+        if arm.masses is not None and 1 <= i <= n:
+            _add_mass(element, float(arm.masses.mass_kg[i - 1]), arm.masses.centre_in_joint_mm[i - 1])
     for i in range(n):
         joint = _joint_element(robot, arm.joint_names[i], _kind_of(arm, i), links[i : i + 2], arm.chain.fixed[i])
         ET.SubElement(joint, "axis", xyz="0 0 1")
@@ -262,6 +293,8 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
     end[:3, 3] += end[:3, :3] @ arm.chain.tip_in_flange
     _joint_element(robot, _free_name("tip_joint", arm.joint_names), "fixed", links[n:], end)
     extra = ET.SubElement(robot, "truearm", title=arm.title, source=arm.source)
+    if (arm.gravity_direction != [0, 0, -1]).any():
+        extra.set("gravity_in_base", _spaced(arm.gravity_direction))
     for name, position in zip(arm.joint_names, arm.working / _unit_of(arm), strict=True):
         ET.SubElement(extra, "working", joint=name, position=repr(float(position)))
     ET.indent(robot)
@@ -292,6 +325,14 @@ def _joint_element(robot: ET.Element, name: str, kind: str, links: list[str], fr
     xyz, rpy = xyz_rpy_of(frame)
     ET.SubElement(joint, "origin", xyz=_spaced(xyz / MM_PER_M), rpy=_spaced(rpy))
     return joint
+
+
+def _add_mass(link: ET.Element, mass_kg: float, centre_mm: FloatArray) -> None:
+    """Say the mass; moments of inertia are compulsory and unknown here: zero says nothing is claimed."""
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "origin", xyz=_spaced(centre_mm / MM_PER_M), rpy="0.0 0.0 0.0")
+    ET.SubElement(inertial, "mass", value=repr(mass_kg))
+    ET.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
 
 
 def _add_limit(joint: ET.Element, arm: Arm, i: int) -> None:

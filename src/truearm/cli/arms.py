@@ -69,9 +69,13 @@ def _identified(path: Path) -> Arm:
     if isinstance(model, NetworkModel):
         raise InputError("a network model has no arm in it to show", file=path, hint="a kinematic model has")
     assert isinstance(model, IdentifiedModel)  # all others
+    found = model.fit_.chain
+    # The base frame is the reference's now, in which weight pulls elsewhere.
+    turn = found.fixed[0, :3, :3] @ model.arm.chain.fixed[0, :3, :3].T
     return replace(
         model.arm,
-        chain=model.fit_.chain,
+        chain=found,
+        gravity_in_base=turn @ model.arm.gravity_direction,
         name=f"{model.arm.name}-identified",
         title=f"{model.arm.title}, identified from {model.n_train_} readings".strip(", "),
     )
@@ -95,7 +99,10 @@ def _facts(arm: Arm, convention: Literal["dh", "mdh"]) -> dict[str, Any]:
         "fixed_rpy_deg": [np.degrees(rpy).tolist() for _, rpy in frames],
         "tip_in_flange_mm": arm.chain.tip_in_flange.tolist(),
         "reach_mm": arm.chain.reach,
+        "gravity_in_base": arm.gravity_direction.tolist(),
     }
+    if arm.masses is not None:
+        facts["mass_kg"] = arm.masses.mass_kg.tolist()
     try:
         table = (dh_table if convention == "dh" else mdh_table)(arm.chain)
     except InputError:  # axes that miss being parallel by little have no bounded table
@@ -129,4 +136,8 @@ def _show(arm: Arm, convention: Literal["dh", "mdh"]) -> None:
         xyz, rpy = (", ".join(f"{v:.4f}" for v in facts[key][0]) for key in ("fixed_xyz_mm", "fixed_rpy_deg"))
         say(f"before joint 1: {xyz} mm, roll pitch yaw {rpy} deg")
     say(f"tip in the flange: {', '.join(f'{x:.4f}' for x in facts['tip_in_flange_mm'])} mm")
+    if arm.masses is not None:
+        say(f"masses of the links: {', '.join(f'{mass:.4g}' for mass in arm.masses.mass_kg)} kg")
+    if (arm.gravity_direction != [0, 0, -1]).any():
+        say(f"weight pulls along {', '.join(f'{x:.4f}' for x in arm.gravity_direction)} of the base frame")
     say(f"source: {arm.source}")

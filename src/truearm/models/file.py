@@ -3,9 +3,10 @@
 A zip archive (stored, not compressed) with ``model.json`` and one ``NAME.npy`` (format 1.0, no objects) for each
 array that the JSON lists with its shape and SHA-256. Nothing else may be in it.
 
-Format 3 holds identified terms as data with their posterior; formats 1 and 2 had six constants of every place only,
-already moved into the chain. Format 2 brought ensembles of networks (a member's numbers are a row of the arrays) and
-the records of their trainings; format 1 had one network without its record.
+Format 4 brought masses of the arm's links and the direction of gravity. Format 3 brought identified terms as data with
+their posterior; formats 1 and 2 had six constants of every place only, already moved into the chain. Format 2 brought
+ensembles of networks (a member's numbers are a row of the arrays) and the records of their trainings; format 1 had one
+network without its record.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from truearm import __version__
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
+from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError, TruearmError
 from truearm.identify.calibration import HeldOut
 from truearm.identify.identification import Explained, GroupFound, Identified
@@ -44,7 +46,7 @@ from truearm.writing import whole_file
 
 FloatArray = npt.NDArray[np.float64]
 
-FORMAT = 3
+FORMAT = 4
 # A 50-50 network and a 7-axis chain need well under a megabyte, a member of 1000 units 8; save_model writes no more.
 MAX_BYTES = 256 * 2**20
 # A thousand terms stand in a third of a megabyte of model.json, ten thousand seats in two.
@@ -263,10 +265,13 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
         "arm_limits": arm.limits,
         "arm_working_pose": arm.working,
         "arm_prismatic": arm.chain.slides.astype(float),
+        "arm_gravity": arm.gravity_direction,
         "angle_ranges": model.angle_ranges_,
         "angle_gaps": model.angle_gaps_,
         **_chain_arrays("arm", arm.chain),
     }
+    if arm.masses is not None:
+        arrays |= {"arm_masses": arm.masses.mass_kg, "arm_mass_centres": arm.masses.centre_in_joint_mm}
     facts: dict[str, float] = {}
     for name in IDENTIFIED:
         if hasattr(model, name):
@@ -318,6 +323,8 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
         upper=limits[:, 1],
         working_pose=_shaped(arrays, "arm_working_pose", (n,)),
         source=header.arm.source,
+        masses=LinkMasses(arrays["arm_masses"], arrays["arm_mass_centres"]) if "arm_masses" in arrays else None,
+        gravity_in_base=_shaped(arrays, "arm_gravity", (3,)) if header.format > 3 else None,
     )
     options = {name: tuple(value) if isinstance(value, list) else value for name, value in header.options.items()}
     old = header.format < 3

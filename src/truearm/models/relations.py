@@ -40,7 +40,13 @@ def state_of(
     directions = readings.directions
     if directions is None and direction is not None:
         directions = np.full(readings.angles.shape, direction)
-    return ArmState(arm.chain, readings.angles, temperature, directions, given | dict(readings.columns))
+    return ArmState.of(
+        arm,
+        readings.angles,
+        temperature_degC=temperature,
+        directions=directions,
+        columns=given | dict(readings.columns),
+    )
 
 
 def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference]:

@@ -136,7 +136,7 @@ def as_drawn(arm: Arm, *, terms: Terms = "physical", noise_mm: float) -> Known:
     if terms == "physical":
         for joint in (joint for joint in joints if not chain.slides[joint - 1]):
             chosen += [*own_axis(chain, joint, highest=HIGHEST_ORDER), *wobble(chain, joint)]
-        chosen += [term for joint in (0, *joints) for term in gravity(chain, joint)]
+        chosen += [term for joint in (0, *joints) for term in gravity(chain, joint, links=arm.masses)]
     elif terms != "constants":
         raise InputError(f"expected the terms constants or physical, got {terms!r}")
     stds = np.concatenate([term.prior_stds for term in chosen])
@@ -144,7 +144,7 @@ def as_drawn(arm: Arm, *, terms: Terms = "physical", noise_mm: float) -> Known:
         Moved(chain, tuple(chosen)),
         np.diag(stds**-2.0),
         noise_mm,
-        lambda angles: ArmState(chain, angles),
+        lambda angles: ArmState.of(arm, angles),
     )
 
 

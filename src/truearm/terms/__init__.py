@@ -4,6 +4,7 @@ The virtual arm draws errors from the functions, identification fits the terms' 
 are in `truearm.terms.catalogue`.
 """
 
+from truearm.arm.masses import LinkMasses
 from truearm.terms.basis import (
     Basis,
     Column,
@@ -23,7 +24,7 @@ from truearm.terms.catalogue import (
     constants,
     place_name,
 )
-from truearm.terms.gravity import GravityLoads, LinkMasses, gravity_loads, gravity_torques, uniform_links
+from truearm.terms.gravity import GravityLoads, gravity_loads, gravity_torques, uniform_links
 from truearm.terms.joint import directions, harmonics
 from truearm.terms.state import ArmState
 from truearm.terms.term import Term

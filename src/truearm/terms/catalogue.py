@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.chain import Chain
+from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
 from truearm.terms.basis import AXES, Basis, Column, Constant, Direction, GravityTorque, Harmonics, Temperature
-from truearm.terms.gravity import LinkMasses
 from truearm.terms.state import ArmState
 from truearm.terms.term import Term
 from truearm.terms.thermal import link_vectors

@@ -2,50 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.chain import Chain
+from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
 from truearm.terms.thermal import link_vectors
 
 FloatArray = npt.NDArray[np.float64]
 
-STANDARD_GRAVITY_IN_BASE = (0.0, 0.0, -9.80665)
-"""Standard acceleration of free fall [m/s^2] on an arm that stands upright."""
+STANDARD_GRAVITY = 9.80665
+"""Standard acceleration of free fall [m/s^2]."""
 
-
-@dataclass(frozen=True, eq=False)
-class LinkMasses:
-    """Masses of the moving links.
-
-    Parameters
-    ----------
-    mass_kg : (n_joints,) array
-        Mass of the link that moves with joint i (from joint i to joint i + 1, the last one to the tip).
-    centre_in_joint_mm : (n_joints, 3) array
-        Its centre of mass in the frame of place i.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not fit, a number is not finite or a mass is negative.
-    """
-
-    mass_kg: FloatArray
-    centre_in_joint_mm: FloatArray
-
-    def __post_init__(self) -> None:
-        mass, centre = np.array(self.mass_kg, dtype=float), np.array(self.centre_in_joint_mm, dtype=float)
-        if mass.ndim != 1 or centre.shape != (len(mass), 3):
-            raise InputError(f"expected n masses and (n, 3) centres of mass, got {mass.shape} and {centre.shape}")
-        if not (np.isfinite(mass).all() and np.isfinite(centre).all() and (mass >= 0).all()):
-            raise InputError(f"masses must be finite and not negative and their centres finite, got masses {mass} kg")
-        object.__setattr__(self, "mass_kg", mass)
-        object.__setattr__(self, "centre_in_joint_mm", centre)
+STANDARD_GRAVITY_IN_BASE = (0.0, 0.0, -STANDARD_GRAVITY)
+"""The same on an arm that stands upright."""
 
 
 class GravityLoads(NamedTuple):

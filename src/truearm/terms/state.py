@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
+from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
-from truearm.terms.gravity import STANDARD_GRAVITY_IN_BASE, LinkMasses, gravity_torques, uniform_links
+from truearm.terms.gravity import STANDARD_GRAVITY, STANDARD_GRAVITY_IN_BASE, gravity_torques, uniform_links
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -73,6 +76,15 @@ class ArmState:
         checked["gravity_in_base"] = _fitting(self.gravity_in_base, "gravity", ((3,),))
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+
+    @classmethod
+    def of(cls, arm: Arm, angles: npt.ArrayLike, **more: Any) -> Self:
+        """State of an arm, with its masses and the direction of its weight, at angles (n, n_joints) [rad, or mm].
+
+        `more` are `temperature_degC`, `directions` and `columns`.
+        """
+        gravity = STANDARD_GRAVITY * arm.gravity_direction
+        return cls(arm.chain, np.asarray(angles, dtype=float), links=arm.masses, gravity_in_base=gravity, **more)
 
     def __len__(self) -> int:
         return len(self.angles)
