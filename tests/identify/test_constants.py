@@ -182,8 +182,8 @@ def test_points_in_a_fitted_frame_determine_as_many_combinations_as_theory_says(
     moved = Moved(chain, tuple(constants(chain)))
     problem = SmallMotionProblem(moved, ArmState(chain, angles), (Points(np.arange(200), chain.tip_in_base(angles)),))
     (equations,) = problem.normal_equations(np.zeros(moved.n_coefficients), [np.ones((3, 200))])
-    scale = 1 / np.sqrt(equations.gram.diagonal())
-    values = np.linalg.eigvalsh(equations.gram * np.outer(scale, scale))[::-1]
+    scale = 1 / np.sqrt(equations.head.diagonal())
+    values = np.linalg.eigvalsh(equations.head * np.outer(scale, scale))[::-1]
     rank = int((values > 1e-12 * values[0]).sum())
     assert rank == 4 * joints + 3
     assert values[rank] < 1e-3 * values[rank - 1]  # a clear gap

@@ -14,6 +14,7 @@ from truearm.arm import Chain
 from truearm.identify import problem as problem_module
 from truearm.identify.problem import Moved, SmallMotionProblem
 from truearm.identify.references import Linearised, Points, seats_of
+from truearm.solve.arrowhead import Arrowhead
 from truearm.terms import ArmState, Constant, Harmonics, Temperature, Term, candidate_terms, constants
 from truearm.terms.catalogue import own_axis
 
@@ -112,12 +113,8 @@ def jacobian(problem, x, weights):
 
 
 def summed(problem, x, weights):
-    parts = problem.normal_equations(x, weights)
-    return (
-        sum(part.cost for part in parts),
-        sum(part.gradient for part in parts),
-        sum(part.gram for part in parts),
-    )
+    whole = Arrowhead.joined(problem.normal_equations(x, weights))
+    return whole.cost, whole.gradient, whole.dense()
 
 
 def assert_same_equations(found, expected, rtol=1e-10):
@@ -155,7 +152,7 @@ def test_relations_are_those_of_a_dense_jacobian_by_differences():
     assert found.cost == pytest.approx(0.5 * r @ r)
     assert problem.relations_cost(x) == pytest.approx(found.cost)
     np.testing.assert_allclose(found.gradient, J.T @ r, atol=1e-7 * np.abs(J.T @ r).max())
-    np.testing.assert_allclose(found.gram, J.T @ J, atol=1e-7 * np.abs(J.T @ J).max())
+    np.testing.assert_allclose(found.dense(), J.T @ J, atol=1e-7 * np.abs(J.T @ J).max())
 
 
 @settings(deadline=None, max_examples=10)
@@ -212,7 +209,7 @@ def test_no_terms_leave_the_chain():
     problem = SmallMotionProblem(nothing, state, (Points(np.arange(6), tips.T + 1.0),))
     (found,) = problem.normal_equations(np.zeros(0), [np.ones((3, 6))])
     assert found.cost == pytest.approx(9.0)
-    assert found.gram.shape == (0, 0)
+    assert found.dense().shape == (0, 0)
 
 
 # The arm's size
@@ -360,9 +357,10 @@ def test_weights_scale_the_sums(seed, factor):
 def test_matrices_are_symmetric_and_not_negative():
     problem, x, weights = everything(12)
     for part in problem.normal_equations(x, weights):
-        np.testing.assert_array_equal(part.gram, part.gram.T)
-        size = np.sqrt(np.maximum(part.gram.diagonal(), 1e-300))
-        assert np.linalg.eigvalsh(part.gram / np.outer(size, size))[0] > -1e-11
+        gram = part.dense()
+        np.testing.assert_array_equal(gram, gram.T)
+        size = np.sqrt(np.maximum(gram.diagonal(), 1e-300))
+        assert np.linalg.eigvalsh(gram / np.outer(size, size))[0] > -1e-11
 
 
 def test_terms_of_one_place_and_direction_are_gathered():

@@ -16,6 +16,7 @@ from truearm.identify.poses import Orientations
 from truearm.identify.problem import Moved, SmallMotionProblem
 from truearm.identify.references import Length, Points, Seats, seats_of
 from truearm.identify.surfaces import lines_of, planes_of, spheres_of
+from truearm.solve.arrowhead import Arrowhead
 from truearm.terms import ArmState, constants
 from truearm.terms.catalogue import gravity, own_axis, tool_rotation, wobble
 
@@ -98,20 +99,20 @@ def test_derivatives_of_all_kinds_at_once_are_the_difference_quotients(seed, cou
     np.testing.assert_allclose(directions @ jacobian, quotients, rtol=0, atol=1e-6 * np.abs(quotients).max())
     # The normal equations, weighted, are this Jacobian's.
     weights = [rng.uniform(0.5, 2, residual.shape) for residual in problem.residuals(x)]
-    parts = problem.normal_equations(x, weights)
+    whole = Arrowhead.joined(problem.normal_equations(x, weights))
     whitened, residuals = directions @ jacobian * stacked(weights), stacked(weights) * stacked(problem.residuals(x))
-    gram = sum(part.gram for part in parts)
+    gram = whole.dense()
     size = np.linalg.norm(whitened, axis=1)
     np.testing.assert_allclose(
         (directions @ gram @ directions.T) / np.outer(size, size),
         (whitened @ whitened.T) / np.outer(size, size),
         atol=1e-9,
     )
-    gradient = sum(part.gradient for part in parts)
+    gradient = whole.gradient
     np.testing.assert_allclose(
         directions @ gradient, whitened @ residuals, rtol=0, atol=1e-9 * (size.max() * np.linalg.norm(residuals))
     )
-    assert sum(part.cost for part in parts) == pytest.approx(0.5 * residuals @ residuals)
+    assert whole.cost == pytest.approx(0.5 * residuals @ residuals)
 
 
 @settings(deadline=None, max_examples=20)

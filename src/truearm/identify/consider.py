@@ -19,7 +19,7 @@ B. D. Tapley, B. E. Schutz, G. H. Born, "Statistical Orbit Determination", 2004,
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,11 +27,12 @@ import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 
 from truearm.arm.chain import Chain
-from truearm.identify.identification import UNKNOWN_STD, GroupFound, Identified, explained
+from truearm.identify.identification import UNKNOWN_STD, GroupFound, Identified, explained, without_unknowns
 from truearm.identify.leave_out import root_of
 from truearm.identify.noise import cut_square, huber_weights, mean_cut_square
 from truearm.identify.problem import Moved, SmallMotionProblem
 from truearm.identify.references import Reference
+from truearm.solve.arrowhead import Arrowhead
 from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior
 from truearm.solve.threads import one_blas_thread
 from truearm.terms.basis import Constant
@@ -93,10 +94,7 @@ def identified_anew(
     started = [reference.started(rough[:, reference.rows]) for reference in references]
     problem = SmallMotionProblem(moved, state, tuple(reference for reference, _ in started))
     x = np.concatenate([merged.x, *(unknowns for _, unknowns in started)])
-    which = np.concatenate([merged.anew, np.arange(n, len(x))])
-    ratio = np.concatenate([merged.prior_std[merged.anew], np.full(len(x) - n, UNKNOWN_STD)])
-    prior = GroupedPrior(ratio, np.zeros(len(ratio), dtype=np.intp), np.ones(1), np.zeros(1, dtype=bool))
-    sought = _Sought(problem, which, x[which], prior)
+    sought = _Sought(problem, merged.anew, x, merged.prior_std[merged.anew])
     x, residuals = _near(sought, x, unexplained_std**2, robust=robust)
 
     root = root_of(merged.covariance)
@@ -105,14 +103,13 @@ def identified_anew(
     for n_rounds in range(1, MOST_ROUNDS + 1):
         weighed = _weighed(problem.references, residuals, variance, of_arm, robust=robust)
         left, found = sought.at(x, weighed, root)
-        step = sought.step(x, found)
-        x = x + step
+        x = x + left.step
         residuals = problem.residuals(x)
         if progress is not None:
             progress(n_rounds, f"unexplained: {np.sqrt(variance):.4f} mm")
-        if left.size_of(step[which]) > SETTLED_STEP:
+        if left.size > SETTLED_STEP:
             continue
-        freedom = max(weighed.freedom + sought.n_relations(x) - float(np.vdot(left.gram, found.covariance)), 1.0)
+        freedom = max(weighed.freedom + sought.n_relations(x) - left.told, 1.0)
         grown = max(variance * (left.square - weighed.beyond) / freedom, unexplained_std**2)
         converged = abs(grown - variance) < SETTLED_NOISE * variance
         if converged:
@@ -123,7 +120,7 @@ def identified_anew(
         x[:n],
         _joseph(root, merged.anew, left, found),
         merged.prior_std,
-        _groups(fit, terms, 1 - found.covariance.diagonal() * prior.precision),
+        _groups(fit, terms, 1 - found.covariance.diagonal()[: len(merged.anew)] / sought.prior_std**2),
         explained(problem, x, np.full(len(references), np.sqrt(variance)), weighed.trust),
         converged,
         n_rounds,
@@ -145,18 +142,16 @@ class _Left(NamedTuple):
 
     With the root F of their covariance, ``P = F^T F``, and the Gauss-Newton matrix G of all parameters under the noise
     R: `lower` is the factor of ``I + F G F^T``, `across` is ``lower^-1 F G`` at the columns sought, and `square` is
-    ``r^T S^-1 r``.
+    ``r^T S^-1 r``. `told` counts what the residuals determine of what is sought, `step` leads there from where it was
+    linearised, and `size` is its root mean square in standard uncertainties.
     """
 
-    gram: FloatArray
-    gradient: FloatArray
     lower: FloatArray
     across: FloatArray
     square: float
-
-    def size_of(self, step: FloatArray) -> float:
-        """Root mean square of a step, in standard uncertainties."""
-        return float(np.sqrt(max(float(step @ self.gram @ step), 0.0) / len(step)))
+    told: float
+    step: FloatArray
+    size: float
 
 
 class _Weighed(NamedTuple):
@@ -174,40 +169,51 @@ class _Weighed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Sought:
-    """The parameters sought: new coefficients and what is unknown of artefacts, about where they began."""
+    """The parameters sought: new coefficients `anew`, and what is unknown of artefacts, about where all `begun`."""
 
     problem: SmallMotionProblem
-    which: IntArray
+    anew: IntArray
     begun: FloatArray
-    prior: GroupedPrior
+    prior_std: FloatArray
 
     def at(self, x: FloatArray, weighed: _Weighed, root: FloatArray) -> tuple[_Left, Posterior]:
         """Linearise, and find them with considered parameters of the covariance that `root` is of."""
-        parts = [*self.problem.normal_equations(x, weighed.weights), self.problem.relations(x)]
-        gram = np.sum([part.gram for part in parts], axis=0)
-        gradient = np.sum([part.gradient for part in parts], axis=0)
-        n, which = root.shape[1], self.which
+        parts = self.problem.normal_equations(x, weighed.weights)
+        joined, relations = Arrowhead.joined(parts), self.problem.relations(x)
+        whole = replace(
+            joined,
+            cost=joined.cost + relations.cost,
+            gradient=joined.gradient + relations.gradient,
+            blocks=joined.blocks + relations.blocks,
+        )
+        n = root.shape[1]
         with one_blas_thread():
+            left = without_unknowns(parts, whole, x - self.begun)
+            gram, gradient = left.gram, left.gradient
+            which = np.concatenate([self.anew, np.arange(n, len(left.kept))])
             matrix = root @ gram[:n, :n] @ root.T
             matrix.flat[:: len(matrix) + 1] += 1.0
             lower = np.asarray(cholesky(matrix, lower=True)) if len(matrix) else matrix
             across = _by_factor(lower, root @ gram[:n, which])
             along = _by_factor(lower, root @ gradient[:n])
-            square = 2 * sum(part.cost for part in parts) - float(along @ along)
-            left = _Left(
-                gram[np.ix_(which, which)] - across.T @ across,
-                gradient[which] - across.T @ along,
-                lower,
-                across,
-                square,
-            )
-            return left, posterior(left.gram, left.gram @ (x[which] - self.begun) - left.gradient, self.prior)
+            own, downhill = gram[np.ix_(which, which)] - across.T @ across, gradient[which] - across.T @ along
+            away = (x - self.begun)[left.kept[which]]
+            found = posterior(own, own @ away - downhill, self._prior(len(which)))
+            of_sought = found.x - away
+            of_kept = np.zeros(len(left.kept))
+            of_kept[which] = of_sought
+            # The artefacts lie where they do best together with the considered ones, which then stay all the same.
+            considered = -(root.T @ _by_factor(lower, along + across @ of_sought, transposed=True))
+            step = left.step(of_kept + np.concatenate([considered, np.zeros(len(left.kept) - n)]))
+            step[left.kept] = of_kept
+        square = 2 * whole.cost - left.gain - float(along @ along)
+        told = left.told + float(np.vdot(own, found.covariance))
+        size = np.sqrt(max(float(of_sought @ own @ of_sought), 0.0) / len(of_sought))
+        return _Left(lower, across, square, told, step, float(size)), found
 
-    def step(self, x: FloatArray, found: Posterior) -> FloatArray:
-        """From `x` to what was found."""
-        step = np.zeros(len(x))
-        step[self.which] = self.begun + found.x - x[self.which]
-        return step
+    def _prior(self, n: int) -> GroupedPrior:
+        ratio = np.concatenate([self.prior_std, np.full(n - len(self.anew), UNKNOWN_STD)])
+        return GroupedPrior(ratio, np.zeros(n, dtype=np.intp), np.ones(1), np.zeros(1, dtype=bool))
 
     def n_relations(self, x: FloatArray) -> int:
         """How many residuals there are among the unknowns alone."""
@@ -225,16 +231,15 @@ def _near(sought: _Sought, x: FloatArray, variance: float, *, robust: bool) -> t
         typical = max([variance, *(float(np.median((r**2).mean(axis=0))) for r in residuals)])
         nothing = [np.zeros(r.shape[1]) for r in residuals]
         weighed = _weighed(problem.references, residuals, typical, nothing, robust=robust)
-        left, found = sought.at(x, weighed, np.zeros((0, problem.moved.n_coefficients)))
-        step = sought.step(x, found)
+        left, _ = sought.at(x, weighed, np.zeros((0, problem.moved.n_coefficients)))
         before = _cost(problem, x, weighed, residuals)
         for halvings in range(12):
-            at = x + step / 2**halvings
+            at = x + left.step / 2**halvings
             there = problem.residuals(at)
             if _cost(problem, at, weighed, there) <= before:
                 x, residuals = at, there
                 break
-        if left.size_of(step[sought.which]) < 1.0:
+        if left.size < 1.0:
             break
     return x, residuals
 

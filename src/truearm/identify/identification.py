@@ -19,7 +19,7 @@ from truearm.errors import InputError
 from truearm.identify.noise import huber_weights, unexplained_variance
 from truearm.identify.problem import RELATIVE, Moved, SmallMotionProblem
 from truearm.identify.references import Reference
-from truearm.solve import NormalEquations
+from truearm.solve.arrowhead import Arrowhead, Eliminated
 from truearm.solve.group_evidence import (
     GroupedPrior,
     Posterior,
@@ -239,33 +239,36 @@ def identify(
         if progress is not None:
             told = ", ".join(f"{kind} {np.sqrt(v):.4f} mm" for kind, v in zip(kinds, noise, strict=True))
             progress(n_rounds, f"unexplained: {told}")
-        parts, gram, gradient = _linearised(problem, x, weights)
+        parts, whole = _linearised(problem, x, weights)
+        left = without_unknowns(parts, whole, x)
         calm = calm + 1 if np.all(np.abs(noise - noise_before) < CALM_NOISE * noise) else 0
         if calm == 1:
-            prior = _without_invisible(prior, gram, sum(residual.size for residual in residuals))
+            prior = _without_invisible(prior, whole.diagonal, sum(residual.size for residual in residuals))
         # While the noise still falls, what it hides must not be given up.
         with one_blas_thread():
-            prior, found, effective = _evidence(gram, gram @ x - gradient, prior, prune=calm >= 2)
+            prior, found, effective = _evidence(left, x, prior, prune=calm >= 2)
         if x[~prior.active].any():
             x = np.where(prior.active, x, 0.0)
             residuals = problem.residuals(x)
-        step = found.x - x
+        step = left.step(found.x - x[left.kept])
+        along = whole.times(step)
         # Rounding may leave a product of almost nothing below zero.
-        moved_by = np.sqrt(max(float(step @ gram @ step), 0.0) / max(float(effective.sum()), 1.0))
-        back = float(step @ gram @ step_before) < 0
+        moved_by = np.sqrt(max(float(step @ along), 0.0) / max(float(effective.sum()) + left.told, 1.0))
+        back = float(along @ step_before) < 0
         share = max(share / 2, 0.1) if calm >= 2 and back else min(1.5 * share, 1.0)
         step_before = step
         x, residuals = _stepped(problem, x, share * step, weights, prior, residuals)
-        per_kind = np.array([float(np.vdot(part.gram, found.covariance)) for part in parts])
+        per_kind = left.traces(parts, found.covariance)
         converged = calm >= 2 and moved_by < SETTLED_STEP
         noise_before = noise
         if converged:
             break
     # Where readings leave a motion of decimetres open, a last step within all uncertainty still turns what is open by
     # more than the noise: the covariance is that of the arm that was found.
-    _, gram, gradient = _linearised(problem, x, weights)
+    parts, whole = _linearised(problem, x, weights)
+    left = without_unknowns(parts, whole, x)
     with one_blas_thread():
-        found = posterior(gram, gram @ x - gradient, prior)
+        found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior.of(left.kept), size=left.size)
     return _gathered(problem, x, prior, groups, found, effective, noise, trust, converged, n_rounds)
 
 
@@ -281,21 +284,31 @@ def _check_rows(reference: Reference, n: int) -> None:
 
 def _linearised(
     problem: SmallMotionProblem, x: FloatArray, weights: list[FloatArray]
-) -> tuple[list[NormalEquations], FloatArray, FloatArray]:
-    """Normal equations of every reference, and the matrix and gradient of all of them and their relations."""
+) -> tuple[list[Arrowhead], Arrowhead]:
+    """Normal equations of every reference, and of all of them and their relations together."""
     parts = problem.normal_equations(x, weights)
-    relations = problem.relations(x)
-    gram = sum((part.gram for part in parts), start=relations.gram)
-    gradient = sum((part.gradient for part in parts), start=relations.gradient)
+    joined, relations = Arrowhead.joined(parts), problem.relations(x)
+    head, gradient = joined.head, joined.gradient + relations.gradient
     if any(reference.kind in RELATIVE for reference in problem.references):
         size = problem.growth_gradient(x)
         for part, reference in zip(parts, problem.references, strict=True):
             if reference.kind in RELATIVE:
                 gradient = gradient - 2 * part.cost * size
         if _size_is_open(problem, x):
-            gram = gram + np.outer(size, size) / SIZE_STD**2
+            of_coefficients = size[: len(head)]
+            head = head + np.outer(of_coefficients, of_coefficients) / SIZE_STD**2
             gradient = gradient + size * problem.growth(x) / SIZE_STD**2
-    return parts, gram, gradient
+    blocks = joined.blocks + relations.blocks
+    return parts, replace(joined, cost=joined.cost + relations.cost, gradient=gradient, head=head, blocks=blocks)
+
+
+def without_unknowns(parts: Sequence[Arrowhead], whole: Arrowhead, x: FloatArray) -> Eliminated:
+    """Normal equations without the artefacts' unknowns.
+
+    Those that no reading is about stay: lengths of artefacts, which tie the places where these stood to one another.
+    """
+    in_readings = np.concatenate([part.blocks.diagonal() for part in parts]) > 0
+    return whole.eliminated(np.full(len(in_readings), UNKNOWN_STD**-2.0), x, shared=~in_readings)
 
 
 def _size_is_open(problem: SmallMotionProblem, x: FloatArray) -> bool:
@@ -382,37 +395,41 @@ def _weighed(
     return noise, weights, trusts
 
 
-def _without_invisible(prior: GroupedPrior, gram: FloatArray, n_residuals: int) -> GroupedPrior:
+def _without_invisible(prior: GroupedPrior, diagonal: FloatArray, n_residuals: int) -> GroupedPrior:
     """Leave out groups that would not be seen at their usual size, as harmonics of a joint whose axis meets the tip.
 
     Evidence would let them grow beyond any sense: to where they are seen.
     """
-    in_noise = np.sqrt(prior.sums(prior.ratio**2 * gram.diagonal()) / n_residuals)
+    in_noise = np.sqrt(prior.sums(prior.ratio**2 * diagonal) / n_residuals)
     return replace(prior, scale=np.where(prior.learned & (in_noise < INVISIBLE), 0.0, prior.scale))
 
 
 def _evidence(
-    gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, prune: bool
+    left: Eliminated, x: FloatArray, prior: GroupedPrior, *, prune: bool
 ) -> tuple[GroupedPrior, Posterior, FloatArray]:
-    """Scales of greatest evidence on a linearisation, as far as some rounds get, and the posterior under them.
+    """Scales of greatest evidence on a linearisation, as far as some rounds get, and the posterior of those kept in it.
 
     Pruned groups have scale 0 and stay out.
     """
+    gram, right, size = left.gram, left.gram @ x[left.kept] - left.gradient, left.size
+    of_kept = prior.of(left.kept)
     effective = np.zeros(len(prior.scale))
     for _ in range(2 if prune else SCALE_ROUNDS):
-        known = marginals(gram, right, prior)
-        scale, effective = updated_scales(prior, known, log_spread=LOG_SPREAD, least=LEAST_SCALE, most=MOST_SCALE)
+        known = marginals(gram, right, of_kept, size=size)
+        scale, effective = updated_scales(of_kept, known, log_spread=LOG_SPREAD, least=LEAST_SCALE, most=MOST_SCALE)
         told = effective > LEAST_EFFECTIVE
-        change = np.abs(scale - prior.scale)[told] / prior.scale[told]
-        prior = replace(prior, scale=scale)
+        change = np.abs(scale - of_kept.scale)[told] / of_kept.scale[told]
+        of_kept = replace(of_kept, scale=scale)
         if change.max(initial=0.0) < SETTLED_SCALES:
             break
-    found = posterior(gram, right, prior)
+    found = posterior(gram, right, of_kept, size=size)
     if prune:
-        pruned = without_dispensable(prior, found, log_spread=LOG_SPREAD)
-        if (pruned.scale < prior.scale).any():
-            return pruned, posterior(gram, right, pruned), np.where(pruned.scale > 0, effective, 0.0)
-    return prior, found, effective
+        pruned = without_dispensable(of_kept, found, log_spread=LOG_SPREAD)
+        if (pruned.scale < of_kept.scale).any():
+            of_kept = pruned
+            found = posterior(gram, right, of_kept, size=size)
+            effective = np.where(of_kept.scale > 0, effective, 0.0)
+    return replace(prior, scale=of_kept.scale), found, effective
 
 
 def _stepped(

@@ -7,7 +7,8 @@ basis function of the arm's state. So for two sites a, b with basis functions ph
 
 coordinates before readings. Sites with many functions (harmonics of a joint's own angle) go that way, in pairs; those
 with few stand side by side as columns of a narrow Jacobian, which costs less than to treat them in pairs. Readings go
-in chunks, so that memory does not grow with them.
+in chunks, so that memory does not grow with them. What is unknown of an artefact has to do with its own readings only:
+the matrix is an arrowhead (`truearm.solve.arrowhead`), whose cost and size are linear in the artefacts.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_array
 
 from truearm.arm.chain import Chain
 from truearm.arm.motions import rotations_and_jacobians
 from truearm.identify.references import Linearised, Reference
-from truearm.solve import NormalEquations
+from truearm.solve.arrowhead import Arrowhead
 from truearm.solve.threads import cores, one_blas_thread
 from truearm.terms.basis import Basis, Constant
 from truearm.terms.state import ArmState
@@ -195,12 +197,16 @@ class SmallMotionProblem:
     @cached_property
     def n_parameters(self) -> int:
         """Coefficients and unknowns."""
-        return self.moved.n_coefficients + sum(len(reference.unknowns) for reference in self.references)
+        return self._starts[-1]
 
     def unknowns_of(self, which: int) -> slice:
         """Where the unknowns of a reference stand among the parameters."""
-        start = self.moved.n_coefficients + sum(len(r.unknowns) for r in self.references[:which])
-        return slice(start, start + len(self.references[which].unknowns))
+        return slice(self._starts[which], self._starts[which + 1])
+
+    @cached_property
+    def _starts(self) -> list[int]:
+        counts = [self.moved.n_coefficients, *(len(reference.unknowns) for reference in self.references)]
+        return [int(start) for start in np.cumsum(counts)]
 
     def residuals(self, x: FloatArray) -> list[FloatArray]:
         """(k, m) residuals of every reference [mm]."""
@@ -219,8 +225,8 @@ class SmallMotionProblem:
             found.append(out)
         return found
 
-    def normal_equations(self, x: FloatArray, weights: Sequence[FloatArray]) -> list[NormalEquations]:
-        """Cost, gradient and Gauss-Newton matrix of every reference by itself.
+    def normal_equations(self, x: FloatArray, weights: Sequence[FloatArray]) -> list[Arrowhead]:
+        """Cost, gradient and Gauss-Newton matrix of every reference by itself, with its own unknowns.
 
         Parameters
         ----------
@@ -299,32 +305,34 @@ class SmallMotionProblem:
         off[:, 2] -= off[:, 2].mean()
         return off
 
-    def relations(self, x: FloatArray) -> NormalEquations:
-        """What is known among the unknowns: lengths."""
-        cost, gradient = 0.0, np.zeros(self.n_parameters)
-        gram = np.zeros((self.n_parameters, self.n_parameters))
+    def relations(self, x: FloatArray) -> Arrowhead:
+        """What is known among the unknowns: lengths; all coefficients and unknowns are in it."""
+        p, u = self.moved.n_coefficients, self.n_parameters - self.moved.n_coefficients
+        cost, gradient, blocks = 0.0, np.zeros(self.n_parameters), csr_array((u, u))
         for i, reference in enumerate(self.references):
             where = self.unknowns_of(i)
             relations = reference.relations(x[where])
             if relations is not None:
                 residuals = relations.residuals / relations.std
-                by = relations.by_unknown / relations.std[:, None]
+                line, unknown = np.nonzero(relations.by_unknown)
+                values = relations.by_unknown[line, unknown] / relations.std[line]
+                by = csr_array((values, (line, unknown + where.start - p)), shape=(len(residuals), u))
                 cost += 0.5 * float(residuals @ residuals)
-                gradient[where] += by.T @ residuals
-                gram[where, where] += by.T @ by
-        return NormalEquations(cost, gradient, gram)
+                gradient[p:] += by.T @ residuals
+                blocks = blocks + by.T @ by
+        return Arrowhead(cost, gradient, np.zeros((p, p)), np.zeros((u, p)), blocks)
 
     def relations_cost(self, x: FloatArray) -> float:
         """Their cost alone."""
         found = (self.references[i].relations(x[self.unknowns_of(i)]) for i in range(len(self.references)))
         return sum(0.5 * float(((r.residuals / r.std) ** 2).sum()) for r in found if r is not None)
 
-    def _equations(self, which: int, x: FloatArray, weights: FloatArray) -> NormalEquations:
+    def _equations(self, which: int, x: FloatArray, weights: FloatArray) -> Arrowhead:
         pieces = chunks(len(self.references[which].rows))
         groups = [pieces[start::GROUPS] for start in range(min(GROUPS, len(pieces)))]
 
         def sums_of(group: list[slice]) -> _Sums:
-            sums = _Sums(self.moved.sites, self.moved.n_coefficients, self.n_parameters)
+            sums = _Sums(self.moved.sites, self.moved.n_coefficients, len(self.references[which].unknowns))
             for piece in group:
                 self._add(sums, which, piece, x, weights[:, piece])
             return sums
@@ -339,9 +347,7 @@ class SmallMotionProblem:
 
     def _add(self, sums: _Sums, which: int, piece: slice, x: FloatArray, weights: FloatArray) -> None:
         linear, by_place, values = self._by_place(which, piece, x, weights)
-        by_unknown = np.zeros((self.n_parameters - self.moved.n_coefficients, *weights.shape))
-        self._add_by_unknown(by_unknown, which, linear)
-        sums.add(linear.residuals, by_place, values, by_unknown)
+        sums.add(linear, by_place, values)
 
     def _by_place(
         self, which: int, piece: slice, x: FloatArray, weights: FloatArray
@@ -396,25 +402,25 @@ class SmallMotionProblem:
 class _Sums:
     """Sums over readings of a gradient and a Gauss-Newton matrix: narrow columns first, then the sites in pairs."""
 
-    def __init__(self, sites: list[Site], n_coefficients: int, n_parameters: int) -> None:
+    def __init__(self, sites: list[Site], n_coefficients: int, n_unknowns: int) -> None:
         self.narrow = [i for i, site in enumerate(sites) if len(site.columns) <= MOST_NARROW]
         self.wide = [i for i, site in enumerate(sites) if len(site.columns) > MOST_NARROW]
-        unknowns = np.arange(n_coefficients, n_parameters)
-        self.order = np.concatenate(
-            [*(sites[i].columns for i in self.narrow), unknowns, *(sites[i].columns for i in self.wide)]
-        )
+        nothing = np.zeros(0, dtype=np.intp)
+        self.order = np.concatenate([nothing, *(sites[i].columns for i in (*self.narrow, *self.wide))])
         self.places = [(site.place, site.direction) for site in sites]
-        self.n_narrow = len(self.order) - sum(len(sites[i].columns) for i in self.wide)
+        self.n_narrow = n_coefficients - sum(len(sites[i].columns) for i in self.wide)
         stops = np.cumsum([self.n_narrow, *(len(sites[i].columns) for i in self.wide)])
         self.spans = [slice(int(a), int(b)) for a, b in pairwise(stops)]
         self.cost = 0.0
-        self.gradient = np.zeros(n_parameters)
-        self.gram = np.zeros((n_parameters, n_parameters))
+        self.gradient = np.zeros(n_coefficients)
+        self.gram = np.zeros((n_coefficients, n_coefficients))
+        self.by_unknown = np.zeros(n_unknowns)
+        self.coupling = np.zeros((n_unknowns, n_coefficients))
+        self.blocks = csr_array((n_unknowns, n_unknowns))
 
-    def add(
-        self, residuals: FloatArray, by_place: FloatArray, values: list[FloatArray], by_unknown: FloatArray
-    ) -> None:
-        """Add a chunk: residuals (k, m), derivatives by the motions of places (n_places, 6, k, m) and by unknowns."""
+    def add(self, linear: Linearised, by_place: FloatArray, values: list[FloatArray]) -> None:
+        """Add a chunk, weighed: `by_place` (n_places, 6, k, m) are derivatives by the motions of places."""
+        residuals = linear.residuals
         k, m = residuals.shape
         by_site = [np.tensordot(direction, by_place[place], axes=1) for place, direction in self.places]
         columns = np.empty((self.n_narrow, k, m))
@@ -423,7 +429,6 @@ class _Sums:
             stop = start + len(values[i])
             np.multiply(by_site[i], values[i][:, None, :], out=columns[start:stop])
             start = stop
-        columns[start:] = by_unknown
         flat = columns.reshape(self.n_narrow, k * m)
         self.cost += 0.5 * float(np.vdot(residuals, residuals))
         self.gradient[: self.n_narrow] += flat @ residuals.ravel()
@@ -435,16 +440,47 @@ class _Sums:
             for j, other in zip(self.wide[n:], self.spans[n:], strict=True):
                 product = (by_site[i] * by_site[j]).sum(axis=0)
                 self.gram[span, other] += (product * values[i]) @ values[j].T
+        if len(self.by_unknown):
+            self._add_unknowns(linear, by_site, values, flat)
+
+    def _add_unknowns(
+        self, linear: Linearised, by_site: list[FloatArray], values: list[FloatArray], flat: FloatArray
+    ) -> None:
+        by = by_all_unknowns(linear, len(self.by_unknown))
+        self.by_unknown += by @ linear.residuals.ravel()
+        self.blocks = self.blocks + by @ by.T
+        self.coupling[:, : self.n_narrow] += by @ flat.T
+        readings = np.broadcast_to(np.arange(linear.unknown.shape[1]), linear.unknown.shape).ravel()
+        for i, span in zip(self.wide, self.spans, strict=True):
+            contracted = (linear.by_unknown * by_site[i][:, None]).sum(axis=0)
+            spread = csr_array(
+                (contracted.ravel(), (linear.unknown.ravel(), readings)),
+                shape=(len(self.by_unknown), linear.unknown.shape[1]),
+            )
+            self.coupling[:, span] += spread @ values[i].T
 
     def merge(self, other: _Sums) -> None:
         """Add what another group of chunks came to."""
         self.cost += other.cost
         self.gradient += other.gradient
         self.gram += other.gram
+        self.by_unknown += other.by_unknown
+        self.coupling += other.coupling
+        self.blocks = self.blocks + other.blocks
 
-    def equations(self) -> NormalEquations:
+    def equations(self) -> Arrowhead:
         """The normal equations in the order of the parameters."""
         back = np.argsort(self.order)
         upper = np.triu(self.gram)
         gram = upper + np.triu(upper, 1).T
-        return NormalEquations(self.cost, self.gradient[back], gram[np.ix_(back, back)])
+        gradient = np.concatenate([self.gradient[back], self.by_unknown])
+        return Arrowhead(self.cost, gradient, gram[np.ix_(back, back)], self.coupling[:, back], self.blocks)
+
+
+def by_all_unknowns(linear: Linearised, n: int) -> csr_array:
+    """(n, k m) derivatives of residuals by all unknowns of their reference."""
+    k, m = linear.residuals.shape
+    unknown = np.broadcast_to(linear.unknown, linear.by_unknown.shape)
+    residual = np.broadcast_to(m * np.arange(k)[:, None, None] + np.arange(m), unknown.shape)
+    told = linear.by_unknown != 0
+    return csr_array((linear.by_unknown[told], (unknown[told], residual[told])), shape=(n, k * m))

@@ -70,6 +70,10 @@ class GroupedPrior:
         with np.errstate(divide="ignore"):
             return np.asarray((self.ratio * self.scale[self.group]) ** -2.0)
 
+    def of(self, which: IntArray) -> GroupedPrior:
+        """That of some of the parameters."""
+        return replace(self, ratio=self.ratio[which], group=self.group[which])
+
     def sums(self, values: FloatArray) -> FloatArray:
         """(n_groups,) sums of values (p,) by group."""
         return np.asarray(np.bincount(self.group, values, minlength=len(self.scale)), dtype=float)
@@ -105,49 +109,55 @@ class Posterior(NamedTuple):
     covariance: FloatArray
 
 
-def marginals(gram: FloatArray, right: FloatArray, prior: GroupedPrior) -> Marginals:
-    """Posterior of data with normal equations ``gram x = right``: means and variances."""
+def marginals(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size: FloatArray | None = None) -> Marginals:
+    """Posterior of data with normal equations ``gram x = right``: means and variances.
+
+    `size` (p,) is the diagonal of a matrix from which others were eliminated, as rounding is a share of what it was
+    then.
+    """
     active = np.flatnonzero(prior.active)
     x, variance = np.zeros(len(gram)), np.zeros(len(gram))
-    x[active], root = _solved(gram, right, prior, active)
+    x[active], root = _solved(gram, right, prior, active, size)
     variance[active] = np.einsum("ij,ij->j", root, root)
     return Marginals(x, variance)
 
 
-def posterior(gram: FloatArray, right: FloatArray, prior: GroupedPrior) -> Posterior:
+def posterior(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size: FloatArray | None = None) -> Posterior:
     """The same with the whole covariance."""
     active = np.flatnonzero(prior.active)
     x, covariance = np.zeros(len(gram)), np.zeros(gram.shape)
-    x[active], root = _solved(gram, right, prior, active)
+    x[active], root = _solved(gram, right, prior, active, size)
     covariance[np.ix_(active, active)] = root.T @ root
     return Posterior(x, covariance)
 
 
 def _solved(
-    gram: FloatArray, right: FloatArray, prior: GroupedPrior, active: IntArray
+    gram: FloatArray, right: FloatArray, prior: GroupedPrior, active: IntArray, size: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
     """Means of the active parameters, and F with ``F^T F = (G + P)^-1`` of them.
 
-    Columns are scaled to unit diagonal first, so that radians and millimetres may stand side by side.
+    Columns are scaled first, to unit diagonal but for what was eliminated, so that radians and millimetres may stand
+    side by side.
     """
     gram, right, precision = gram[np.ix_(active, active)], right[active], prior.precision[active]
-    scale = 1 / np.sqrt(np.maximum(gram.diagonal(), 0) + precision)
+    size = np.maximum(gram.diagonal() if size is None else size[active], 0)
+    scale = 1 / np.sqrt(size + precision)
     matrix = gram * scale
     matrix *= scale[:, None]
-    matrix.flat[:: len(matrix) + 1] = 1.0
+    matrix.flat[:: len(matrix) + 1] += precision * scale**2
     try:
         lower = cholesky(matrix, lower=True, check_finite=False)
     except LinAlgError:
-        return _solved_by_orthogonal_factors(gram, right, precision, scale)
+        return _solved_by_orthogonal_factors(gram, right, precision, size)
     if (lower.diagonal() ** 2).min(initial=1.0) < LEAST_PIVOT:
-        return _solved_by_orthogonal_factors(gram, right, precision, scale)
+        return _solved_by_orthogonal_factors(gram, right, precision, size)
     # With A = L L^T it is L^-1, which costs a third of A^-1.
     root = _inverse_triangle(lower, lower=True) * scale
     return root.T @ (root @ right), root
 
 
 def _solved_by_orthogonal_factors(
-    gram: FloatArray, right: FloatArray, precision: FloatArray, scale: FloatArray
+    gram: FloatArray, right: FloatArray, precision: FloatArray, size: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """The same where priors drown in the rounding of `gram`: what the data do not determine keeps its prior.
 
@@ -156,9 +166,10 @@ def _solved_by_orthogonal_factors(
     sizes differ by decades: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., section 19.4).
     """
     n = len(gram)
-    unit = 1 / np.sqrt(np.where(gram.diagonal() > 0, gram.diagonal(), 1.0))
+    scale = 1 / np.sqrt(size + precision)
+    unit = 1 / np.sqrt(np.where(size > 0, size, 1.0))
     values, vectors = np.linalg.eigh(gram * np.outer(unit, unit))
-    told = values > ROUNDING * values[-1]
+    told = values > ROUNDING * max(values[-1], 1.0)
     roots, vectors = np.sqrt(values[told]), vectors[:, told]
     stacked = np.zeros((len(roots) + n, n + 1))  # with the right side as the last column
     stacked[: len(roots), :n] = (vectors * roots).T / unit * scale

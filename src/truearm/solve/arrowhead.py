@@ -1,0 +1,240 @@
+"""Normal equations in the shape of an arrowhead, whose small blocks are eliminated one by one.
+
+A few parameters, the *head*, have to do with all data. The others, the *unknowns*, fall into small blocks that have to
+do with the head and with themselves only, as the places of seats in which an arm's tip is held:
+
+    | A   B^T | | x |   | a |
+    | B   D   | | z | = | b |,      D block-diagonal.
+
+Without z it is the Schur complement ``(A - B^T D^-1 B) x = a - B^T D^-1 b``, of the size of the head alone, and x has
+the same mean and covariance by it. The cost is linear in the number of blocks.
+
+Source: G. H. Golub, V. Pereyra, "The differentiation of pseudo-inverses and nonlinear least squares problems whose
+variables separate", SIAM J. Numer. Anal. 10 (1973) 413; L. Kaufman, BIT 15 (1975) 49; of photogrammetry, D. C. Brown,
+"The bundle adjustment", Int. Arch. Photogramm. 21-III (1976).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import block_diag, csr_array, diags_array
+from scipy.sparse.csgraph import connected_components
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+BoolArray = npt.NDArray[np.bool_]
+
+# Of a block of unit diagonal: squared pivots of Cholesky's factor that are smaller have lost their digits to rounding,
+# and eigenvalues that are a smaller share of the largest are what it left.
+LEAST_PIVOT = 1e-12
+ROUNDING = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Arrowhead:
+    """The quadratic model of a least-squares cost at a point, of p parameters in the head and u unknowns.
+
+    Attributes
+    ----------
+    cost : float
+        Half the sum of squared residuals.
+    gradient : (p + u,) array
+        ``J^T r``, the head first.
+    head : (p, p) array
+        A, symmetric.
+    coupling : (u, p) array
+        B.
+    blocks : (u, u) sparse array
+        D, symmetric.
+    """
+
+    cost: float
+    gradient: FloatArray
+    head: FloatArray
+    coupling: FloatArray
+    blocks: csr_array
+
+    @classmethod
+    def joined(cls, parts: Sequence[Arrowhead]) -> Arrowhead:
+        """The sum of parts that have the head in common, and unknowns each of its own, in this order."""
+        p = len(parts[0].head)
+        return cls(
+            sum(part.cost for part in parts),
+            np.concatenate([sum(part.gradient[:p] for part in parts), *(part.gradient[p:] for part in parts)]),
+            np.asarray(sum(part.head for part in parts)),
+            np.concatenate([part.coupling for part in parts]),
+            csr_array(block_diag([part.blocks for part in parts], format="csr")),
+        )
+
+    @property
+    def diagonal(self) -> FloatArray:
+        """(p + u,) diagonal of the matrix."""
+        return np.concatenate([self.head.diagonal(), self.blocks.diagonal()])
+
+    def dense(self) -> FloatArray:
+        """The whole matrix, (p + u, p + u)."""
+        return np.block([[self.head, self.coupling.T], [self.coupling, self.blocks.toarray()]])
+
+    def times(self, x: FloatArray) -> FloatArray:
+        """The matrix times a vector, (p + u,)."""
+        head, unknown = x[: len(self.head)], x[len(self.head) :]
+        return np.concatenate(
+            [self.head @ head + self.coupling.T @ unknown, self.coupling @ head + self.blocks @ unknown]
+        )
+
+    def eliminated(self, precision: FloatArray, x: FloatArray, *, shared: BoolArray) -> Eliminated:
+        """Without the unknowns, but for those that would tie blocks to one another.
+
+        Parameters
+        ----------
+        precision : (u,) array
+            Of the unknowns' priors, about zero.
+        x : (p + u,) array
+            Where the model was made.
+        shared : (u,) bool array
+            Unknowns that stay beside the head, as the length of an artefact that stood in many places.
+        """
+        p = len(self.head)
+        gone, stay = np.flatnonzero(~shared), np.flatnonzero(shared)
+        kept = np.concatenate([np.arange(p), p + stay])
+        gram, gradient = self.head, self.gradient[kept]
+        coupling = self.coupling[gone]
+        if len(stay):
+            of_shared = self.blocks[stay]
+            gram = np.block([[gram, self.coupling[stay].T], [self.coupling[stay], of_shared[:, stay].toarray()]])
+            coupling = np.hstack([coupling, of_shared[:, gone].toarray().T])
+        size = gram.diagonal()
+        root, n_told = _inverse_root(csr_array(self.blocks[gone][:, gone] + diags_array(precision[gone])))
+        half = root @ coupling
+        towards = root @ (self.gradient[p:][gone] + precision[gone] * x[p:][gone])
+        if len(gone):
+            gram, gradient = gram - half.T @ half, gradient - half.T @ towards
+        # What is known only by its prior is not told by the data.
+        told = n_told - float((root.multiply(root) @ precision[gone]).sum())
+        gain = float(towards @ towards)
+        return Eliminated(kept, p + gone, gram, gradient, size, root, root.T @ half, -(root.T @ towards), gain, told)
+
+
+@dataclass(frozen=True, eq=False)
+class Eliminated:
+    """An `Arrowhead` without its blocks: the Schur complement, and the way back.
+
+    Attributes
+    ----------
+    kept, gone : (k,), (g,) int array
+        Parameters that are in it, the head first, and that are not.
+    gram : (k, k) array
+    gradient : (k,) array
+    size : (k,) array
+        The diagonal before: rounding is a share of that.
+    root : (g, g) sparse array
+        R with ``R^T R = D^-1``, priors included.
+    slope : (g, k) array
+        ``D^-1 B``: those gone move by minus that with those kept.
+    offset : (g,) array
+        By how much those gone move if those kept stay.
+    gain : float
+        By how much twice the cost falls if those kept stay.
+    told : float
+        How many of those gone the data determine, those kept being known.
+    """
+
+    kept: IntArray
+    gone: IntArray
+    gram: FloatArray
+    gradient: FloatArray
+    size: FloatArray
+    root: csr_array
+    slope: FloatArray
+    offset: FloatArray
+    gain: float
+    told: float
+
+    def step(self, of_kept: FloatArray) -> FloatArray:
+        """(p + u,) the step of all parameters that goes with one (k,) of those kept."""
+        step = np.empty(len(self.kept) + len(self.gone))
+        step[self.kept] = of_kept
+        step[self.gone] = self.offset - self.slope @ of_kept
+        return step
+
+    def traces(self, parts: Sequence[Arrowhead], covariance: FloatArray) -> FloatArray:
+        """Traces of the parts' matrices times the covariance of all parameters, from that of those kept (k, k).
+
+        The parts' unknowns are those of the whole, one part after the other.
+        """
+        p = len(parts[0].head)
+        # Unknowns are `along` times those kept, and for those gone D^-1 on top.
+        along = np.zeros((len(self.kept) + len(self.gone) - p, len(self.kept)))
+        along[self.gone - p] = -self.slope
+        along[self.kept[p:] - p, np.arange(p, len(self.kept))] = 1.0
+        across = along @ covariance
+        place = np.full(len(along), -1, dtype=np.intp)
+        place[self.gone - p] = np.arange(len(self.gone))
+        traces, start = [], 0
+        for part in parts:
+            here = slice(start, start + part.blocks.shape[0])
+            start = here.stop
+            trace = float(np.vdot(part.head, covariance[:p, :p]))
+            if here.stop > here.start:
+                trace += 2 * float(np.vdot(part.coupling, across[here, :p]))
+                trace += float(np.vdot(part.blocks @ along[here], across[here]))
+                own = place[here]
+                root = self.root[:, own[own >= 0]]
+                trace += float((root.T @ root).multiply(part.blocks[own >= 0][:, own >= 0]).sum())
+            traces.append(trace)
+        return np.array(traces)
+
+
+def _inverse_root(matrix: csr_array) -> tuple[csr_array, int]:
+    """R with ``R^T R`` the inverse of a block-diagonal matrix, and how many directions it has beyond rounding.
+
+    In the others, which the data do not determine and which do not show in the coupling, R is zero.
+    """
+    n = matrix.shape[0]
+    if not n:
+        return csr_array((0, 0)), 0
+    n_blocks, block = connected_components(matrix, directed=False)
+    sizes = np.bincount(block, minlength=n_blocks)
+    order = np.argsort(block, kind="stable")
+    within = np.empty(n, dtype=np.intp)
+    within[order] = np.arange(n) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    scale = 1 / np.sqrt(matrix.diagonal())
+    entries = matrix.tocoo()
+    row, column = entries.coords
+    unit = entries.data * scale[row] * scale[column]
+    told, rows, columns, values = 0, [], [], []
+    for size in np.unique(sizes):
+        number = np.full(n_blocks, -1, dtype=np.intp)
+        number[sizes == size] = np.arange((sizes == size).sum())
+        here = number[block[row]] >= 0
+        dense = np.zeros(((sizes == size).sum(), size, size))
+        dense[number[block[row[here]]], within[row[here]], within[column[here]]] = unit[here]
+        members = np.empty(dense.shape[:2], dtype=np.intp)
+        mine = number[block] >= 0
+        members[number[block[mine]], within[mine]] = np.flatnonzero(mine)
+        roots, n_told = _roots(dense)
+        told += n_told
+        values.append((roots * scale[members][:, None, :]).ravel())
+        rows.append(np.broadcast_to(members[:, :, None], dense.shape).ravel())
+        columns.append(np.broadcast_to(members[:, None, :], dense.shape).ravel())
+    together = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    return csr_array(together, shape=(n, n)), told
+
+
+def _roots(blocks: FloatArray) -> tuple[FloatArray, int]:
+    """The same of blocks (n, s, s) of unit diagonal."""
+    try:
+        lower = np.linalg.cholesky(blocks)
+    except np.linalg.LinAlgError:
+        pass
+    else:
+        if (np.diagonal(lower, axis1=1, axis2=2) ** 2).min() >= LEAST_PIVOT:
+            return np.linalg.inv(lower), lower.shape[0] * lower.shape[1]
+    values, vectors = np.linalg.eigh(blocks)
+    is_told = values > ROUNDING * values[:, -1:]
+    scale = np.where(is_told, 1 / np.sqrt(np.where(is_told, values, 1.0)), 0.0)
+    return scale[:, :, None] * vectors.transpose(0, 2, 1), int(is_told.sum())
