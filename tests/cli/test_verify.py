@@ -329,7 +329,6 @@ def test_the_examples_of_the_page_run(bench):
     names: dict = {}
     for example in blocks("python"):
         exec(example, names)
-    assert Path("my-plan.toml").read_text(encoding="utf-8") == plan_text("iso10360-12")
     assert names["sphere"].radius_mm == pytest.approx(12.5)
 
 

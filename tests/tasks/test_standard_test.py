@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -120,19 +120,30 @@ def test_groups_are_taken_in_postures_of_their_own():
 
 
 def test_poses_are_those_of_the_seed():
-    layout = layout_of(load_plan("asme-b89.4.22"), example_artefacts(RANGE), RANGE)[:5]
+    layout = layout_of(load_plan("iso10360-12"), example_artefacts(RANGE), RANGE)[:2]
     assert (pose(layout, ARM, seed=1).angles == pose(layout, ARM, seed=1).angles).all()
     assert (pose(layout, ARM, seed=1).angles != pose(layout, ARM, seed=2).angles).any()
 
 
 def test_what_is_not_reached_is_named():
-    far = layout_of(load_plan("iso10360-12"), example_artefacts(4000.0), 4000.0)[-4:]
-    with pytest.raises(InputError, match=r"does not reach \d+ of 4 points: .*position .*: target") as refused:
+    far = layout_of(load_plan("iso10360-12"), example_artefacts(4000.0), 4000.0)
+    with pytest.raises(
+        InputError, match=r"does not reach \d+ of 310 points: probing, .*beyond the arm's links"
+    ) as refused:
         pose(far, ARM, seed=0)
     assert "1291 mm" in refused.value.hint
-    seats = layout_of(load_plan("asme-b89.4.22"), example_artefacts(4000.0), 4000.0)
-    with pytest.raises(InputError, match="single_point, position 3: too few postures"):
-        pose([one for one in seats if one.where == "single_point, position 3"], ARM, seed=0)
+    # Within the length of the links, but stretched out to the last and touched from beyond.
+    stretched = next(one for one in far if one.test == "uni")
+    out = np.array([1.0, 0.0, 0.0])
+    beyond = replace(
+        stretched, points=np.array([[1280.0, 0.0, 320.0]]), at=np.array([1280.0, 0.0, 320.0]), approach=out[None]
+    )
+    with pytest.raises(InputError, match=r"does not reach 1 of 1 points: uni, .*: target"):
+        pose([beyond], ARM, seed=0)
+    seat = next(one for one in far if one.test == "probing")
+    seat = replace(seat, test="single_point", at=seat.at * 0.01, points=seat.points * 0.01)
+    with pytest.raises(InputError, match="single_point, position 1: too few postures"):
+        pose([seat], ARM, seed=0)
 
 
 # Errors --------------------------------------------------------------------------------------------------------------
@@ -224,7 +235,7 @@ def test_outcomes_are_quantiles_and_shares_over_the_arms():
     assert [one.label for one in shown] == [row.label for row in found[0].rows]
     size = np.sort(np.abs([one.rows[0].value for one in found]))
     assert (shown[0].median, shown[0].high) == pytest.approx((size[10], size[19]))  # of 21: the 11th and the 20th
-    assert shown[0].limit == 0.02
+    assert shown[0].limit == 0.025
     for one in shown:
         assert one.conform + one.not_conform + one.undecided == (0 if one.limit is None else pytest.approx(1))
     assert sum(verdicts(found).values()) == pytest.approx(1)

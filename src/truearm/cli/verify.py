@@ -19,16 +19,32 @@ CODES = {"conform": 0, "not conform": 1, "undecided": 3}
 
 def verify(
     plan: Annotated[
-        str, typer.Option("--plan", help="Test plan: iso10360-12, asme-b89.4.22, or a file of your own, .toml.")
-    ],
-    points: Annotated[Path, typer.Option("--points", help="Measured points, .csv.")],
-    artefacts: Annotated[Path, typer.Option("--artefacts", help="Certificates of the artefacts, .toml.")],
-    mpe: Annotated[Path, typer.Option("--mpe", help="The arm's specification: its limits, .toml.")],
+        str | None, typer.Option("--plan", help="Test plan: iso10360-12, asme-b89.4.22, or a file of your own, .toml.")
+    ] = None,
+    points: Annotated[Path | None, typer.Option("--points", help="Measured points, .csv.")] = None,
+    artefacts: Annotated[Path | None, typer.Option("--artefacts", help="Certificates of the artefacts, .toml.")] = None,
+    mpe: Annotated[Path | None, typer.Option("--mpe", help="The arm's specification: its limits, .toml.")] = None,
     simple: Annotated[
         bool, typer.Option("--simple", help="Simple acceptance: leave the uncertainty out where it is small.")
     ] = False,
     report: Annotated[
         Path | None, typer.Option("--report", help="Page to write, .html: values, budgets, artefacts, decision.")
+    ] = None,
+    simulate: Annotated[
+        str | None,
+        typer.Option(
+            "--simulate",
+            metavar="MODEL|PRESET",
+            help="Take the test with virtual arms: a model file, or research, shop or perfect.",
+        ),
+    ] = None,
+    arm: Annotated[
+        str | None, typer.Option("--arm", help="With --simulate PRESET: the nominal arm (measuring7).")
+    ] = None,
+    arms: Annotated[int, typer.Option("--arms", min=1, max=100_000, help="With --simulate: how many arms.")] = 100,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="With --simulate: of arms, poses and noise.")] = 0,
+    print_plan: Annotated[
+        str | None, typer.Option("--print-plan", metavar="NAME", help="Print a test plan, to edit: > my-plan.toml.")
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -36,7 +52,49 @@ def verify(
 
     The points may come from any program. Each test value is printed with its expanded uncertainty U, its limit and
     the verdict by ISO 14253-1. Exit code 0: conform; 1: not conform; 3: undecided within the uncertainty.
+
+    With --simulate instead of --points: what virtual arms would pass, before anything is measured. Plan, artefacts and
+    limits are iso10360-12 and examples where they are not given. Exit code 0.
     """
+    from truearm.errors import InputError
+
+    asked = {"--points": points, "--simulate": simulate, "--print-plan": print_plan}
+    if sum(one is not None for one in asked.values()) != 1:
+        raise InputError(f"expected one of {', '.join(asked)}", hint="truearm verify --help")
+    rule: Rule = "simple" if simple else "iso14253-1"
+    if report is not None and points is None:
+        raise InputError("--report is for measured points", hint="leave it out, or give --points")
+    if print_plan is not None:
+        from truearm.verify.test_plan import plan_text
+
+        typer.echo(plan_text(print_plan), nl=False)
+        return
+    if simulate is not None:
+        from truearm.cli.standard_test import simulate_test
+
+        simulate_test(
+            simulate,
+            arm=arm,
+            plan=plan or "iso10360-12",
+            artefacts=artefacts,
+            mpe=mpe,
+            n_arms=arms,
+            seed=seed,
+            rule=rule,
+            as_json=as_json,
+        )
+        return
+    if points is None or plan is None or artefacts is None or mpe is None:
+        raise InputError("--points needs --plan, --artefacts and --mpe", hint="docs/verification.md has the files")
+    if arm is not None:
+        raise InputError("--arm is for --simulate: measured points know no arm", hint="leave it out")
+    _judge(points, plan=plan, artefacts=artefacts, mpe=mpe, rule=rule, report=report, as_json=as_json)
+
+
+def _judge(
+    points: Path, *, plan: str, artefacts: Path, mpe: Path, rule: Rule, report: Path | None, as_json: bool
+) -> None:
+    """Judge measured points, print the verdict and end with its exit code."""
     from truearm.verify.artefacts import read_artefacts
     from truearm.verify.decision import LEVEL, Verdict
     from truearm.verify.limits import read_specification
@@ -46,13 +104,13 @@ def verify(
 
     if report is not None:
         check_page(report, Path(plan), points, artefacts, mpe)
-    rule: Rule = "simple" if simple else "iso14253-1"
     planned, specification = load_plan(plan), read_specification(mpe)
     measured, certified = read_points(points), read_artefacts(artefacts)
     found = verified(measured, plan=planned, artefacts=certified, specification=specification, rule=rule)
     if report is not None:
         from truearm.report.html import write_page
-        from truearm.report.verification import Outcome, verification_page
+        from truearm.report.verification import verification_page
+        from truearm.verify.outcome import Outcome
 
         outcome = Outcome(found, measured, planned, certified, specification, rule)
         write_page(verification_page(outcome, facts=facts(points, artefacts, mpe, plan=planned)), report)

@@ -90,21 +90,25 @@ def pose(layout: Sequence[Placement], arm: Arm, *, seed: int) -> PosedTest:
     placement = np.repeat(np.arange(len(layout)), sizes)
     angles = np.full((len(placement), arm.n_joints), np.nan)
     free = np.array([one.test != "single_point" for one in layout])
-    reasons = {}
-    for i in np.flatnonzero(~free):
-        found = _in_seat(layout[i], arm, rng)
-        if found is None:
-            reasons[f"{layout[i].where}: too few postures"] = len(layout[i].points)
-        else:
-            angles[placement == i] = found
-    reasons |= _posed(layout, arm, angles, placement, free[placement], rng)
+    stands = stance(arm)
+    points = np.concatenate([one.points for one in layout])
+    beyond = np.linalg.norm(points - stands.shoulder_in_base, axis=1) > stands.reach_mm
+    reasons = dict(Counter(f"{layout[i].where}: beyond the arm's links" for i in placement[beyond]))
+    if not reasons:
+        for i in np.flatnonzero(~free):
+            found = _in_seat(layout[i], arm, rng)
+            if found is None:
+                reasons[f"{layout[i].where}: too few postures"] = len(layout[i].points)
+            else:
+                angles[placement == i] = found
+        reasons |= _posed(layout, arm, angles, placement, free[placement], rng)
     if reasons:
         raise InputError(
             f"arm {arm.name!r} does not reach {sum(reasons.values())} of {len(placement)} points: "
             + "; ".join(f"{where} ({count} x)" if count > 1 else where for where, count in list(reasons.items())[:3])
             + ("; .." if len(reasons) > 3 else ""),
             hint=f"a measuring range that is the arm's: the links from its shoulder on add up to "
-            f"{stance(arm).reach_mm:.0f} mm, twice that is the most",
+            f"{stands.reach_mm:.0f} mm, twice that is the most",
         )
     return PosedTest(arm, layout, angles, placement)
 

@@ -58,15 +58,16 @@ def example_specification(measuring_range_mm: float) -> Specification:
     """Limits chosen here for an arm of a measuring range, growing with it."""
     share = measuring_range_mm / 2500.0
     micrometres = {
-        "P_Size.Sph.1x25": 20.0,
+        "P_Size.Sph.1x25": 25.0,
         "P_Form.Sph.1x25": 40.0,
         "L_Dia.5x5": 50.0,
         "E_Uni": 60.0,
         "E_Bi": 70.0,
-        "EffectiveDiameter": 20.0,
+        "EffectiveDiameter": 25.0,
         "SPAT.Max": 40.0,
         "SPAT.2s": 50.0,
         "Volumetric.Max": 60.0,
+        "Volumetric.2s": 60.0,
         "Volumetric.2RMS": 60.0,
     }
     return Specification(

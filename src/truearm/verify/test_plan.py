@@ -175,5 +175,13 @@ def load_plan(name: str | Path) -> Plan:
 
 
 def plan_text(name: str) -> str:
-    """The text of a plan that comes with the program, to edit."""
+    """The text of a plan that comes with the program, to edit.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if name not in PLANS:
+        raise InputError(f"there is no plan {name!r:.80}", hint=" or ".join(PLANS))
     return (files("truearm.verify") / "plans" / f"{name}.toml").read_text(encoding="utf-8")

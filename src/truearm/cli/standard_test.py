@@ -1,0 +1,152 @@
+"""``truearm verify --simulate``: a standard's test taken by virtual arms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from truearm.cli.console import progress, say, say_json, say_table
+
+if TYPE_CHECKING:
+    from truearm.arm.arm import Arm
+    from truearm.tasks.errors import ArmErrors
+    from truearm.tasks.standard_test import Outcome
+    from truearm.verify.artefacts import Artefacts
+    from truearm.verify.decision import Rule
+    from truearm.verify.limits import Specification
+
+ARM = "measuring7"
+
+
+def simulate_test(
+    what: str,
+    *,
+    arm: str | None,
+    plan: str,
+    artefacts: Path | None,
+    mpe: Path | None,
+    n_arms: int,
+    seed: int,
+    rule: Rule,
+    as_json: bool,
+) -> None:
+    """Take a test with virtual arms of a preset or a model, and print what they would pass."""
+    from truearm.poses.workspace import stance
+    from truearm.tasks.standard_test import outcomes, pose, simulated, verdicts
+    from truearm.verify.decision import Verdict
+    from truearm.verify.layout import layout_of
+    from truearm.verify.test_plan import load_plan
+
+    planned = load_plan(plan)
+    errors = _errors(what, arm)
+    stands = stance(errors.arm)
+    specification, certified = given_or_example(errors.arm, mpe=mpe, artefacts=artefacts)
+    layout = layout_of(
+        planned, certified, specification.measuring_range_mm, shoulder_mm=float(stands.shoulder_in_base[2])
+    )
+    with progress(f"taking the test with {n_arms} virtual arms", n_arms) as tell:
+        found = simulated(
+            errors,
+            pose(layout, errors.arm, seed=seed),
+            plan=planned,
+            artefacts=certified,
+            specification=specification,
+            n_arms=n_arms,
+            seed=seed,
+            rule=rule,
+            progress=lambda done: tell(done, ""),
+        )
+    shares = verdicts(found)
+    rows = outcomes(found)
+    if as_json:
+        say_json(
+            {
+                "simulated": what,
+                "arm": errors.arm.name,
+                "arms": n_arms,
+                "seed": seed,
+                "plan": planned.name,
+                "standard": planned.standard,
+                "specification": specification.name,
+                "artefacts": "example" if artefacts is None else str(artefacts),
+                "rule": rule,
+                "rows": [
+                    {
+                        "label": row.label,
+                        "unit": row.unit,
+                        "median": row.median,
+                        "quantile_95": row.high,
+                        "limit": row.limit,
+                        "conform": row.conform,
+                        "not_conform": row.not_conform,
+                        "undecided": row.undecided,
+                    }
+                    for row in rows
+                ],
+                "all": {verdict.value.replace(" ", "_"): share for verdict, share in shares.items()},
+                "remarks": list(found[0].remarks),
+            }
+        )
+        return
+    say(f"{planned.title}: {n_arms} virtual arms {errors.arm.name}, {what}")
+    say(f"limits: {specification.name}, {specification.source}")
+    if artefacts is None:
+        say("artefacts: examples, no calibration of yours")
+    _say_rows(rows, [shares[verdict] for verdict in (Verdict.CONFORM, Verdict.NOT_CONFORM, Verdict.UNDECIDED)])
+    say("median, 95 %: half of the arms, and 95 % of them, have a smaller magnitude")
+    for remark in found[0].remarks:
+        say(remark)
+
+
+def given_or_example(arm: Arm, *, mpe: Path | None, artefacts: Path | None) -> tuple[Specification, Artefacts]:
+    """The specification and the artefacts from files, or examples for the arm's measuring range."""
+    from truearm.verify.artefacts import read_artefacts
+    from truearm.verify.example import example_artefacts, example_specification
+    from truearm.verify.limits import read_specification
+
+    specification = example_specification(measuring_range(arm)) if mpe is None else read_specification(mpe)
+    certified = example_artefacts(specification.measuring_range_mm) if artefacts is None else read_artefacts(artefacts)
+    return specification, certified
+
+
+def measuring_range(arm: Arm) -> float:
+    """Twice the links from the shoulder on, cut to 100 mm."""
+    from truearm.poses.workspace import stance
+
+    whole = 2 * stance(arm).reach_mm
+    return 100.0 * int(whole / 100) or whole
+
+
+def _errors(what: str, arm: str | None) -> ArmErrors:
+    from truearm.arm.catalogue import arm_from
+    from truearm.errors import InputError
+    from truearm.models.file import load_model
+    from truearm.tasks.errors import ModelErrors, PresetErrors
+    from truearm.virtual import PRESETS
+
+    if what in PRESETS:
+        return PresetErrors(arm_from(arm or ARM), PRESETS[what])
+    if not Path(what).exists():
+        raise InputError(
+            f"expected a preset or a model file to simulate, got {what!r}",
+            hint=f"{', '.join(PRESETS)}, or MODEL.truearm",
+        )
+    if arm is not None:
+        raise InputError("--arm is for presets: a model has its arm", hint="leave --arm out")
+    return ModelErrors(load_model(what))
+
+
+def _say_rows(rows: Sequence[Outcome], whole: Sequence[float]) -> None:
+    cells = []
+    for row in rows:
+        digits = ".4f" if row.unit == "mm" else "g"  # else a count
+        limit = "" if row.limit is None else format(row.limit, digits)
+        shares = ["", "", ""] if row.limit is None else _percent([row.conform, row.not_conform, row.undecided])
+        cells.append([row.label, format(row.median, digits), format(row.high, digits), limit, *shares])
+    cells.append(["all of it", "", "", "", *_percent(whole)])
+    say_table(["test", "median [mm]", "95 % [mm]", "limit [mm]", "conform", "not conform", "undecided"], cells)
+
+
+def _percent(shares: Sequence[float]) -> list[str]:
+    return [f"{100 * share:.3g} %" for share in shares]

@@ -1,0 +1,108 @@
+"""``truearm verify`` before anything is measured: what virtual arms would pass, and the plan to edit."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from made_up_verification import ARTEFACTS, MPE
+
+from truearm.verify.test_plan import PLANS, plan_text
+
+PAGE = Path(__file__).parents[2] / "docs" / "verification.md"
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_a_plan_is_printed_to_edit(truearm, tmp_path, name):
+    ran = truearm("verify", "--print-plan", name)
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out == plan_text(name)
+    mine = tmp_path / "mine.toml"
+    mine.write_text(ran.out.replace("value = 3", "value = 1"))
+    ran = truearm("verify", "--simulate", "perfect", "--plan", mine, "--arms", 1)
+    assert ran.code == 0, ran
+
+
+def test_perfect_arms_conform_and_research_arms_do_not(truearm):
+    for preset, share in (("perfect", 1.0), ("research", 0.0)):
+        ran = truearm("verify", "--simulate", preset, "--arms", 2, "--json")
+        found = json.loads(ran.out)
+        assert (ran.code, ran.err) == (0, "")
+        assert found["all"]["conform"] == share
+        assert (found["arm"], found["arms"], found["artefacts"]) == ("measuring7", 2, "example")
+        assert [row["label"] for row in found["rows"]][:2] == ["P_Size.Sph.1x25", "P_Form.Sph.1x25"]
+
+
+def test_files_of_ones_own_are_used(truearm, tmp_path):
+    artefacts, mpe = tmp_path / "artefacts.toml", tmp_path / "mpe.toml"
+    artefacts.write_text(ARTEFACTS)
+    mpe.write_text(MPE)
+    common = ["verify", "--simulate", "shop", "--arm", "gao2017", "--artefacts", artefacts, "--mpe", mpe, "--arms", 3]
+    found = json.loads(truearm(*common, "--json").out)
+    limits = {row["label"]: row["limit"] for row in found["rows"]}
+    assert limits["P_Size.Sph.1x25"] == 0.015
+    assert limits["E_Uni, 1700"] == pytest.approx(0.03625, abs=1e-6)
+    assert (found["specification"], found["arm"]) == ("measuring arm 2.5 m", "gao2017")
+    assert json.loads(truearm(*common, "--json").out) == found
+    assert json.loads(truearm(*common, "--seed", 1, "--json").out)["rows"] != found["rows"]
+    told = truearm(*common).out
+    assert "3 virtual arms gao2017, shop" in told
+    assert "examples" not in told
+    assert "check against your copy of the standard" in told
+
+
+def test_a_model_takes_the_test_too(truearm, made):
+    """A model of readings that err by micrometres errs by millimetres at most, and by something."""
+    found = json.loads(truearm("verify", "--simulate", made / "kinematic.truearm", "--arms", 3, "--json").out)
+    assert found["arm"] == "gao2017"
+    assert all(0 < row["median"] < 1 for row in found["rows"])
+    ran = truearm("verify", "--simulate", made / "network.truearm", "--arms", 3)
+    assert ran.code == 2
+    assert "a network has no terms" in ran.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "phrase"),
+    [
+        ([], "expected one of --points, --simulate"),
+        (["--simulate", "shop", "--points", "points.csv"], "expected one of --points, --simulate"),
+        (["--points", "points.csv"], "--points needs --plan, --artefacts and --mpe"),
+        (["--simulate", "shopp"], "a preset or a model file to simulate, got 'shopp'"),
+        (["--simulate", "shop", "--report", "page.html"], "--report is for measured points"),
+        (["--simulate", "shop", "--arm", "panda2"], "there is no arm 'panda2'"),
+        (["--simulate", "shop", "--plan", "iso"], "there is no plan 'iso'"),
+        (["--simulate", "shop", "--mpe", "none.toml"], "none.toml"),
+        (["--print-plan", "iso"], "there is no plan 'iso'. Try: iso10360-12 or asme-b89.4.22"),
+    ],
+)
+def test_what_does_not_fit_is_refused(truearm, tmp_path, monkeypatch, arguments, phrase):
+    monkeypatch.chdir(tmp_path)
+    ran = truearm("verify", *arguments)
+    assert (ran.code, ran.out) == (2, ""), ran
+    assert phrase in ran.err
+    assert ran.err.count("\n") == 1
+
+
+def test_an_arm_too_short_for_the_limits_is_told_its_reach(truearm, tmp_path):
+    mpe = tmp_path / "mpe.toml"
+    mpe.write_text(MPE.replace("measuring_range_mm = 2500", "measuring_range_mm = 4000"))
+    ran = truearm("verify", "--simulate", "shop", "--plan", "asme-b89.4.22", "--mpe", mpe)
+    assert ran.code == 2
+    assert "does not reach" in ran.err
+    assert "add up to 1291 mm" in ran.err
+
+
+def test_the_page_shows_what_the_program_prints(truearm):
+    """Words to the letter; numbers to 3 um and shares to 3 arms, as other processors round otherwise."""
+    (shown,) = re.findall(r"```console simulated\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+    command, _, printed = shown.partition("\n")
+    ran = truearm(*command.split()[2:])
+    number = r"(?<![\w.-])\d+(?:\.\d+)?(?= ?%|\s|$)"
+    words = [re.sub(r"[\d.]+", "", " ".join(text.split())) for text in (ran.out, printed)]
+    assert words[0] == words[1]
+    ours, page = (re.findall(number, text) for text in (ran.out, printed))
+    assert len(ours) == len(page)
+    for one, other in zip(ours, page, strict=True):
+        assert float(one) == pytest.approx(float(other), abs=0.003 if "." in one else 3)
