@@ -6,7 +6,8 @@ units of their scatter about their mean, a coordinate's unexplained variance is 
     exp(sum_j b_j z_j + c_j (z_j^2 - 1)) / its mean over the readings,
 
 a log-linear variance function (R. J. Carroll, D. Ruppert, "Transformation and Weighting in Regression", 1988, chapter
-3), found from readings held out. Its coefficients are shrunk, so that few readings leave it flat.
+3), found from readings held out. Evidence says how large its coefficients are (D. J. C. MacKay, Neural Computation 4
+(1992) 415, eq. 4.8): where readings do not show that they scatter unlike, the function is flat.
 """
 
 from __future__ import annotations
@@ -23,12 +24,19 @@ from truearm.identify.calibration import FLOOR_MM2, HeldOut
 
 FloatArray = npt.NDArray[np.float64]
 
-# Prior standard deviation of a coefficient: a joint makes out a fifth of the variance a standard deviation of it.
-COEFFICIENT_STD = 0.18
+# Prior standard deviation of a coefficient, where evidence begins and its bounds: by that share the variance changes
+# with a standard deviation of a joint. At the lowest the function is flat.
+COEFFICIENT_STD, LEAST_STD, MOST_STD = 0.2, 1e-3, 0.5
+MOST_ROUNDS = 30
+SETTLED = 0.02  # relative change of the prior's precision
 # Angles count as if they were no farther from their mean: the shares of rare poses are not told by common ones.
 FARTHEST = 2.0
+# Farther than so many standard deviations of a joint no reading was: there a share below one is not believed.
+BEYOND = 3.0
 # Deviations are Student's of so many degrees of freedom, so that a few wrong readings do not bend the function.
 STUDENT_FREEDOM = 6.0
+# No coefficient comes near; a larger one is none that was found.
+STEEPEST = 10.0
 # Steps of L-BFGS-B; it needs about twenty.
 MOST_STEPS = 200
 # A joint whose angles scatter by less stood still [rad, or mm].
@@ -60,6 +68,8 @@ class VarianceFunction:
         shapes = {np.shape(array) for array in arrays}
         if len(shapes) != 1 or len(next(iter(shapes))) != 1 or not np.isfinite(np.stack(arrays)).all():
             raise InputError(f"expected four finite numbers a joint of a variance function, got shapes {shapes}")
+        if max(np.abs(self.slope).max(), np.abs(self.curvature).max()) > STEEPEST:
+            raise InputError(f"expected slopes and curvatures of a variance function within {STEEPEST:g}")
         if not (self.spread > 0).all() or not 0 < self.mean < np.inf:
             raise InputError("expected a positive spread of every joint and a positive mean of a variance function")
 
@@ -70,9 +80,12 @@ class VarianceFunction:
         return cls(zeros, np.ones(n_joints), zeros, zeros)
 
     def share(self, angles: npt.ArrayLike) -> FloatArray:
-        """(n,) shares at angles (n, n_joints) [rad, or mm]."""
-        features = _features(np.asarray(angles, dtype=float), self.centre, self.spread)
-        return np.asarray(np.exp(features @ np.concatenate([self.slope, self.curvature])) / self.mean)
+        """(n,) shares at angles (n, n_joints) [rad, or mm]; one or more far from where there were readings."""
+        angles = np.asarray(angles, dtype=float)
+        features = _features(angles, self.centre, self.spread)
+        share = np.exp(features @ np.concatenate([self.slope, self.curvature])) / self.mean
+        beyond = (np.abs(angles - self.centre) > BEYOND * self.spread).any(axis=1)
+        return np.asarray(np.where(beyond, np.maximum(share, 1.0), share))
 
 
 def variance_function_of(held_out: HeldOut, angles: FloatArray) -> VarianceFunction:
@@ -97,13 +110,16 @@ def variance_function_of(held_out: HeldOut, angles: FloatArray) -> VarianceFunct
     spread = np.where(scatter > LEAST_SCATTER, scatter, 1.0)
     features = _features(at, centre, spread)
     features[:, np.tile(scatter <= LEAST_SCATTER, 2)] = 0.0
-    found = minimize(
-        _Deviance.of(held_out, features),
-        np.zeros(1 + 2 * n_joints),
-        jac=True,
-        method="L-BFGS-B",
-        options={"maxiter": MOST_STEPS},
-    ).x[1:]
+    deviance = _Deviance.of(held_out, features)
+    found, precision = np.zeros(1 + 2 * n_joints), COEFFICIENT_STD**-2
+    for _ in range(MOST_ROUNDS):
+        found = minimize(deviance, found, (precision,), jac=True, method="L-BFGS-B", options={"maxiter": MOST_STEPS}).x
+        told = deviance.well_determined(found, precision)
+        before, square = precision, float(found[1:] @ found[1:])
+        precision = float(np.clip(told / max(square, 1e-300), MOST_STD**-2, LEAST_STD**-2))
+        if abs(precision - before) < SETTLED * before:
+            break
+    found = found[1:]
     mean = float(np.exp(features @ found).mean())
     return VarianceFunction(centre, spread, found[:n_joints], found[n_joints:], mean)
 
@@ -137,18 +153,38 @@ class _Deviance:
         weight = len(np.unique(held_out.group)) / len(held_out.rows)
         return cls(squares, np.maximum(known, 0.0), held_out.freedom[:, None], features, typical, weight)
 
-    def __call__(self, parameters: FloatArray) -> tuple[float, FloatArray]:
-        """Value and gradient."""
-        level, coefficients = parameters[0], parameters[1:]
-        log_share = np.clip(level + self.features @ coefficients, -50.0, 50.0)
-        own = self.typical * np.exp(log_share)[:, None] * self.freedom
+    def __call__(self, parameters: FloatArray, precision: float) -> tuple[float, FloatArray]:
+        """Value and gradient, under a precision of the coefficients' prior."""
+        coefficients = parameters[1:]
+        own = self._own(parameters)
         variance = self.known + own
         n = STUDENT_FREEDOM
         length = (self.squares / variance).sum(axis=1)
         value = 0.5 * np.log(variance).sum() + 0.5 * (n + 3) * np.log1p(length / n).sum()
         pull = ((n + 3) / (n + length))[:, None]
         by_log = (0.5 * own / variance * (1 - pull * self.squares / variance)).sum(axis=1)
-        prior = coefficients / COEFFICIENT_STD**2
+        prior = precision * coefficients
         gradient = np.concatenate([[by_log.sum()], self.features.T @ by_log]) * self.weight
         gradient[1:] += prior
         return float(self.weight * value + 0.5 * coefficients @ prior), gradient
+
+    def well_determined(self, parameters: FloatArray, precision: float) -> float:
+        """How many coefficients the readings determine, by the expected information of a logarithm of Student's scale.
+
+        Of p coordinates and n degrees of freedom that is p n / 2 (n + p + 2) (K. L. Lange, R. J. A. Little,
+        J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881, section 4); of one whose scale is a share f of the variance
+        f^2 as much.
+        """
+        own = self._own(parameters)
+        share = own / (self.known + own)
+        each = self.weight * (share**2).sum(axis=1) / 2 * STUDENT_FREEDOM / (STUDENT_FREEDOM + 5)
+        design = np.hstack([np.ones((len(own), 1)), self.features])
+        information = design.T @ (each[:, None] * design)
+        information[1:, 1:].flat[:: len(information)] += precision
+        information[0, 0] += 1e-12  # nothing held out beyond what is known
+        left = np.linalg.inv(information).diagonal()[1:]
+        return float(np.clip(1 - precision * left, 0.0, 1.0).sum())
+
+    def _own(self, parameters: FloatArray) -> FloatArray:
+        log_share = np.clip(parameters[0] + self.features @ parameters[1:], -50.0, 50.0)
+        return np.asarray(self.typical * np.exp(log_share)[:, None] * self.freedom)
