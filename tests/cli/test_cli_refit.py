@@ -149,6 +149,36 @@ def test_known_lengths_go_along(truearm, made, tmp_path):
     assert (ran.code, "l.csv, line 2, column 'seat_b': the session has no seat 'T'" in ran.err) == (2, True)
 
 
+def test_lengths_are_of_the_whole_session_and_those_between_rows_taken_serve(truearm, made, tmp_path):
+    """Six readings of six seats are not in all of them."""
+    session, lengths, out = tmp_path / "p.csv", tmp_path / "l.csv", tmp_path / "m.truearm"
+    truearm(
+        "simulate", "gao2017", "--strategy", "seat", "--seats", 6, "--poses", 30, "--no-reference", "--out", session
+    )
+    table = pd.read_csv(session)
+    table["position"] = table["seat"].where(table["seat"] > "S3", "P")  # rows taken are of different positions
+    table.to_csv(session, index=False)
+    points = read_session(session)
+    tips = load_model(made / "kinematic.truearm").predict(points.angles)
+    where = [tips[points.seat == f"S{i}"].mean(axis=0) for i in range(1, 7)]
+    apart = [np.linalg.norm(where[i] - where[i + 1]) for i in (0, 2, 4)]
+    rows = [f"S{i},S{i + 1},{length:.4f},0.05" for i, length in zip((1, 3, 5), apart, strict=True)]
+    lengths.write_text("\n".join(["seat_a,seat_b,length_mm,u_mm", *rows]) + "\n")
+    arguments = ["refit", made / "kinematic.truearm", session, "--rows", 8, "--lengths", lengths, "--out", out]
+    ran = truearm(*arguments)
+    assert ran.code == 0, ran.err
+    taken = set(points.seat[served(load_model(out), points)].tolist())
+    left = sum(not {f"S{i}", f"S{i + 1}"} <= taken for i in (1, 3, 5))
+    assert 0 < left < 3
+    some = f"{left} of 3 lengths are left out: no reading taken is in one of their seats"
+    assert ran.err.splitlines() == [some]
+    told = json.loads(truearm("evaluate", out, session, "--lengths", lengths, "--json").out)
+    assert (told["n_left_out"], len(told["lengths"])) == (8, 3)
+    lengths.write_text("seat_a,seat_b,length_mm,u_mm\nS1,T,100,0.01\n")
+    ran = truearm(*arguments)
+    assert (ran.code, "the session has no seat 'T'" in ran.err) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [

@@ -41,16 +41,27 @@ def test_points_are_those_of_the_readings_that_have_one(angles):
     assert references_of(Readings(angles, points), None)[0].std.tolist() == np.zeros((3, 10)).tolist()
 
 
-def test_a_seat_is_for_the_readings_without_a_point(angles):
+def test_a_reading_with_a_point_and_a_seat_says_both(angles):
     points = np.full((12, 3), NAN)
     points[:2] = 1.0
     seen, held = references_of(Readings(angles, points, seat=seats("a", "", "a", "b", "b", "a")), None)
     assert seen.rows.tolist() == [0, 1]
     assert held.kind == "seat"
-    assert held.rows.tolist() == [2, 3, 4, 5]
+    assert held.rows.tolist() == [0, 2, 3, 4, 5]
     assert held.names == ("a", "b")
-    assert held.seat.tolist() == [0, 1, 1, 0]
+    assert held.seat.tolist() == [0, 0, 1, 1, 0]
     assert held.lengths == ()
+
+
+def test_a_length_between_seats_that_an_instrument_saw_counts(angles):
+    readings = Readings(angles, np.ones((12, 3)), seat=seats("a", "b", "b"))
+    assert [one.kind for one in references_of(Readings(angles, np.ones((12, 3)), seat=seats("a", "b")), None)] == [
+        "point"
+    ]
+    seen, held = references_of(readings, lengths(("a", "b")))
+    assert seen.rows.tolist() == list(range(12))
+    assert held.rows.tolist() == [0, 1, 2]
+    assert len(held.lengths) == 1
 
 
 def test_a_seat_of_one_reading_counts_only_by_its_length(angles):

@@ -55,6 +55,10 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
     A seat with one reading, or one pose again and again, and no known length says nothing and is left out; so are
     lengths between other seats.
 
+    A reading whose tip was held in a seat while an instrument saw it says both: where the tip was, but for the
+    instrument's noise, and that it was where the seat's other readings were, but for the touch. Both count, each kind
+    with the noise that is found of it.
+
     Raises
     ------
     InputError
@@ -67,8 +71,7 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
         std = None if readings.point_std is None else readings.point_std[seen]
         found.append(Points(seen, readings.points[seen], std))
     seat = readings.seat
-    # A reading that an instrument saw in a seat says more by its point; the seat is for the others.
-    held = np.flatnonzero((seat != "") & ~readings.has_point) if seat is not None else np.zeros(0, dtype=np.intp)
+    held = np.flatnonzero(seat != "") if seat is not None else np.zeros(0, dtype=np.intp)
     if len(held):
         assert seat is not None
         between = _between(lengths, seat[held])
@@ -151,8 +154,8 @@ def _in_poses(readings: Readings, held: IntArray) -> list[str]:
 
 def _between(lengths: Lengths | None, seat: NameArray) -> list[StatedLength]:
     """The lengths whose two seats are among those of the readings."""
-    if lengths is None:
+    here = None if lengths is None else lengths.within(seat.tolist())
+    if here is None:
         return []
-    here = np.isin(lengths.seat_a, seat) & np.isin(lengths.seat_b, seat)
     names = ("seat_a", "seat_b", "length_mm", "u_mm", "artefact", "u_place_mm")
-    return list(zip(*(getattr(lengths, name)[here].tolist() for name in names), strict=True))
+    return list(zip(*(getattr(here, name).tolist() for name in names), strict=True))

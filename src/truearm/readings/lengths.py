@@ -120,9 +120,17 @@ class Lengths:
             row = int(np.argmax(lone))
             end = ENDS[int(np.argmin(here[:, row]))]
             raise self._unknown(str(getattr(self, end)[row]), row, end, known)
-        which = here.all(axis=0)
-        if not which.any():
+        found = self.within(known)
+        if found is None:
             raise self._unknown(str(self.seat_a[0]), 0, ENDS[0], known)
+        return found
+
+    def within(self, seats: Iterable[str]) -> Lengths | None:
+        """Select the lengths of which both seats are among `seats`, some of the session's; None if there are none."""
+        known = sorted(set(seats))
+        which = np.isin(self.seat_a, known) & np.isin(self.seat_b, known)
+        if not which.any():
+            return None
         if which.all():
             return self
         return Lengths(

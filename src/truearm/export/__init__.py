@@ -1,0 +1,1 @@
+"""Files for other programs: the digital calibration certificate of a verification."""

@@ -1,0 +1,164 @@
+"""What a certificate says beside the results: number, days, place, the arm, laboratory, customer, persons, conditions.
+
+The file (TOML, docs/certificate.md) is written by hand; `template` is one to fill in.
+"""
+
+from __future__ import annotations
+
+import datetime
+import re
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from truearm.errors import InputError
+from truearm.verify.documents import Document, Real, read_document
+
+# What XML 1.0 cannot hold (its production 2), lone surrogates included.
+_NOT_XML = re.compile("[^\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
+
+
+def plain(text: str) -> str:
+    """Give a text on one line that XML can hold: single spaces, and a sign for every character that it cannot hold."""
+    return _NOT_XML.sub("\ufffd", " ".join(text.split()))
+
+
+def _filled_in(text: str) -> str:
+    if not text.strip():
+        raise InputError("it is empty", hint="fill it in")
+    return plain(text)
+
+
+def _country(text: str) -> str:
+    text = _filled_in(text)
+    if not re.fullmatch("[A-Z]{2}", text):
+        raise InputError(f"expected two capital letters, got {text!r:.80}", hint="DE, FR, JP: a code of ISO 3166-1")
+    return text
+
+
+Text = Annotated[str, Field(strict=True, max_length=500), AfterValidator(_filled_in)]
+Country = Annotated[str, Field(strict=True, max_length=500), AfterValidator(_country)]
+Place = Literal["laboratory", "laboratoryBranch", "customer", "customerBranch", "other"]
+Between = tuple[Real, Real]
+
+
+class Item(Document):
+    """The arm."""
+
+    name: Text
+    maker: Text
+    model: Text
+    serial_number: Text
+    inventory_number: Text | None = None
+
+
+class Contact(Document):
+    """A company or laboratory and its address."""
+
+    name: Text
+    email: Text | None = None
+    phone: Text | None = None
+    street: Text | None = None
+    street_no: Text | None = None
+    post_code: Text
+    city: Text
+    country: Country
+
+
+class Laboratory(Contact):
+    """Who measured; `code` is that of its accreditation."""
+
+    code: Text | None = None
+
+
+class Person(Document):
+    """A responsible person."""
+
+    name: Text
+    role: Text | None = None
+    main_signer: Annotated[bool, Field(strict=True)] = False
+
+
+class Conditions(Document):
+    """The room: lowest and highest temperature [degC] and relative humidity [%]."""
+
+    temperature_degC: Between
+    relative_humidity_percent: Between | None = None
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        for key, pair, least, most in (
+            ("temperature_degC", self.temperature_degC, -50, 100),
+            ("relative_humidity_percent", self.relative_humidity_percent, 0, 100),
+        ):
+            if pair is not None and not least <= pair[0] <= pair[1] <= most:
+                got = f"{pair[0]:g} and {pair[1]:g}"
+                raise InputError(f"{key}: expected the lowest and the highest, from {least} to {most}, got {got}")
+        return self
+
+
+class About(Document):
+    """What a certificate says beside the results.
+
+    Attributes
+    ----------
+    number : str
+        Of the certificate; unique.
+    issued, received : date
+        Of signing it; of the arm's coming, None if not known.
+    place : str
+        Where it was measured.
+    item : Item
+    laboratory, customer : Contact
+    persons : tuple of Person
+    conditions : Conditions
+    """
+
+    number: Text
+    issued: datetime.date
+    received: datetime.date | None = None
+    place: Place
+    item: Item
+    laboratory: Laboratory
+    customer: Contact
+    persons: Annotated[tuple[Person, ...], Field(min_length=1, max_length=100)]
+    conditions: Conditions
+
+    @model_validator(mode="after")
+    def _signed_after_it_came(self) -> Self:
+        if not any(person.main_signer for person in self.persons):
+            raise InputError("nobody signs it", hint="main_signer = true for one of the persons")
+        if self.received is not None and self.issued < self.received:
+            raise InputError(f"issued on {self.issued}, before the arm came on {self.received}")
+        return self
+
+    def check_days(self, begin: datetime.date, end: datetime.date) -> None:
+        """Check that the arm came before it was measured, and the certificate was issued after.
+
+        Raises
+        ------
+        InputError
+            If not.
+        """
+        if self.issued < end:
+            raise InputError(f"issued on {self.issued}, before the last points were taken on {end}")
+        if self.received is not None and self.received > begin:
+            raise InputError(f"the arm came on {self.received}, after points were taken on {begin}")
+
+
+def read_about(path: str | Path) -> About:
+    """Read the file of what a certificate says beside the results.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or breaks a rule of its format; what is not filled in is named.
+    """
+    return read_document(path, About)
+
+
+def template() -> str:
+    """The text of such a file to fill in."""
+    return files("truearm.export").joinpath("about.toml").read_text(encoding="utf-8")

@@ -1,0 +1,62 @@
+"""A verification with what went into it: what a page or a certificate is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isnan
+
+from truearm.verify.artefacts import Artefact, Artefacts
+from truearm.verify.decision import Row, Rule
+from truearm.verify.limits import Specification
+from truearm.verify.measured import Group, Measured
+from truearm.verify.test_plan import Plan
+from truearm.verify.verification import Verification
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A verification with what went into it.
+
+    Parameters
+    ----------
+    found : Verification
+    measured : Measured
+    plan : Plan
+    artefacts : Artefacts
+    specification : Specification
+    rule : {"iso14253-1", "simple"}
+    """
+
+    found: Verification
+    measured: Measured
+    plan: Plan
+    artefacts: Artefacts
+    specification: Specification
+    rule: Rule = "iso14253-1"
+
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """The groups of points of all tests."""
+        return tuple(group for groups in self.measured.tests.values() for group in groups)
+
+    @property
+    def judged(self) -> tuple[Row, ...]:
+        """The rows that have a limit."""
+        return tuple(row for row in self.found.rows if row.verdict is not None)
+
+    @property
+    def used(self) -> tuple[Artefact, ...]:
+        """The artefacts that points were taken on, in the order of the file of artefacts."""
+        names = {group.artefact for group in self.groups}
+        kinds = (self.artefacts.spheres, self.artefacts.bars, self.artefacts.seats)
+        return tuple(one for kind in kinds for one in kind if one.name in names)
+
+    def lengths_of(self, bar: str) -> set[str]:
+        """The names of a bar's lengths that were measured."""
+        return {group.keys["length"] for group in self.groups if group.artefact == bar}
+
+    @property
+    def temperatures(self) -> tuple[float, float] | None:
+        """The lowest and the highest temperature of an artefact [degC]; None if none was written down."""
+        known = [group.degC for group in self.groups if not isnan(group.degC)]
+        return (min(known), max(known)) if known else None
