@@ -15,11 +15,12 @@ from truearm.report.cells import grid_of_table, shown
 from truearm.report.html import render
 from truearm.report.page import Column, Table
 from truearm.report.quantities import Rounded
-from truearm.report.verification import Outcome, decided, limits_figure, verification_page
+from truearm.report.verification import decided, limits_figure, verification_page
 from truearm.verify.artefacts import Artefacts
 from truearm.verify.decision import Budget, Contribution, Row, judged, overall
 from truearm.verify.limits import Specification
 from truearm.verify.measured import Group, Measured
+from truearm.verify.outcome import Outcome
 from truearm.verify.test_plan import CHECK, load_plan
 from truearm.verify.verification import Verification
 

@@ -41,7 +41,8 @@ def _country(text: str) -> str:
 Text = Annotated[str, Field(strict=True, max_length=500), AfterValidator(_filled_in)]
 Country = Annotated[str, Field(strict=True, max_length=500), AfterValidator(_country)]
 Place = Literal["laboratory", "laboratoryBranch", "customer", "customerBranch", "other"]
-Between = tuple[Real, Real]
+ToThousandths = Annotated[Real, AfterValidator(lambda value: round(value, 3) + 0.0)]  # no -0.0
+Between = tuple[ToThousandths, ToThousandths]
 
 
 class Item(Document):

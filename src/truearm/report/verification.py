@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import inf, isinf, isnan
+from dataclasses import replace
+from math import inf, isinf
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -17,12 +17,10 @@ from truearm.report.page import Cell, Column, Page, Row, Section, Table
 from truearm.report.quantities import Rounded, format_given, format_in_text, format_number
 from truearm.report.wording import capitalised, counted, percentage
 from truearm.verify import decision
-from truearm.verify.artefacts import Artefact, Artefacts, CalibratedBar, CalibratedSphere
+from truearm.verify.artefacts import CalibratedBar, CalibratedSphere
 from truearm.verify.decision import LEVEL, SIMPLE_RATIO, Budget, Rule, Verdict
-from truearm.verify.limits import Specification
-from truearm.verify.measured import Group, Measured
-from truearm.verify.test_plan import CHECK, Plan
-from truearm.verify.verification import Verification
+from truearm.verify.outcome import Outcome
+from truearm.verify.test_plan import CHECK
 
 # Shape, colour and place of each verdict, told apart in black and white too.
 _PENS = {
@@ -34,51 +32,6 @@ _INSIDE = "#dce6f2"
 _WIDTH_IN, _LABELS_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 6.0, 2.15, 0.31, 0.12, 0.95
 _MOST_ROWS = 60
 LEVEL_TEXT = format_in_text(round(100 * LEVEL, 2), unit="%", digits=4)
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """A verification with what went into it.
-
-    Parameters
-    ----------
-    found : Verification
-    measured : Measured
-    plan : Plan
-    artefacts : Artefacts
-    specification : Specification
-    rule : {"iso14253-1", "simple"}
-    """
-
-    found: Verification
-    measured: Measured
-    plan: Plan
-    artefacts: Artefacts
-    specification: Specification
-    rule: Rule = "iso14253-1"
-
-    @property
-    def groups(self) -> tuple[Group, ...]:
-        """The groups of points of all tests."""
-        return tuple(group for groups in self.measured.tests.values() for group in groups)
-
-    @property
-    def judged(self) -> tuple[decision.Row, ...]:
-        """The rows that have a limit."""
-        return tuple(row for row in self.found.rows if row.verdict is not None)
-
-    @property
-    def used(self) -> tuple[Artefact, ...]:
-        """The artefacts that points were taken on, in the order of the file of artefacts."""
-        names = {group.artefact for group in self.groups}
-        kinds = (self.artefacts.spheres, self.artefacts.bars, self.artefacts.seats)
-        return tuple(one for kind in kinds for one in kind if one.name in names)
-
-    @property
-    def temperatures(self) -> tuple[float, float] | None:
-        """The lowest and the highest temperature of an artefact [degC]; None if none was written down."""
-        known = [group.degC for group in self.groups if not isnan(group.degC)]
-        return (min(known), max(known)) if known else None
 
 
 def verification_page(outcome: Outcome, *, facts: Sequence[tuple[str, str]] = ()) -> Page:
@@ -102,6 +55,36 @@ def verification_page(outcome: Outcome, *, facts: Sequence[tuple[str, str]] = ()
         ),
         sections=verification_sections(outcome),
         facts=tuple(facts),
+    )
+
+
+def certificate_page(
+    outcome: Outcome,
+    *,
+    number: str,
+    stated: Sequence[tuple[str, Sequence[tuple[str, str]]]],
+    facts: Sequence[tuple[str, str]] = (),
+) -> Page:
+    """Lay out a calibration certificate: a verification with who, what, when and where.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    number : str
+        Of the certificate.
+    stated : sequence of (str, sequence of (str, str))
+        Titled lists of what is stated beside the results, and its text.
+    facts : sequence of (str, str)
+        What the page rests on.
+    """
+    page = verification_page(outcome, facts=facts)
+    lines = [("" if at else title, *row) for title, rows in stated for at, row in enumerate(rows)]
+    table = Table((Column("of"), Column("what"), Column("stated")), tuple(lines), "")
+    return replace(
+        page,
+        title=f"Calibration certificate {number}",
+        subtitle=f"{outcome.specification.name}. {page.subtitle}",
+        sections=(Section("Certificate", tables=(table,)), *page.sections),
     )
 
 
@@ -288,7 +271,7 @@ def _artefacts(outcome: Outcome) -> Section:
             u = one.u_diameter_mm
             cells.append((f"{one.name}, sphere", Rounded(one.diameter_mm, u), Rounded(u, u), *told))
         elif isinstance(one, CalibratedBar):
-            taken = {group.keys["length"] for group in outcome.groups if group.artefact == one.name}
+            taken = outcome.lengths_of(one.name)
             for length in one.lengths:
                 if length.name in taken:
                     size = Rounded(length.length_mm, length.u_mm)

@@ -1,0 +1,95 @@
+"""``truearm certificate``: a verification as a digital calibration certificate."""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truearm.cli.console import check_apart, check_page, say
+
+if TYPE_CHECKING:
+    from truearm.verify.decision import Rule
+
+
+def certificate(
+    plan: Annotated[str, typer.Option("--plan", help="Test plan, as of truearm verify.")] = "",
+    points: Annotated[Path | None, typer.Option("--points", help="Measured points, .csv.")] = None,
+    artefacts: Annotated[Path | None, typer.Option("--artefacts", help="Certificates of the artefacts, .toml.")] = None,
+    mpe: Annotated[Path | None, typer.Option("--mpe", help="The arm's specification: its limits, .toml.")] = None,
+    about: Annotated[
+        Path | None, typer.Option("--about", help="Number, days, arm, laboratory, customer, persons, room, .toml.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Certificate to write, .xml.")] = None,
+    html: Annotated[Path | None, typer.Option("--html", help="The same for people, .html.")] = None,
+    simple: Annotated[
+        bool, typer.Option("--simple", help="Simple acceptance: leave the uncertainty out where it is small.")
+    ] = False,
+    template: Annotated[bool, typer.Option("--template", help="Print a file for --about to fill in, and end.")] = False,
+) -> None:
+    """Write a digital calibration certificate (DCC) of a verification.
+
+    The files are those of truearm verify; --about says what a certificate has beside the results. Print the page of
+    --html for a certificate on paper.
+    """
+    from truearm.errors import InputError
+    from truearm.export.about import read_about
+    from truearm.export.about import template as template_text
+    from truearm.writing import check_writable
+
+    if template:
+        say(template_text().rstrip("\n"))
+        return
+    given = {"--plan": plan or None, "--points": points, "--artefacts": artefacts, "--mpe": mpe, "--about": about}
+    for option, value in (given | {"--out": out}).items():
+        if value is None:
+            hint = (
+                "truearm certificate --template > about.toml" if option == "--about" else "truearm certificate --help"
+            )
+            raise InputError(f"{option} is missing", hint=hint)
+    assert points is not None
+    assert artefacts is not None
+    assert mpe is not None
+    assert about is not None
+    assert out is not None
+    inputs = (Path(plan), points, artefacts, mpe, about)
+    if out.suffix != ".xml":
+        raise InputError(f"expected a file name that ends in .xml, got {out.name!r}", file=out)
+    check_apart(out, *inputs)
+    check_writable(out)
+    if html is not None:
+        check_page(html, *inputs, out)
+
+    from truearm.cli.verify import facts
+    from truearm.export.certificate import administrative, certificate_of
+    from truearm.export.dcc import dcc, write_dcc
+    from truearm.report.html import write_page
+    from truearm.report.verification import certificate_page, decided, rule_in_words
+    from truearm.verify.artefacts import read_artefacts
+    from truearm.verify.limits import read_specification
+    from truearm.verify.measured import read_points
+    from truearm.verify.outcome import Outcome
+    from truearm.verify.test_plan import load_plan
+    from truearm.verify.verification import verify
+
+    told = read_about(about)
+    rule: Rule = "simple" if simple else "iso14253-1"
+    planned, specification = load_plan(plan), read_specification(mpe)
+    measured, certified = read_points(points), read_artefacts(artefacts)
+    found = verify(measured, plan=planned, artefacts=certified, specification=specification, rule=rule)
+    outcome = Outcome(found, measured, planned, certified, specification, rule)
+    try:
+        stated = certificate_of(told, outcome, decision=decided(outcome).split("\n\n"), rule=rule_in_words(rule))
+    except InputError as error:
+        raise error.in_file(about) from None
+    if html is not None:
+        known = [
+            (out.name, f"the same for machines, SHA-256 {sha256(dcc(stated)).hexdigest()}"),
+            *facts(points, artefacts, mpe, about, plan=planned),
+        ]
+        page = certificate_page(outcome, number=told.number, stated=administrative(stated), facts=known)
+        write_page(page, html)
+    write_dcc(stated, out)
+    say(f"{out}: certificate {told.number}, {found.verdict.value}")

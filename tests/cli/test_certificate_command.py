@@ -1,0 +1,157 @@
+"""``truearm certificate``: from a technician's files to a certificate, or nothing and what to do."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from made_up_certificate import ABOUT
+from made_up_verification import ARTEFACTS, MPE, Made
+
+from truearm.export.dcc import read_dcc
+
+OPTIONS = ["--plan", "iso10360-12", "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml"]
+ALL = ["certificate", *OPTIONS, "--about", "about.toml", "--out", "certificate.xml", "--html", "certificate.html"]
+PAGE = Path(__file__).parents[2] / "docs" / "certificate.md"
+
+
+@pytest.fixture
+def bench(tmp_path, monkeypatch):
+    """A folder with all files of a good arm's certificate."""
+    monkeypatch.chdir(tmp_path)
+    Path("points.csv").write_text(Made().iso().text())
+    Path("artefacts.toml").write_text(ARTEFACTS)
+    Path("mpe.toml").write_text(MPE)
+    Path("about.toml").write_text(ABOUT)
+    return tmp_path
+
+
+def test_a_certificate_for_machines_and_for_people(truearm, bench):
+    ran = truearm(*ALL)
+    assert (ran.code, ran.err) == (0, ""), ran
+    assert ran.out == "certificate.xml: certificate V-2026-042, conform\n"
+    made = read_dcc("certificate.xml")
+    assert made.about.number == "V-2026-042"
+    assert (str(made.begin), str(made.end), made.conformity) == ("2026-11-03", "2026-11-03", "pass")
+    by_name = {result.quantity.name: result for result in made.results}
+    form = by_name["P_Form.Sph.1x25, position 2"]
+    assert (str(form.limit.value), form.conformity) == ("0.0300", "pass")
+    assert by_name["L_Dia.5x5, largest distance, position 1"].conformity is None
+    assert {one.certificate for one in made.equipment} == {"K-101", "K-102"}
+    assert any("check against your copy of the standard" in said for said in made.declarations)
+    html = Path("certificate.html").read_text()
+    for part in (
+        "Calibration certificate V-2026-042",
+        "Example Laboratory",
+        "Exampleville",
+        "10017",
+        "K-102",
+        "fixture",
+    ):
+        assert part in html
+    # The same values, to the same digits.
+    for result in made.results:
+        assert f"{result.quantity.value:f}".replace("-", "\u2212").partition(".")[2] in html
+    before = Path("certificate.xml").read_bytes()
+    assert truearm(*ALL).code == 0
+    assert Path("certificate.xml").read_bytes() == before
+
+
+def test_also_what_does_not_conform_gets_its_certificate(truearm, bench):
+    Path("points.csv").write_text(Made(too_large=60e-6).iso().text())
+    ran = truearm(*ALL)
+    assert (ran.code, ran.out) == (0, "certificate.xml: certificate V-2026-042, not conform\n")
+    assert read_dcc("certificate.xml").conformity == "fail"
+    assert truearm(*ALL, "--simple").code == 0
+    assert "simple acceptance" in " ".join(read_dcc("certificate.xml").declarations)
+
+
+def test_the_template_names_what_is_to_be_filled_in(truearm, bench):
+    ran = truearm("certificate", "--template")
+    assert ran.code == 0
+    assert set(tomllib.loads(ABOUT)) - {"received"} == set(tomllib.loads(ran.out))
+    Path("about.toml").write_text(ran.out)
+    ran = truearm(*ALL)
+    assert (ran.code, ran.out) == (2, "")
+    assert "about.toml: " in ran.err
+    assert "Try: fill it in" in ran.err
+
+
+@pytest.mark.parametrize(
+    ("file", "before", "after", "told"),
+    [
+        ("about.toml", 'name = "Example Laboratory"', 'name = ""', "laboratory.name: it is empty. Try: fill it in"),
+        ("about.toml", 'city = "Exampletown"\n', "", "the key laboratory.city is missing"),
+        ("about.toml", 'country = "FR"', 'country = "France"', "customer.country: expected two capital letters"),
+        ("about.toml", "main_signer = true", "main_signer = false", "nobody signs it. Try: main_signer = true"),
+        ("about.toml", "issued = 2026-11-05", "issued = 2026-11-02", "issued on 2026-11-02, before the last points"),
+        ("about.toml", "received = 2026-11-02", "received = 2026-11-04", "the arm came on 2026-11-04, after points"),
+        ("about.toml", "issued = 2026-11-05", 'issued = "soon"', "issued: "),
+        ("about.toml", 'serial_number = "10017"', "serial_number = 10017", "item.serial_number: "),
+        ("about.toml", 'place = "laboratory"', 'place = "moon"', "place: "),
+        ("about.toml", "[item]", "[arm]", "unknown key arm. Try: one of number"),
+        ("about.toml", "[19.6, 20.4]", "[20.4, 19.6]", "temperature_degC: expected the lowest and the highest"),
+        ("artefacts.toml", "expires = 2028-01-15", "expires = 2026-11-01", "expired on 2026-11-01"),
+        ("artefacts.toml", "expires = 2028-01-15", "expires = 2025-01-15", "not after its calibration"),
+        ("mpe.toml", "[limits]", "[limits]\nE_Tri = { B_um = 1 }", "unknown symbol 'E_Tri'"),
+        ("points.csv", "2026-11-03", "2026-11-33", "expected a date, got '2026-11-33'"),
+    ],
+)
+def test_wrong_files_are_refused_and_nothing_is_written(truearm, bench, snapshot, file, before, after, told):
+    text = Path(file).read_text()
+    assert before in text
+    Path(file).write_text(text.replace(before, after) if file == "points.csv" else text.replace(before, after, 1))
+    there = snapshot(bench)
+    ran = truearm(*ALL)
+    assert (ran.code, ran.out) == (2, "")
+    assert (file if "expired" not in told else "points.csv") in ran.err  # on the day of those points
+    assert told in ran.err
+    assert len(ran.err.splitlines()) == 1
+    assert snapshot(bench) == there
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"--about": None}, "--about is missing. Try: truearm certificate --template > about.toml"),
+        ({"--points": None}, "--points is missing"),
+        ({"--out": None}, "--out is missing"),
+        ({"--out": "certificate.txt"}, "ends in .xml"),
+        ({"--out": "away/certificate.xml"}, "the folder away does not exist"),
+        ({"--html": "points.csv"}, "ends in .html"),
+        ({"--html": "away/page.html"}, "the folder away does not exist"),
+        ({"--about": "nothing.toml"}, "there is no such file"),
+    ],
+)
+def test_wrong_options_are_refused_before_any_work(truearm, bench, snapshot, changes, told):
+    pairs = dict(zip(ALL[1::2], ALL[2::2], strict=True)) | changes
+    there = snapshot(bench)
+    ran = truearm("certificate", *(part for pair in pairs.items() if pair[1] is not None for part in pair))
+    assert (ran.code, ran.out) == (2, "")
+    assert told in ran.err
+    assert snapshot(bench) == there
+
+
+# The docs page -------------------------------------------------------------------------------------------------------
+
+
+def fenced(kind):
+    return re.findall(rf"^```{kind}\n(.*?)^```$", PAGE.read_text(), flags=re.M | re.S)
+
+
+def test_the_files_of_the_docs_page_make_its_transcript(truearm, bench):
+    (filled_in,) = fenced("toml about")
+    Path("about.toml").write_text(filled_in)
+    (transcript,) = fenced("console")
+    command, *told = transcript.splitlines()
+    command = command.replace("\\", "")
+    ran = truearm(*command.removeprefix("$ truearm ").split())
+    assert (ran.code, ran.out.splitlines()) == (0, told)
+    excerpt = "".join(re.sub(r"\s+", "", part) for part in fenced("xml"))
+    root = re.sub(r"\s+", "", Path("certificate.xml").read_text())
+    for part in excerpt.split("..."):
+        assert part in root
+    assert ET.parse("certificate.xml").getroot().get("schemaVersion") == "3.3.0"

@@ -1,0 +1,84 @@
+"""A made-up verification and what a certificate of it says beside the results."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+
+import numpy as np
+
+from truearm.export.about import About
+from truearm.export.certificate import certificate_of
+from truearm.verify.artefacts import Artefacts
+from truearm.verify.decision import Budget, Contribution, Row, judged, overall
+from truearm.verify.limits import Specification
+from truearm.verify.measured import Group, Measured
+from truearm.verify.outcome import Outcome
+from truearm.verify.test_plan import load_plan
+from truearm.verify.verification import Verification
+
+DAY = datetime.date(2026, 11, 3)
+DATED = {"certificate": "K-1", "date": DAY, "expires": DAY.replace(year=2028), "form_mm": 0.001, "u_fixture_mm": 0.002}
+GROWING = {"expansion_per_K": 1e-6, "u_expansion_per_K": 1e-7, "u_temperature_K": 0.5}
+ARTEFACTS = Artefacts(
+    spheres=[{"name": "ball", "diameter_mm": 25.0004, "u_diameter_mm": 0.0002, **DATED, **GROWING}],
+    bars=[{"name": "bar", "lengths": [{"name": "900", "length_mm": 900.003, "u_mm": 0.0005}], **DATED, **GROWING}],
+    seats=[{"name": "cone", **DATED}],
+)
+BUDGET = Budget((Contribution("calibration", 0.003, 4.0), Contribution("fixture", 0.004)))  # U = 0.0104 mm, k = 2.09
+ADDRESS = {"post_code": "00000", "city": "Exampletown", "country": "DE"}
+TOLD = {
+    "number": "V-1",
+    "issued": DAY.replace(day=5),
+    "received": DAY.replace(day=2),
+    "place": "laboratory",
+    "item": {"name": "arm", "maker": "Example Arms", "model": "A", "serial_number": "7", "inventory_number": "12"},
+    "laboratory": {"name": "Example Laboratory", "code": "X-0", "email": "a@b.example", "phone": "0", **ADDRESS},
+    "customer": {"name": "Example Customer", "street": "Gauge Street", "street_no": "1", **ADDRESS},
+    "persons": [{"name": "First Example", "role": "head", "main_signer": True}, {"name": "Second Example"}],
+    "conditions": {"temperature_degC": (19.5, 20.5), "relative_humidity_percent": (40.1, 55.0)},
+}
+
+
+def about(**changes):
+    """The administrative data; a change of None leaves a key away."""
+    return About.model_validate({key: value for key, value in (TOLD | changes).items() if value is not None})
+
+
+def row(value, limit=0.05, *, label="E_Uni, 900", budget=BUDGET, rule="iso14253-1"):
+    return judged(label, value, budget, limit, rule=rule, where="position 1")
+
+
+ROWS = (
+    row(0.0102),
+    row(-0.045, label="E_Uni, 300"),
+    row(0.051, label="E_Uni, 150"),
+    row(0.08, label="E_Bi, 900"),
+    row(0.01, None, label="L_Dia.5x5, largest distance"),
+    row(0.02, budget=Budget(), label="P_Form.Sph.1x25"),
+    Row("E_Uni, sets measured again", 0, "", Budget(), None, None, "of 35"),
+)
+
+
+def outcome(rows=ROWS, *, rule="iso14253-1", degC=20.5):
+    """A verification with these rows."""
+
+    def group(artefact, **keys):
+        return Group(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, 2)
+
+    groups = {
+        "probing": (group("ball", position="1"),),
+        "uni": (group("bar", length="900", position="1", repeat="1", end="A"),),
+        "single_point": (group("cone", position="near"),),
+    }
+    specification = Specification(
+        name="arm <7> & Co", source="its data sheet", measuring_range_mm=2500.0, limits={"E_Uni": {"B_um": 50.0}}
+    )
+    found = Verification(tuple(rows), overall(rows), ("not tested: bi",))
+    return Outcome(
+        found, Measured(groups, Path("points.csv")), load_plan("iso10360-12"), ARTEFACTS, specification, rule
+    )
+
+
+def certificate(told=None, made=None):
+    return certificate_of(told or about(), made or outcome(), decision=["Not conform.", "Because."], rule="A rule.")

@@ -1,0 +1,83 @@
+"""What a certificate says beside the results: nothing may be missing, empty or out of order."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_up_outcome import DAY, TOLD, about, certificate, outcome
+
+from truearm.errors import InputError
+from truearm.export.about import About, plain, read_about, template
+from truearm.export.certificate import administrative
+from truearm.verify.documents import parsed
+
+
+def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_path):
+    text = template()
+    for model in (About, *(About.model_fields[key].annotation for key in ("item", "laboratory", "customer"))):
+        for key in model.model_fields:
+            assert re.search(rf"^(# )?({key} = |\[+{key}\])", text, flags=re.M) or model is not About
+    (tmp_path / "about.toml").write_text(text)
+    with pytest.raises(InputError, match="is missing|is empty") as refused:
+        read_about(tmp_path / "about.toml")
+    assert refused.value.file == tmp_path / "about.toml"
+    filled = re.sub(r'^country = ""', 'country = "DE"', text.replace("# temp", "temp"), flags=re.M)
+    filled = re.sub(r'^(\w+) = ""', r'\1 = "x"', filled, flags=re.M)
+    assert parsed(filled.encode(), About).place == "laboratory"
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"number": None}, "(?s)number.*Field required"),
+        ({"number": " \t"}, "(?s)number.*is empty"),
+        ({"place": "moon"}, "place"),
+        ({"persons": []}, "persons"),
+        ({"persons": [{"name": "p"}]}, "nobody signs it"),
+        ({"issued": DAY.replace(day=1)}, "before the arm came"),
+        ({"laboratory": TOLD["laboratory"] | {"country": "Germany"}}, "two capital letters, got 'Germany'"),
+        ({"conditions": {"temperature_degC": (21.0, 20.0)}}, "lowest and the highest"),
+        ({"conditions": {"temperature_degC": (293.0, 294.0)}}, "from -50 to 100"),
+        (
+            {"conditions": {"temperature_degC": (20.0, 20.0), "relative_humidity_percent": (40.0, 400.0)}},
+            "from 0 to 100",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said(changes, told):
+    with pytest.raises(ValueError, match=told):
+        about(**changes)
+
+
+def test_days_must_fit_those_of_the_points():
+    with pytest.raises(InputError, match="issued on 2026-11-02, before the last points were taken on 2026-11-03"):
+        certificate(about(issued=DAY.replace(day=2), received=DAY.replace(day=1)))
+    with pytest.raises(InputError, match="the arm came on 2026-11-04, after points were taken on 2026-11-03"):
+        certificate(about(received=DAY.replace(day=4)))
+    assert certificate(about(received=DAY, issued=DAY)).begin == DAY
+
+
+@given(st.text(max_size=50))
+def test_texts_are_such_that_xml_holds_them(text):
+    made = plain(text)
+    assert made == made.strip()
+    assert plain(made) == made
+    made.encode("utf-8")
+    assert not re.search("[\x00-\x1f\ud800-\udfff\ufffe\uffff]", made)
+
+
+def test_people_read_all_of_it():
+    listed = dict(administrative(certificate(made=outcome())))
+    assert list(listed) == ["certificate", "arm", "laboratory", "customer", "responsible", "room"]
+    assert ("serial number", "7") in listed["arm"]
+    assert ("place", "00000 Exampletown, DE") in listed["laboratory"]
+    assert ("street", "Gauge Street 1") in listed["customer"]
+    assert ("First Example", "head, signs the certificate") in listed["responsible"]
+    assert ("relative humidity", "40.1 to 55 %") in listed["room"]
+    lean = about(received=None, conditions={"temperature_degC": (20.0, 20.0)})
+    told = dict(administrative(certificate(lean)))
+    assert "arm received" not in dict(told["certificate"])
+    assert "relative humidity" not in dict(told["room"])

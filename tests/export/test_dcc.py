@@ -1,0 +1,267 @@
+"""Digital calibration certificates: what is written is what is read, by the schemas' rules, and no file does harm."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from decimal import Decimal
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_up_outcome import ROWS, about, certificate, outcome
+
+from truearm.errors import InputError, TruearmError
+from truearm.export import dcc as module
+from truearm.export.about import plain as one_line
+from truearm.export.certificate import CONFORMITIES, Equipment, Method, Quantity, Result
+from truearm.export.dcc import dcc, read_back, read_dcc, write_dcc
+
+SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
+WHOLE = certificate()
+LEAN = certificate(
+    about(
+        received=None,
+        item={"name": "arm", "maker": "m", "model": "A", "serial_number": "7"},
+        laboratory={"name": "l", "post_code": "0", "city": "c", "country": "DE"},
+        persons=[{"name": "p", "main_signer": True}],
+        conditions={"temperature_degC": (20.0, 20.0)},
+    ),
+    outcome([row for row in ROWS if row.limit is None or row.value < 0.04], rule="simple", degC=float("nan")),
+)
+CASES = pytest.mark.parametrize("made", [WHOLE, LEAN], ids=["whole", "lean"])
+
+# Round trip ----------------------------------------------------------------------------------------------------------
+
+words = st.text(min_size=1, max_size=30).filter(str.strip)
+plain = words.map(one_line)
+numbers = st.decimals(allow_nan=False, allow_infinity=False, min_value=-1e6, max_value=1e6, places=5)
+positive = st.decimals(min_value="0.00001", max_value=1000, places=5)
+
+
+@st.composite
+def quantities(draw, unit="mm"):
+    kind = draw(st.sampled_from(["expanded", "standard", "none"]))
+    stated = {
+        "expanded": {"expanded": draw(positive), "factor": Decimal("2.09"), "level": Decimal("0.9545")},
+        "standard": {"standard": draw(positive)},
+        "none": {},
+    }[kind]
+    return Quantity(draw(plain), draw(numbers), unit, **stated)
+
+
+@st.composite
+def results(draw):
+    limited = draw(st.booleans())
+    limit = draw(quantities()) if limited else None
+    return Result(draw(quantities()), limit, draw(st.sampled_from(CONFORMITIES)) if limited else None)
+
+
+@st.composite
+def certificates(draw):
+    told = about(
+        number=draw(words),
+        item={"name": draw(words), "maker": draw(words), "model": draw(words), "serial_number": draw(words)},
+        conditions={
+            "temperature_degC": sorted([draw(st.floats(-50, 100)), draw(st.floats(-50, 100))]),
+            "relative_humidity_percent": sorted([draw(st.floats(0, 100)), draw(st.floats(0, 100))]),
+        },
+    )
+    return replace(
+        WHOLE,
+        about=told,
+        title=draw(plain),
+        declarations=tuple(draw(st.lists(plain, min_size=1, max_size=3))),
+        conformity=draw(st.sampled_from(CONFORMITIES)),
+        methods=(Method(draw(plain), draw(plain), draw(st.none() | plain)),),
+        equipment=(Equipment(draw(plain), draw(plain), draw(plain), tuple(draw(st.lists(quantities(), max_size=2)))),),
+        artefact_degC=draw(st.none() | st.tuples(numbers, numbers)),
+        results=tuple(draw(st.lists(results(), min_size=1, max_size=3))),
+    )
+
+
+@settings(max_examples=100, deadline=None)
+@given(certificates())
+def test_what_is_written_is_what_is_read(made):
+    content = dcc(made)
+    again = read_back(content)
+    assert again == made
+    assert dcc(again) == content  # with the same digits, trailing zeros too
+
+
+@CASES
+def test_a_certificate_of_a_verification_goes_to_a_file_and_back(made, tmp_path):
+    write_dcc(made, tmp_path / "certificate.xml")
+    assert read_dcc(tmp_path / "certificate.xml") == made
+    assert (tmp_path / "certificate.xml").read_bytes() == dcc(made)
+    assert [path.name for path in tmp_path.iterdir()] == ["certificate.xml"]
+
+
+def test_what_would_be_read_differently_is_not_written(tmp_path):
+    with pytest.raises(TruearmError, match="please report it"):
+        write_dcc(replace(WHOLE, title="two  spaces\r\n"), tmp_path / "certificate.xml")
+    assert not list(tmp_path.iterdir())
+
+
+# What stands in it ---------------------------------------------------------------------------------------------------
+
+
+def found(made, path):
+    return [element.text for element in ET.fromstring(dcc(made)).iterfind(path, SPACES)]
+
+
+def test_values_are_stated_to_the_digits_of_their_uncertainty():
+    real = ".//dcc:result/dcc:data/dcc:quantity/si:real/"
+    assert found(WHOLE, f"{real}si:value") == ["0.010", "-0.045", "0.051", "0.080", "0.010", "0.0200", "0"]
+    assert set(found(WHOLE, f"{real}si:unit")) == {r"\milli\metre", r"\one"}
+    expanded = f"{real}si:measurementUncertaintyUnivariate/si:expandedMU/"
+    assert found(WHOLE, f"{expanded}si:valueExpandedMU") == ["0.010"] * 5  # none where nothing contributes
+    assert set(found(WHOLE, f"{expanded}si:coverageFactor")) == {"2.09"}
+    assert set(found(WHOLE, f"{expanded}si:coverageProbability")) == {"0.9545"}
+    sizes = ".//dcc:measuringEquipmentQuantity/si:real/"
+    assert found(WHOLE, f"{sizes}si:value") == ["25.00040", "900.00300"]
+    assert found(WHOLE, f"{sizes}si:measurementUncertaintyUnivariate/si:standardMU/si:valueStandardMU") == [
+        "0.00020",
+        "0.00050",
+    ]
+
+
+def test_undecided_values_pass_or_fail_on_a_condition_and_the_worst_counts():
+    said = ".//dcc:metaData[@refType='basic_conformity']/dcc:conformity"
+    assert found(WHOLE, said) == ["pass", "conditionalPass", "conditionalFail", "fail", "pass"]
+    overall = ".//dcc:statement/dcc:conformity"
+    assert found(WHOLE, overall) == ["fail"]
+    for n, worst in ((1, "pass"), (2, "conditionalPass"), (3, "conditionalFail"), (4, "fail")):
+        assert found(certificate(made=outcome(ROWS[:n])), overall) == [worst]
+
+
+# Rules of the schemas ------------------------------------------------------------------------------------------------
+
+# The order of children in dcc.xsd 3.3.0 and SI_Format.xsd 2.2.1 (xs:sequence), as far as they are written.
+ORDER = {
+    "digitalCalibrationCertificate": "administrativeData measurementResults",
+    "coreData": "countryCodeISO3166_1 usedLangCodeISO639_1 mandatoryLangCodeISO639_1 uniqueIdentifier receiptDate "
+    "beginPerformanceDate endPerformanceDate performanceLocation issueDate",
+    "software": "name release type",
+    "item": "name manufacturer model identifications",
+    "identification": "issuer value name",
+    "calibrationLaboratory": "calibrationLaboratoryCode contact",
+    "contact": "name eMail phone location",
+    "customer": "name eMail phone location",
+    "respPerson": "person role mainSigner",
+    "statement": "declaration conformity",
+    "measurementResult": "name usedMethods usedSoftware measuringEquipments influenceConditions results",
+    "usedMethod": "name description norm",
+    "measuringEquipment": "name description identifications measuringEquipmentQuantities",
+    "influenceCondition": "name data",
+    "result": "name data",
+    "quantity": "name real measurementMetaData",
+    "measuringEquipmentQuantity": "name real",
+    "metaData": "conformity data",
+    "real": "value unit measurementUncertaintyUnivariate",
+    "expandedMU": "valueExpandedMU coverageFactor coverageProbability",
+}
+
+
+@CASES
+def test_children_stand_in_the_order_of_the_schemas(made):
+    seen = set()
+    for element in ET.fromstring(dcc(made)).iter():
+        name = element.tag.rpartition("}")[2]
+        if name in ORDER:
+            children = [child.tag.rpartition("}")[2] for child in element]
+            places = [ORDER[name].split().index(child) for child in children]
+            assert places == sorted(places), (name, children)
+            seen.add(name)
+        elif len(element) and name not in ("location", "data"):
+            assert len({child.tag for child in element}) == 1 or name == "administrativeData", name
+    assert seen >= set(ORDER) - {"expandedMU"}
+
+
+@CASES
+def test_the_schema_of_ptb_and_its_rules_find_nothing_wrong(made, tmp_path):
+    validation = pytest.importorskip("dcclib.validation", reason="pip install truearm[dcc] checks against the schemas")
+    schema = pytest.importorskip("dcclib.validation.xsd").SchemaVersion
+    write_dcc(made, tmp_path / "certificate.xml")
+    checked = validation.XsdValidator.from_version(schema.v3_3_0).validate_file(str(tmp_path / "certificate.xml"))
+    assert [error.message for error in checked.errors] == []
+    assert checked.is_valid
+    rules = validation.SchematronValidator.for_dcc().validate_file(str(tmp_path / "certificate.xml"))
+    assert [(one.role, one.text) for one in rules.failed_assertions] == []
+    assert [one.text for one in rules.successful_reports if one.role != "information"] == []
+
+
+# Hostile files -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda text: "", "not valid XML"),
+        (lambda text: text[: len(text) // 2], "not valid XML"),
+        (
+            lambda text: text.replace("<?xml version='1.0' encoding='utf-8'?>", "<!DOCTYPE a [<!ENTITY b 'c'>]>"),
+            "DOCTYPE",
+        ),
+        (lambda text: text.replace("digitalCalibrationCertificate", "other"), "digital calibration certificate"),
+        (lambda text: text.replace('Version="3.3.0"', 'Version="2.4.0"'), "schema version 3.3.0, got '2.4.0'"),
+        (lambda text: text.replace("https://ptb.de/si", "https://ptb.example"), "has no si:real"),
+        (lambda text: text.replace(">0.010<", ">NaN<"), "number without an exponent, got 'NaN'"),
+        (lambda text: text.replace(">0.010<", ">1e999999999<"), "number without an exponent"),
+        (lambda text: text.replace(r"\milli\metre", r"\inch"), r"unit of .*got '\\\\inch'"),
+        (lambda text: text.replace(">conditionalPass<", ">perhaps<"), "conformity of pass.*got 'perhaps'"),
+        (lambda text: text.replace(">2026-11-05<", ">05.11.2026<"), "issueDate.*expected a date"),
+        (lambda text: text.replace("<dcc:model>A</dcc:model>", ""), "<item> has no model"),
+        (lambda text: text.replace("<dcc:model>A</dcc:model>", "<dcc:model>A</dcc:model>" * 2), "expected one model"),
+        (lambda text: text.replace(">DE<", ">Germany<"), "two capital letters"),
+    ],
+)
+def test_a_broken_certificate_is_refused_with_the_reason(change, told, tmp_path):
+    file = tmp_path / "certificate.xml"
+    file.write_text(change(dcc(WHOLE).decode()))
+    with pytest.raises(InputError, match=told) as refused:
+        read_dcc(file)
+    assert refused.value.file == file
+
+
+def test_no_other_encoding_hides_a_document_type():
+    text = dcc(WHOLE).decode().replace("encoding='utf-8'", "encoding='utf-16'")
+    with pytest.raises(InputError, match="UTF-8"):
+        read_back(text.encode("utf-16"))
+    with pytest.raises(InputError, match=r"UTF-8|XML"):
+        read_back(b"\x00" + dcc(WHOLE))
+    # What the declaration says does not count: the bytes are UTF-8.
+    assert read_back(text.encode()) == WHOLE
+
+
+def test_a_long_file_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "MAX_BYTES", 1000)
+    write_dcc(WHOLE, tmp_path / "certificate.xml")
+    with pytest.raises(InputError, match=r"at most 0\.001 MB"):
+        read_dcc(tmp_path / "certificate.xml")
+
+
+def test_whatever_element_is_missing_empty_or_double_the_reader_refuses_or_reads():
+    """Never any other exception."""
+    root = ET.fromstring(dcc(WHOLE))
+    refused = 0
+    for parent in list(root.iter()):
+        for child in list(parent):
+            at, text = list(parent).index(child), child.text
+            variants = [lambda: parent.remove(child), lambda: parent.insert(at, child)]  # noqa: B023
+            for change in variants:
+                change()
+                try:
+                    read_back(ET.tostring(root))
+                except InputError:
+                    refused += 1
+                parent[:] = [one for i, one in enumerate(parent) if one is not child]
+                parent.insert(at, child)
+            child.text = None
+            try:
+                read_back(ET.tostring(root))
+            except InputError:
+                refused += 1
+            child.text = text
+    assert read_back(ET.tostring(root)) == WHOLE
+    assert refused > 100
