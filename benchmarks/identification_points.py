@@ -82,7 +82,7 @@ def split_of(name: str, seed: int) -> Split:
     train, test = hold_out(numbered, by=SPLITS[name], fraction=HELD_OUT, seed=seed)  # type: ignore[arg-type]
     seen = {}
     for label, kind in MODELS.items():
-        model = kind(arm).fit_readings(train)
+        model = kind(arm).fit_readings(replace(train, session=None))
         points, covariance = model.predict_readings(test, return_cov=True)
         seen[label] = Seen(points, squared_lengths(points, covariance, test), model.fit_seconds_)
     return Split(test, seen, *quarters(train.angles, test.angles))

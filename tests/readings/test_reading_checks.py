@@ -172,6 +172,17 @@ def test_points_that_no_single_arm_can_have_touched(rng):
     assert caught.value.hint == "check the unit of the points, or delete the reading"
 
 
+def test_points_of_several_sessions_lie_together_session_by_session(rng):
+    """A tracker may stand anywhere in the next session; a point far from its own session's is as wrong as ever."""
+    points, angles = rng.uniform(-1000, 1000, (20, 3)), rng.uniform(-1, 1, (20, 2))
+    points[12:] += 1e5
+    session = np.where(np.arange(20) < 12, "May", "June")
+    check_reach(Readings(angles, points, session=session), reach=1000.0)
+    session[12] = "May"
+    with pytest.raises(InputError, match=r"reference point of reading 13 .*1 of 20 readings"):
+        check_reach(Readings(angles, points, session=session), reach=1000.0)
+
+
 def test_no_joint_turns_without_end_however_free_it_is():
     readings = Readings([[0.0], [1e7]])
     with pytest.raises(InputError, match="outside its limits"):

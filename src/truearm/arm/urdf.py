@@ -34,7 +34,7 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
 
     Fixed joints are folded into their neighbours. A revolute or sliding joint without a lower and upper limit has
     none here; if one of the two is given, the other is 0, as URDF has it. The frame of the tip's link is the flange,
-    its origin the tip. Masses are those of the chain's own links; a link without ``<inertial>`` has none; if none has one,
+    its origin the tip. Masses are those of the chain's own links; a link without ``<inertial>`` has none; if none has,
     the masses are not known. Links that hang on the chain beside it are left out. A title, a source, a working pose
     and the direction of gravity are read from an element ``truearm``, which other readers pass over (see `write_urdf`);
     without it the working pose is zero, or the limit next to it, and the arm stands upright.

@@ -279,7 +279,7 @@ def _say_result(
 
     model = next(name for name, kind in MODELS.items() if type(fitted) is kind)
     errors = None
-    predicted, nominal = fitted.predict_readings(readings), fitted.predict_nominal(readings.angles)
+    predicted, nominal = fitted.predict_readings(readings), fitted.predict_nominal_readings(readings)
     if readings.points is not None:
         errors = compared_errors(predicted, nominal, readings.points)
     scatter = None
@@ -315,11 +315,9 @@ def _say_result(
         say(f"training error, distance of points from the mean of their seat: {said}")
     if isinstance(fitted, IdentifiedModel):
         _say_identified(fitted, readings)
-    if errors is not None and readings.session is not None and "base" in fitted.free:
-        n_sessions = len(set(readings.session.tolist()))
-        if n_sessions > 1:
-            say(f"One frame was fitted to {n_sessions} sessions. If the arm or the reference moved between them,")
-            say("fit one session and carry its arm over to the others with truearm refit.")
+    if fitted.session_frames_:
+        first, *others = fitted.session_frames_
+        say(f"A frame for each session: points are in that of {first}, those of {', '.join(others)} in their own.")
     if errors is None and not with_lengths:
         say("No point and no length is known: the arm's size stays as drawn.")
     if not getattr(fitted, "fit_", fitted.nominal_).converged:

@@ -105,12 +105,12 @@ def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
     points = readings.points
     assert points is not None  # checked by the caller
     first = _of_one_arm(models)
-    nominal = first.predict_nominal(readings.angles)
+    nominal = first.predict_nominal_readings(readings)
     predicted, errors = {"nominal": nominal}, {"nominal": compared_errors(nominal, nominal, points)}
     for name, model in models.items():
         if not isinstance(model, NominalModel):  # it is the first row already
             predicted[name] = model.predict_readings(readings)
-            errors[name] = compared_errors(predicted[name], model.predict_nominal(readings.angles), points)
+            errors[name] = compared_errors(predicted[name], model.predict_nominal_readings(readings), points)
     return Compared(
         angles=readings.angles,
         points=points,
@@ -132,7 +132,7 @@ def seated(models: dict[str, Compensator], readings: Readings, lengths: Path | N
     assert readings.seat is not None  # checked by the caller
     first = _of_one_arm(models)
     known = None if lengths is None else lengths_of(lengths, readings)
-    predicted = {"nominal": first.predict_nominal(readings.angles)}
+    predicted = {"nominal": first.predict_nominal_readings(readings)}
     predicted |= {
         name: model.predict_readings(readings) for name, model in models.items() if not isinstance(model, NominalModel)
     }
@@ -293,7 +293,7 @@ def remarks(model: Compensator, readings: Readings) -> list[str]:
 
     said = []
     if readings.points is not None:
-        missed = errors_of(model.predict_nominal(readings.angles), readings.points)["mean_mm"]
+        missed = errors_of(model.predict_nominal_readings(readings), readings.points)["mean_mm"]
         if missed > MOST_NOMINAL_ERROR * model.arm.chain.reach:
             said.append(
                 f"The nominal arm misses these points by {missed:.0f} mm: probably they are of another arm or set-up, "

@@ -6,6 +6,7 @@ import hashlib
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self, overload
 
@@ -17,6 +18,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identify.identification import Identified, identify
+from truearm.models.frames import carried, covariance_back, frame_terms, frames_of, points_back
 from truearm.models.ranges import away_from, gaps_within
 from truearm.models.relations import placed, references_of, state_of, tool_terms
 from truearm.readings.lengths import Lengths
@@ -48,6 +50,9 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         That it was fitted for.
     free_ : tuple of str
         The free parts that the readings can tell: without reference points the base is as drawn.
+    session_frames_ : dict of str to (4, 4) array
+        Of readings in several sessions, each with a frame of its own: by the session's name the rough motion that
+        carries its points into the frame of the first (see `truearm.models.frames`). Empty where there was one.
     angle_ranges_ : (n_joints, 2) array
         Smallest and largest training angle of every joint [rad, or mm].
     angle_gaps_ : (k, 3) array
@@ -132,8 +137,10 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self.n_features_in_ = readings.n_joints
         pointed = readings.has_point
         self.free_ = self.free if pointed.any() else tuple(part for part in self.free if part != "base")
-        self.nominal_ = self._fit_nominal(readings, lengths)
-        self._identify(readings, lengths, progress or _silent, checkpoint)
+        self.session_frames_ = frames_of(arm, readings, self.free_)
+        in_one_frame = carried(readings, self.session_frames_)
+        self.nominal_ = self._fit_nominal(in_one_frame, lengths)
+        self._identify(in_one_frame, lengths, progress or _silent, checkpoint)
         self.angle_ranges_ = np.stack([readings.angles.min(axis=0), readings.angles.max(axis=0)], axis=1)
         self.angle_gaps_ = gaps_within(readings.angles, arm.chain.slides)
         self.n_train_ = len(readings)
@@ -160,7 +167,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         Returns
         -------
         points : (n, 3) array
-            The tip in the frame of the reference [mm].
+            The tip in the frame of the reference [mm], of several sessions that of the first.
         covariance : (n, 3, 3) array, if `return_cov`
             Of the tip [mm^2]; a reference point compared with it has its own uncertainty besides. See
             `outside_training` for where it was not learned.
@@ -183,11 +190,12 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Corrected coordinates at readings, by their temperature, loads and directions too if the model knows them.
 
+        Readings of a session that the model knows (`session_frames_`) come out in its frame, all others in the first's.
         `predict` takes temperature and loads as they were on average when the model learned, and directions of movement
         as half way between the two.
         """
         self._checked_angles(readings.angles)
-        points = self._tips(readings)
+        points = points_back(self._tips(readings), readings, self.session_frames_)
         if not return_cov:
             return points
         of_parameters, unexplained = self.covariance_parts(readings)
@@ -205,11 +213,23 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             What the model cannot explain [mm^2]: noise, and effects it has no term for.
         """
         self._checked_angles(readings.angles)
-        return self._covariance_parts(readings)
+        of_parameters, unexplained = self._covariance_parts(readings)
+        frames = self.session_frames_
+        return covariance_back(of_parameters, readings, frames), covariance_back(unexplained, readings, frames)
 
     def predict_nominal(self, angles: npt.ArrayLike) -> FloatArray:
         """(n, 3) what the nominal arm gives, with the free parts fitted to the same training readings [mm]."""
-        return self.nominal_.tips(state_of(self.arm_, Readings(self._checked_angles(angles))))
+        return self.predict_nominal_readings(Readings(self._checked_angles(angles)))
+
+    def predict_nominal_readings(self, readings: Readings) -> FloatArray:
+        """(n, 3) the same at readings, in the frames of their sessions as by `predict_readings` [mm]."""
+        self._checked_angles(readings.angles)
+        tips = self.nominal_.tips(state_of(self.arm_, self._with_known_sessions(readings)))
+        return points_back(tips, readings, self.session_frames_)
+
+    def _with_known_sessions(self, readings: Readings) -> Readings:
+        """Readings without their sessions, if the model knows of none."""
+        return readings if self.session_frames_ else replace(readings, session=None)
 
     def outside_training(self, angles: npt.ArrayLike) -> BoolArray:
         """(n,) True where a joint is away from the angles it was trained on: the model has not seen such poses."""
@@ -279,7 +299,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         return identify(
             placed(self.arm_, readings, self.free_),
             state_of(self.arm_, readings),
-            [*terms, *tool_terms(self.arm_, readings)],
+            [*terms, *tool_terms(self.arm_, readings), *frame_terms(self.arm_.chain, self.session_frames_)],
             references_of(readings, lengths),
             robust=self.robust,
         )

@@ -34,6 +34,7 @@ from truearm.identify.identification import Explained, GroupFound, Identified
 from truearm.identify.problem import Moved
 from truearm.models import MODELS
 from truearm.models.compensator import Compensator
+from truearm.models.frames import checked_frames
 from truearm.models.identified import IdentifiedModel
 from truearm.models.network import Member, NetworkModel
 from truearm.nets.perceptron import Perceptron
@@ -139,6 +140,7 @@ class _Header(BaseModel):
     left_out: list[tuple[str, str]] = []
     column_means: dict[str, Annotated[float, Field(allow_inf_nan=False)]] = {}
     temperature_degC: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    sessions: list[str] = []
     members: list[_MemberEntry] = []
     record: tuple[str, ...] = ()
 
@@ -186,6 +188,7 @@ def save_model(model: Compensator, path: str | Path) -> None:
         left_out=[(left_out.name, left_out.reason) for left_out in getattr(model, "left_out_", ())],
         column_means=getattr(model, "columns_", {}),
         temperature_degC=getattr(model, "temperature_degC_", None),
+        sessions=list(model.session_frames_),
         members=[
             _MemberEntry(start=member.start, epochs=record.num_epochs, best_epoch=record.best_epoch, stop=record.stop)
             for member, record in trained
@@ -272,6 +275,8 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
     }
     if arm.masses is not None:
         arrays |= {"arm_masses": arm.masses.mass_kg, "arm_mass_centres": arm.masses.centre_in_joint_mm}
+    if model.session_frames_:
+        arrays["session_frames"] = np.stack(list(model.session_frames_.values()))
     facts: dict[str, float] = {}
     for name in IDENTIFIED:
         if hasattr(model, name):
@@ -339,6 +344,7 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
     model.angle_ranges_ = _shaped(arrays, "angle_ranges", (n, 2))
     model.angle_gaps_ = np.zeros((0, 3)) if old else _gaps(arrays["angle_gaps"], n)
     model.free_ = tuple(model.free if header.free is None else header.free)
+    model.session_frames_ = checked_frames(header.sessions, arrays["session_frames"]) if header.sessions else {}
     model.nominal_ = (_old_fit if old else _identified)("nominal_", header, arrays, prismatic)
     if isinstance(model, IdentifiedModel):
         if old and header.model == "nominal":

@@ -13,6 +13,7 @@ from truearm.identify.calibration import unexplained_variance_of
 from truearm.identify.identification import identify
 from truearm.identify.leave_out import leave_groups_out
 from truearm.models.compensator import MIN_ROWS, Compensator
+from truearm.models.frames import frame_terms
 from truearm.models.relations import placed, references_of, state_of, tool_terms
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
@@ -70,7 +71,7 @@ class IdentifiedModel(Compensator):
         self.fit_ = identify(
             placed(self.arm_, readings, self.free_),
             state,
-            [*terms, *tool_terms(self.arm_, readings)],
+            [*terms, *tool_terms(self.arm_, readings), *frame_terms(state.chain, self.session_frames_)],
             references_of(readings, lengths),
             robust=self.robust,
             progress=progress,
@@ -88,7 +89,11 @@ class IdentifiedModel(Compensator):
         directions of movement, half way between the two.
         """
         return state_of(
-            self.arm_, readings, temperature_degC=self.temperature_degC_, columns=self.columns_, direction=0.0
+            self.arm_,
+            self._with_known_sessions(readings),
+            temperature_degC=self.temperature_degC_,
+            columns=self.columns_,
+            direction=0.0,
         )
 
     def _tips(self, readings: Readings) -> FloatArray:

@@ -166,6 +166,13 @@ class NetworkModel(Compensator):
         checkpoint: Path | None,
     ) -> None:
         del lengths  # every reading has a point, which says more
+        if self.session_frames_:
+            raise readings.error(
+                f"the readings are of {len(self.session_frames_)} sessions, each in a frame of its own, and a network "
+                "learns one",
+                column="session",
+                hint="the readings of one session (truearm split --by session), or a physical model",
+            )
         points = readings.points
         assert points is not None  # checked
         _check_motion(self.arm, readings, points)

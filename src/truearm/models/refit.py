@@ -19,6 +19,7 @@ from truearm.identify.calibration import HeldOut
 from truearm.identify.consider import identified_anew
 from truearm.identify.identification import Identified
 from truearm.models.compensator import FREE_PARTS, MIN_ROWS, Compensator, fingerprint
+from truearm.models.frames import carried, frames_of
 from truearm.models.identified import IdentifiedModel
 from truearm.models.relations import check_spread, references_of
 from truearm.readings.lengths import Lengths
@@ -98,11 +99,19 @@ def refit(
             )
     elif "base" in free:
         check_spread(readings, model.arm)
+        if frames_of(model.arm, readings, free):
+            raise readings.error(
+                "a refit finds one frame, and the readings are of several sessions",
+                column="session",
+                hint="refit each by itself: truearm split --by session",
+            )
     begun = time.perf_counter()
     new: Model = copy.copy(model)
     assert isinstance(new, IdentifiedModel)
     if readings.temperature_degC is not None:
         new.temperature_degC_ = float(readings.temperature_degC.mean())
+    new.session_frames_ = {} if "base" in free else model.session_frames_
+    readings, marks, digest = carried(readings, new.session_frames_), _marks(readings), fingerprint(readings)
     new.columns_ = {
         name: float(readings.columns[name].mean()) if name in readings.columns else mean
         for name, mean in model.columns_.items()
@@ -134,8 +143,8 @@ def refit(
     new.free_ = free
     empty = np.zeros(0, dtype=np.intp)
     new.held_out_ = HeldOut(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
-    new.data_fingerprint_ = fingerprint(readings)
-    new.refitted_on_ = np.concatenate([model.refitted_on_, _marks(readings)])
+    new.data_fingerprint_ = digest
+    new.refitted_on_ = np.concatenate([model.refitted_on_, marks])
     new.fit_seconds_ = time.perf_counter() - begun
     return new
 

@@ -46,6 +46,7 @@ def state_of(
         temperature_degC=temperature,
         directions=directions,
         columns=given | dict(readings.columns),
+        session=readings.session,
     )
 
 

@@ -17,7 +17,7 @@ from truearm.identify.problem import Moved
 from truearm.plan.exchange import eliminated, rigid_motions
 from truearm.plan.information import tip_jacobian
 from truearm.readings.readings import Readings
-from truearm.terms.basis import Constant
+from truearm.terms.basis import Constant, Session
 from truearm.terms.catalogue import constants, gravity, own_axis, wobble
 from truearm.terms.state import ArmState
 from truearm.terms.term import Term
@@ -175,9 +175,8 @@ def as_identified(
     InputError
         If nothing but the base has been identified.
     """
-    constant = [isinstance(term.basis, Constant) for term in found.moved.terms]
     sizes = [term.n_coefficients for term in found.moved.terms]
-    kept = [term.place > 0 or not same for term, same in zip(found.moved.terms, constant, strict=True)]
+    kept = [term.place > 0 or not isinstance(term.basis, Constant | Session) for term in found.moved.terms]
     columns = np.flatnonzero(np.repeat(kept, sizes))
     if not len(columns):
         raise InputError(

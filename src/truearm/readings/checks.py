@@ -127,12 +127,15 @@ def check_reach(readings: Readings, *, reach: float) -> None:
     Raises
     ------
     InputError
-        If a point lies farther from the middle of all than `MOST_REACHES` reaches.
+        If a point lies farther from the middle of all of its session than `MOST_REACHES` reaches.
     """
     if readings.points is None:
         return
-    middle = np.nanmedian(readings.points, axis=0)
-    off = np.abs(readings.points - middle).max(axis=1)
+    off = np.zeros(len(readings))
+    session = np.full(len(readings), "") if readings.session is None else readings.session
+    for name in np.unique(session[readings.has_point]):
+        rows = (session == name) & readings.has_point
+        off[rows] = np.abs(readings.points[rows] - np.median(readings.points[rows], axis=0)).max(axis=1)
     far = off > MOST_REACHES * reach
     if not far.any():
         return

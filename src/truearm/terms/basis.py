@@ -275,6 +275,32 @@ class Direction(Basis):
 
 @registered
 @dataclass(frozen=True)
+class Session(Basis):
+    """One at the readings of a session, zero at all others.
+
+    Parameters
+    ----------
+    name : str
+        The session's name in the session file.
+    """
+
+    name: str
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"expected the name of a session, got {_short(self.name)}")
+
+    def labels(self) -> tuple[str, ...]:
+        """One function."""
+        return (f"session {self.name}",)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(1, n) ones and zeros."""
+        return np.zeros((1, len(state))) if state.session is None else (state.session == self.name)[None].astype(float)
+
+
+@registered
+@dataclass(frozen=True)
 class Column(Basis):
     """A column of the session, in its own unit.
 

@@ -39,6 +39,8 @@ class ArmState:
     links : LinkMasses, optional
         Masses of the links. Without them 1 kg/m everywhere: the shape of the torques is then a guess and their size
         is left to the coefficients.
+    session : (n,) array of str, optional
+        Name of the set-up of each reading; None: the one in whose frame the chain is.
     gravity_in_base : (3,) array
         Acceleration of free fall along the base frame's axes [m/s^2]; of an upright arm by default.
 
@@ -55,6 +57,7 @@ class ArmState:
     columns: Mapping[str, FloatArray] = field(default_factory=dict)
     links: LinkMasses | None = None
     gravity_in_base: FloatArray = field(default_factory=lambda: np.array(STANDARD_GRAVITY_IN_BASE))
+    session: npt.NDArray[np.str_] | None = None
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles, dtype=float)
@@ -73,6 +76,10 @@ class ArmState:
         checked["columns"] = {
             name: _fitting(column, f"column {name!r}", ((n,),)) for name, column in self.columns.items()
         }
+        if self.session is not None:
+            checked["session"] = np.asarray(self.session, dtype=np.str_)
+            if np.shape(self.session) != (n,):
+                raise InputError(f"expected sessions of shape {(n,)}, got {np.shape(self.session)}")
         checked["gravity_in_base"] = _fitting(self.gravity_in_base, "gravity", ((3,),))
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -81,7 +88,7 @@ class ArmState:
     def of(cls, arm: Arm, angles: npt.ArrayLike, **more: Any) -> Self:
         """State of an arm, with its masses and the direction of its weight, at angles (n, n_joints) [rad, or mm].
 
-        `more` are `temperature_degC`, `directions` and `columns`.
+        `more` are `temperature_degC`, `directions`, `columns` and `session`.
         """
         gravity = STANDARD_GRAVITY * arm.gravity_direction
         return cls(arm.chain, np.asarray(angles, dtype=float), links=arm.masses, gravity_in_base=gravity, **more)
@@ -99,6 +106,7 @@ class ArmState:
             {name: column[which] for name, column in self.columns.items()},
             self.links,
             self.gravity_in_base,
+            None if self.session is None else self.session[which],
         )
 
     @cached_property

@@ -1,0 +1,36 @@
+"""Two sessions in one file, tracker and arm metres apart: fit, evaluate and predict find each in its frame."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from truearm.readings import read_session, write_session
+
+
+def test_a_file_of_two_sessions_is_learned_from_and_found_again(truearm, made, tmp_path):
+    readings = read_session(made / "test.csv")  # 100 readings of a virtual arm
+    later = np.arange(100) >= 60
+    points = readings.points.copy()
+    points[later] = Rotation.from_rotvec([0.5, -2.0, 1.0]).apply(points[later]) + [30_000.0, -500, 80]
+    session = np.where(later, "June", "May")
+    write_session(replace(readings, points=points, session=session), tmp_path / "s.csv")
+
+    ran = truearm("fit", tmp_path / "s.csv", "--arm", "gao2017", "--model", "kinematic", "--out", tmp_path / "m")
+    assert (ran.code, ran.err) == (0, "")
+    assert "A frame for each session: points are in that of May, those of June in their own." in ran.out
+    errors = json.loads(truearm("evaluate", tmp_path / "m", tmp_path / "s.csv", "--json").out)
+    assert errors["max_mm"] < 0.5 < errors["nominal"]["max_mm"] < 20
+    assert truearm("predict", tmp_path / "m", tmp_path / "s.csv", "--out", tmp_path / "p.csv").code == 0
+    table = pd.read_csv(tmp_path / "p.csv")
+    assert table["session"].tolist() == session.tolist()
+    assert np.abs(table[["x_mm", "y_mm", "z_mm"]] - points).max(axis=None) < 0.5
+
+    again = truearm("refit", tmp_path / "m", tmp_path / "s.csv", "--out", tmp_path / "m2")
+    assert again.code != 0
+    assert "a refit finds one frame" in again.err
+    assert "truearm split --by session" in again.err
