@@ -318,7 +318,7 @@ def _say_result(
     if fitted.session_frames_:
         first, *others = fitted.session_frames_
         say(f"A frame for each session: points are in that of {first}, those of {', '.join(others)} in their own.")
-    if errors is None and not with_lengths:
+    if errors is None and not with_lengths and readings.sphere_distance is None:
         say("No point and no length is known: the arm's size stays as drawn.")
     if not getattr(fitted, "fit_", fitted.nominal_).converged:
         say("The fit has not settled: more readings, or poses more different from one another, may help.")

@@ -81,7 +81,7 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
         if len(held):
             found.append(seats_of(held, seat[held], between))
     surfaces: tuple[tuple[NameArray | None, Callable[[IntArray, NameArray], Reference]], ...] = (
-        (readings.sphere, spheres_of),
+        (readings.sphere, lambda rows, names: spheres_of(rows, names, _radii(readings, rows))),
         (readings.plane, planes_of),
         (readings.line, lines_of),
     )
@@ -151,6 +151,16 @@ def _in_poses(readings: Readings, held: IntArray) -> list[str]:
     state += [values for values in (readings.temperature_degC, readings.directions) if values is not None]
     different = np.unique(np.column_stack([seat, *(values[held] for values in state)]), axis=0)
     return [str(name) for name in names[np.bincount(different[:, 0].astype(np.intp)) > 1]]
+
+
+def _radii(readings: Readings, rows: IntArray) -> list[tuple[str, float, float]]:
+    """Effective radii of the spheres of readings `rows`, where they are known, and their uncertainties."""
+    if readings.sphere_distance is None:
+        return []
+    assert readings.sphere is not None  # no distance without one
+    known = rows[~np.isnan(readings.sphere_distance[rows, 0])]
+    names, first = np.unique(readings.sphere[known], return_index=True)
+    return [(str(name), *readings.sphere_distance[known[i]].tolist()) for name, i in zip(names, first, strict=True)]
 
 
 def _between(lengths: Lengths | None, seat: NameArray) -> list[StatedLength]:

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.readings import DIRECTION, LOAD, NAMED
+from truearm.readings.readings import DIRECTION, LOAD, NAMED, SPHERE_DISTANCE
 
 TEMPERATURE = "temperature_degC"
 
@@ -34,6 +34,7 @@ class Columns:
     points: tuple[str, ...] = ()
     point_std: tuple[str, ...] = ()
     quaternion: tuple[str, ...] = ()
+    sphere_distance: tuple[str, ...] = ()
     temperature: tuple[str, ...] = ()
     directions: tuple[str, ...] = ()
     loads: tuple[str, ...] = ()
@@ -42,13 +43,12 @@ class Columns:
     @property
     def numbers(self) -> tuple[str, ...]:
         """Names of the columns that hold numbers."""
-        alone = self.temperature + self.directions + self.loads
-        return self.angles + self.points + self.point_std + self.quaternion + alone
+        return self.angles + self.optional + self.temperature + self.directions + self.loads
 
     @property
     def optional(self) -> tuple[str, ...]:
         """Names of the number columns in which a reading's cells may all be empty."""
-        return self.points + self.point_std + self.quaternion
+        return self.points + self.point_std + self.quaternion + self.sphere_distance
 
 
 def unit_of(column: str) -> str:
@@ -71,7 +71,7 @@ def recognise(names: Sequence[str], *, file: Path, line: int | None, n_joints: i
             raise InputError("the column stands twice", file=file, line=line, column=name, hint="delete one of the two")
     angles: dict[int, str] = {}
     points: dict[str, str] = {}
-    quaternion: dict[str, str] = {}
+    together: dict[str, str] = {}
     directions: dict[int, str] = {}
     loads, words = [], []
     for name in names:
@@ -79,8 +79,8 @@ def recognise(names: Sequence[str], *, file: Path, line: int | None, n_joints: i
             _once(angles, int(match[1]), name, file, line)
         elif match := _POINT.fullmatch(name):
             _once(points, match[1], name, file, line)
-        elif name in QUATERNION:
-            quaternion[name] = name
+        elif name in QUATERNION or name in SPHERE_DISTANCE:
+            together[name] = name
         elif match := _DIRECTION.fullmatch(name):
             directions[int(match[1])] = name
         elif LOAD.fullmatch(name):
@@ -94,7 +94,8 @@ def recognise(names: Sequence[str], *, file: Path, line: int | None, n_joints: i
         joints,
         _together("xyz", points, file, line),
         _std(points, file, line),
-        _together(QUATERNION, quaternion, file, line),
+        _together(QUATERNION, together, file, line),
+        _together(SPHERE_DISTANCE, together, file, line),
         (TEMPERATURE,) if TEMPERATURE in names else (),
         _directions(directions, len(joints), file, line),
         tuple(loads),
@@ -164,7 +165,7 @@ def _together(keys: Sequence[str], found: dict[str, str], file: Path, line: int 
         return ()
     if missing:
         present = ", ".join(found[key] for key in keys if key in found)
-        name = missing[0] if missing[0] in QUATERNION else f"{missing[0]}_mm"
+        name = f"{missing[0]}_mm" if len(keys) == 3 else missing[0]
         raise InputError(f"the column {name} is missing beside {present}", file=file, line=line)
     return tuple(found[key] for key in keys)
 
@@ -202,5 +203,5 @@ def _instead(name: str) -> str:
         return f"{axis}_mm or {axis}_m: units stand in the names"
     if re.match(r"t(emp.*)?(_|$)", plain):
         return f"{TEMPERATURE}: units stand in the names"
-    close = difflib.get_close_matches(plain, [*NAMED, TEMPERATURE], n=1)
+    close = difflib.get_close_matches(plain, [*NAMED, TEMPERATURE, *SPHERE_DISTANCE], n=1)
     return close[0] if close else "delete the column, or let its name start with 'note' if it is a remark"

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from truearm.errors import InputError
 from truearm.readings.columns import ANGLE, FACTOR, QUATERNION, TEMPERATURE, Columns, recognise, unit_of
 from truearm.readings.delimited import MAX_NAME, FloatArray, NameArray, Sheet, read_columns, read_sheet, shown
-from truearm.readings.readings import DIRECTION, NAMED, Readings
+from truearm.readings.readings import DIRECTION, NAMED, SPHERE_DISTANCE, Readings
 from truearm.writing import check_writable, whole_file
 
 AngleUnit = Literal["deg", "rad"]
@@ -124,21 +124,22 @@ def _readings(
     columns: Columns, numbers: FloatArray, words: Sequence[NameArray], *, file: Path, first_line: int | None
 ) -> Readings:
     """Make the record, in the units of the house."""
-    references = (columns.points, columns.point_std, columns.quaternion)
+    references = (columns.points, columns.point_std, columns.quaternion, columns.sphere_distance)
     groups = (columns.angles, *references, columns.temperature, columns.directions)
     parts = np.split(numbers, np.cumsum([len(group) for group in groups]), axis=1)
-    for names, part in zip(groups[1:4], parts[1:4], strict=True):
+    for names, part in zip(groups[1:5], parts[1:5], strict=True):
         _check_whole(names, part, file=file, first_line=first_line)
     angles, points, std = (
         part * [FACTOR[unit_of(name)] for name in names] for part, names in zip(parts, groups[:3], strict=False)
     )
-    quaternion, temperature, directions, loads = parts[3:]
+    quaternion, sphere_distance, temperature, directions, loads = parts[3:]
     return Readings(
         angles,
         points if columns.points else None,
         point_std=std if columns.point_std else None,
         temperature_degC=temperature[:, 0] if columns.temperature else None,
         quaternion=quaternion if columns.quaternion else None,
+        sphere_distance=sphere_distance if columns.sphere_distance else None,
         directions=directions if columns.directions else None,
         columns=dict(zip(columns.loads, loads.T, strict=True)),
         file=file,
@@ -207,6 +208,8 @@ def _table(readings: Readings, units: Sequence[str]) -> dict[str, FloatArray | N
     for name in NAMED:
         if (words := getattr(readings, name)) is not None:
             table[name] = words
+    if readings.sphere_distance is not None:
+        table |= {name: readings.sphere_distance[:, k] for k, name in enumerate(SPHERE_DISTANCE)}
     if readings.temperature_degC is not None:
         table[TEMPERATURE] = readings.temperature_degC
     if readings.directions is not None:

@@ -24,6 +24,9 @@ NAMED = (*TOUCHED, "position", "session")
 # Names of further columns of numbers, such as the torque of a joint (load_1_Nm).
 LOAD = re.compile(r"load_[\w.-]+")
 
+# A sphere whose size is known: how far the tip's centre is from the sphere's where it touches, and how surely.
+SPHERE_DISTANCE = ("sphere_distance_mm", "u_sphere_distance_mm")
+
 # Columns with the sign of each joint's last movement: this and the joint's number.
 DIRECTION = "direction_"
 
@@ -57,6 +60,10 @@ class Readings:
         Orientation of the flange in the reference's frame, a unit quaternion w, x, y, z. A row of NaN: not measured.
     sphere, plane, line : (n,) array of str, optional
         Name of the surface (line) that the tip touched; the same name is the same, unknown one. Empty: none.
+    sphere_distance : (n, 2) array, optional
+        Distance of the tip's centre from the centre of the sphere that it touches, where that is known, and its
+        standard uncertainty [mm]: half of both diameters together for a ball on a stylus. A row of NaN: not known. The
+        same in all readings of a sphere.
     directions : (n, n_joints) array, optional
         Sign of each joint's last movement before the reading: -1, 1, or 0 where it is not known.
     columns : mapping of str to (n,) array, optional
@@ -72,7 +79,8 @@ class Readings:
     ------
     InputError
         If lengths do not fit each other, a number is not finite, a point or a quaternion is there in part, a
-        quaternion is not of length 1, or a direction is not -1, 0 or 1.
+        quaternion is not of length 1, a direction is not -1, 0 or 1, or distances from a sphere are not positive or
+        differ.
     """
 
     angles: FloatArray
@@ -86,6 +94,7 @@ class Readings:
     sphere: NameArray | None = None
     plane: NameArray | None = None
     line: NameArray | None = None
+    sphere_distance: FloatArray | None = None
     directions: FloatArray | None = None
     columns: Mapping[str, FloatArray] = field(default_factory=dict)
     file: Path | None = None
@@ -103,6 +112,7 @@ class Readings:
             ("point_std", (n, 3)),
             ("temperature_degC", (n,)),
             ("quaternion", (n, 4)),
+            ("sphere_distance", (n, 2)),
             ("directions", angles.shape),
         ):
             value = getattr(self, name)
@@ -121,6 +131,7 @@ class Readings:
         self._check_numbers()
         self._check_std()
         self._check_directions()
+        self._check_spheres()
         self._settle_quaternion()
         if n and not self.has_point.any():
             object.__setattr__(self, "points", None)
@@ -133,7 +144,12 @@ class Readings:
             if value is not None and not np.isfinite(value).all():
                 row = int(np.argwhere(~np.isfinite(value))[0, 0])
                 raise self.error(f"expected finite numbers in {name}, got {value[row]} in {self.called(row)}", row)
-        whole = {"points": "x, y and z", "point_std": "sx, sy and sz", "quaternion": "w, x, y and z"}
+        whole = {
+            "points": "x, y and z",
+            "point_std": "sx, sy and sz",
+            "quaternion": "w, x, y and z",
+            "sphere_distance": "distance and uncertainty",
+        }
         for name, parts in whole.items():
             value = getattr(self, name)
             if value is None or np.isfinite(value).all():
@@ -183,6 +199,38 @@ class Readings:
                 column=None if self.first_line is None else f"{DIRECTION}{joint + 1}",
                 hint="the sign of the joint's last movement before the reading; 0 where it is not known",
             )
+
+    def _check_spheres(self) -> None:
+        """Distances from spheres: positive, of readings that touch one, the same for all of a sphere."""
+        if self.sphere_distance is None:
+            return
+        known = ~np.isnan(self.sphere_distance[:, 0])
+        if not known.any():
+            object.__setattr__(self, "sphere_distance", None)
+            return
+        touched = np.zeros(len(self), bool) if self.sphere is None else self.sphere != ""
+        for bad, said in (
+            (known & (self.sphere_distance <= 0).any(axis=1), "expected a positive distance and uncertainty"),
+            (known & ~touched, "expected the name of the sphere that the distance is from, got none"),
+        ):
+            if bad.any():
+                row = int(np.argmax(bad))
+                column = None if self.first_line is None else SPHERE_DISTANCE[0]
+                raise self.error(f"{said}{self._where(row)}", row, column=column)
+        assert self.sphere is not None  # touched
+        for name in np.unique(self.sphere[known]):
+            rows = np.flatnonzero(self.sphere == name)
+            first = rows[known[rows]][0]
+            same = (self.sphere_distance[rows] == self.sphere_distance[first]).all(axis=1)
+            if not same.all():
+                row = int(rows[np.argmin(same)])
+                raise self.error(
+                    f"expected the same distance from sphere {str(name)!r} in all of its readings, got another than in "
+                    f"{self.called(int(first))}{self._where(row)}",
+                    row,
+                    column=None if self.first_line is None else SPHERE_DISTANCE[0],
+                    hint="fill it in for all of them; with another ball on the stylus, another name of the sphere",
+                )
 
     def _settle_quaternion(self) -> None:
         """Make quaternions exactly of length 1, or None where no reading has one."""
