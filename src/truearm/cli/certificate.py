@@ -37,7 +37,7 @@ def certificate(
     from truearm.errors import InputError
     from truearm.export.about import read_about
     from truearm.export.about import template as template_text
-    from truearm.writing import check_writable
+    from truearm.writing import check_writable, whole_file
 
     if template:
         say(template_text().rstrip("\n"))
@@ -64,7 +64,7 @@ def certificate(
 
     from truearm.cli.verify import facts
     from truearm.export.certificate import administrative, certificate_of
-    from truearm.export.dcc import dcc, write_dcc
+    from truearm.export.dcc import write_dcc
     from truearm.report.html import write_page
     from truearm.report.verification import certificate_page, decided, rule_in_words
     from truearm.verify.artefacts import read_artefacts
@@ -84,12 +84,13 @@ def certificate(
         stated = certificate_of(told, outcome, decision=decided(outcome).split("\n\n"), rule=rule_in_words(rule))
     except InputError as error:
         raise error.in_file(about) from None
-    if html is not None:
-        known = [
-            (out.name, f"the same for machines, SHA-256 {sha256(dcc(stated)).hexdigest()}"),
-            *facts(points, artefacts, mpe, about, plan=planned),
-        ]
-        page = certificate_page(outcome, number=told.number, stated=administrative(stated), facts=known)
-        write_page(page, html)
-    write_dcc(stated, out)
+    with whole_file(out) as beside:
+        write_dcc(stated, beside)
+        if html is not None:
+            known = [
+                (out.name, f"the same for machines, SHA-256 {sha256(beside.read_bytes()).hexdigest()}"),
+                *facts(points, artefacts, mpe, about, plan=planned),
+            ]
+            page = certificate_page(outcome, number=told.number, stated=administrative(stated), facts=known)
+            write_page(page, html)
     say(f"{out}: certificate {told.number}, {found.verdict.value}")

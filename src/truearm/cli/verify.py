@@ -156,7 +156,8 @@ def facts(*files: Path, plan: Plan) -> list[tuple[str, str]]:
 
     return [
         ("plan", f"{plan.name}: {plan.standard}"),
-        *((file.name, f"SHA-256 {sha256(file.read_bytes()).hexdigest()}") for file in files),
+        # What came through a pipe is gone by now.
+        *((file.name, f"SHA-256 {sha256(file.read_bytes()).hexdigest()}") for file in files if file.is_file()),
         ("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"),
     ]
 

@@ -199,7 +199,7 @@ def _draw(axes: Axes, at: int, row: decision.Row, rule: Rule) -> None:
     pen = _PENS[row.verdict]
     axes.plot([value - u, value + u], [at, at], color=pen.colour, linewidth=1.6, zorder=4, solid_capstyle="butt")
     axes.plot(
-        [value], [at], marker=pen.marker, markersize=5.5, color=pen.colour, markeredgecolor="white",
+        [value], [at], marker=pen.marker, markersize=6.5, color=pen.colour, markeredgecolor="white",
         markeredgewidth=0.5, linestyle="", zorder=5,
     )  # fmt: skip
 
