@@ -27,6 +27,8 @@ LEVEL = 0.95
 LEAST_ARMS, MOST_ARMS = 100, 100_000
 WAYS = 40  # of holding the feature, shared out among the arms
 _RESAMPLES = 200
+# Share of the variance below which a part of it hardly matters.
+SMALL_SHARE = 0.25
 # Tolerance over the expanded uncertainty to both sides: the "4:1 rule" of laboratories.
 GOOD_RATIO = 4.0
 
@@ -228,6 +230,39 @@ def fitness(estimate: Estimate, tolerance_mm: float) -> Fitness:
     ratio = tolerance_mm / taken if taken > 0 else np.inf
     answer = Answer.YES if ratio >= GOOD_RATIO else Answer.NO if ratio <= 1 else Answer.GUARDED
     return Fitness(answer, tolerance_mm, float(ratio), max(tolerance_mm - taken, 0.0))
+
+
+def in_words(estimate: Estimate, fit: Fitness) -> str:
+    """Whether the arm is good enough, in words."""
+    one_sided = estimate.quantity.is_form
+    zone = f"{fit.tolerance_mm:g} mm" if one_sided else f"+-{fit.tolerance_mm / 2:g} mm"
+    taken = f"{'T / U' if one_sided else 'T / 2U'} = {fit.ratio:.1f}, U = {estimate.expanded_mm:.4f} mm"
+    left = f"{fit.left_mm:.4f} mm" if one_sided else f"+-{fit.left_mm / 2:.4f} mm"
+    opening = f"Good enough for {estimate.quantity.name} {zone}? "
+    if fit.answer.value == "yes":
+        return opening + f"Yes: {taken}; 4 is usual. Values within {left} show conformity (ISO 14253-1)."
+    if fit.answer.value == "no":
+        return opening + f"No: {taken}. No measured value would show conformity (ISO 14253-1)."
+    return opening + f"Only with guard bands: {taken}; 4 is usual. Values within {left} show conformity (ISO 14253-1)."
+
+
+def advice(found: Task) -> str:
+    """Whether more points would help, in a sentence."""
+    estimate = found.estimates[0]
+    arm, point = estimate.u_of_arm_mm**2, estimate.u_of_points_mm**2
+    if arm + point == 0:
+        return "This arm has no errors."
+    share = point / (arm + point)
+    if estimate.quantity.is_form:
+        return (
+            "A deviation of form is found too large: errors add to it, and the more points there are, the more so. "
+            f"Random errors alone would make it {estimate.of_points.mean():.4f} mm."
+        )
+    if share < SMALL_SHARE:
+        return f"The arm's own errors dominate: more points or repeats leave at least u = {arm**0.5:.4f} mm."
+    better = (arm + point / 4) ** 0.5
+    which = "Random errors dominate" if share > 1 - SMALL_SHARE else "The arm's own and random errors are alike"
+    return f"{which}: four times the points would give about u = {better:.4f} mm."
 
 
 def shortest_interval(ordered: FloatArray) -> tuple[FloatArray, FloatArray]:

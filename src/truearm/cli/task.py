@@ -1,0 +1,335 @@
+"""``truearm task``: the uncertainty of a measured feature, and whether the arm is good enough for a tolerance."""
+
+from __future__ import annotations
+
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+from zipfile import is_zipfile
+
+import typer
+
+from truearm.cli.console import Json, check_apart, progress, say, say_json, say_table
+
+if TYPE_CHECKING:
+    from truearm.arm import Arm
+    from truearm.tasks.errors import ArmErrors
+    from truearm.tasks.features import Feature
+    from truearm.tasks.task import Estimate, Fitness, Task
+
+CODES = {"yes": 0, "no": 1, "only with guard bands": 3}
+# The generic measuring arm, of a size with the presets.
+ARM = "measuring7"
+
+
+def task(
+    what: Annotated[
+        str | None,
+        typer.Argument(metavar="[MODEL|PRESET]", help="A model file, or how wrong a virtual arm is: shop, research."),
+    ] = None,
+    feature: Annotated[
+        Literal["length", "sphere", "plane", "circle"], typer.Option("--feature", help="What is measured.")
+    ] = "length",
+    length: Annotated[float | None, typer.Option("--length", help="Of a length [mm].")] = None,
+    diameter: Annotated[float | None, typer.Option("--diameter", help="Of a ball or bore [mm].")] = None,
+    size: Annotated[float | None, typer.Option("--size", help="Of a square plate, its side [mm].")] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--at",
+            help="Middle of the feature, X,Y,Z [mm] in the arm's base frame; by default the middle of where a person "
+            "works. Given twice: the two seats of a length.",
+        ),
+    ] = None,
+    along: Annotated[
+        str | None,
+        typer.Option("--along", help="Direction X,Y,Z of a length (across the front), normal of a plate or bore (up)."),
+    ] = None,
+    points: Annotated[
+        int | None, typer.Option("--points", help="In all: 25, of a length 2, half of them at each end.")
+    ] = None,
+    tolerance: Annotated[
+        float | None, typer.Option("--tolerance", help="Width of the tolerance zone [mm]: 0.1 for +-0.05 mm.")
+    ] = None,
+    spec: Annotated[
+        Path | None, typer.Option("--spec", help="An arm's specification instead: the limits it promises, .toml.")
+    ] = None,
+    arm: Annotated[
+        str | None,
+        typer.Option("--arm", help=f"Nominal arm of a preset or a specification: a name or a file ({ARM})."),
+    ] = None,
+    repeatability: Annotated[
+        float | None,
+        typer.Option(
+            "--repeatability",
+            help="Of a model: measured standard deviation of a coordinate, the point taken again in the same pose "
+            "[mm]; by default the scatter of its readings about it.",
+        ),
+    ] = None,
+    arms: Annotated[int, typer.Option("--arms", help="Number of arms to draw.")] = 1000,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of all that is drawn.")] = 0,
+    report: Annotated[Path | None, typer.Option("--report", help="Page to write, .html.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Tell the uncertainty of a measured feature, and whether the arm is good enough for a tolerance.
+
+    Many arms are drawn that may be the one in question, and each measures the feature: errors of the arm once, random
+    ones at each point. With a model: as its readings left the arm open. With a preset: any arm like that. With --spec:
+    any arm that keeps what its maker promises, and hardly better.
+
+    Exit code with --tolerance, 0: good enough; 1: not; 3: only with guard bands. Without, 0.
+    """
+    from truearm.errors import InputError
+    from truearm.tasks.task import fitness, measured_by
+    from truearm.writing import check_writable
+
+    if report is not None:
+        if report.suffix not in (".html", ".htm"):
+            raise InputError(f"expected a file name that ends in .html, got {report.name!r}", file=report)
+        check_apart(report, *[Path(path) for path in (what, spec, arm) if path is not None])
+        check_writable(report)
+    if tolerance is not None and not (isfinite(tolerance) and tolerance > 0):
+        raise InputError(f"--tolerance expects a width above zero in mm, got {tolerance}", hint="0.1 for +-0.05 mm")
+    errors, about = _errors(what, spec, arm, repeatability)
+    measured = _feature(
+        feature,
+        errors.arm,
+        sizes={"length": length, "diameter": diameter, "size": size},
+        at=at,
+        along=along,
+        points=points,
+    )
+    with progress(f"measuring a {measured.name}", total=arms) as tell:
+        found = measured_by(errors, measured, n_arms=arms, seed=seed, progress=tell)
+    fit = None if tolerance is None else fitness(found.estimates[0], tolerance)
+    remarks = [*_remarks(errors, found), *assumptions(errors)]
+    if report is not None:
+        from truearm.report.html import write_page
+        from truearm.report.task import task_page
+
+        facts = _facts(errors, about, found, seed)
+        write_page(task_page(found, fit, about=about, remarks=remarks, facts=facts), report)
+    if as_json:
+        say_json(_result(found, fit, about, remarks, errors))
+    else:
+        _tell(found, fit, about, remarks)
+        if report is not None:
+            say(f"{report}: the result with a picture of its distribution")
+    if fit is not None:
+        raise typer.Exit(CODES[fit.answer.value])
+
+
+def _errors(what: str | None, spec: Path | None, arm: str | None, repeatability: float | None) -> tuple[ArmErrors, str]:
+    """The arms that may be the one in question, and what is known of it in a few words."""
+    from truearm.arm import arm_from
+    from truearm.errors import InputError
+    from truearm.models.file import load_model
+    from truearm.tasks.errors import ModelErrors, PresetErrors
+    from truearm.virtual.presets import PRESETS, load_preset
+
+    if (what is None) == (spec is None):
+        raise InputError(
+            "expected a model, a preset or --spec, one of them", hint=f"a model file, {', '.join(PRESETS)}, or --spec"
+        )
+    if what is not None and Path(what).is_file() and is_zipfile(what):
+        if arm is not None:
+            raise InputError("--arm is for a preset or --spec; a model has its own", file=what)
+        try:
+            return ModelErrors(load_model(what), repeatability), f"the model {Path(what).name}"
+        except InputError as error:
+            raise error.in_file(what) from None
+    if repeatability is not None:
+        raise InputError("--repeatability is for a model; a preset or specification says how points scatter")
+    if spec is not None:
+        from truearm.tasks.specification_sheet import ConstrainedErrors
+        from truearm.verify.limits import read_specification
+
+        promised, nominal = read_specification(spec), arm_from(ARM if arm is None else arm)
+        try:
+            return ConstrainedErrors(nominal, promised), f"the specification of {promised.name}, arm {nominal.name}"
+        except InputError as error:
+            raise error.in_file(spec) from None
+    assert what is not None
+    if what not in PRESETS:
+        raise InputError(
+            f"expected a model file or a preset ({', '.join(PRESETS)}), got {what!r}",
+            hint="truearm fit makes a model file" if not Path(what).exists() else "a file that truearm fit wrote",
+        )
+    nominal = arm_from(ARM if arm is None else arm)
+    return PresetErrors(nominal, load_preset(what)), f"the preset {what}, arm {nominal.name}"
+
+
+def _feature(
+    kind: Literal["length", "sphere", "plane", "circle"],
+    arm: Arm,
+    *,
+    sizes: dict[str, float | None],
+    at: list[str] | None,
+    along: str | None,
+    points: int | None,
+) -> Feature:
+    from truearm.errors import InputError
+    from truearm.tasks import features
+    from truearm.tasks.postures import middle_of
+
+    places = [numbers("--at", text) for text in at or []]
+    seats = kind == "length" and len(places) == 2
+    wanted = {"length": "length", "sphere": "diameter", "plane": "size", "circle": "diameter"}[kind]
+    for name, value in sizes.items():
+        if value is not None and (name != wanted or seats):
+            raise InputError(f"--{name} is not for {'a length between two seats' if seats else f'a {kind}'}")
+    if len(places) > 1 + (kind == "length"):
+        raise InputError(f"expected --at once, for a length once or twice, got it {len(places)} times")
+    if along is not None and (seats or kind == "sphere"):
+        raise InputError(f"--along is not for {'a length between two seats' if seats else 'a ball'}")
+    n = (2 if kind == "length" else 25) if points is None else points
+    if seats:
+        return features.length(places, points=n)
+    value = sizes[wanted]
+    if value is None:
+        raise InputError(f"expected --{wanted} of the {kind} in mm", hint=f"--{wanted} 100")
+    middle, across = middle_of(arm)
+    place = places[0] if places else middle
+    direction = None if along is None else numbers("--along", along)
+    if kind == "length":
+        return features.length_at(place, across if direction is None else direction, value, points=n)
+    if kind == "sphere":
+        return features.sphere(place, value, points=n)
+    make = features.plane if kind == "plane" else features.circle
+    return make(place, features.UP if direction is None else direction, value, points=n)
+
+
+def numbers(option: str, text: str) -> list[float]:
+    """Three numbers of an option."""
+    from truearm.errors import InputError
+
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        found = []
+    if len(found) != 3 or not all(map(isfinite, found)):
+        raise InputError(f"{option} expects three numbers X,Y,Z, got {text!r}", hint=f"{option} 600,0,300")
+    return found
+
+
+def assumptions(errors: ArmErrors) -> list[str]:
+    """What a result rests on, in sentences."""
+    from truearm.tasks.errors import ModelErrors
+    from truearm.tasks.specification_sheet import BEST_SHARE, LEAST_SHARE, ConstrainedErrors
+
+    if isinstance(errors, ModelErrors):
+        origin = "as given" if errors.repeatability_mm is not None else "by the scatter of the model's readings"
+        return [
+            f"Random error of a coordinate: {errors.random_std_mm:.4f} mm, {origin}.",
+            f"Unexplained, but the same at the same pose: {errors.field_std_mm:.4f} mm.",
+            "The task is at the mean temperature of the model's readings.",
+        ]
+    perfect = "The part is perfect and at 20 degC; its temperature and its form are uncertainties besides."
+    if isinstance(errors, ConstrainedErrors):
+        limits = ", ".join(errors.specification.limits)
+        return [
+            f"Arms drawn keep {limits}.",
+            f"Assumed: their worst result is {BEST_SHARE:.0%} to 100% of its limit, no other below {LEAST_SHARE:.0%}.",
+            perfect,
+        ]
+    return [perfect]
+
+
+def _remarks(errors: ArmErrors, found: Task) -> list[str]:
+    from truearm.tasks.errors import ModelErrors
+
+    if not isinstance(errors, ModelErrors):
+        return []
+    outside = errors.model.outside_training(found.angles.reshape(-1, errors.arm.n_joints)).mean()
+    if outside < 0.005:
+        return []
+    return [f"{outside:.0%} of the poses are away from those that the model learned from; it may be worse there."]
+
+
+def _facts(errors: ArmErrors, about: str, found: Task, seed: int) -> list[tuple[str, str]]:
+    import numpy
+    import scipy
+
+    from truearm import __version__
+
+    arm = errors.arm
+    return [
+        ("known of the arm", about),
+        ("arm", f"{arm.name}: {arm.title}. {arm.source}"),
+        ("arms drawn", f"{found.n_arms}, seed {seed}"),
+        ("ways to hold the arm", str(len(found.angles))),
+        ("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"),
+    ]
+
+
+def _result(found: Task, fit: Fitness | None, about: str, remarks: list[str], errors: ArmErrors) -> dict[str, Any]:
+    return {
+        "feature": found.feature.name,
+        "known_of_the_arm": about,
+        "arm": errors.arm.name,
+        "points_mm": found.feature.points.tolist(),
+        "n_arms": found.n_arms,
+        "level": 0.95,
+        "quantities": [_for_machines(one) for one in found.estimates],
+        "tolerance": None
+        if fit is None
+        else {
+            "tolerance_mm": fit.tolerance_mm,
+            "answer": fit.answer.value,
+            "ratio": fit.ratio if isfinite(fit.ratio) else None,
+            "left_mm": fit.left_mm,
+        },
+        "remarks": remarks,
+    }
+
+
+def _for_machines(estimate: Estimate) -> dict[str, Any]:
+    low, high = estimate.interval_mm
+    of_draws = estimate.standard_errors
+    return {
+        "name": estimate.quantity.name,
+        "nominal_mm": estimate.quantity.nominal_mm,
+        "bias_mm": estimate.bias_mm,
+        "u_mm": estimate.u_mm,
+        "u_of_arm_mm": estimate.u_of_arm_mm,
+        "u_of_points_mm": estimate.u_of_points_mm,
+        "interval_mm": [low, high],
+        "expanded_mm": estimate.expanded_mm,
+        "standard_errors_mm": {
+            "bias": of_draws.bias_mm,
+            "u": of_draws.u_mm,
+            "low": of_draws.low_mm,
+            "high": of_draws.high_mm,
+            "expanded": of_draws.expanded_mm,
+        },
+    }
+
+
+def _tell(found: Task, fit: Fitness | None, about: str, remarks: list[str]) -> None:
+    from truearm.tasks.task import advice, in_words
+
+    say(f"{found.feature.name}, by {about}: errors of {found.n_arms} drawn arms")
+    rows = []
+    for one in found.estimates:
+        low, high = one.interval_mm
+        rows.append(
+            [
+                one.quantity.name,
+                f"{one.bias_mm:+.4f}",
+                f"{one.u_mm:.4f}",
+                f"{low:+.4f} to {high:+.4f}",
+                f"{one.u_of_arm_mm:.4f}",
+                f"{one.u_of_points_mm:.4f}",
+            ]
+        )
+    say_table(["quantity", "bias [mm]", "u [mm]", "95 % of errors [mm]", "u of arm", "u of points"], rows)
+    of_draws = found.estimates[0].standard_errors
+    say(
+        f"known by the number of draws to: bias {of_draws.bias_mm:.4f}, u {of_draws.u_mm:.4f}, ends "
+        f"{of_draws.low_mm:.4f} and {of_draws.high_mm:.4f} mm (standard errors, {found.estimates[0].quantity.name})"
+    )
+    say(advice(found))
+    for remark in remarks:
+        say(remark)
+    if fit is not None:
+        say(in_words(found.estimates[0], fit))

@@ -1,0 +1,135 @@
+"""The page of a task: the error of a measured feature, and whether the arm is good enough for a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from matplotlib.figure import Figure as Drawing
+
+from truearm.report.canvas import LIMIT, Figure, drawing_rules, panel
+from truearm.report.page import Column, Page, Row, Section, Table
+from truearm.report.wording import capitalised, counted, millimetres
+from truearm.tasks.task import Estimate, Fitness, Task, advice, in_words
+
+_ORANGE, _NAVY = "#d9730d", "#12407a"
+_BINS = 40
+
+
+def task_page(
+    task: Task,
+    fit: Fitness | None,
+    *,
+    about: str,
+    remarks: Sequence[str] = (),
+    facts: Sequence[tuple[str, str]] = (),
+) -> Page:
+    """Lay out the uncertainty of a measured feature.
+
+    Parameters
+    ----------
+    task : Task
+    fit : Fitness, optional
+        Against a tolerance of its first quantity.
+    about : str
+        What is known of the arm, in a few words.
+    remarks : sequence of str
+        Assumptions, in sentences.
+    facts : sequence of (str, str)
+        What the page rests on.
+    """
+    first = task.estimates[0]
+    summary = [
+        Row(f"{first.quantity.name}: standard uncertainty", first.u_mm, "mm"),
+        Row("largest error, 95 %", first.expanded_mm, "mm"),
+    ]
+    sections = []
+    if fit is not None:
+        summary.append(Row("good enough?", fit.answer.value))
+        sections.append(Section("Is the arm good enough?", in_words(first, fit)))
+    sections.append(
+        Section(
+            "Errors of the measured feature",
+            f"Measured less true value of {counted(task.n_arms, 'drawn arm')}; what is known of the arm: {about}. The "
+            "interval is the shortest one that holds 95 % of the errors.",
+            figures=(errors_figure(task.estimates, fit),),
+            tables=(_table(task),),
+        )
+    )
+    sections.append(
+        Section(
+            "Would more points help?",
+            "The errors of the arm are the same in every point, those of the points change from one to the next; only "
+            f"these become smaller by averaging.\n\n{advice(task)}",
+        )
+    )
+    if remarks:
+        sections.append(Section("What it rests on", "\n\n".join(remarks)))
+    return Page(
+        title=capitalised(task.feature.name),
+        subtitle=f"Uncertainty of measurement by {about}",
+        summary=tuple(summary),
+        sections=tuple(sections),
+        facts=tuple(facts),
+    )
+
+
+def errors_figure(estimates: Sequence[Estimate], fit: Fitness | None = None) -> Figure:
+    """Draw how the errors of each quantity are spread, with their interval and the tolerance of the first."""
+    with drawing_rules():
+        panels = tuple(_spread(one, fit if one is estimates[0] else None) for one in estimates)
+    told = "; ".join(f"{one.quantity.name} {_between(one)}" for one in estimates)
+    zone = " Grey lines: the tolerance." if fit is not None else ""
+    return Figure(
+        panels,
+        caption=f"Errors of the drawn arms. Orange: the shortest interval that holds 95 %: {told}.{zone}",
+        alt=f"Histograms of the errors; 95 % of them lie in: {told}.",
+        columns=min(len(panels), 2),
+    )
+
+
+def _spread(estimate: Estimate, fit: Fitness | None) -> Drawing:
+    drawing, (axes,) = panel(4.6, 2.8)
+    low, high = estimate.interval_mm
+    axes.axvspan(low, high, color=_ORANGE, alpha=0.18, linewidth=0)
+    axes.hist(estimate.errors, bins=_BINS, color=_NAVY)
+    if fit is not None:
+        ends = (fit.tolerance_mm,) if estimate.quantity.is_form else (-fit.tolerance_mm / 2, fit.tolerance_mm / 2)
+        for end in ends:
+            axes.axvline(end, color=LIMIT, linestyle="--")
+    axes.set(xlabel=f"error of the {estimate.quantity.name} [mm]", ylabel="arms")
+    return drawing
+
+
+def _between(estimate: Estimate) -> str:
+    low, high = estimate.interval_mm
+    return f"{millimetres(low)} to {millimetres(high)}"
+
+
+def _table(task: Task) -> Table:
+    columns = (
+        Column("quantity"),
+        Column("nominal", "mm"),
+        Column("mean error", "mm"),
+        Column("u", "mm"),
+        Column("of the arm", "mm", group="u"),
+        Column("of the points", "mm", group="u"),
+        Column("from", "mm", group="95 % of the errors"),
+        Column("to", "mm", group="95 % of the errors"),
+        Column("u known to", "mm", digits=1),
+    )
+    rows = [
+        (
+            one.quantity.name,
+            float(one.quantity.nominal_mm),
+            one.bias_mm,
+            one.u_mm,
+            one.u_of_arm_mm,
+            one.u_of_points_mm,
+            *one.interval_mm,
+            one.standard_errors.u_mm,
+        )
+        for one in task.estimates
+    ]
+    return Table(
+        columns, tuple(rows), "u is the standard uncertainty; the last column its error by the number of draws."
+    )
