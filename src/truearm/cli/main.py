@@ -31,6 +31,7 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("evaluate", "evaluate"),
     ("report", "report"),
     ("verify", "verify"),
+    ("task", "task"),
     ("certificate", "certificate"),
     ("reproduce", "reproduce"),
 )
