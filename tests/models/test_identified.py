@@ -83,7 +83,8 @@ def test_the_two_parts_of_the_covariance_make_the_whole(real, rng):
     angles = real.arm.working + np.linspace(-2, 2, 9)[:, None]
     of_parameters, unexplained = model.covariance_parts(Readings(angles))
     np.testing.assert_array_equal(model.predict(angles, return_cov=True)[1], of_parameters + unexplained)
-    np.testing.assert_allclose(unexplained, np.tile(model.unexplained_std_**2 * np.eye(3), (9, 1, 1)))
+    share = model.unexplained_shares_.share(angles)
+    np.testing.assert_allclose(unexplained, model.unexplained_std_**2 * share[:, None, None] * np.eye(3))
     size = np.trace(of_parameters, axis1=1, axis2=2)
     assert size[[0, -1]].min() > 10 * size[4]  # far from the training poses the constants are less known
     assert (np.linalg.eigvalsh(of_parameters) > 0).all()

@@ -33,7 +33,8 @@ def others(virtual):
 def test_the_parts_add_up(model, others):
     budget, _ = uncertainty_budget(model, others)
     assert budget.combined_mm == pytest.approx(np.hypot(budget.of_parameters_mm, budget.unexplained_mm))
-    assert budget.unexplained_mm == pytest.approx(model.unexplained_std_)
+    share = model.unexplained_shares_.share(others.angles)
+    assert budget.unexplained_mm == pytest.approx(model.unexplained_std_ * np.sqrt(share.mean()))
     assert budget.combined_mm < budget.largest_mm
     assert budget.expanded_mm == 2 * budget.combined_mm
     assert budget.ellipsoid_mm == pytest.approx(2.7955 * budget.combined_mm, rel=1e-4)  # the root of chi^2, 3 d.o.f.

@@ -3,10 +3,10 @@
 A zip archive (stored, not compressed) with ``model.json`` and one ``NAME.npy`` (format 1.0, no objects) for each
 array that the JSON lists with its shape and SHA-256. Nothing else may be in it.
 
-Format 4 brought masses of the arm's links and the direction of gravity. Format 3 brought identified terms as data with
-their posterior; formats 1 and 2 had six constants of every place only, already moved into the chain. Format 2 brought
-ensembles of networks (a member's numbers are a row of the arrays) and the records of their trainings; format 1 had one
-network without its record.
+Format 4 brought masses of the arm's links, the direction of gravity and where in the joint space more is unexplained.
+Format 3 brought identified terms as data with their posterior; formats 1 and 2 had six constants of every place only,
+already moved into the chain. Format 2 brought ensembles of networks (a member's numbers are a row of the arrays) and
+the records of their trainings; format 1 had one network without its record.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from truearm.errors import InputError, TruearmError
 from truearm.identify.calibration import HeldOut
 from truearm.identify.identification import Explained, GroupFound, Identified
 from truearm.identify.problem import Moved
+from truearm.identify.variance_function import VarianceFunction
 from truearm.models import MODELS
 from truearm.models.compensator import Compensator
 from truearm.models.frames import checked_frames
@@ -59,11 +60,12 @@ RECORDS: dict[tuple[str, ...], type[TrainingRecord]] = {
     tuple(field.name for field in fields(kind) if field.name not in ("best_epoch", "stop")): kind
     for kind in (TrainingRecord, BayesianRecord, AdaptiveRecord)
 }
-# Identifications of a model, and the arrays of its readings held out.
+# Identifications of a model, the arrays of its variance function, and those of its readings held out.
 IDENTIFIED: tuple[Literal["nominal_"], Literal["fit_"]] = ("nominal_", "fit_")
 # What formats 1 and 2 had of an identification, and options that evidence has made idle since.
 OLD_FIT = ("chain_fixed", "chain_tip", "motions", "covariance", "weights")
 OLD_OPTIONS = ("prior_angle", "prior_length")
+SHARES = ("centre", "spread", "slope", "curvature")
 HELD_OUT = ("rows", "group", "deviations", "covariance", "freedom")
 # Arrays in which numbers may be missing or without bound.
 NOT_FINITE = ("arm_limits", "network_record")
@@ -284,6 +286,9 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
     if isinstance(model, IdentifiedModel):
         facts["unexplained_std_mm"] = model.unexplained_std_
         arrays["refitted_on"] = model.refitted_on_
+        shares = model.unexplained_shares_
+        arrays |= {f"unexplained_{part}": getattr(shares, part) for part in SHARES}
+        facts["unexplained_mean_share"] = shares.mean
         arrays |= {f"held_out_{part}": _doubles(getattr(model.held_out_, part)) for part in HELD_OUT}
     if isinstance(model, NetworkModel):
         arrays |= {
@@ -356,10 +361,19 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
         model.refitted_on_ = np.zeros(0) if old else _marks(arrays["refitted_on"])
         noise = model.fit_.references[0].noise_std
         model.unexplained_std_ = noise if old else header.facts["unexplained_std_mm"]
+        model.unexplained_shares_ = _shares(header, arrays, n)
         model.held_out_ = _held_out(header, arrays)
     if isinstance(model, NetworkModel):
         _put_network(model, header, arrays)
     return model
+
+
+def _shares(header: _Header, arrays: dict[str, FloatArray], n: int) -> VarianceFunction:
+    """Where more is unexplained than elsewhere; before format 4 that was the same everywhere."""
+    if header.format < 4:
+        return VarianceFunction.flat(n)
+    found = {part: _shaped(arrays, f"unexplained_{part}", (n,)) for part in SHARES}
+    return VarianceFunction(**found, mean=header.facts["unexplained_mean_share"])
 
 
 def _check_predicts(model: Compensator) -> None:

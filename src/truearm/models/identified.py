@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy.typing as npt
 from truearm.identify.calibration import unexplained_variance_of
 from truearm.identify.identification import identify
 from truearm.identify.leave_out import leave_groups_out
+from truearm.identify.variance_function import VarianceFunction, variance_function_of
 from truearm.models.compensator import MIN_ROWS, Compensator
 from truearm.models.frames import frame_terms
 from truearm.models.relations import placed, references_of, state_of, tool_terms
@@ -39,7 +41,9 @@ class IdentifiedModel(Compensator):
     held_out_ : HeldOut
         The training readings as an arm sees them that was identified without their position or seat.
     unexplained_std_ : float
-        Standard deviation of a coordinate that the model cannot explain [mm].
+        Standard deviation of a coordinate that the model cannot explain [mm]: root mean square over the joint space.
+    unexplained_shares_ : VarianceFunction
+        What share of its square readings at other angles have.
     temperature_degC_ : float or None
         Mean temperature of the training readings [degC].
     columns_ : dict of str to float
@@ -68,18 +72,28 @@ class IdentifiedModel(Compensator):
         terms, left_out = self._terms(state)
         if not readings.has_point.any():
             terms = [term for term in terms if not _places_the_frame(term)]
+        references = references_of(readings, lengths)
         self.fit_ = identify(
             placed(self.arm_, readings, self.free_),
             state,
             [*terms, *tool_terms(self.arm_, readings), *frame_terms(state.chain, self.session_frames_)],
-            references_of(readings, lengths),
+            references,
             robust=self.robust,
             progress=progress,
         )
         self.left_out_ = tuple(left_out)
-        self.held_out_ = leave_groups_out(self.fit_, state, groups_of(readings))
-        known = len(self.held_out_.rows) >= MIN_ROWS
-        variance = unexplained_variance_of(self.held_out_) if known else self.fit_.references[0].noise_std ** 2
+        self.held_out_ = leave_groups_out(self.fit_, state, references, groups_of(readings))
+        self._size_unexplained(readings.angles)
+
+    def _size_unexplained(self, angles: FloatArray) -> None:
+        held_out = self.held_out_
+        if len(held_out.rows) >= MIN_ROWS:
+            self.unexplained_shares_ = variance_function_of(held_out, angles)
+            share = self.unexplained_shares_.share(angles[held_out.rows])
+            variance = unexplained_variance_of(replace(held_out, freedom=share * held_out.freedom))
+        else:
+            self.unexplained_shares_ = VarianceFunction.flat(angles.shape[1])
+            variance = self.fit_.references[0].noise_std ** 2
         self.unexplained_std_ = float(np.sqrt(variance))
 
     def state(self, readings: Readings) -> ArmState:
@@ -101,7 +115,8 @@ class IdentifiedModel(Compensator):
 
     def _covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
         of_parameters = self.fit_.tip_covariance(self.state(readings))
-        return of_parameters, np.broadcast_to(self.unexplained_std_**2 * np.eye(3), of_parameters.shape)
+        unexplained = self.unexplained_std_**2 * self.unexplained_shares_.share(readings.angles)
+        return of_parameters, unexplained[:, None, None] * np.eye(3)
 
     def _check_references(self, readings: Readings, lengths: Lengths | None) -> int:
         return len(np.unique(np.concatenate([reference.rows for reference in references_of(readings, lengths)])))
