@@ -4,7 +4,7 @@
 
 Each virtual arm is measured at random poses of a person, with a reference point at each, and identified. The model then
 states the uncertainty of a length of 50 mm and of 1 m (`truearm.tasks`, 1000 drawn arms); and the virtual arm measures
-that length in 40 ways of holding it, where the points' true distance is known. Counted is how often the error of the
+that length in 40 ways of holding it, at the mean temperature of its readings. Counted is how often the error of the
 length, compensated by the model, lies in the interval.
 """
 
@@ -19,6 +19,7 @@ from machine import Target, arguments_of, say_json, say_machine, say_table
 from truearm.arm import load
 from truearm.models import MODELS
 from truearm.models.compensator import Compensator
+from truearm.models.identified import IdentifiedModel
 from truearm.poses.measuring import measuring
 from truearm.tasks.errors import ModelErrors
 from truearm.tasks.features import Feature, length_at
@@ -84,7 +85,9 @@ def true_errors(
     virtual: VirtualArm, model: Compensator, feature: Feature, ways: FloatArray, *, seed: int
 ) -> FloatArray:
     """Errors (m,) [mm] of a length measured by an arm and compensated by its model, in m ways (m, 2, n_joints)."""
-    taken = virtual.measure(ways.reshape(-1, ways.shape[2]), seed=seed, reference=False)
+    assert isinstance(model, IdentifiedModel)
+    poses = ways.reshape(-1, ways.shape[2])
+    taken = virtual.measure(poses, seed=seed, temperature_degC=model.temperature_degC_, reference=False)
     shown = model.predict_readings(taken.readings).reshape(-1, len(feature.points), 3)
     true = taken.true_tips.reshape(shown.shape)
     return np.array([feature.evaluate(s)[0] - feature.evaluate(t)[0] for s, t in zip(shown, true, strict=True)])

@@ -33,9 +33,9 @@ FloatArray = npt.NDArray[np.float64]
 
 # First words of streams, so that what is drawn from one seed shares nothing with an arm's errors of that seed.
 _SESSION, _POSTERIOR = 3, 4
-# Chosen: a field of the pose falls to a correlation of 0.6 where one joint has turned by a radian, or three by 33 deg
-# each, as harmonics of low order in every joint would.
-_CONCENTRATION = 1.0
+# Mean square of the waves' orders in a joint; chosen: a field of the pose is as harmonics of order two in every joint,
+# and falls to a correlation of 0.6 where one joint has turned by 29 deg, or three by 17 deg each.
+_CONCENTRATION = 4.0
 _WAVES = 64
 # Movements of tips up to here are taken to first order.
 LINEAR_MM = 0.3
