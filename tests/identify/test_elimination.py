@@ -13,7 +13,6 @@ from truearm.identify.identification import grouped_prior, identify, without_unk
 from truearm.identify.problem import Moved, SmallMotionProblem
 from truearm.identify.references import Length, Points, Seats
 from truearm.identify.surfaces import planes_of, spheres_of
-from truearm.solve.arrowhead import Arrowhead
 from truearm.solve.group_evidence import posterior
 from truearm.terms import ArmState, candidate_terms, constants
 
@@ -43,15 +42,7 @@ def test_posterior_of_coefficients_and_unknowns_is_that_of_the_dense_matrix(seed
     problem = SmallMotionProblem(moved, state, tuple(reference for reference, _ in started))
     x = np.concatenate([np.zeros(moved.n_coefficients), *(unknowns for _, unknowns in started)])
     weights = [rng.uniform(20, 50, residual.shape) for residual in problem.residuals(x)]
-    parts, relations = problem.normal_equations(x, weights), problem.relations(x)
-    joined = Arrowhead.joined(parts)
-    whole = Arrowhead(
-        joined.cost + relations.cost,
-        joined.gradient + relations.gradient,
-        joined.head,
-        joined.coupling,
-        joined.blocks + relations.blocks,
-    )
+    parts, whole = problem.equations(x, weights)
     prior, _ = grouped_prior(terms, len(x) - moved.n_coefficients)
     left = without_unknowns(parts, whole, x)
     assert len(left.kept) == moved.n_coefficients + 1  # the bar's length stays

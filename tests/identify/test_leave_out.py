@@ -6,14 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from truearm.arm import load
 from truearm.identify import leave_out
-from truearm.identify.identification import Identified, identify
+from truearm.identify.identification import Identified, identify, started
 from truearm.identify.leave_out import leave_groups_out, root_of
+from truearm.identify.poses import Orientations
 from truearm.identify.references import Points, seats_of
 from truearm.poses.seat import seat
 from truearm.terms import ArmState, constants
+from truearm.terms.catalogue import tool_rotation
 
 NOISE = 0.02  # mm
 
@@ -32,14 +35,21 @@ def drawn():
     return arm, angles, points, poses.seat, terms
 
 
-def identified(drawn, rows, *, std=None, seats=True) -> Identified:
+def identified(drawn, rows, *, std=None) -> Identified:
     """The arm from some of the readings; no weights, so that all is least squares."""
-    arm, angles, points, names, terms = drawn
+    arm, angles, _, _, terms = drawn
+    return identify(
+        arm.chain, ArmState(arm.chain, angles[rows]), terms, references_of(drawn, rows, std=std), robust=False
+    )
+
+
+def references_of(drawn, rows, *, std=None):
+    _, _, points, names, _ = drawn
     seen, held = np.flatnonzero(rows < 60), np.flatnonzero(rows >= 60)
     references = [Points(seen, points[rows[seen]], None if std is None else std[rows[seen]])] if len(seen) else []
-    if seats and len(held):
+    if len(held):
         references.append(seats_of(held, names[rows[held] - 60]))
-    return identify(arm.chain, ArmState(arm.chain, angles[rows]), terms, references, robust=False)
+    return references
 
 
 @pytest.fixture
@@ -58,7 +68,7 @@ def test_points_left_out_are_those_of_an_arm_identified_without_them(per_group, 
     rows = np.arange(60)
     group = rows // per_group
     fit = identified(drawn, rows, std=std)
-    found = leave_groups_out(fit, ArmState(arm.chain, angles[rows]), group)
+    found = leave_groups_out(fit, ArmState(arm.chain, angles[rows]), references_of(drawn, rows, std=std), group)
     assert sorted(found.rows.tolist()) == rows.tolist()
     np.testing.assert_array_equal(found.group, group[found.rows])
     assert (found.freedom == 1).all()
@@ -84,7 +94,7 @@ def test_seats_left_out_scatter_about_their_own_mean(drawn):
     rows = np.arange(100)
     group = np.concatenate([np.arange(60), 60 + np.unique(names, return_inverse=True)[1]])
     fit = identified(drawn, rows)
-    found = leave_groups_out(fit, ArmState(arm.chain, angles), group)
+    found = leave_groups_out(fit, ArmState(arm.chain, angles), references_of(drawn, rows), group)
     assert sorted(found.rows.tolist()) == rows.tolist()
     for key in np.unique(group[60:]):
         out = group == key
@@ -96,14 +106,107 @@ def test_seats_left_out_scatter_about_their_own_mean(drawn):
         np.testing.assert_allclose(found.freedom[here], 1 - 1 / out.sum())
 
 
+@pytest.fixture(scope="module")
+def everything(drawn):
+    """40 of the points, with orientations of the flange, and all seats, in pairs a known length apart."""
+    arm, angles, points, names, terms = drawn
+    rng = np.random.default_rng(6)
+    rows = np.r_[:40, 60:100]
+    chain = identified(drawn, np.arange(100)).chain  # as good as the true one
+    true = Rotation.from_matrix(chain.pose(angles[:40]).R_base_tip)
+    seen = (true * Rotation.from_rotvec(rng.normal(0, NOISE / 1000, (40, 3)))).as_matrix()
+    places = {str(name): chain.tip_in_base(angles[60:][names == name]).mean(axis=0) for name in np.unique(names)}
+    a, b, c, d = places
+    lengths = [
+        (one, other, float(np.linalg.norm(places[one] - places[other])), 0.005) for one, other in ((a, b), (c, d))
+    ]
+
+    def references(kept):
+        """Of readings `kept`, numbered among themselves; lengths whose seats are both there."""
+        pointed, held = np.flatnonzero(kept < 40), np.flatnonzero(kept >= 40)
+        seat = names[kept[held] - 40]
+        between = [length for length in lengths if np.isin(length[:2], seat).all()]
+        return [
+            Points(pointed, points[kept[pointed]]),
+            Orientations(pointed, seen[kept[pointed]]),
+            seats_of(held, seat, between),
+        ]
+
+    return arm, angles[rows], names, [*terms, *tool_rotation(arm.chain)], references
+
+
+def dense_covariance(fit, state, references):
+    """Of coefficients and unknowns, by the inverse of the dense matrix at the minimum."""
+    problem, _ = started(fit.moved, state, references)
+    x = np.concatenate([fit.coefficients, *(list(part.unknowns.values()) for part in fit.references)])
+    J = np.concatenate([by.reshape(len(x), -1) for by in problem.jacobian(x)], axis=1) / NOISE
+    gram = J @ J.T + problem.relations(x).dense()
+    p = len(fit.coefficients)
+    gram[np.arange(p), np.arange(p)] += fit.prior_std**-2
+    size = np.sqrt(gram.diagonal())
+    return np.linalg.inv(gram / np.outer(size, size)) / np.outer(size, size), problem, x
+
+
+@pytest.mark.usefixtures("known_noise")
+@pytest.mark.parametrize("case", ["pose by pose", "a seat", "both seats of a pair", "half of every seat, and poses"])
+def test_all_kinds_left_out_are_those_of_an_arm_identified_without_them(case, everything):
+    """Deviations to a hundredth of the noise, covariances to a hundredth of the largest."""
+    arm, angles, names, terms, references = everything
+    everyone = np.arange(80)
+    number = np.unique(names, return_inverse=True)[1]
+    group = {
+        "pose by pose": np.arange(80),
+        "a seat": np.r_[np.arange(40), 40 + number],
+        "both seats of a pair": np.r_[np.arange(40), 40 + number // 2],
+        "half of every seat, and poses": everyone % 2,
+    }[case]
+    state = ArmState(arm.chain, angles)
+    fit = identify(arm.chain, state, terms, references(everyone), robust=False)
+    found = leave_groups_out(fit, state, references(everyone), group)
+    assert sorted(found.rows.tolist()) == everyone.tolist()
+    for key in {"pose by pose": [3, 60], "a seat": [5, 41], "both seats of a pair": [40]}.get(case, [0, 1]):
+        out = group == key
+        kept = np.flatnonzero(~out)
+        there = ArmState(arm.chain, angles[kept])
+        without = identify(arm.chain, there, terms, references(kept), robust=False)
+        covariance, problem, x = dense_covariance(without, there, references(kept))
+        tips = without.tips(state)
+        by = np.concatenate(
+            [columns for _, _, columns in without.moved.derivatives(state, without.coefficients)], axis=2
+        )
+        here = np.flatnonzero(found.group == key)
+        here = here[np.argsort(found.rows[here])]
+        deviations, spread, freedom = [], [], []
+        for row in np.flatnonzero(out):
+            J = np.zeros((3, len(x)))
+            J[:, : len(by)] = by[..., row].T
+            if row < 40:
+                known, share = references(everyone)[0].points[row], 1.0
+            elif names[row - 40] in problem.references[-1].names:
+                start = problem.unknowns_of(2).start + 3 * problem.references[-1].names.index(names[row - 40])
+                known, share = x[start : start + 3], 1.0
+                J[:, start : start + 3] = -np.eye(3)
+            else:
+                mates = 40 + np.flatnonzero(names == names[row - 40])
+                known, share = tips[mates].mean(axis=0), 1 - 1 / len(mates)
+                J[:, : len(by)] -= by[..., mates].mean(axis=2).T
+            deviations.append(tips[row] - known)
+            spread.append(J @ covariance @ J.T)
+            freedom.append(share)
+        np.testing.assert_allclose(found.deviations[here], deviations, atol=0.01 * NOISE)
+        np.testing.assert_allclose(found.covariance[here], spread, atol=0.01 * np.abs(spread).max())
+        np.testing.assert_allclose(found.freedom[here], freedom, atol=1e-6)
+
+
 def test_a_seat_of_one_reading_shows_nothing(drawn):
     arm, angles, *_ = drawn
     rows = np.r_[0:60, 60:65, 70]  # five in one seat, one in another
     fit = identified(drawn, rows)
-    found = leave_groups_out(fit, ArmState(arm.chain, angles[rows]), np.r_[0:60, [60] * 5, 61])
+    state, references = ArmState(arm.chain, angles[rows]), references_of(drawn, rows)
+    found = leave_groups_out(fit, state, references, np.r_[0:60, [60] * 5, 61])
     assert sorted(found.rows.tolist()) == list(range(65))
-    alone = leave_groups_out(fit, ArmState(arm.chain, angles[rows]), np.arange(66))
-    assert sorted(alone.rows.tolist()) == list(range(60))
+    alone = leave_groups_out(fit, state, references, np.arange(66))
+    assert sorted(alone.rows.tolist()) == list(range(65))
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 1000])
@@ -111,10 +214,11 @@ def test_pieces_of_any_size_are_the_same(chunk, drawn, monkeypatch):
     arm, angles, _, names, _ = drawn
     fit = identified(drawn, np.arange(100))
     state = ArmState(arm.chain, angles)
-    group = np.concatenate([np.arange(60) // 4, 60 + np.unique(names, return_inverse=True)[1]])
-    whole = leave_groups_out(fit, state, group)
+    group = np.concatenate([np.arange(60) // 30, 1 + np.unique(names, return_inverse=True)[1]])
+    references = references_of(drawn, np.arange(100))
+    whole = leave_groups_out(fit, state, references, group)
     monkeypatch.setattr(leave_out, "CHUNK", chunk)
-    found = leave_groups_out(fit, state, group)
+    found = leave_groups_out(fit, state, references, group)
     for part in ("rows", "group", "deviations", "covariance", "freedom"):
         np.testing.assert_allclose(getattr(found, part), getattr(whole, part), atol=1e-9)
 
@@ -124,7 +228,11 @@ def test_nothing_to_leave_out_is_an_empty_record(drawn):
     rows = np.r_[0:10, 60:62]
     fit = identified(drawn, rows)
     seats_only = replace(fit, references=fit.references[1:])
-    found = leave_groups_out(seats_only, ArmState(arm.chain, angles[rows]), np.arange(12))
+    state = ArmState(arm.chain, angles[rows])
+    found = leave_groups_out(seats_only, state, references_of(drawn, rows)[1:], np.zeros(12, dtype=int))
+    assert sorted(found.rows.tolist()) == [10, 11]
+    lone = replace(seats_only, references=(replace(seats_only.references[0], kind="sphere"),))
+    found = leave_groups_out(lone, state, references_of(drawn, rows)[1:], np.arange(12))
     assert [len(getattr(found, part)) for part in ("rows", "group", "deviations", "covariance", "freedom")] == [0] * 5
 
 
@@ -132,7 +240,7 @@ def test_an_arm_without_terms_deviates_as_it_did(drawn):
     arm, angles, points, *_ = drawn
     state = ArmState(arm.chain, angles[:60])
     fit = identify(arm.chain, state, [], [Points(np.arange(60), points)])
-    found = leave_groups_out(fit, state, np.arange(60))
+    found = leave_groups_out(fit, state, [Points(np.arange(60), points)], np.arange(60))
     np.testing.assert_allclose(found.deviations, arm.chain.tip_in_base(angles[:60]) - points, atol=1e-9)
     assert not found.covariance.any()
 
@@ -146,8 +254,9 @@ def test_a_pose_that_alone_tells_something_has_a_large_error(rng):
     terms = constants(arm.chain, free=("tip",), angle_std=3e-2, length_std=3.0)
     truth = arm.chain.with_motions(np.array([1e-2] * 3 + [1] * 3) * rng.normal(size=(arm.chain.n_places, 6)))
     state = ArmState(arm.chain, angles)
-    fit = identify(arm.chain, state, terms, [Points(np.arange(30), truth.tip_in_base(angles))])
-    found = leave_groups_out(fit, state, np.arange(30))
+    points = Points(np.arange(30), truth.tip_in_base(angles))
+    fit = identify(arm.chain, state, terms, [points])
+    found = leave_groups_out(fit, state, [points], np.arange(30))
     assert np.argmax(np.linalg.eigvalsh(found.covariance)[:, -1]) == 11
 
 

@@ -26,11 +26,12 @@ class HeldOut:
     group : (m,) int array
         Which were held out together: a position, a seat.
     deviations : (m, 3) array
-        Predicted less known point; of a seat, less the mean of the points predicted in it [mm].
+        Predicted less known point; in a seat, less its place by the other groups' readings of it, or, where there are
+        none, less the mean of the points predicted in it [mm].
     covariance : (m, 3, 3) array
         Of the deviations by what the training left open, and by the reference [mm^2].
     freedom : (m,) array
-        Share of a deviation's own variance that is left in it: 1, of n readings in a seat 1 - 1/n.
+        Share of a deviation's own variance that is left in it: 1, of n readings about their own mean 1 - 1/n.
     """
 
     rows: npt.NDArray[np.intp]

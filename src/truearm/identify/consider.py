@@ -19,7 +19,7 @@ B. D. Tapley, B. E. Schutz, G. H. Born, "Statistical Orbit Determination", 2004,
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +32,6 @@ from truearm.identify.leave_out import root_of
 from truearm.identify.noise import cut_square, huber_weights, mean_cut_square
 from truearm.identify.problem import Moved, SmallMotionProblem
 from truearm.identify.references import Reference
-from truearm.solve.arrowhead import Arrowhead
 from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior
 from truearm.solve.threads import one_blas_thread
 from truearm.terms.basis import Constant
@@ -178,14 +177,7 @@ class _Sought:
 
     def at(self, x: FloatArray, weighed: _Weighed, root: FloatArray) -> tuple[_Left, Posterior]:
         """Linearise, and find them with considered parameters of the covariance that `root` is of."""
-        parts = self.problem.normal_equations(x, weighed.weights)
-        joined, relations = Arrowhead.joined(parts), self.problem.relations(x)
-        whole = replace(
-            joined,
-            cost=joined.cost + relations.cost,
-            gradient=joined.gradient + relations.gradient,
-            blocks=joined.blocks + relations.blocks,
-        )
+        parts, whole = self.problem.equations(x, weighed.weights)
         n = root.shape[1]
         with one_blas_thread():
             left = without_unknowns(parts, whole, x - self.begun)

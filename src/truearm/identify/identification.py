@@ -224,11 +224,9 @@ def identify(
     for reference in references:
         _check_rows(reference, len(state))
     moved = Moved(chain, tuple(terms))
-    rough = moved.tips(state, np.zeros(moved.n_coefficients)).T
-    started = [reference.started(rough[:, reference.rows]) for reference in references]
-    problem = SmallMotionProblem(moved, state, tuple(reference for reference, _ in started))
+    problem, unknowns = started(moved, state, references)
     n_coefficients = moved.n_coefficients
-    x = np.concatenate([np.zeros(n_coefficients), *(unknowns for _, unknowns in started)])
+    x = np.concatenate([np.zeros(n_coefficients), unknowns])
     prior, groups = grouped_prior(terms, len(x) - n_coefficients)
     per_kind = np.zeros(len(references))
     noise_before, calm = np.full(len(references), np.inf), 0
@@ -272,6 +270,14 @@ def identify(
     return _gathered(problem, x, prior, groups, found, effective, noise, trust, converged, n_rounds)
 
 
+def started(moved: Moved, state: ArmState, references: Sequence[Reference]) -> tuple[SmallMotionProblem, FloatArray]:
+    """The problem with references laid out about the arm as drawn, and the unknowns where they start."""
+    rough = moved.tips(state, np.zeros(moved.n_coefficients)).T
+    laid = [reference.started(rough[:, reference.rows]) for reference in references]
+    problem = SmallMotionProblem(moved, state, tuple(reference for reference, _ in laid))
+    return problem, np.concatenate([np.zeros(0), *(unknowns for _, unknowns in laid)])
+
+
 def _check_rows(reference: Reference, n: int) -> None:
     rows, std = reference.rows, reference.std
     if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer) or not len(rows):
@@ -286,9 +292,8 @@ def _linearised(
     problem: SmallMotionProblem, x: FloatArray, weights: list[FloatArray]
 ) -> tuple[list[Arrowhead], Arrowhead]:
     """Normal equations of every reference, and of all of them and their relations together."""
-    parts = problem.normal_equations(x, weights)
-    joined, relations = Arrowhead.joined(parts), problem.relations(x)
-    head, gradient = joined.head, joined.gradient + relations.gradient
+    parts, whole = problem.equations(x, weights)
+    head, gradient = whole.head, whole.gradient
     if any(reference.kind in RELATIVE for reference in problem.references):
         size = problem.growth_gradient(x)
         for part, reference in zip(parts, problem.references, strict=True):
@@ -298,8 +303,7 @@ def _linearised(
             of_coefficients = size[: len(head)]
             head = head + np.outer(of_coefficients, of_coefficients) / SIZE_STD**2
             gradient = gradient + size * problem.growth(x) / SIZE_STD**2
-    blocks = joined.blocks + relations.blocks
-    return parts, replace(joined, cost=joined.cost + relations.cost, gradient=gradient, head=head, blocks=blocks)
+    return parts, replace(whole, gradient=gradient, head=head)
 
 
 def without_unknowns(parts: Sequence[Arrowhead], whole: Arrowhead, x: FloatArray) -> Eliminated:

@@ -245,23 +245,56 @@ class SmallMotionProblem:
         """
         n = self.moved.n_coefficients
         found = []
-        for i, reference in enumerate(self.references):
-            out = np.zeros((self.n_parameters, reference.n_residuals, len(reference.rows)))
-            for piece in chunks(len(reference.rows)):
-                linear, by_place, values = self._by_place(i, piece, x, np.ones(out[0, :, piece].shape))
-                for site, value in zip(self.moved.sites, values, strict=True):
-                    by_site = np.tensordot(site.direction, by_place[site.place], axes=1)
-                    out[site.columns, :, piece] = by_site * value[:, None, :]
-                self._add_by_unknown(out[n:, :, piece], i, linear)
+        for i, linear in enumerate(self.linearised(x)):
+            out = np.zeros((self.n_parameters, *linear.residuals.shape))
+            for piece in chunks(out.shape[2]):
+                rows = np.arange(piece.start, piece.stop)
+                out[:n, :, piece] = self.coefficient_columns(i, rows, linear, x)
+                self._add_by_unknown(out[n:, :, piece], i, of_readings(linear, rows))
             found.append(out)
         return found
+
+    def linearised(self, x: FloatArray) -> list[Linearised]:
+        """Residuals of every reference and their derivatives by tips, turns and unknowns."""
+        found = []
+        for i, reference in enumerate(self.references):
+            parts = []
+            for piece in chunks(len(reference.rows)):
+                state = self.state.rows(reference.rows[piece])
+                parts.append(self._linearised(i, piece, state, self._motions(i, piece, state, x), x)[0])
+            turns = [part.by_turn for part in parts if part.by_turn is not None]
+            found.append(
+                Linearised(
+                    np.concatenate([part.residuals for part in parts], axis=-1),
+                    np.concatenate([part.by_tip for part in parts], axis=-1),
+                    np.concatenate([part.unknown for part in parts], axis=-1),
+                    np.concatenate([part.by_unknown for part in parts], axis=-1),
+                    np.concatenate(turns, axis=-1) if turns else None,
+                )
+            )
+        return found
+
+    def coefficient_columns(self, which: int, rows: IntArray, linear: Linearised, x: FloatArray) -> FloatArray:
+        """Derivatives (n_coefficients, k, m) by the terms, of up to `CHUNK` of a reference's readings.
+
+        `linear` is the whole reference, as `linearised` gives it; of residuals times weights, if it was weighed.
+        """
+        state = self.state.rows(self.references[which].rows[rows])
+        values = self.moved.values(state)
+        motions = self.moved.motions(x, values)
+        linear = of_readings(linear, rows)
+        by_place = _by_place(linear, motions, moved_chain(self.moved.chain, state, motions)[1])
+        out = np.empty((self.moved.n_coefficients, *linear.residuals.shape))
+        for site, value in zip(self.moved.sites, values, strict=True):
+            by_site = np.tensordot(site.direction, by_place[site.place], axes=1)
+            out[site.columns] = by_site * value[:, None, :]
+        return out
 
     def growth(self, x: FloatArray) -> float:
         """How much larger, as a logarithm, the tips of readings with relative references lie than as drawn."""
         if not len(self._relative):
             return 0.0
-        squares = [float((self._off_axis(at) ** 2).sum()) + 1e-12 for at in (x, np.zeros(len(x)))]  # a picometre
-        return float(np.log(squares[0] / squares[1]) / 2)
+        return float(np.log(self._size(x) / self._size_as_drawn) / 2)
 
     def growth_gradient(self, x: FloatArray) -> FloatArray:
         """(n_parameters,) derivative of `growth`."""
@@ -293,6 +326,13 @@ class SmallMotionProblem:
         coefficients[self._base] = 0.0
         return coefficients
 
+    def _size(self, x: FloatArray) -> float:
+        return float((self._off_axis(x) ** 2).sum()) + 1e-12  # a picometre
+
+    @cached_property
+    def _size_as_drawn(self) -> float:
+        return self._size(np.zeros(self.n_parameters))
+
     def _off_axis(self, x: FloatArray) -> FloatArray:
         """Those tips in the base frame (m, 3) [mm], from the axis of joint 1, and along it from their mean.
 
@@ -304,6 +344,18 @@ class SmallMotionProblem:
         off: FloatArray = (tips - base[:3, 3]) @ base[:3, :3]
         off[:, 2] -= off[:, 2].mean()
         return off
+
+    def equations(self, x: FloatArray, weights: Sequence[FloatArray]) -> tuple[list[Arrowhead], Arrowhead]:
+        """Normal equations of every reference, and of all of them and their relations together."""
+        parts, relations = self.normal_equations(x, weights), self.relations(x)
+        joined = Arrowhead.joined(parts)
+        return parts, Arrowhead(
+            joined.cost + relations.cost,
+            joined.gradient + relations.gradient,
+            joined.head,
+            joined.coupling,
+            joined.blocks + relations.blocks,
+        )
 
     def relations(self, x: FloatArray) -> Arrowhead:
         """What is known among the unknowns: lengths; all coefficients and unknowns are in it."""
@@ -346,25 +398,12 @@ class SmallMotionProblem:
         return first.equations()
 
     def _add(self, sums: _Sums, which: int, piece: slice, x: FloatArray, weights: FloatArray) -> None:
-        linear, by_place, values = self._by_place(which, piece, x, weights)
-        sums.add(linear, by_place, values)
-
-    def _by_place(
-        self, which: int, piece: slice, x: FloatArray, weights: FloatArray
-    ) -> tuple[Linearised, FloatArray, list[FloatArray]]:
-        """A piece linearised, its residuals' derivatives (n_places, 6, k, m) by motions, values of basis functions."""
         state = self.state.rows(self.references[which].rows[piece])
         values = self._values(which, piece, state)
         motions = self.moved.motions(x, values)
         plain, by_motion = self._linearised(which, piece, state, motions, x)
         linear = plain.weighed(weights)
-        by_place = np.einsum("kcm,pdcm->pdkm", linear.by_tip, by_motion)
-        if linear.by_turn is not None:
-            for place, motion in enumerate(motions):
-                _, jacobian = rotations_and_jacobians(motion[:3])
-                turns = np.einsum("dbm,dcm->bcm", np.broadcast_to(jacobian, (3, 3, len(state))), by_motion[place, 3:])
-                by_place[place, :3] += np.einsum("kcm,bcm->bkm", linear.by_turn, turns)
-        return linear, by_place, values
+        sums.add(linear, _by_place(linear, motions, by_motion), values)
 
     def _add_by_unknown(self, out: FloatArray, which: int, linear: Linearised) -> None:
         """Add derivatives by a reference's unknowns to those (n_unknowns, k, m) by all."""
@@ -397,6 +436,29 @@ class SmallMotionProblem:
                 return values
             self._kept[key] = values
         return self._kept[key]
+
+
+def _by_place(linear: Linearised, motions: FloatArray, by_motion: FloatArray) -> FloatArray:
+    """(n_places, 6, k, m) derivatives of residuals by the motions, from those of the tips (n_places, 6, 3, m)."""
+    by_place = np.einsum("kcm,pdcm->pdkm", linear.by_tip, by_motion)
+    if linear.by_turn is not None:
+        for place, motion in enumerate(motions):
+            _, jacobian = rotations_and_jacobians(motion[:3])
+            wide = np.broadcast_to(jacobian, (3, 3, by_motion.shape[3]))
+            turns = np.einsum("dbm,dcm->bcm", wide, by_motion[place, 3:])
+            by_place[place, :3] += np.einsum("kcm,bcm->bkm", linear.by_turn, turns)
+    return np.asarray(by_place)
+
+
+def of_readings(linear: Linearised, rows: IntArray) -> Linearised:
+    """Some of the readings."""
+    return Linearised(
+        linear.residuals[:, rows],
+        linear.by_tip[..., rows],
+        linear.unknown[:, rows],
+        linear.by_unknown[..., rows],
+        None if linear.by_turn is None else linear.by_turn[..., rows],
+    )
 
 
 class _Sums:
