@@ -139,6 +139,22 @@ def test_what_the_readings_lack_is_named(basis, says):
         basis.values(ArmState(flat_chain(), np.zeros((3, 2))))
 
 
+def test_whole_numbers_of_any_kind_are_made_plain():
+    bases = [
+        Harmonics(np.int64(2), tuple(np.arange(1, 4, dtype=np.uint8))),
+        GravityTorque(np.int32(1), np.int64(2)),
+        Temperature(np.int8(3)),
+        Direction(np.int64(4)),
+    ]
+    assert bases[0] == Harmonics(2, (1, 2, 3))
+    for basis in bases:
+        assert basis_from_data(json.loads(json.dumps(basis.as_data()))) == basis
+    with pytest.raises(InputError, match="whole numbers"):
+        Harmonics(1, (np.float64(1),))
+    with pytest.raises(InputError, match="whole numbers"):
+        Direction(np.bool_(True))
+
+
 def test_a_session_is_one_at_its_own_readings_only():
     state = ArmState(flat_chain(), np.zeros((3, 2)), session=np.array(["May", "", "June"]))
     assert Session("May").values(state).tolist() == [[1, 0, 0]]

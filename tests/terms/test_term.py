@@ -180,6 +180,20 @@ def test_interpolation_is_offered_where_angles_are_fine_enough():
     assert groups[3000] == {f"interpolation, order {k}" for k in (128, 256, 512)}
 
 
+def test_numbers_of_any_kind_are_made_plain():
+    orders = tuple(np.arange(1, 3))
+    plain = Term("t", 3, (0, 0, 1, 0, 0, 0), Harmonics(1, (1, 2)), "g", (0.5, 0.5, 0.25, 0.25))
+    stds = tuple(np.float32([0.5, 0.5, 0.25, 0.25]))
+    other = Term(
+        "t", np.int64(3), tuple(np.eye(6, dtype=int)[2]), Harmonics(np.int16(1), orders), "g", stds, np.bool_(1)
+    )
+    assert other == plain
+    assert json.dumps(other.as_data()) == json.dumps(plain.as_data())
+    one = Term("t", 3, np.eye(6)[2], Harmonics(1, (1, 2)), "g", np.float32(0.5))
+    assert one.prior_std == 0.5
+    assert type(one.prior_std) is float
+
+
 @pytest.mark.parametrize("joint", [0, 6])
 def test_a_joint_the_arm_does_not_have_is_refused(make_chain, joint):
     for make in (catalogue.own_axis, catalogue.interpolation, catalogue.wobble, catalogue.hysteresis):

@@ -138,11 +138,11 @@ class Harmonics(Basis):
     orders: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        _check_whole("joint", self.joint, 1)
+        _settle_whole(self, "joint", 1)
         if not isinstance(self.orders, tuple) or not self.orders:
             raise InputError(f"expected a tuple of orders, got {_short(self.orders)}")
-        for order in self.orders:
-            _check_whole("orders", order, 1, HIGHEST_ORDER)
+        orders = tuple(_whole("orders", order, 1, HIGHEST_ORDER) for order in self.orders)
+        object.__setattr__(self, "orders", orders)
         if any(a >= b for a, b in pairwise(self.orders)):
             raise InputError(f"expected rising orders, got {_short(self.orders)}")
 
@@ -195,8 +195,8 @@ class GravityTorque(Basis):
     axis: int
 
     def __post_init__(self) -> None:
-        _check_whole("joint", self.joint, 0)
-        _check_whole("axis", self.axis, 0, 2)
+        _settle_whole(self, "joint", 0)
+        _settle_whole(self, "axis", 0, 2)
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
@@ -229,7 +229,7 @@ class Temperature(Basis):
     link: int = 0
 
     def __post_init__(self) -> None:
-        _check_whole("link", self.link, 0)
+        _settle_whole(self, "link", 0)
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
@@ -260,7 +260,7 @@ class Direction(Basis):
     joint: int
 
     def __post_init__(self) -> None:
-        _check_whole("joint", self.joint, 1)
+        _settle_whole(self, "joint", 1)
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
@@ -337,10 +337,22 @@ def _of_joint(by_joint: FloatArray, joint: int) -> FloatArray:
     return np.ascontiguousarray(by_joint[:, joint - 1])
 
 
-def _check_whole(what: str, value: object, lowest: int, highest: int | None = None) -> None:
+def _settle_whole(basis: Basis, field: str, lowest: int, highest: int | None = None) -> None:
+    """Make a field a plain whole number, which a file can hold, whatever kind of one it is."""
+    object.__setattr__(basis, field, _whole(field, getattr(basis, field), lowest, highest))
+
+
+def _whole(what: str, value: object, lowest: int, highest: int | None = None) -> int:
+    value = plain(value)
     if not isinstance(value, int) or isinstance(value, bool) or value < lowest or (highest or value) < value:
         upto = f" to {highest}" if highest is not None else " or more"
         raise InputError(f"expected {what} as whole numbers, {lowest}{upto}, got {_short(value)}")
+    return value
+
+
+def plain(value: object) -> Any:
+    """Give a NumPy scalar as Python's number, which a file can hold; anything else as it is."""
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _short(value: object) -> str:

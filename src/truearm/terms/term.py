@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.terms.basis import Basis, basis_from_data
+from truearm.terms.basis import Basis, basis_from_data, plain
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -58,6 +58,8 @@ class Term:
         for what in ("name", "group"):
             if not isinstance(getattr(self, what), str) or not getattr(self, what):
                 raise InputError(f"expected a term's {what} in words, got {getattr(self, what)!r:.60}")
+        for what in ("place", "learn", "prior_std"):
+            object.__setattr__(self, what, plain(getattr(self, what)))
         if not isinstance(self.place, int) or isinstance(self.place, bool) or self.place < 0:
             raise self._problem(f"expected a place of 0 or more, got {self.place!r:.60}")
         if not isinstance(self.basis, Basis):
@@ -144,7 +146,7 @@ class Term:
     def _numbers(self, what: str, values: object) -> tuple[float, ...]:
         values = values.tolist() if isinstance(values, np.ndarray) else values
         if not isinstance(values, tuple | list) or not all(
-            isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < 1e300 for v in values
+            isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < 1e300 for v in map(plain, values)
         ):
             raise self._problem(f"expected finite numbers as {what}, got {values!r:.60}")
         return tuple(float(v) for v in values)
