@@ -1,0 +1,430 @@
+"""The interim check: a few readings in a seat, on a bar, on a sphere, in five minutes; and what a history of them says.
+
+Its values are those of the standards' tests from fewer points, so that they are no verification: what counts is
+whether they change. Between calibrations a laboratory makes such checks by ISO/IEC 17025, 6.4.10 [recalled].
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+from truearm.readings.lengths import Lengths
+from truearm.verify.control_chart import NEEDED, ControlChart, control_chart, rules_for
+from truearm.verify.decision import Verdict, decide
+from truearm.verify.limits import Specification
+from truearm.verify.orthogonal import FloatArray
+from truearm.verify.sphere import fit_sphere
+
+NameArray = npt.NDArray[np.str_]
+
+# A seat's points further from their mean than this are of two seats [mm]; no arm errs so much.
+FARTHEST_IN_SEAT_MM = 10.0
+# A length or a form that is off by this share of the size is of another artefact.
+SAME_SHARE = 0.05
+# Five tell form and diameter of a sphere.
+LEAST_ON_SPHERE = 5
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is measured on an artefact in an interim check.
+
+    Attributes
+    ----------
+    name : str
+    artefact : str
+        What kind of thing it is measured on.
+    charted : bool
+        Whether it is watched by a chart; what goes with another quantity is not.
+    scale : bool
+        Whether it is a scatter: never negative, and only an increase is a change for the worse.
+    symbols : tuple of str
+        Of the limits in a specification that it must keep.
+    """
+
+    name: str
+    artefact: str
+    charted: bool
+    scale: bool
+    symbols: tuple[str, ...] = ()
+
+    @property
+    def n_sides(self) -> int:
+        """In how many directions it may change for the worse."""
+        return 1 if self.scale else 2
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    one.name: one
+    for one in (
+        Quantity("SPAT.2s", "seat", charted=True, scale=True, symbols=("SPAT.2s",)),
+        Quantity("SPAT.Max", "seat", charted=False, scale=True, symbols=("SPAT.Max",)),
+        Quantity("length error", "length", charted=True, scale=False, symbols=("E_Uni", "Volumetric.Max")),
+        Quantity("form", "sphere", charted=True, scale=True, symbols=("P_Form.Sph.1x25",)),
+        Quantity("diameter", "sphere", charted=True, scale=False),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Value:
+    """A test value of an interim check.
+
+    Attributes
+    ----------
+    quantity : str
+        One of `QUANTITIES`.
+    artefact : str
+        Name of the seat or sphere, or of both seats of a length.
+    value_mm : float
+    u_mm : float
+        Standard deviation that it is expected to have from check to check: of the scatter of points [mm].
+    u_artefact_mm : float
+        Standard uncertainty of the artefact's calibration, the same in every check [mm].
+    n : int
+        Readings from which it comes.
+    length_mm : float or None
+        The known length, of a length error.
+    """
+
+    quantity: str
+    artefact: str
+    value_mm: float
+    u_mm: float
+    u_artefact_mm: float
+    n: int
+    length_mm: float | None = None
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What tells its series from the others."""
+        return self.quantity, self.artefact
+
+    @property
+    def label(self) -> str:
+        """Artefact and quantity in words."""
+        return f"{QUANTITIES[self.quantity].artefact} {self.artefact}, {self.quantity}"
+
+
+@dataclass(frozen=True)
+class Check:
+    """An interim check as a history holds it.
+
+    Attributes
+    ----------
+    date : datetime.datetime
+        Local time, without a zone.
+    model, session : str
+        Fingerprints of the model and of the readings.
+    temperature_degC : float or None
+        Mean of the readings'.
+    values : tuple of Value
+    """
+
+    date: datetime.datetime
+    model: str
+    session: str
+    temperature_degC: float | None
+    values: tuple[Value, ...]
+
+
+def told(date: datetime.datetime) -> str:
+    """A date in words of a table: the day, with the time where there is one."""
+    return date.date().isoformat() if date.time() == datetime.time() else date.isoformat(sep=" ", timespec="minutes")
+
+
+def interim_values(
+    points: npt.ArrayLike,
+    *,
+    std_mm: npt.ArrayLike,
+    seat: NameArray | None = None,
+    sphere: NameArray | None = None,
+    lengths: Lengths | None = None,
+) -> tuple[Value, ...]:
+    """Find the test values of a check.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        The tip's centre at each reading [mm].
+    std_mm : (n,) array
+        Standard deviation of a coordinate of each, from reading to reading [mm].
+    seat, sphere : (n,) array of str, optional
+        In which seat or on which sphere each was taken; empty where in or on none.
+    lengths : Lengths, optional
+        Known ones between the seats.
+
+    Returns
+    -------
+    tuple of Value
+        Of each seat with two points or more `SPAT.Max` and `SPAT.2s` (see
+        `truearm.verify.asme_b89_4_22.single_point`); of each length the distance of the seats' means less the known
+        one; of each sphere form and diameter of the least-squares sphere, as the tip's centre saw it, thus the ball's
+        diameter more than the sphere's own.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to find, shapes do not fit, a sphere has too few points, or points cannot be of one
+        artefact.
+    """
+    points, std = np.asarray(points, dtype=float), np.asarray(std_mm, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 3 or std.shape != points.shape[:1]:
+        raise InputError(f"expected points (n, 3) and a deviation of each, got shapes {points.shape} and {std.shape}")
+    if not (np.isfinite(points).all() and np.isfinite(std).all() and (std >= 0).all()):
+        raise InputError("expected finite points and standard deviations of 0 or more")
+    seats, spheres = _groups(seat, len(points)), _groups(sphere, len(points))
+    values = [value for name, rows in seats.items() for value in _of_seat(name, points[rows], std[rows])]
+    if lengths is not None:
+        values += _of_lengths(lengths.between(seats), seats, points, std)
+    values += [value for name, rows in spheres.items() for value in _of_sphere(name, points[rows], std[rows])]
+    if not values:
+        raise InputError(
+            "expected readings in a seat, two or more of them, or on a sphere, got none",
+            hint="columns seat and sphere of the session name what the tip was in or on",
+        )
+    return tuple(values)
+
+
+def _groups(names: NameArray | None, n: int) -> dict[str, npt.NDArray[np.intp]]:
+    """Rows of each name, in the order in which they come first."""
+    if names is None:
+        return {}
+    if names.shape != (n,):
+        raise InputError(f"expected a name for each of {n} points, got shape {names.shape}")
+    return {name: np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist()) if name}
+
+
+def _of_seat(name: str, points: FloatArray, std: FloatArray) -> list[Value]:
+    """Scatter in one seat.
+
+    With a standard deviation sigma of each coordinate, ``(n - 1) s^2 / sigma^2`` has 3 (n - 1) degrees of freedom, so
+    that ``s`` has the standard deviation ``sigma / sqrt(2 (n - 1))``, to first order. The largest deviation has about
+    sigma, a little less.
+    """
+    n = len(points)
+    if n < 2:
+        return []
+    away = points - points.mean(axis=0)
+    largest = float(np.sqrt((away**2).sum(axis=1)).max())
+    if largest > FARTHEST_IN_SEAT_MM:
+        raise InputError(
+            f"seat {name!r}: a point is {largest:.4g} mm from the mean of its points, they cannot be of one seat",
+            hint="the names of the seats in the session, and whether the model is of this arm",
+        )
+    s = float(np.sqrt((away**2).sum() / (n - 1)))
+    sigma = float(np.sqrt((std**2).mean()))
+    return [
+        Value("SPAT.2s", name, 2 * s, 2 * sigma / np.sqrt(2 * (n - 1)), 0.0, n),
+        Value("SPAT.Max", name, largest, sigma, 0.0, n),
+    ]
+
+
+def _of_lengths(
+    lengths: Lengths, seats: Mapping[str, npt.NDArray[np.intp]], points: FloatArray, std: FloatArray
+) -> list[Value]:
+    """Errors of lengths: ``|mean_a - mean_b| - L``, with the scatter of both means along the length."""
+    values = []
+    columns = (lengths.seat_a.tolist(), lengths.seat_b.tolist(), lengths.length_mm.tolist(), lengths.u_mm.tolist())
+    for a, b, known, u in zip(*columns, strict=True):
+        rows = seats[a], seats[b]
+        found = float(np.linalg.norm(points[rows[0]].mean(axis=0) - points[rows[1]].mean(axis=0)))
+        if abs(found - known) > SAME_SHARE * known:
+            raise InputError(
+                f"seats {a!r} and {b!r} are {found:.5g} mm apart where {known:.5g} mm is known: it is another length",
+                hint="the names of the seats in the session and in the file of lengths",
+            )
+        scatter = float(np.sqrt(sum((std[each] ** 2).mean() / len(each) for each in rows)))
+        n = sum(len(each) for each in rows)
+        values.append(Value("length error", f"{a} to {b}", found - known, scatter, u, n, known))
+    return values
+
+
+def _of_sphere(name: str, points: FloatArray, std: FloatArray) -> list[Value]:
+    """Form and diameter of a sphere.
+
+    The form of n points scatters at most as the range of n normal values does, 0.864 standard deviations for five and
+    less for more (d3 of the tables of control charts); the diameter by the covariance of the fit.
+    """
+    n = len(points)
+    if n < LEAST_ON_SPHERE:
+        raise InputError(
+            f"sphere {name!r}: expected {LEAST_ON_SPHERE} readings or more, got {n}", hint="touch it all over"
+        )
+    sigma = max(float(np.sqrt((std**2).mean())), 1e-9)
+    try:
+        fit = fit_sphere(points, std_mm=sigma)
+    except InputError as error:
+        raise InputError(f"sphere {name!r}: {error.problem}", hint=error.hint) from None
+    diameter = 2 * fit.radius_mm
+    if fit.form_mm > SAME_SHARE * diameter:
+        raise InputError(
+            f"sphere {name!r}: its points lie {fit.form_mm:.4g} mm off a sphere of {diameter:.4g} mm: they are not of "
+            "one sphere",
+            hint="the names of the spheres in the session, and whether the model is of this arm",
+        )
+    return [
+        Value("form", name, fit.form_mm, 0.864 * sigma, 0.0, n),
+        Value("diameter", name, diameter, 2 * float(np.sqrt(fit.covariance[3, 3])), 0.0, n),
+    ]
+
+
+class Recalibrate(StrEnum):
+    """The answer of a history."""
+
+    YES = "yes"
+    NO = "no"
+    NOT_ENOUGH = "not enough checks yet"
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """A series of a history with its chart.
+
+    Attributes
+    ----------
+    latest : Value
+        That of the last check.
+    checks : (n,) int array
+        The checks that have the value, counted from 0.
+    chart : ControlChart or None
+        None where the quantity is not charted.
+    limit_mm : float or None
+        What the specification permits; None where it says nothing.
+    over_limit : bool
+        Whether the last value is over that limit beyond its uncertainty.
+    """
+
+    latest: Value
+    checks: npt.NDArray[np.intp]
+    chart: ControlChart | None
+    limit_mm: float | None
+    over_limit: bool
+
+    @property
+    def since(self) -> int | None:
+        """The first check of the change that stands; None where nothing has changed."""
+        changed = None if self.chart is None else self.chart.since
+        return None if changed is None else int(self.checks[changed])
+
+    @property
+    def enough(self) -> bool:
+        """Whether it can say that nothing has changed."""
+        return self.chart is not None and self.chart.enough
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What a history says of the arm at its last check.
+
+    Attributes
+    ----------
+    recalibrate : Recalibrate
+    since : int or None
+        The check with which the change began, counted from 0; None where there is none.
+    reasons : tuple of str
+        Why to recalibrate.
+    remarks : tuple of str
+        What could not be said.
+    n_before : int
+        Of checks that the chart with the most of them has before the last one.
+    trends : tuple of Trend
+        Those of the values of the last check, in their order.
+    """
+
+    recalibrate: Recalibrate
+    since: int | None
+    reasons: tuple[str, ...]
+    remarks: tuple[str, ...]
+    n_before: int
+    trends: tuple[Trend, ...]
+
+
+def assess(checks: Sequence[Check], specification: Specification | None = None) -> Assessment:
+    """Say whether the arm has changed since the first checks.
+
+    Only what was measured in the last check is asked. The answer is yes if a chart tells of a change
+    (`truearm.verify.control_chart`), or if a value is over its limit in the specification by more than the uncertainty
+    of the artefact (ISO 14253-1); else no, if a chart has enough checks before.
+
+    Parameters
+    ----------
+    checks : sequence of Check
+        All of one model, in the order in which they were made.
+    specification : Specification, optional
+
+    Raises
+    ------
+    InputError
+        If there is no check.
+    """
+    if not checks:
+        raise InputError("expected one check or more, got none")
+    latest = checks[-1].values
+    n_sides = sum(QUANTITIES[value.quantity].n_sides for value in latest if QUANTITIES[value.quantity].charted)
+    trends = tuple(_trend(value, checks, n_sides, specification) for value in latest)
+    began = [trend.since for trend in trends if trend.since is not None]
+    over = [trend for trend in trends if trend.over_limit]
+    if began or over:
+        answer = Recalibrate.YES
+    elif any(trend.enough for trend in trends):
+        answer = Recalibrate.NO
+    else:
+        answer = Recalibrate.NOT_ENOUGH
+    reasons = [_reason(trend, trend.since) for trend in trends if trend.since is not None]
+    for trend in over:
+        reasons.append(
+            f"{trend.latest.label}: {trend.latest.value_mm:+.4f} mm is over the limit of {trend.limit_mm:.4f} mm"
+        )
+    n_before = max((int(trend.chart.n_before[-1]) for trend in trends if trend.chart is not None), default=0)
+    return Assessment(answer, min(began) if began else None, tuple(reasons), _remarks(trends), n_before, trends)
+
+
+def _trend(value: Value, checks: Sequence[Check], n_sides: int, specification: Specification | None) -> Trend:
+    quantity = QUANTITIES[value.quantity]
+    found = [(i, one) for i, check in enumerate(checks) for one in check.values if one.key == value.key]
+    chart = None
+    if quantity.charted:
+        chart = control_chart(
+            [one.value_mm for _, one in found],
+            u=[one.u_mm for _, one in found],
+            rules=rules_for(n_sides),
+            scale=quantity.scale,
+            upper_only=quantity.scale,
+        )
+    limit, over = None, False
+    if specification is not None:
+        stated = [specification.limit(symbol, value.length_mm) for symbol in quantity.symbols]
+        limit = min((one for one in stated if one is not None), default=None)
+        # k = 2
+        over = limit is not None and decide(value.value_mm, 2 * value.u_artefact_mm, limit) is Verdict.NOT_CONFORM
+    return Trend(value, np.array([i for i, _ in found]), chart, limit, over)
+
+
+def _reason(trend: Trend, since: int) -> str:
+    assert trend.chart is not None
+    if trend.chart.changed is None:
+        what = "beyond the limits of its chart since"
+    elif trend.chart.gradual:
+        what = "a drift since about"
+    else:
+        what = "a jump at about"
+    return f"{trend.latest.label}: {what} check {since + 1}"
+
+
+def _remarks(trends: Sequence[Trend]) -> tuple[str, ...]:
+    """Which charts cannot say yet that nothing has changed, beside others that can."""
+    if not any(trend.enough for trend in trends):
+        return ()
+    return tuple(
+        f"{trend.latest.label}: not judged yet, {trend.chart.n_before[-1]} of {NEEDED} checks before"
+        for trend in trends
+        if trend.chart is not None and not trend.enough and trend.since is None
+    )

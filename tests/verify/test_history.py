@@ -1,0 +1,183 @@
+"""The history of checks: what went in comes out, whole or not at all, and no other file is taken for one."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from truearm.errors import InputError, TruearmError
+from truearm.verify.history import APPLICATION_ID, VERSION, History
+from truearm.verify.interim import Check, Value
+
+MODEL, OTHER = "a" * 64, "b" * 64
+VALUES = (
+    Value("SPAT.2s", "cône; DROP TABLE checks", 0.0123456789012345, 0.001, 0.0, 10),
+    Value("length error", "A to B", -0.004, 0.002, 0.0005, 8, 600.0021),
+)
+
+
+def check(day=1, model=MODEL, session=None, **changed):
+    one = Check(datetime.datetime(2026, 1, day, 8, 30), model, session or f"{day:064x}", 20.5, VALUES)
+    return replace(one, **changed)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "arm.sqlite"
+
+
+@pytest.fixture
+def filled(path):
+    history = History(path)
+    for day in (1, 2, 3):
+        assert history.append(check(day))
+    return path
+
+
+def execute(path, *statements):
+    with closing(sqlite3.connect(path)) as database:
+        for statement in statements:
+            database.execute(statement)
+        database.commit()
+
+
+def test_what_went_in_comes_out(path):
+    history = History(path)
+    assert history.checks(MODEL) == ()
+    assert not path.exists()  # nothing is made before there is something to keep
+    assert history.append(check(temperature_degC=None))
+    assert History(path).checks(MODEL) == (check(temperature_degC=None),)
+
+
+def test_the_file_says_what_it_is(filled):
+    with closing(sqlite3.connect(filled)) as database:
+        assert database.execute("PRAGMA application_id").fetchone() == (APPLICATION_ID,)
+        assert database.execute("PRAGMA user_version").fetchone() == (VERSION,)
+    assert filled.read_bytes()[68:72] == b"tArm"  # the SQLite file format, 1.3
+    assert [p.name for p in filled.parent.iterdir()] == [filled.name]
+
+
+def test_a_session_counts_once_and_a_model_has_its_own_checks(filled):
+    history, before = History(filled), filled.read_bytes()
+    assert not history.append(check(2))
+    assert filled.read_bytes() == before
+    assert history.append(check(1, model=OTHER))  # the same session, judged by another model
+    assert [one.date.day for one in history.checks(MODEL)] == [1, 2, 3]
+    assert [one.date.day for one in history.checks(OTHER)] == [1]
+
+
+def test_checks_are_added_in_their_order(filled):
+    with pytest.raises(InputError, match="before the last one of 2026-01-03 08:30"):
+        History(filled).append(check(2, session="c" * 64))
+    assert History(filled).append(check(3, session="c" * 64))  # the same minute is no earlier
+    assert [one.session[-1] for one in History(filled).checks(MODEL)] == ["1", "2", "3", "c"]
+
+
+def test_a_check_is_added_whole_or_not_at_all(filled):
+    twice = check(4, values=(*VALUES, VALUES[0]))
+    with pytest.raises(TruearmError):
+        History(filled).append(twice)
+    assert len(History(filled).checks(MODEL)) == 3
+    assert History(filled).append(check(4))
+
+
+def test_a_program_that_is_killed_while_it_adds_leaves_what_was_there(filled):
+    """Its journal is left beside; the next one that opens the history takes the half check back."""
+    script = """
+import os, sqlite3, sys
+database = sqlite3.connect(sys.argv[1], isolation_level=None)
+database.execute("PRAGMA cache_size = 1")
+database.execute("BEGIN IMMEDIATE")
+for i in range(2000):
+    database.execute("INSERT INTO checks (date, model, session) VALUES ('x', 'y', ?)", (str(i) * 50,))
+os._exit(9)
+"""
+    before = History(filled).checks(MODEL)
+    ran = subprocess.run([sys.executable, "-c", script, str(filled)])
+    assert ran.returncode == 9
+    assert Path(f"{filled}-journal").exists()
+    assert History(filled).checks(MODEL) == before
+    assert History(filled).append(check(4))
+
+
+# Files that are no history -------------------------------------------------------------------------------------------
+
+
+def test_other_files_are_refused_and_left_alone(path, filled):
+    with closing(sqlite3.connect(path.with_name("other.sqlite"))) as other:
+        other.execute("CREATE TABLE checks (id INTEGER)")
+    for name, content, phrase in (
+        ("text.csv", b"q1_deg,q2_deg\n1,2\n", "got something else"),
+        ("empty.sqlite", b"", "got an empty file"),
+        ("other.sqlite", path.with_name("other.sqlite").read_bytes(), "another program's"),
+        ("short.sqlite", filled.read_bytes()[:3000], "damaged"),
+        ("mixed.sqlite", filled.read_bytes()[:4096] + b"\xff" * (len(filled.read_bytes()) - 4096), "damaged"),
+    ):
+        file = path.with_name(name)
+        file.write_bytes(content)
+        with pytest.raises(InputError, match=phrase) as raised:
+            History(file)
+        assert raised.value.file == file
+        assert file.read_bytes() == content
+    with pytest.raises(InputError, match="folder"):
+        History(path.parent)
+    with pytest.raises(InputError, match="does not exist"):
+        History(path.parent / "nowhere" / "arm.sqlite")
+
+
+@pytest.mark.parametrize(
+    ("statement", "phrase"),
+    [
+        ("PRAGMA user_version = 99", "version 1 or older, got version 99"),
+        ("PRAGMA application_id = 0", "another program's"),
+        ("DROP TABLE test_values", "tables are not those"),
+        ("CREATE TRIGGER t AFTER INSERT ON checks BEGIN DELETE FROM checks; END", "tables are not those"),
+        ("CREATE VIEW v AS SELECT 1", "tables are not those"),
+    ],
+)
+def test_a_newer_or_changed_file_is_refused(filled, statement, phrase):
+    execute(filled, statement)
+    with pytest.raises(InputError, match=phrase):
+        History(filled)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE checks SET date = 'yesterday' WHERE id = 2",
+        "UPDATE checks SET date = '2026-01-02 08:30:00+01:00' WHERE id = 2",
+        "UPDATE checks SET session = 'short' WHERE id = 2",
+        "UPDATE checks SET temperature_degC = 9e999 WHERE id = 2",
+        "UPDATE checks SET temperature_degC = 'warm' WHERE id = 2",
+        "DELETE FROM test_values WHERE check_id = 2",
+        "UPDATE test_values SET quantity = 'colour' WHERE check_id = 2 AND number = 0",
+        "UPDATE test_values SET artefact = zeroblob(9) WHERE check_id = 2 AND number = 0",
+        "UPDATE test_values SET value_mm = 9e999 WHERE check_id = 2",
+        "UPDATE test_values SET value_mm = -1.0 WHERE check_id = 2",
+        "UPDATE test_values SET u_mm = 'little' WHERE check_id = 2",
+        "UPDATE test_values SET u_mm = -0.001 WHERE check_id = 2",
+        "UPDATE test_values SET n = 0 WHERE check_id = 2",
+        "UPDATE test_values SET n = 1.5 WHERE check_id = 2",
+    ],
+)
+def test_values_that_no_check_can_have_are_refused(filled, statement):
+    execute(filled, statement)
+    with pytest.raises(InputError, match="damaged"):
+        History(filled).checks(MODEL)
+
+
+def test_a_history_that_may_not_be_written_is_still_read(filled):
+    filled.chmod(0o444)
+    history = History(filled)
+    assert len(history.checks(MODEL)) == 3
+    if not os.access(filled, os.W_OK):  # the superuser may
+        with pytest.raises(InputError, match="protected"):
+            history.append(check(4))

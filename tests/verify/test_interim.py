@@ -1,0 +1,196 @@
+"""The values of an interim check, and what a series of checks says."""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truearm.errors import InputError
+from truearm.readings import Lengths
+from truearm.verify.control_chart import NEEDED
+from truearm.verify.interim import Check, Recalibrate, Value, assess, interim_values, told
+from truearm.verify.limits import Specification
+
+POLES = np.concatenate([np.eye(3), -np.eye(3)])
+
+
+def bar(length=100.0, u=0.001):
+    return Lengths(np.array(["A"]), np.array(["B"]), np.array([length]), np.array([u]))
+
+
+def values_of(points, std=0.01, **named):
+    named = {name: np.array(value) if name != "lengths" else value for name, value in named.items()}
+    found = interim_values(points, std_mm=np.full(len(points), std), **named)
+    return {(one.quantity, one.artefact): one for one in found}
+
+
+# Values --------------------------------------------------------------------------------------------------------------
+
+
+def test_scatter_in_a_seat_is_that_of_the_single_point_test():
+    """Six points 0.02 mm from their mean: largest 0.02, s = sqrt(6 / 5) 0.02."""
+    found = values_of(0.02 * POLES + [500.0, -300.0, 200.0], seat=["cone"] * 6)
+    assert found["SPAT.Max", "cone"].value_mm == pytest.approx(0.02, rel=1e-9)
+    assert found["SPAT.2s", "cone"].value_mm == pytest.approx(2 * 0.02 * np.sqrt(6 / 5), rel=1e-9)
+    assert found["SPAT.2s", "cone"].n == 6
+
+
+def test_a_length_is_that_between_the_means_less_the_known_one():
+    points = np.array([[0.0, 0.01, 0.0], [0.0, -0.01, 0.0], [100.05, 0.0, 0.0]])
+    found = values_of(points, seat=["A", "A", "B"], lengths=bar())
+    one = found["length error", "A to B"]
+    assert one.value_mm == pytest.approx(0.05, rel=1e-9)
+    assert (one.n, one.length_mm, one.u_artefact_mm) == (3, 100.0, 0.001)
+    assert one.u_mm == pytest.approx(0.01 * np.sqrt(1 / 2 + 1), rel=1e-9)
+    assert ("SPAT.2s", "B") not in found  # of one point there is no scatter
+
+
+def test_a_sphere_has_form_and_the_diameter_of_the_tips_centre():
+    points = 15.5 * POLES + [400.0, 0.0, 100.0]
+    found = values_of(points, sphere=["ball"] * 6)
+    assert found["form", "ball"].value_mm == pytest.approx(0.0, abs=1e-9)
+    assert found["diameter", "ball"].value_mm == pytest.approx(31.0, abs=1e-9)
+    points[0, 0] += 0.03
+    assert values_of(points, sphere=["ball"] * 6)["form", "ball"].value_mm > 0.01
+
+
+def test_expected_scatters_are_those_of_many_checks(rng):
+    """300 checks with a known scatter: their deviations are known to 4 %; that of a form is a bound."""
+    truth = np.concatenate([np.zeros((8, 3)), np.tile([100.0, 0, 0], (2, 1)), 12.5 * POLES])
+    seat, sphere = ["A"] * 8 + ["B"] * 2 + [""] * 6, [""] * 10 + ["ball"] * 6
+    made = [
+        values_of(truth + 0.01 * rng.standard_normal(truth.shape), seat=seat, sphere=sphere, lengths=bar())
+        for _ in range(300)
+    ]
+    for key, bound in {
+        ("SPAT.2s", "A"): False,
+        ("length error", "A to B"): False,
+        ("diameter", "ball"): False,
+        ("form", "ball"): True,
+    }.items():
+        found, stated = np.std([one[key].value_mm for one in made]), made[0][key].u_mm
+        assert found <= 1.15 * stated, key
+        assert bound or found >= 0.85 * stated, key
+
+
+def test_points_of_nothing_are_left_out_and_order_is_that_of_the_session():
+    points = np.concatenate([0.01 * POLES, [[9e3, 0, 0]], 0.01 * POLES + 50.0])
+    found = values_of(points, seat=["second"] * 6 + [""] + ["first"] * 6)
+    assert [artefact for _, artefact in found] == ["second", "second", "first", "first"]
+
+
+@pytest.mark.parametrize(
+    ("points", "named", "phrase"),
+    [
+        (POLES, {}, "in a seat"),
+        (POLES, {"seat": list("abcdef")}, "two or more"),
+        (30 * POLES, {"seat": ["A"] * 6}, "not be of one seat"),
+        (np.array([[0.0, 0, 0], [130.0, 0, 0]]), {"seat": ["A", "B"], "lengths": bar()}, "another length"),
+        (np.zeros((2, 3)), {"seat": ["A", "C"], "lengths": bar()}, "no seat 'B'"),
+        (POLES[:4], {"sphere": ["ball"] * 4}, "5 readings or more"),
+        (POLES * [1, 1, 0], {"sphere": ["ball"] * 6}, "sphere 'ball'"),
+        (POLES * [1, 1, 1.4], {"sphere": ["ball"] * 6}, "not of one sphere"),
+        (POLES, {"seat": ["A"] * 5}, "a name for each"),
+        (POLES * np.nan, {"seat": ["A"] * 6}, "finite"),
+        (POLES[:, :2], {"seat": ["A"] * 6}, "shapes"),
+    ],
+)
+def test_what_cannot_be_a_check_is_refused(points, named, phrase):
+    with pytest.raises(InputError, match=phrase):
+        values_of(points, **named)
+
+
+# A series ------------------------------------------------------------------------------------------------------------
+
+
+def checks_of(errors, scatters=None, artefact="A to B"):
+    """A check a day with a length error and, on the days that have one, the scatter in a seat."""
+    made = []
+    for i, error in enumerate(errors):
+        values = [Value("length error", artefact, float(error), 0.001, 0.001, 8, 100.0)]
+        if scatters is not None and np.isfinite(scatters[i]):
+            values.append(Value("SPAT.2s", "cone", float(scatters[i]), 0.001, 0.0, 8))
+            values.append(Value("SPAT.Max", "cone", float(scatters[i]), 0.001, 0.0, 8))
+        day = datetime.datetime(2026, 1, 1) + datetime.timedelta(days=i)
+        made.append(Check(day, "m" * 64, f"{i:064x}", 20.0, tuple(values)))
+    return made
+
+
+def limited(**limits):
+    return Specification(
+        name="arm", source="sheet", measuring_range_mm=2000, limits={k: {"B_um": v} for k, v in limits.items()}
+    )
+
+
+def test_it_takes_ten_checks_to_say_no(rng):
+    checks = checks_of(0.001 * rng.standard_normal(NEEDED + 1))
+    found = assess(checks[:NEEDED])
+    assert found.recalibrate is Recalibrate.NOT_ENOUGH
+    assert found.n_before == NEEDED - 1
+    assert assess(checks).recalibrate is Recalibrate.NO
+    assert assess(checks[:1]).recalibrate is Recalibrate.NOT_ENOUGH
+    with pytest.raises(InputError, match="one check or more"):
+        assess([])
+
+
+def test_a_blow_is_seen_though_there_are_few_checks(rng):
+    found = assess(checks_of(np.r_[0.001 * rng.standard_normal(6), 0.2]))
+    assert (found.recalibrate, found.since) == (Recalibrate.YES, 6)
+    assert "beyond the limits of its chart since check 7" in found.reasons[0]
+
+
+def test_since_is_the_first_check_of_the_earliest_change(rng):
+    errors, scatters = 0.001 * rng.standard_normal((2, 40))
+    scatters = 0.02 + scatters
+    errors[25:] += 0.006
+    scatters[30:] += 0.008
+    found = assess(checks_of(errors, scatters))
+    assert found.recalibrate is Recalibrate.YES
+    assert abs(found.since - 25) <= 2
+    assert len(found.reasons) == 2
+    assert "length A to B, length error: a jump at about check" in found.reasons[0]
+    assert [trend.latest.quantity for trend in found.trends] == ["length error", "SPAT.2s", "SPAT.Max"]
+    assert found.trends[2].chart is None
+
+
+def test_checks_without_a_value_do_not_count_in_its_series(rng):
+    """The seat was touched every second day; its series dates in checks of the history."""
+    scatters = 0.02 + 0.001 * rng.standard_normal(60)
+    scatters[40:] += 0.01
+    scatters[1::2] = np.nan
+    found = assess(checks_of(0.001 * rng.standard_normal(60), scatters)[:59])
+    assert abs(found.since - 40) <= 4
+    np.testing.assert_array_equal(found.trends[1].checks, np.arange(0, 59, 2))
+
+
+def test_an_artefact_under_another_name_begins_anew(rng):
+    """A seat that was loose, is mended and renamed: what it said does not stand."""
+    errors = 0.001 * rng.standard_normal(30)
+    errors[20:] += 0.02
+    checks = checks_of(errors)
+    assert assess(checks).recalibrate is Recalibrate.YES
+    renamed = [*checks, *checks_of([0.0], artefact="A2 to B2")]
+    assert assess(renamed).recalibrate is Recalibrate.NOT_ENOUGH
+    beside = replace(renamed[-1], values=(*renamed[-1].values, *checks_of([0.0])[0].values))
+    remarks = assess([*checks_of(0.001 * np.tile([1.0, -1.0, 0.5, -0.5], 5)), beside]).remarks
+    assert remarks == (f"length A2 to B2, length error: not judged yet, 0 of {NEEDED} checks before",)
+
+
+def test_a_value_over_its_limit_says_yes_at_once_beyond_the_artefacts_uncertainty():
+    """ISO 14253-1: 0.0125 mm with U = 2 x 0.001 mm is over 0.010, but not proved over 0.011."""
+    checks = checks_of([-0.0125])
+    over = assess(checks, limited(E_Uni=10))
+    assert (over.recalibrate, over.since) == (Recalibrate.YES, None)
+    assert "over the limit of 0.0100 mm" in over.reasons[0]
+    assert assess(checks, limited(E_Uni=11)).recalibrate is Recalibrate.NOT_ENOUGH
+    stricter = {"E_Uni": 30, "Volumetric.Max": 10}
+    assert assess(checks, limited(**stricter)).trends[0].limit_mm == 0.010
+    assert assess(checks, limited(**{"SPAT.2s": 1})).trends[0].limit_mm is None
+
+
+def test_days_are_told_with_their_time_where_there_is_one():
+    assert told(datetime.datetime(2026, 1, 2)) == "2026-01-02"
+    assert told(datetime.datetime(2026, 1, 2, 8, 30)) == "2026-01-02 08:30"
