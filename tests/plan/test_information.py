@@ -8,7 +8,8 @@ from truearm.errors import InputError
 from truearm.identify.problem import Moved
 from truearm.plan.candidates import bar_places, seat_poses, tracker_poses, volume_poses
 from truearm.plan.information import SEAT_STD_MM, design_problem, tip_jacobian
-from truearm.plan.known import Known
+from truearm.plan.known import Known, as_drawn
+from truearm.plan.observability import observability
 from truearm.plan.proposal import LENGTH_U_MM, information_rows
 from truearm.readings.lengths import PLACE_U_MM
 from truearm.terms.catalogue import constants, own_axis
@@ -151,3 +152,13 @@ def test_a_problem_is_checked(moved, volume):
         )
     # A tracker's candidates need no length.
     assert problem(moved, tracker_poses(ARM, 2, seed=0), volume, length_u_mm=0.0).n_candidates == 2
+
+
+def test_terms_that_no_pose_shows_do_not_count_as_told():
+    """Some of this arm's terms move no tip; what rounding makes of them is not told, and the rank has a clear gap."""
+    arm = load("measuring7")
+    known = as_drawn(arm, noise_mm=NOISE_MM)
+    rows = information_rows(known, bar_places(arm, 4, length_mm=500, poses=10, seed=0))
+    told = observability(rows * np.sqrt(known.covariance.diagonal()), n_poses=80)
+    assert not rows.any(axis=0).all()
+    assert told.o2 > 1e-9

@@ -44,7 +44,7 @@ _PER_POSE, _FEWEST = 8, 300
 _PER_POSE_IN_SEAT, _MOST_SPARE = 4, 60
 # Places to choose from, for each wanted.
 _PER_PLACE = 3
-# Share of a column's length below which what elimination leaves of it is rounding.
+# Share of a column's length, and of the longest over their priors, below which what is left of a column is rounding.
 _GONE = 1e-9
 # Numbers of poses at which the course of the uncertainty is calculated.
 _COURSE = 24
@@ -327,8 +327,10 @@ def information_rows(known: Known, poses: Candidates) -> FloatArray:
         rows = eliminated(rows[:, : J.shape[1]], rows[:, J.shape[1] :])
     if not len(rows):  # too few poses to tell anything
         return np.zeros((1, J.shape[1]))
-    # What moves all points alike is gone but for rounding, which must not look like something told.
-    gone = np.linalg.norm(rows, axis=0) < _GONE * np.linalg.norm(J, axis=0)
+    # What moves all points alike, or none, is gone but for rounding, which must not look like something told.
+    size = np.linalg.norm(rows, axis=0)
+    told = size * np.sqrt(known.covariance.diagonal())
+    gone = (size < _GONE * np.linalg.norm(J, axis=0)) | (told < _GONE * told.max())
     return np.where(gone, 0.0, rows)
 
 
