@@ -29,10 +29,11 @@ def certificate(
     ] = False,
     template: Annotated[bool, typer.Option("--template", help="Print a file for --about to fill in, and end.")] = False,
 ) -> None:
-    """Write a digital calibration certificate (DCC) of a verification.
+    """State a verification as a calibration certificate.
 
-    The files are those of truearm verify; --about says what a certificate has beside the results. Print the page of
-    --html for a certificate on paper.
+    Written is a digital calibration certificate (DCC), an XML file in PTB's form. The files are those of truearm
+    verify; --about says what a certificate has beside the results. Print the page of --html for a certificate on
+    paper.
     """
     from truearm.errors import InputError
     from truearm.export.about import read_about
