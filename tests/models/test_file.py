@@ -93,6 +93,7 @@ def test_a_model_comes_back_to_the_last_bit(name, fitted, tmp_path):
     np.testing.assert_array_equal(again.predict_nominal(angles), model.predict_nominal(angles))
     np.testing.assert_array_equal(again.outside_training(2 * angles), model.outside_training(2 * angles))
     assert again.data_fingerprint_ == model.data_fingerprint_
+    assert again.lengths_fingerprint_ == model.lengths_fingerprint_ == ""
     assert {k: v for k, v in again.get_params().items() if k != "arm"} == {
         k: v for k, v in model.get_params().items() if k != "arm"
     }

@@ -320,7 +320,12 @@ def facts(models: dict[str, Compensator], readings: Readings) -> list[tuple[str,
         for name, model in models.items()
     ]
     rows.append(("readings of this page", f"fingerprint {fingerprint(readings)}"))
-    rows.append(("fingerprint", "SHA-256 of angles [rad] and points [mm] as little-endian doubles, and seats"))
+    rows += [
+        (f"lengths of model {name}", f"fingerprint {model.lengths_fingerprint_}")
+        for name, model in models.items()
+        if model.lengths_fingerprint_
+    ]
+    rows.append(("fingerprint", "SHA-256 of all columns but notes, numbers in rad and mm as little-endian doubles"))
     arm = next(iter(models.values())).arm
     rows.append(("arm", f"{arm.name}: {arm.title}. {arm.source}"))
     rows.append(("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"))

@@ -6,7 +6,7 @@ import hashlib
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Literal, Self, overload
 
@@ -60,7 +60,9 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     n_train_ : int
         Training readings.
     data_fingerprint_ : str
-        SHA-256 of the training angles and points.
+        SHA-256 of the training readings (see `fingerprint`).
+    lengths_fingerprint_ : str
+        SHA-256 of the known lengths between their seats; empty without.
     fit_seconds_ : float
         Time `fit` took [s].
     """
@@ -145,6 +147,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self.angle_gaps_ = gaps_within(readings.angles, arm.chain.slides)
         self.n_train_ = len(readings)
         self.data_fingerprint_ = fingerprint(readings)
+        self.lengths_fingerprint_ = "" if lengths is None else fingerprint(lengths)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
@@ -309,12 +312,22 @@ def _silent(done: int, note: str) -> None:
     """Tell nobody."""
 
 
-def fingerprint(readings: Readings) -> str:
-    """SHA-256 of angles, points and seats: numbers as little-endian doubles, row by row, then the names."""
+def fingerprint(data: Readings | Lengths) -> str:
+    """SHA-256 of all that readings, or lengths, say.
+
+    Their columns in the order of their names, each with its name and its shape before it; numbers as little-endian
+    doubles, row by row, names of things as UTF-8 with a zero byte after each.
+    """
+    columns: dict[str, Any] = {field.name: getattr(data, field.name) for field in fields(data)}
+    columns |= columns.pop("columns", {})
     digest = hashlib.sha256()
-    for array in (readings.angles, readings.points):
-        if array is not None:
-            digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
-    if readings.seat is not None:
-        digest.update("\n".join(readings.seat.tolist()).encode())
+    for name, values in sorted(columns.items()):
+        if not isinstance(values, np.ndarray):
+            continue
+        digest.update(f"{name} {values.shape}\0".encode())
+        if values.dtype.kind == "U":
+            digest.update("".join(f"{word}\0" for word in values.tolist()).encode())
+        else:
+            settled = np.where(np.isnan(values), np.nan, values) + 0.0  # one NaN and one zero of the many there are
+            digest.update(np.ascontiguousarray(settled, dtype="<f8").tobytes())
     return digest.hexdigest()

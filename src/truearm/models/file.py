@@ -134,6 +134,7 @@ class _Header(BaseModel):
     arm: _ArmEntry
     n_train: int = Field(ge=1, le=MAX_COUNT)
     data_fingerprint: str = Field(pattern="^[0-9a-f]{64}$")
+    lengths_fingerprint: str = Field("", pattern="^([0-9a-f]{64})?$")
     fit_seconds: float = Field(ge=0)
     facts: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
     arrays: dict[str, _ArrayEntry] = Field(max_length=MAX_ARRAYS)
@@ -179,6 +180,7 @@ def save_model(model: Compensator, path: str | Path) -> None:
         ),
         n_train=model.n_train_,
         data_fingerprint=model.data_fingerprint_,
+        lengths_fingerprint=model.lengths_fingerprint_,
         fit_seconds=model.fit_seconds_,
         facts=facts,
         arrays={
@@ -346,6 +348,7 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
     model.n_features_in_ = n
     model.n_train_, model.fit_seconds_ = header.n_train, header.fit_seconds
     model.data_fingerprint_ = header.data_fingerprint
+    model.lengths_fingerprint_ = header.lengths_fingerprint
     model.angle_ranges_ = _shaped(arrays, "angle_ranges", (n, 2))
     model.angle_gaps_ = np.zeros((0, 3)) if old else _gaps(arrays["angle_gaps"], n)
     model.free_ = tuple(model.free if header.free is None else header.free)

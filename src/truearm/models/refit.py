@@ -83,6 +83,7 @@ def refit(
         raise InputError(f"expected what is new among {list(FREE_PARTS)}, got {list(free)}")
     if readings.n_joints != model.arm.n_joints:
         raise InputError(f"expected readings of {model.arm.n_joints} joints, got {readings.n_joints}")
+    marks, digest = _marks(readings), fingerprint(readings)
     readings = replace(readings, quaternion=None)
     if lengths is not None:
         if readings.seat is None:
@@ -111,7 +112,7 @@ def refit(
     if readings.temperature_degC is not None:
         new.temperature_degC_ = float(readings.temperature_degC.mean())
     new.session_frames_ = {} if "base" in free else model.session_frames_
-    readings, marks, digest = carried(readings, new.session_frames_), _marks(readings), fingerprint(readings)
+    readings = carried(readings, new.session_frames_)
     new.columns_ = {
         name: float(readings.columns[name].mean()) if name in readings.columns else mean
         for name, mean in model.columns_.items()
@@ -144,6 +145,7 @@ def refit(
     empty = np.zeros(0, dtype=np.intp)
     new.held_out_ = HeldOut(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
     new.data_fingerprint_ = digest
+    new.lengths_fingerprint_ = "" if lengths is None else fingerprint(lengths)
     new.refitted_on_ = np.concatenate([model.refitted_on_, marks])
     new.fit_seconds_ = time.perf_counter() - begun
     return new
