@@ -21,7 +21,6 @@ from truearm.errors import InputError
 from truearm.identify.leave_out import root_of
 from truearm.models.compensator import Compensator
 from truearm.models.identified import IdentifiedModel
-from truearm.models.relations import state_of
 from truearm.readings.readings import Readings
 from truearm.terms.state import ArmState
 from truearm.virtual.arm import VirtualArm
@@ -176,6 +175,8 @@ class ModelErrors:
     - systematic for a pose: by what readings held out err beyond that (`unexplained_std_`), drawn once an arm as a
       smooth function of the joints' angles.
 
+    Both are larger or smaller at a pose as the model says (`unexplained_shares_`).
+
     ``repeatability_mm`` replaces the first where it was measured; the second then is the rest of what is unexplained.
     A model without terms for what its arm does needs it: the scatter about a kinematic model is mostly encoder errors,
     the same at the same pose.
@@ -221,14 +222,14 @@ class ModelErrors:
 
     @property
     def random_std_mm(self) -> float:
-        """Standard deviation of a coordinate, drawn anew at every point [mm]."""
+        """Standard deviation of a coordinate, drawn anew at every point [mm]: root mean square over the joint space."""
         if self.repeatability_mm is not None:
             return self.repeatability_mm
         return min(self._scatter, self._model.unexplained_std_)
 
     @property
     def field_std_mm(self) -> float:
-        """Standard deviation of a coordinate of the unexplained part that is the same at the same pose [mm]."""
+        """The same of the unexplained part that is the same at the same pose [mm]."""
         return float(np.sqrt(max(self._model.unexplained_std_**2 - self.random_std_mm**2, 0.0)))
 
     def draw(self, seed: int) -> DrawnFromModel:
@@ -244,20 +245,20 @@ class ModelErrors:
 
         Each joint came from one side or the other, as the program that compensates is told.
         """
-        model = self._model
         came_from = np.random.default_rng(0).choice([-1.0, 1.0], angles.shape)
-        return state_of(
-            self.arm,
-            Readings(angles, directions=came_from),
-            temperature_degC=model.temperature_degC_,
-            columns=dict(model.columns_),
-        )
+        return self._model.state(Readings(angles, directions=came_from))
+
+    def share(self, angles: FloatArray) -> FloatArray:
+        """(n, 1) by how much more than on average a point scatters about the model at poses (n, n_joints)."""
+        shares: FloatArray = np.sqrt(self._model.unexplained_shares_.share(angles))[:, None]
+        return shares
 
     def shifted(self, angles: FloatArray, shift: FloatArray) -> FloatArray:
         """Tips (n, 3) with the coefficients as identified less those shifted by `shift` (n_coefficients,) [mm].
 
-        To first order where tips move so little that the second (the square of the movement over a lever) is below
-        a tenth of a micrometre; else composed exactly.
+        To first order, as the posterior itself is: coefficients that make up for each other to that order may each be
+        milliradians off, and composed exactly they would move tips by what no reading allows. Composed exactly all the
+        same where tips move far, as with an arm that does not know where its frame stands: lengths must not grow then.
         """
         fit = self._model.fit_
         first: FloatArray = -np.einsum("pcn,p->nc", self._derivatives(angles), shift)
@@ -324,12 +325,12 @@ class DrawnFromModel:
 
     def systematic(self, angles: FloatArray) -> FloatArray:
         """See `DrawnArm`."""
-        return self.errors.shifted(angles, self.shift) @ self.errors.R_base_reference.T + self.field.at(angles)
+        of_terms = self.errors.shifted(angles, self.shift) @ self.errors.R_base_reference.T
+        return of_terms + self.errors.share(angles) * self.field.at(angles)
 
     def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
         """See `DrawnArm`."""
-        errors: FloatArray = self.errors.random_std_mm * rng.standard_normal((len(angles), 3))
-        return errors
+        return self.errors.random_std_mm * self.errors.share(angles) * rng.standard_normal((len(angles), 3))
 
 
 @dataclass(frozen=True, eq=False)
