@@ -1,0 +1,115 @@
+"""Arms that keep a specification sheet: they do, hardly better, and all goes with the sheet's size."""
+
+import numpy as np
+import pytest
+
+from truearm.arm.catalogue import load
+from truearm.errors import InputError
+from truearm.tasks import features
+from truearm.tasks.postures import middle_of
+from truearm.tasks.specification_sheet import BEST_SHARE, ConstrainedErrors
+from truearm.tasks.task import measured_by
+from truearm.verify.circumscribed import circumscribed_sphere
+from truearm.verify.limits import Specification
+from truearm.verify.sphere import fit_sphere
+
+ARM = load("measuring7")
+ISO = {
+    "P_Size.Sph.1x25": {"B_um": 15.0},
+    "P_Form.Sph.1x25": {"B_um": 30.0},
+    "L_Dia.5x5": {"B_um": 40.0},
+    "E_Uni": {"A_um": 15.0, "K_mm_per_um": 80.0, "B_um": 50.0},
+}
+ASME = {
+    "EffectiveDiameter": {"B_um": 20.0},
+    "SPAT.Max": {"B_um": 30.0},
+    "SPAT.2s": {"B_um": 40.0},
+    "Volumetric.Max": {"B_um": 50.0},
+    "Volumetric.2RMS": {"B_um": 60.0},
+}
+
+
+def sheet(limits, *, range_mm=2500.0):
+    """A specification with these limits."""
+    return Specification.model_validate(
+        {"name": "arm", "source": "made up", "measuring_range_mm": range_mm, "limits": limits}
+    )
+
+
+@pytest.fixture(scope="module")
+def both():
+    """Arms by limits of both standards."""
+    return ConstrainedErrors(ARM, sheet(ISO | ASME))
+
+
+def test_drawn_arms_keep_the_sheet_and_hardly_better(both):
+    drawn = [both.draw(seed) for seed in range(12)]
+    worst = np.array([max(one.results.values()) for one in drawn])
+    assert (worst <= 1 + 1e-12).all()
+    assert (worst >= BEST_SHARE - 1e-12).all()
+    assert np.ptp(worst) > 0.1
+    assert list(drawn[0].results) == list(ISO | ASME)
+    assert both.draw(3).factor == drawn[3].factor
+
+
+def test_test_results_to_first_order_are_those_of_the_shapes(both):
+    """The same points by the fits of the verification: 2e-5 mm, the square of an error of 0.02 mm over a radius."""
+    rng = np.random.default_rng(1)
+    drawn = both.draw(5)
+    angles = both.posed.angles
+    off = drawn.systematic(angles) + drawn.random(angles, rng)
+    found = both.results(off)
+    shown = both.posed.points + off
+    sizes, forms, centres, ends, seats = [], [], {}, {}, []
+    for i, one in enumerate(both.posed.placements):
+        points = shown[both.posed.placement == i]
+        if one.test == "probing":
+            fitted = fit_sphere(points)
+            sizes.append(abs(2 * fitted.radius_mm - 25))
+            forms.append(fitted.form_mm)
+        elif one.test == "articulation":
+            centres.setdefault(one.keys["position"], []).append(fit_sphere(points).centre)
+        elif one.test == "uni":
+            run = tuple(value for key, value in one.keys.items() if key != "end")
+            ends.setdefault(run, {})[one.keys["end"]] = (one.at, points[0])
+        elif one.test == "single_point":
+            seats.append(np.linalg.norm(points - points.mean(axis=0), axis=1))
+    lengths = []
+    for pair in ends.values():
+        (a, shown_a), (b, shown_b) = pair["A"], pair["B"]
+        nominal = np.linalg.norm(b - a)
+        limit = min(15 + nominal / 80, 50) / 1000
+        lengths.append(abs(np.linalg.norm(shown_b - shown_a) - nominal) / limit)
+    assert found["P_Size.Sph.1x25"] * 0.015 == pytest.approx(max(sizes), abs=2e-4)
+    assert found["P_Form.Sph.1x25"] * 0.030 == pytest.approx(max(forms), abs=2e-4)
+    spread = max(2 * circumscribed_sphere(np.stack(c)).radius_mm for c in centres.values())
+    assert found["L_Dia.5x5"] * 0.040 == pytest.approx(spread, abs=5e-4)
+    assert found["E_Uni"] == pytest.approx(max(lengths), abs=1e-3)
+    assert found["SPAT.Max"] * 0.030 == pytest.approx(max(s.max() for s in seats), rel=1e-9)
+    assert found["SPAT.2s"] * 0.040 == pytest.approx(
+        max(2 * np.sqrt((s**2).sum() / (len(s) - 1)) for s in seats), rel=1e-9
+    )
+
+
+def test_a_sheet_of_twice_the_limits_gives_twice_the_uncertainty():
+    """Errors are small: everything is in proportion, draw by draw."""
+    middle, across = middle_of(ARM)
+    feature = features.length_at(middle, across, 400.0)
+    one, two = (
+        measured_by(ConstrainedErrors(ARM, sheet({"SPAT.Max": {"B_um": limit}})), feature, n_arms=100)
+        for limit in (30.0, 60.0)
+    )
+    assert two.estimates[0].errors == pytest.approx(2 * one.estimates[0].errors, abs=1e-5)
+
+
+def test_a_sheet_without_limits_is_refused():
+    with pytest.raises(InputError, match="states no limit"):
+        ConstrainedErrors(ARM, sheet({}))
+
+
+def test_an_arm_of_another_size_is_refused():
+    with pytest.raises(InputError, match="far beyond the measuring range") as caught:
+        ConstrainedErrors(ARM, sheet(ISO, range_mm=800.0))
+    assert "--arm" in caught.value.hint
+    with pytest.raises(InputError, match="does not reach"):
+        ConstrainedErrors(ARM, sheet(ISO, range_mm=4500.0))
