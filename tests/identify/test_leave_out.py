@@ -209,6 +209,18 @@ def test_a_seat_of_one_reading_shows_nothing(drawn):
     assert sorted(alone.rows.tolist()) == list(range(65))
 
 
+def test_a_reading_with_point_and_seat_is_judged_by_the_point_alone(drawn):
+    arm, angles, points, names, terms = drawn
+    pointed = Points(np.arange(62), np.concatenate([points, arm.chain.tip_in_base(angles[60:62])]))
+    references = [pointed, seats_of(np.arange(60, 100), names)]
+    state = ArmState(arm.chain, angles)
+    fit = identify(arm.chain, state, terms, references)
+    for group in (np.arange(100), np.arange(100) // 20):
+        found = leave_groups_out(fit, state, references, group)
+        assert sorted(found.rows.tolist()) == list(range(100))
+        assert (found.freedom[found.rows < 62] == 1).all()
+
+
 @pytest.mark.parametrize("chunk", [1, 7, 1000])
 def test_pieces_of_any_size_are_the_same(chunk, drawn, monkeypatch):
     arm, angles, _, names, _ = drawn

@@ -44,7 +44,6 @@ Members = list[tuple[int, IntArray]]
 LEAST_FREEDOM = 1e-3
 # Shares of variance below this are none.
 ROUNDING = 1e-9
-JUDGED = ("point", "seat")
 # Readings whose derivatives are there at once: with 1500 coefficients some ten megabytes.
 CHUNK = 256
 
@@ -114,6 +113,8 @@ class _Whitened:
         Readings of each.
     is_linked : (n_artefacts,) bool array
         Whether anything but its readings tells of it.
+    is_judged : (m,) bool array
+        Readings with a point, and in seats those without, as no reading is judged twice.
     """
 
     explained: Explained
@@ -125,6 +126,7 @@ class _Whitened:
     columns: IntArray
     count: IntArray
     is_linked: npt.NDArray[np.bool_]
+    is_judged: npt.NDArray[np.bool_]
 
 
 class _Piece(NamedTuple):
@@ -194,13 +196,14 @@ class _Minimum:
                     place[own[:, first]].T,
                     np.bincount(part.artefact),
                     is_linked[own[:, first]].any(axis=0),
+                    _is_judged(part, fit.references),
                 )
             )
         return cls(problem, x, root_of(fit.covariance), slope, found)
 
     def without(self, batch: list[Members], group: IntArray) -> Iterator[HeldOut]:
         """Every group of a batch without itself."""
-        judged = [members for members in batch if any(self.parts[i].explained.kind in JUDGED for i, _ in members)]
+        judged = [members for members in batch if any(self.parts[i].is_judged[rows].any() for i, rows in members)]
         if len(batch) == 1 and judged:
             yield from self._without(self._group(judged[0]), lambda: self._pieces(judged[0]), group)
             return
@@ -295,7 +298,7 @@ class _Minimum:
         along, half_mean = along / left, mean / np.sqrt(left)
         for piece, at in _placed(pieces()):
             part = self.parts[piece.which]
-            if part.explained.kind not in JUDGED:
+            if not part.is_judged[piece.rows].any():
                 continue
             told = whole_told[at] if dual else np.hstack([piece.spread, of.spread[at]]) @ vectors
             white, half, freedom = r[at] + told @ along, told / np.sqrt(left), np.ones(len(piece.rows))
@@ -311,13 +314,20 @@ def _held_out(
     part: _Whitened, rows: IntArray, white: FloatArray, half: FloatArray, freedom: FloatArray, group: IntArray
 ) -> HeldOut:
     """Whitened deviations and the root of their covariance, as millimetres; seats of one reading show nothing."""
-    shows = freedom > ROUNDING
+    shows = part.is_judged[rows] & (freedom > ROUNDING)
     rows, weights = rows[shows], part.weights[rows[shows]]
     half = half.reshape(len(shows), 3, -1)[shows] / weights[:, :, None]
     covariance = half @ half.transpose(0, 2, 1)
     covariance += (part.explained.std[:, rows].T ** 2)[:, :, None] * np.eye(3)
     readings = part.explained.rows[rows]
     return HeldOut(readings, group[readings], white.reshape(-1, 3)[shows] / weights, covariance, freedom[shows])
+
+
+def _is_judged(part: Explained, references: Sequence[Explained]) -> npt.NDArray[np.bool_]:
+    if part.kind == "seat":
+        pointed = [reference.rows for reference in references if reference.kind == "point"]
+        return ~np.isin(part.rows, np.concatenate([np.zeros(0, dtype=np.intp), *pointed]))
+    return np.full(len(part.rows), part.kind == "point")
 
 
 def _placed(pieces: Iterator[_Piece]) -> Iterator[tuple[_Piece, slice]]:
