@@ -68,10 +68,11 @@ def held(arm: Arm, feature: Feature, n: int, *, seed: int) -> FloatArray:
             angles[rows], why = reach(arm, tips[rows], axes, posture)
             reason = reason.astype(object)
             reason[rows] = why
-        good = (reason.reshape(ways, k) == "").all(axis=1)
+        reached = reason.reshape(ways, k) == ""
+        good = reached.all(axis=1)
         found.append(angles.reshape(ways, k, -1)[good])
         rejected.update(str(one) for one in reason if one != "")
-        if good.all():
+        if good.all() or not reached.any(axis=0).all():  # a point that no way reaches is out of reach
             break
     ways_found = np.concatenate(found)
     if not len(ways_found):
