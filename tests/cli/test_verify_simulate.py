@@ -106,3 +106,45 @@ def test_the_page_shows_what_the_program_prints(truearm):
     assert len(ours) == len(page)
     for one, other in zip(ours, page, strict=True):
         assert float(one) == pytest.approx(float(other), abs=0.003 if "." in one else 3)
+
+
+# The sheet -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
+    artefacts, mpe, out = (tmp_path / name for name in ("artefacts.toml", "mpe.toml", "sheet.html"))
+    artefacts.write_text(ARTEFACTS)
+    mpe.write_text(MPE)
+    ran = truearm("verify", "--sheet", "iso10360-12", "--out", out, "--artefacts", artefacts, "--mpe", mpe)
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out == f"{out}: 310 points of Articulated arm with tactile probe, after ISO 10360-12, to print\n"
+    command, _, printed = re.findall(r"```console sheet\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[
+        0
+    ].partition("\n")
+    assert command == "$ truearm verify --sheet iso10360-12 --out sheet.html --artefacts artefacts.toml --mpe mpe.toml"
+    assert ran.out.replace(str(out), out.name) == printed
+    html = out.read_text()
+    for phrase in ("K-101", "measuring arm 2.5 m", "2028-01-15", "150, 450, 900, 1300, 1700"):
+        assert phrase in html
+    ran = truearm("verify", "--sheet", "asme-b89.4.22", "--out", out)
+    assert ran.code == 0
+    assert "measuring range and artefacts: examples" in ran.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "phrase"),
+    [
+        (["--sheet", "iso10360-12"], "--sheet and --out belong together"),
+        (["--simulate", "shop", "--out", "sheet.html"], "--sheet and --out belong together"),
+        (["--sheet", "iso10360-12", "--out", "sheet.pdf"], "ends in .html"),
+        (["--sheet", "iso10360-12", "--out", "away/sheet.html"], "away"),
+        (["--sheet", "iso", "--out", "sheet.html"], "there is no plan 'iso'"),
+        (["--sheet", "iso10360-12", "--out", "sheet.html", "--simulate", "shop"], "expected one of"),
+    ],
+)
+def test_a_sheet_that_cannot_be_written_is_refused(truearm, tmp_path, monkeypatch, arguments, phrase):
+    monkeypatch.chdir(tmp_path)
+    ran = truearm("verify", *arguments)
+    assert (ran.code, ran.out) == (2, ""), ran
+    assert phrase in ran.err
+    assert list(tmp_path.iterdir()) == []

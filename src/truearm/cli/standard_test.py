@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from truearm.cli.console import progress, say, say_json, say_table
 
 if TYPE_CHECKING:
-    from truearm.arm.arm import Arm
     from truearm.tasks.errors import ArmErrors
     from truearm.tasks.standard_test import Outcome
     from truearm.verify.artefacts import Artefacts
@@ -41,7 +40,8 @@ def simulate_test(
     planned = load_plan(plan)
     errors = _errors(what, arm)
     stands = stance(errors.arm)
-    specification, certified = given_or_example(errors.arm, mpe=mpe, artefacts=artefacts)
+    whole = 2 * stands.reach_mm  # of which an arm's name, or its data sheet, has the round number below
+    specification, certified = given_or_example(100 * int(whole / 100) or whole, mpe=mpe, artefacts=artefacts)
     layout = layout_of(
         planned, certified, specification.measuring_range_mm, shoulder_mm=float(stands.shoulder_in_base[2])
     )
@@ -99,23 +99,17 @@ def simulate_test(
         say(remark)
 
 
-def given_or_example(arm: Arm, *, mpe: Path | None, artefacts: Path | None) -> tuple[Specification, Artefacts]:
-    """The specification and the artefacts from files, or examples for the arm's measuring range."""
+def given_or_example(
+    measuring_range_mm: float, *, mpe: Path | None, artefacts: Path | None
+) -> tuple[Specification, Artefacts]:
+    """The specification and the artefacts from files, or examples for a measuring range."""
     from truearm.verify.artefacts import read_artefacts
     from truearm.verify.example import example_artefacts, example_specification
     from truearm.verify.limits import read_specification
 
-    specification = example_specification(measuring_range(arm)) if mpe is None else read_specification(mpe)
-    certified = example_artefacts(specification.measuring_range_mm) if artefacts is None else read_artefacts(artefacts)
-    return specification, certified
-
-
-def measuring_range(arm: Arm) -> float:
-    """Twice the links from the shoulder on, cut to 100 mm."""
-    from truearm.poses.workspace import stance
-
-    whole = 2 * stance(arm).reach_mm
-    return 100.0 * int(whole / 100) or whole
+    specification = example_specification(measuring_range_mm) if mpe is None else read_specification(mpe)
+    range_mm = specification.measuring_range_mm
+    return specification, example_artefacts(range_mm) if artefacts is None else read_artefacts(artefacts)
 
 
 def _errors(what: str, arm: str | None) -> ArmErrors:

@@ -43,6 +43,13 @@ def verify(
     ] = None,
     arms: Annotated[int, typer.Option("--arms", min=1, max=100_000, help="With --simulate: how many arms.")] = 100,
     seed: Annotated[int, typer.Option("--seed", min=0, help="With --simulate: of arms, poses and noise.")] = 0,
+    sheet: Annotated[
+        str | None,
+        typer.Option(
+            "--sheet", metavar="PLAN", help="Write the operator's sheet of a plan: where, whence, in which order."
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="With --sheet: page to write, .html.")] = None,
     print_plan: Annotated[
         str | None, typer.Option("--print-plan", metavar="NAME", help="Print a test plan, to edit: > my-plan.toml.")
     ] = None,
@@ -55,15 +62,24 @@ def verify(
 
     With --simulate instead of --points: what virtual arms would pass, before anything is measured. Plan, artefacts and
     limits are iso10360-12 and examples where they are not given. Exit code 0.
+
+    With --sheet: a page to print and to measure by, for the artefacts and the measuring range of --artefacts and --mpe.
     """
     from truearm.errors import InputError
 
-    asked = {"--points": points, "--simulate": simulate, "--print-plan": print_plan}
+    asked = {"--points": points, "--simulate": simulate, "--sheet": sheet, "--print-plan": print_plan}
     if sum(one is not None for one in asked.values()) != 1:
         raise InputError(f"expected one of {', '.join(asked)}", hint="truearm verify --help")
     rule: Rule = "simple" if simple else "iso14253-1"
     if report is not None and points is None:
         raise InputError("--report is for measured points", hint="leave it out, or give --points")
+    if (out is None) != (sheet is None):
+        raise InputError("--sheet and --out belong together", hint="--sheet iso10360-12 --out sheet.html")
+    if sheet is not None and out is not None:
+        from truearm.cli.operator_sheet import write_sheet
+
+        write_sheet(sheet, out, artefacts=artefacts, mpe=mpe)
+        return
     if print_plan is not None:
         from truearm.verify.test_plan import plan_text
 

@@ -33,6 +33,7 @@ class Grid:
     heads: tuple[Column, ...]
     rows: tuple[tuple[Shown, ...], ...]
     caption: str = ""
+    to_fill: bool = False
 
     @property
     def numeric(self) -> tuple[bool, ...]:
@@ -77,7 +78,7 @@ def grid_of_table(table: Table) -> Grid:
         tuple(shown(cell, digits=column.digits) for column, cell in zip(table.columns, row, strict=True))
         for row in table.rows
     )
-    return Grid(table.columns, rows, table.caption)
+    return Grid(table.columns, rows, table.caption, table.to_fill)
 
 
 def grid_of_rows(rows: Sequence[Row]) -> Grid:

@@ -65,12 +65,14 @@ class Column:
 class Table:
     """A table; every row has one cell a column: text, a number, a count (int), or None where there is nothing.
 
-    A `Rounded` number is shown to the decimal of its uncertainty, whatever the digits of its column are.
+    A `Rounded` number is shown to the decimal of its uncertainty, whatever the digits of its column are. One that is
+    `to_fill` in by hand has room to write.
     """
 
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
     caption: str
+    to_fill: bool = False
 
     def __post_init__(self) -> None:
         if not self.columns:

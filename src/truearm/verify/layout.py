@@ -295,7 +295,7 @@ def _hemisphere_on(
 
 
 def _half_way(room: _Room) -> FloatArray:
-    return np.array([0.5 * room.reach, 0.0, room.shoulder - 0.2 * room.reach])
+    return _about_z(-25.0) @ [0.5 * room.reach, 0.0, 0.0] + [0.0, 0.0, room.shoulder - 0.2 * room.reach]
 
 
 def _articulation(room: _Room, name: str, test: Articulation, station: int) -> Iterator[Placement]:
