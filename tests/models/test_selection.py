@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from truearm.errors import InputError
 from truearm.models import KinematicModel, NominalModel, PhysicalModel
+from truearm.models.compensator import Compensator
 from truearm.models.selection import CANDIDATES, select_model
 from truearm.readings import Readings
 
@@ -71,3 +73,34 @@ def test_a_group_beside_a_single_reading_still_has_a_standard_error(real, rng):
     model, table = select_model(real.arm, replace(held, seat=seat))
     assert all(np.isfinite(row.standard_error_mm) for row in table)
     assert not isinstance(model, NominalModel)
+
+
+def test_the_nominal_arm_is_fitted_once_for_all(real, rng, monkeypatch):
+    readings = real.points(40, rng)
+    nominal = NominalModel(real.arm).fit_readings(readings)
+    assert nominal.fit_ is nominal.nominal_
+    plain = KinematicModel(real.arm).fit_readings(readings)
+
+    def again(*_):
+        raise AssertionError("fitted again")
+
+    monkeypatch.setattr(Compensator, "_fit_nominal", again)
+    monkeypatch.delitem(CANDIDATES, "physical")  # quicker
+    model, _ = select_model(real.arm, readings, nominal=nominal)
+    assert model.nominal_ is nominal.nominal_
+    kinematic = KinematicModel(real.arm).fit_readings(readings, nominal=nominal)
+    np.testing.assert_array_equal(kinematic.predict(readings.angles), plain.predict(readings.angles))
+    np.testing.assert_array_equal(kinematic.predict_nominal(readings.angles), plain.predict_nominal(readings.angles))
+
+
+@pytest.mark.parametrize("other", ["readings", "free", "robust", "arm", "lengths"])
+def test_the_nominal_arm_of_something_else_is_refused(other, real, rng):
+    readings = real.held(rng)
+    nominal = NominalModel(real.arm, free=("tip",)).fit_readings(readings)
+    arm = replace(real.arm, name="other") if other == "arm" else real.arm
+    model = KinematicModel(arm, free=() if other == "free" else ("tip",), robust=other != "robust")
+    lengths = real.lengths() if other == "lengths" else None
+    told = {"readings": "data_fingerprint", "lengths": "lengths_fingerprint"}.get(other, other)
+    given = readings.rows(np.arange(50)) if other == "readings" else readings
+    with pytest.raises(InputError, match=f"got one with another {told}$"):
+        model.fit_readings(given, nominal=nominal, lengths=lengths)

@@ -14,7 +14,7 @@ from truearm.cli.console import ArmName, Json, check_apart, note, progress, say,
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
-    from truearm.models import Compensator
+    from truearm.models import Compensator, NominalModel
     from truearm.models.identified import IdentifiedModel
     from truearm.models.network import Member
     from truearm.models.selection import Compared
@@ -105,21 +105,24 @@ def fit(
         known = None if lengths is None else lengths_of(lengths, readings)
         if "base" in parts:
             check_spread(readings, nominal)
-        _check_same_arm(nominal, parts, readings, known)
+        as_drawn = _fitted_as_drawn(nominal, parts, readings, known)
     fitted: Compensator
     table: tuple[Compared, ...] = ()
     if network is not None:
         with Kept(out) as kept, progress("fitting network", total=epochs * restarts * members) as tell:
-            network.fit_readings(readings, progress=kept.telling(tell), checkpoint=kept.folder)
+            network.fit_readings(readings, progress=kept.telling(tell), checkpoint=kept.folder, nominal=as_drawn)
             fitted = network
             save_model(fitted, out)
     else:
         with progress(f"fitting {model}", total=3 if model == "auto" else None) as tell:
             if model == "auto":
-                fitted, table = select_model(nominal, readings, free=parts, lengths=known, progress=tell)
+                given: dict[str, Any] = {"free": parts, "lengths": known, "nominal": as_drawn}
+                fitted, table = select_model(nominal, readings, progress=tell, **given)
+            elif model == "nominal":
+                fitted = as_drawn
             else:
                 fitted = MODELS[model](nominal, free=parts)
-                fitted.fit_readings(readings, lengths=known, progress=tell)
+                fitted.fit_readings(readings, lengths=known, progress=tell, nominal=as_drawn)
             save_model(fitted, out)
     _say_result(fitted, readings, table, out, with_lengths=known is not None, as_json=as_json)
 
@@ -199,8 +202,11 @@ def _check(readings: Readings, arm: Arm, *, relations: bool, constants: bool) ->
     check_reach(readings, reach=arm.chain.reach)
 
 
-def lengths_of(path: Path, readings: Readings) -> Lengths:
-    """The lengths of a file that are between the session's seats."""
+def lengths_of(path: Path, readings: Readings, used: Readings | None = None) -> Lengths | None:
+    """The lengths of a file that are between the session's seats, and between those of the readings used of it.
+
+    Names are checked on all readings: those used need not be in all seats.
+    """
     from truearm.errors import InputError
     from truearm.readings import read_lengths
 
@@ -211,11 +217,16 @@ def lengths_of(path: Path, readings: Readings) -> Lengths:
     if len(known) < len(stated):
         left = len(stated) - len(known)
         note(f"{left} of {len(stated)} lengths are between seats that the session has not: left out")
-    return known
+    if used is None or used.seat is None:
+        return known
+    within = known.within(used.seat.tolist())
+    if left := len(known) - (0 if within is None else len(within)):
+        note(f"{left} of {len(known)} lengths are left out: none of the readings used is in one of their seats")
+    return within
 
 
-def _check_same_arm(arm: Arm, free: tuple[str, ...], readings: Readings, lengths: Lengths | None) -> None:
-    """Refuse readings that no arm of this drawing can have made."""
+def _fitted_as_drawn(arm: Arm, free: tuple[str, ...], readings: Readings, lengths: Lengths | None) -> NominalModel:
+    """The arm as drawn, put to the readings; refuse those that no arm of this drawing can have made."""
     from truearm.models import NominalModel
     from truearm.models.compensator import MOST_NOMINAL_ERROR
 
@@ -227,6 +238,7 @@ def _check_same_arm(arm: Arm, free: tuple[str, ...], readings: Readings, lengths
             f" at a reach of {arm.chain.reach:.4g} mm: the readings are not of this arm, or it is described wrongly",
             hint="check --arm, the units, signs and zeros of the angles, the unit of the points, and --free",
         )
+    return as_drawn
 
 
 def nominal_miss(fitted: Compensator) -> float:

@@ -100,6 +100,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         lengths: Lengths | None = None,
         progress: Callable[[int, str], None] | None = None,
         checkpoint: Path | None = None,
+        nominal: Compensator | None = None,
     ) -> Self:
         """Learn from readings: reference points and, where known, their uncertainties; seats and lengths between them.
 
@@ -115,12 +116,15 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             Folder where a network's training keeps what it has reached, made if it is not there. A later fit with the
             same data and options goes on from it and comes to the same model as without the stop. Whoever asked for it
             removes it when the model is safe. The other models are quick and keep nothing.
+        nominal : Compensator, optional
+            A model fitted to the same readings of the same arm, with the same free parts and lengths: its `nominal_`
+            serves this one too and is not fitted again.
 
         Raises
         ------
         InputError
-            As `fit`; also if the readings have nothing to learn from, or the folder holds trainings of other data or
-            options.
+            As `fit`; also if the readings have nothing to learn from, the folder holds trainings of other data or
+            options, or `nominal` was fitted to something else.
         """
         arm = self._checked_arm()
         if readings.n_joints != arm.n_joints:
@@ -141,13 +145,13 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self.free_ = self.free if pointed.any() else tuple(part for part in self.free if part != "base")
         self.session_frames_ = frames_of(arm, readings, self.free_)
         in_one_frame = carried(readings, self.session_frames_)
-        self.nominal_ = self._fit_nominal(in_one_frame, lengths)
+        self.data_fingerprint_ = fingerprint(readings)
+        self.lengths_fingerprint_ = "" if lengths is None else fingerprint(lengths)
+        self.nominal_ = self._fit_nominal(in_one_frame, lengths) if nominal is None else self._same_nominal(nominal)
         self._identify(in_one_frame, lengths, progress or _silent, checkpoint)
         self.angle_ranges_ = np.stack([readings.angles.min(axis=0), readings.angles.max(axis=0)], axis=1)
         self.angle_gaps_ = gaps_within(readings.angles, arm.chain.slides)
         self.n_train_ = len(readings)
-        self.data_fingerprint_ = fingerprint(readings)
-        self.lengths_fingerprint_ = "" if lengths is None else fingerprint(lengths)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
@@ -306,6 +310,17 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             references_of(readings, lengths),
             robust=self.robust,
         )
+
+    def _same_nominal(self, other: Compensator) -> Identified:
+        """The nominal fit of another model, if it is what this one would find."""
+        check_is_fitted(other)
+        names = ("arm_", "free_", "robust", "data_fingerprint_", "lengths_fingerprint_")
+        if other_than := [name for name in names if getattr(self, name) != getattr(other, name)]:
+            raise InputError(
+                "expected a model fitted to the same readings, lengths and arm with the same options, got one with "
+                f"another {other_than[0].strip('_')}"
+            )
+        return other.nominal_
 
 
 def _silent(done: int, note: str) -> None:

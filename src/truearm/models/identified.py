@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.identify.calibration import unexplained_variance_of
-from truearm.identify.identification import identify
+from truearm.identify.identification import Identified, identify
 from truearm.identify.leave_out import leave_groups_out
+from truearm.identify.references import Reference
 from truearm.identify.variance_function import VarianceFunction, variance_function_of
 from truearm.models.compensator import MIN_ROWS, Compensator
 from truearm.models.frames import frame_terms
@@ -73,7 +74,20 @@ class IdentifiedModel(Compensator):
         if not readings.has_point.any():
             terms = [term for term in terms if not _places_the_frame(term)]
         references = references_of(readings, lengths)
-        self.fit_ = identify(
+        self.fit_ = self._found(readings, state, terms, references, progress)
+        self.left_out_ = tuple(left_out)
+        self.held_out_ = leave_groups_out(self.fit_, state, references, groups_of(readings))
+        self._size_unexplained(readings.angles)
+
+    def _found(
+        self,
+        readings: Readings,
+        state: ArmState,
+        terms: list[Term],
+        references: list[Reference],
+        progress: Callable[[int, str], None],
+    ) -> Identified:
+        return identify(
             placed(self.arm_, readings, self.free_),
             state,
             [*terms, *tool_terms(self.arm_, readings), *frame_terms(state.chain, self.session_frames_)],
@@ -81,9 +95,6 @@ class IdentifiedModel(Compensator):
             robust=self.robust,
             progress=progress,
         )
-        self.left_out_ = tuple(left_out)
-        self.held_out_ = leave_groups_out(self.fit_, state, references, groups_of(readings))
-        self._size_unexplained(readings.angles)
 
     def _size_unexplained(self, angles: FloatArray) -> None:
         held_out = self.held_out_

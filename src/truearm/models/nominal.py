@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from truearm.arm.arm import Arm
+from truearm.identify.identification import Identified
+from truearm.identify.references import Reference
 from truearm.models.identified import IdentifiedModel
+from truearm.readings.readings import Readings
 from truearm.terms import ArmState, LeftOut, Term, constants
 
 
@@ -24,3 +29,15 @@ class NominalModel(IdentifiedModel):
 
     def _terms(self, state: ArmState) -> tuple[list[Term], list[LeftOut]]:
         return constants(state.chain, free=self.free_, angle_std=0.0, length_std=0.0), []
+
+    def _found(
+        self,
+        readings: Readings,
+        state: ArmState,
+        terms: list[Term],
+        references: list[Reference],
+        progress: Callable[[int, str], None],
+    ) -> Identified:
+        """What every model has beside its own, to compare with."""
+        del readings, state, terms, references, progress
+        return self.nominal_

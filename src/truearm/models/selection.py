@@ -55,6 +55,7 @@ def select_model(
     free: tuple[str, ...] = ("base", "tip"),
     lengths: Lengths | None = None,
     progress: Callable[[int, str], None] | None = None,
+    nominal: NominalModel | None = None,
 ) -> tuple[IdentifiedModel, tuple[Compared, ...]]:
     """Fit the nominal, the kinematic and the physical model and keep one.
 
@@ -72,6 +73,8 @@ def select_model(
         Known lengths between seats.
     progress : callable, optional
         Told the steps done and how it stands.
+    nominal : NominalModel, optional
+        The first of the three, if it has been fitted to these readings with these options.
 
     Returns
     -------
@@ -85,15 +88,17 @@ def select_model(
     InputError
         As `fit_readings`; also if no readings can be held out.
     """
-    models: dict[str, IdentifiedModel] = {}
+    models: dict[str, IdentifiedModel] = {} if nominal is None else {"nominal": nominal}
     for number, (name, kind) in enumerate(CANDIDATES.items()):
+        if name in models:
+            continue
 
         def told(_: int, note: str, number: int = number, name: str = name) -> None:
             if progress is not None:
                 progress(number, f"{name}: {note}")
 
-        models[name] = kind(arm, free=free)
-        models[name].fit_readings(readings, lengths=lengths, progress=told)
+        model = kind(arm, free=free)
+        models[name] = model.fit_readings(readings, lengths=lengths, progress=told, nominal=models.get("nominal"))
     held_out = {name: model.held_out_ for name, model in models.items()}
     if any(len(part.rows) == 0 for part in held_out.values()):
         raise InputError(
