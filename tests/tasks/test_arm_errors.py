@@ -90,12 +90,20 @@ def test_draws_from_a_model_have_its_covariance(model):
     drawn = np.array([known.draw(seed).systematic(POSES) for seed in range(600)])
     of_parameters, unexplained = model.covariance_parts(Readings(POSES))
     share = known.share(POSES)[:, 0] ** 2
-    expected = np.trace(of_parameters, axis1=1, axis2=2) / 3 + share * known.field_std_mm**2
+    of_terms = known.widening**2 * np.trace(of_parameters, axis1=1, axis2=2) / 3
+    expected = of_terms + share * known.field_std_mm**2
     found = (drawn**2).mean(axis=(0, 2))
     assert found == pytest.approx(expected, rel=0.25)  # 600 draws of three coordinates: 4 % a standard deviation
     assert found.mean() == pytest.approx(expected.mean(), rel=0.1)
     total = known.field_std_mm**2 + known.random_std_mm**2
     assert share * total == pytest.approx(unexplained[:, 0, 0], rel=1e-9)
+
+
+def test_the_posterior_is_widened_to_what_readings_held_out_show(model):
+    known = ModelErrors(model)
+    scatter = model.fit_.references[0].noise_std
+    assert known.widening == pytest.approx(max(1.0, model.unexplained_std_ / scatter))
+    assert 1 <= known.widening < 2
 
 
 def test_a_drawn_model_is_the_same_at_the_same_pose(model):

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure as Drawing
 
 from truearm.report.canvas import LIMIT, Figure, drawing_rules, panel
 from truearm.report.page import Column, Page, Row, Section, Table
+from truearm.report.quantities import Rounded
 from truearm.report.wording import capitalised, counted, millimetres
 from truearm.tasks.task import Estimate, Fitness, Task, advice, in_words
 
@@ -45,7 +46,7 @@ def task_page(
     sections = []
     if fit is not None:
         summary.append(Row("good enough?", fit.answer.value))
-        sections.append(Section("Is the arm good enough?", in_words(first, fit)))
+        sections.append(Section("Is the arm good enough?", in_words(first, fit).replace("+-", "\u00b1")))
     sections.append(
         Section(
             "Errors of the measured feature",
@@ -115,21 +116,19 @@ def _table(task: Task) -> Table:
         Column("of the points", "mm", group="u"),
         Column("from", "mm", group="95 % of the errors"),
         Column("to", "mm", group="95 % of the errors"),
-        Column("u known to", "mm", digits=1),
     )
     rows = [
         (
             one.quantity.name,
             float(one.quantity.nominal_mm),
-            one.bias_mm,
-            one.u_mm,
-            one.u_of_arm_mm,
-            one.u_of_points_mm,
-            *one.interval_mm,
-            one.standard_errors.u_mm,
+            Rounded(one.bias_mm, one.standard_errors.bias_mm),
+            Rounded(one.u_mm, one.standard_errors.u_mm),
+            Rounded(one.u_of_arm_mm, one.standard_errors.u_mm),
+            Rounded(one.u_of_points_mm, one.standard_errors.u_mm),
+            Rounded(one.interval_mm[0], one.standard_errors.low_mm),
+            Rounded(one.interval_mm[1], one.standard_errors.high_mm),
         )
         for one in task.estimates
     ]
-    return Table(
-        columns, tuple(rows), "u is the standard uncertainty; the last column its error by the number of draws."
-    )
+    caption = "u is the standard uncertainty. Numbers have the decimals that the number of draws supports."
+    return Table(columns, tuple(rows), caption)

@@ -166,8 +166,8 @@ def _session(arm: Arm, preset: Preset, seed: int) -> State:
 class ModelErrors:
     """Arms that may be the one that a model was identified from, as its readings left them open.
 
-    Systematic are the coefficients of the model's terms, drawn from their posterior once an arm and composed exactly.
-    What the model cannot explain has two parts that readings at different poses do not tell apart:
+    Systematic are the coefficients of the model's terms, drawn once an arm from their posterior (see `widening`). What
+    the model cannot explain has two parts that readings at different poses do not tell apart:
 
     - random: that by which its own readings scatter about it (`Explained.noise_std`), once the freedom that the terms
       took up is given back. It holds the noise of encoders, hand and contact, and of a reference whose uncertainty was
@@ -232,11 +232,20 @@ class ModelErrors:
         """The same of the unexplained part that is the same at the same pose [mm]."""
         return float(np.sqrt(max(self._model.unexplained_std_**2 - self.random_std_mm**2, 0.0)))
 
+    @property
+    def widening(self) -> float:
+        """By how much standard deviations of the posterior are raised.
+
+        It was found with the noise that its own readings show. Readings held out scatter by more, as terms follow the
+        noise and what is missing repeats; a posterior under their noise is wider by as much.
+        """
+        return max(1.0, self._model.unexplained_std_ / self._scatter)
+
     def draw(self, seed: int) -> DrawnFromModel:
         """Draw an arm from the posterior."""
         rng = np.random.default_rng([_POSTERIOR, seed])
         fit = self._model.fit_
-        shift = self._root.T @ rng.standard_normal(len(fit.coefficients))
+        shift = self.widening * self._root.T @ rng.standard_normal(len(fit.coefficients))
         field = PoseField.draw(self.arm.chain, self.field_std_mm, rng)
         return DrawnFromModel(self, shift, field)
 
