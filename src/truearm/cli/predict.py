@@ -29,9 +29,10 @@ def predict(
 ) -> None:
     """Compensate: turn joint angles into corrected coordinates.
 
-    Columns of the table: x_mm, y_mm, z_mm in the frame of the reference; sx_mm, sy_mm, sz_mm their standard
-    uncertainties (twice that is the expanded uncertainty, k = 2); outside_training 1 where a joint is away from the
-    angles the model learned from; names (seat, position, ..) as given.
+    Columns of the table: x_mm, y_mm, z_mm in the frame of the reference, after a fit to several sessions in that of the
+    reading's session; sx_mm, sy_mm, sz_mm their standard uncertainties (twice that is the expanded uncertainty, k = 2);
+    outside_training 1 where a joint is away from the angles the model learned from; names (seat, position, ..) as
+    given.
     """
     import numpy as np
 
@@ -50,6 +51,13 @@ def predict(
         outside = fitted.outside_training(readings.angles)
         _write(out, readings, points, std, outside)
     say(f"{out}: {len(points)} points, standard uncertainty of a coordinate {np.median(std):.4f} mm (median)")
+    if fitted.session_frames_:
+        first, *_ = fitted.session_frames_
+        named = np.full(len(points), "") if readings.session is None else readings.session
+        if n_unknown := int((~np.isin(named, list(fitted.session_frames_))).sum()):
+            say(
+                f"{n_unknown} readings are in no session that the model knows: their points are in the frame of {first}"
+            )
     if outside.any():
         if isinstance(fitted, NetworkModel):
             advice = ": do not rely on them"
