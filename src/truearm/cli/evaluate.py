@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, note, progress, say, say_json, say_table
+from truearm.cli.console import Json, progress, say, say_json, say_table
 
 if TYPE_CHECKING:
     from truearm.models.compensator import FloatArray
@@ -41,12 +41,9 @@ def evaluate(
     with progress(f"reading {session.name}"):
         fitted, readings = load_for(model, session)
         check_reference(readings, fitted, purpose="evaluate against", seats=True)
-        known = None if lengths is None else lengths_of(lengths, readings)
-        readings, n_served = without_served([fitted], readings)
-        if known is not None and readings.seat is not None:
-            n_known, known = len(known), known.within(readings.seat.tolist())
-            if (left := n_known - (0 if known is None else len(known))) > 0:
-                note(f"{left} of {n_known} lengths are left out: no reading left is in one of their seats")
+        whole = readings
+        readings, n_served = without_served([fitted], whole)
+        known = None if lengths is None else lengths_of(lengths, whole, readings)
     predicted = {"nominal": fitted.predict_nominal_readings(readings), "model": fitted.predict_readings(readings)}
     in_seats = {name: _in_seats(points, readings, known) for name, points in predicted.items()}
     errors = None

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, check_apart, note, progress, say, say_json
+from truearm.cli.console import Json, check_apart, progress, say, say_json
 
 
 def refit(
@@ -60,14 +60,7 @@ def refit(
         check_reference(readings, known, purpose="refit to", seats=True)
         which = np.arange(len(readings)) if rows is None else spread_rows(readings, rows, seed=seed)
         taken = readings.rows(which)
-        between = None
-        if lengths is not None:
-            # Names are checked on all readings: those taken need not be in all seats.
-            stated = lengths_of(lengths, readings)
-            assert taken.seat is not None  # lengths_of says so
-            between = stated.within(taken.seat.tolist())
-            if (left := len(stated) - (0 if between is None else len(between))) > 0:
-                note(f"{left} of {len(stated)} lengths are left out: no reading taken is in one of their seats")
+        between = None if lengths is None else lengths_of(lengths, readings, taken)
     with progress(f"refitting {model.name}") as tell:
         new = refitted(known, taken, free=parts, lengths=between, progress=tell)
         assert isinstance(known, IdentifiedModel)  # a network was refused

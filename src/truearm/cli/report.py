@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from truearm.models import Compensator
     from truearm.models.identified import IdentifiedModel
     from truearm.models.uncertainty import FarReading
-    from truearm.readings import Readings
+    from truearm.readings import Lengths, Readings
     from truearm.report.comparison import Compared
     from truearm.report.identified import FarOff, HeldOutErrors
     from truearm.report.page import Page, Section
@@ -41,6 +41,7 @@ def report(
     """
     from zipfile import is_zipfile
 
+    from truearm.cli.fit import lengths_of
     from truearm.cli.predict import load_with_reference, without_served
     from truearm.errors import InputError
     from truearm.models.file import load_model
@@ -66,15 +67,22 @@ def report(
         first, readings = load_with_reference(paths[0], session, purpose="compare with")
         # The others are of the same arm, or `compared` refuses them: the readings are checked once for all.
         models = dict(zip(_names(paths), [first, *map(load_model, paths[1:])], strict=True))
-        readings, n_served = without_served(list(models.values()), readings)
-        write_page(_page(models, readings, lengths, session, title), out)
+        whole = readings
+        readings, n_served = without_served(list(models.values()), whole)
+        if lengths is not None and readings.points is not None:
+            raise InputError(
+                "expected lengths with a session without reference points, and this one has them",
+                file=lengths,
+                hint="truearm evaluate MODEL SESSION --lengths LENGTHS",
+            )
+        known = None if lengths is None else lengths_of(lengths, whole, readings)
+        write_page(_page(models, readings, known, session, title), out)
     if n_served:
         say(f"{n_served} readings served to refit a model and are left out")
     say(f"{out}: {len(models)} model{'s' * (len(models) > 1)} compared on {len(readings)} readings")
 
 
-def _page(models: dict[str, Compensator], readings: Readings, lengths: Path | None, session: Path, title: str) -> Page:
-    from truearm.errors import InputError
+def _page(models: dict[str, Compensator], readings: Readings, known: Lengths | None, session: Path, title: str) -> Page:
     from truearm.report.comparison import comparison_page
     from truearm.report.seats import seats_page
 
@@ -86,13 +94,7 @@ def _page(models: dict[str, Compensator], readings: Readings, lengths: Path | No
         "remarks": [f"{name}: {remark}" for name, model in models.items() for remark in remarks(model, readings)],
     }
     if readings.points is None:
-        return seats_page(seated(models, readings, lengths), **told, more=found_by(models, readings))
-    if lengths is not None:
-        raise InputError(
-            "expected lengths with a session without reference points, and this one has them",
-            file=lengths,
-            hint="truearm evaluate MODEL SESSION --lengths LENGTHS",
-        )
+        return seats_page(seated(models, readings, known), **told, more=found_by(models, readings))
     return comparison_page(compared(models, readings), **told, more=found_by(models, readings))
 
 
@@ -120,18 +122,16 @@ def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
     )
 
 
-def seated(models: dict[str, Compensator], readings: Readings, lengths: Path | None) -> Seated:
+def seated(models: dict[str, Compensator], readings: Readings, known: Lengths | None) -> Seated:
     """What the models make of readings in seats; those alone in their seat are left out."""
     import numpy as np
 
-    from truearm.cli.fit import lengths_of
     from truearm.models import NominalModel
     from truearm.readings import length_errors
     from truearm.report.seats import Seated
 
     assert readings.seat is not None  # checked by the caller
     first = _of_one_arm(models)
-    known = None if lengths is None else lengths_of(lengths, readings)
     predicted = {"nominal": first.predict_nominal_readings(readings)}
     predicted |= {
         name: model.predict_readings(readings) for name, model in models.items() if not isinstance(model, NominalModel)
