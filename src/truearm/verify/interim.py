@@ -87,7 +87,7 @@ class Value:
     u_mm : float
         Standard deviation that it is expected to have from check to check: of the scatter of points [mm].
     u_artefact_mm : float
-        Standard uncertainty of the artefact's calibration, the same in every check [mm].
+        Standard uncertainty of the artefact: of its calibration and its place [mm].
     n : int
         Readings from which it comes.
     length_mm : float or None
@@ -230,10 +230,13 @@ def _of_seat(name: str, points: FloatArray, std: FloatArray) -> list[Value]:
 def _of_lengths(
     lengths: Lengths, seats: Mapping[str, npt.NDArray[np.intp]], points: FloatArray, std: FloatArray
 ) -> list[Value]:
-    """Errors of lengths: ``|mean_a - mean_b| - L``, with the scatter of both means along the length."""
+    """Errors of lengths: ``|mean_a - mean_b| - L``.
+
+    From check to check the means scatter along the length, and the artefact sits anew.
+    """
     values = []
-    columns = (lengths.seat_a.tolist(), lengths.seat_b.tolist(), lengths.length_mm.tolist(), lengths.u_mm.tolist())
-    for a, b, known, u in zip(*columns, strict=True):
+    names = ("seat_a", "seat_b", "length_mm", "u_mm", "u_place_mm")
+    for a, b, known, u, u_place in zip(*(getattr(lengths, name).tolist() for name in names), strict=True):
         rows = seats[a], seats[b]
         found = float(np.linalg.norm(points[rows[0]].mean(axis=0) - points[rows[1]].mean(axis=0)))
         if abs(found - known) > SAME_SHARE * known:
@@ -241,9 +244,11 @@ def _of_lengths(
                 f"seats {a!r} and {b!r} are {found:.5g} mm apart where {known:.5g} mm is known: it is another length",
                 hint="the names of the seats in the session and in the file of lengths",
             )
-        scatter = float(np.sqrt(sum((std[each] ** 2).mean() / len(each) for each in rows)))
+        scatter = float(np.sqrt(sum((std[each] ** 2).mean() / len(each) for each in rows) + u_place**2))
         n = sum(len(each) for each in rows)
-        values.append(Value("length error", f"{a} to {b}", found - known, scatter, u, n, known))
+        values.append(
+            Value("length error", f"{a} to {b}", found - known, scatter, float(np.hypot(u, u_place)), n, known)
+        )
     return values
 
 

@@ -1,0 +1,274 @@
+"""``truearm check``: the five-minute test, put down in a history that tells whether the arm has changed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from truearm.cli.console import Json, SessionFile, check_apart, check_page, progress, say, say_json, say_table
+
+if TYPE_CHECKING:
+    import datetime
+
+    from truearm.models import Compensator
+    from truearm.models.compensator import BoolArray
+    from truearm.readings import Readings
+    from truearm.verify.interim import Assessment, Check, Trend, Value
+
+CODES = {"no": 0, "yes": 1, "not enough checks yet": 3}
+
+
+def check(
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
+    session: SessionFile,
+    history: Annotated[
+        Path, typer.Option("--history", help="File of the checks so far, .sqlite; the first check makes it.")
+    ],
+    lengths: Annotated[
+        Path | None, typer.Option("--lengths", help="File of known lengths between the session's seats, .csv.")
+    ] = None,
+    mpe: Annotated[
+        Path | None, typer.Option("--mpe", help="The arm's specification: limits for the values, .toml.")
+    ] = None,
+    date: Annotated[
+        str | None, typer.Option("--date", help="Day of the check, as 2026-11-03 or 2026-11-03T08:30; now by default.")
+    ] = None,
+    report: Annotated[Path | None, typer.Option("--report", help="Page with the trend charts to write, .html.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Check whether the arm is still as it was identified.
+
+    A few readings in a seat, in both seats of a bar, on a sphere. Scatter, error of the length, form and diameter are
+    added to the history and charted: is it time to recalibrate, and since when? A session that is in the history
+    already is not added again. Exit code 0: no need; 1: recalibrate; 3: not enough checks to say.
+    """
+    from truearm.verify.history import History
+    from truearm.verify.interim import Check, assess
+    from truearm.verify.limits import read_specification
+
+    files = [model, session, *(path for path in (lengths, mpe) if path is not None)]
+    check_apart(history, *files)
+    if report is not None:
+        check_page(report, *files, history)
+    day = _date(date)
+    specification = None if mpe is None else read_specification(mpe)
+    kept = History(history)
+    with progress(f"checking {session.name}"):
+        fitted, readings, print_of_readings = _readings(model, session)
+        print_of_model = _fingerprint(model)
+        added = kept.append(
+            Check(day, print_of_model, print_of_readings, _temperature(readings), _values(fitted, readings, lengths))
+        )
+        checks = kept.checks(print_of_model)
+        found = assess(checks, specification)
+        if report is not None:
+            from truearm.report.drift import drift_page
+            from truearm.report.html import write_page
+
+            write_page(drift_page(checks, found, arm=fitted.arm.name, facts=_facts(fitted, model, history)), report)
+    if as_json:
+        say_json({"added": added, **_for_machines(checks, found)})
+    else:
+        _tell(checks, found, added=added, model=model, outside=fitted.outside_training(readings.angles))
+        if report is not None:
+            say(f"{report}: the trend charts")
+    raise typer.Exit(CODES[found.recalibrate.value])
+
+
+def _readings(model: Path, session: Path) -> tuple[Compensator, Readings, str]:
+    from truearm.cli.predict import load_for
+    from truearm.models.compensator import fingerprint
+
+    fitted, readings = load_for(model, session)
+    found = fingerprint(readings)
+    if found == fitted.data_fingerprint_:
+        raise readings.error(
+            "these are the readings that the model learned from, and they agree with it whatever the arm does",
+            hint="readings taken since",
+        )
+    return fitted, readings, found
+
+
+def _values(fitted: Compensator, readings: Readings, lengths: Path | None) -> tuple[Value, ...]:
+    """The test values of the points that the model makes of the readings."""
+    import numpy as np
+
+    from truearm.cli.fit import lengths_of
+    from truearm.errors import InputError
+    from truearm.verify.interim import interim_values
+
+    known = None if lengths is None else lengths_of(lengths, readings)
+    # What the model does not explain: the other part of its uncertainty is the same in every check.
+    _, unexplained = fitted.covariance_parts(readings)
+    std = np.sqrt(np.trace(unexplained, axis1=1, axis2=2) / 3)
+    try:
+        return interim_values(
+            fitted.predict_readings(readings), std_mm=std, seat=readings.seat, sphere=readings.sphere, lengths=known
+        )
+    except InputError as error:
+        raise error.in_file(readings.file) if readings.file is not None and error.file is None else error from None
+
+
+def _temperature(readings: Readings) -> float | None:
+    return None if readings.temperature_degC is None else float(readings.temperature_degC.mean())
+
+
+def _fingerprint(model: Path) -> str:
+    """SHA-256 of the model file: another model, even of the same readings, starts a new baseline."""
+    import hashlib
+
+    with model.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _date(given: str | None) -> datetime.datetime:
+    """When the check was made, local time to the second."""
+    import datetime
+
+    from truearm.errors import InputError
+
+    now = datetime.datetime.now().replace(microsecond=0)
+    if given is None:
+        return now
+    try:
+        day = datetime.datetime.fromisoformat(given)
+    except ValueError:
+        raise InputError(f"expected a date, got {given!r:.80}", hint="--date 2026-11-03 or 2026-11-03T08:30") from None
+    if day.tzinfo is not None:
+        day = day.astimezone().replace(tzinfo=None)
+    if day > now + datetime.timedelta(days=1):
+        raise InputError(f"the date {given} is in the future", hint="year, month, day: 2026-11-03")
+    return day.replace(microsecond=0)
+
+
+def _when(one: Check) -> str:
+    from truearm.verify.interim import told
+
+    return told(one.date)
+
+
+def _tell(checks: tuple[Check, ...], found: Assessment, *, added: bool, model: Path, outside: BoolArray) -> None:
+    from truearm.verify.control_chart import NEEDED
+    from truearm.verify.interim import Recalibrate
+
+    last = checks[-1]
+    warm = "" if last.temperature_degC is None else f", {last.temperature_degC:.1f} degC"
+    if not added:
+        say("this session is in the history already and is not added again")
+    say(f"check {len(checks)} of {model.name}, {_when(last)}{warm}")
+    charts = [trend.chart for trend in found.trends if trend.chart is not None and found.n_before > 1]
+    heads = ["value", "found [mm]", "mean before [mm]", "limits of the chart [mm]", "drift", "MPE [mm]", ""]
+    rows = [_cells(trend) for trend in found.trends]
+    shown = [i for i, head in enumerate(heads) if i < 2 or any(row[i] for row in rows)]
+    say_table(
+        [heads[i] for i in shown],
+        [[row[i] for i in shown] for row in rows],
+        left=(0, *(at for at, i in enumerate(shown) if not heads[i])),
+    )
+    if charts:
+        interval = charts[0].rules.decision_interval
+        say(f"drift: the larger cumulative sum, in standard deviations; above {interval:.2f} it tells of a change")
+    if outside.any():
+        say(f"{int(outside.sum())} of {len(outside)} readings have a joint away from the training angles.")
+    for remark in (*found.reasons, *found.remarks):
+        say(remark)
+    if found.recalibrate is Recalibrate.YES:
+        since = "" if found.since is None else f", since check {found.since + 1} of {_when(checks[found.since])}"
+        say(f"recalibrate: yes{since}")
+        if found.since == len(checks) - 1:
+            say("One check alone: clean the artefacts, see that they are tight, and check once more.")
+    elif found.recalibrate is Recalibrate.NO:
+        say("recalibrate: no")
+    else:
+        say(f"recalibrate: not enough checks yet, {found.n_before} before this one, {NEEDED} are needed")
+
+
+def _cells(trend: Trend) -> list[str]:
+    chart, latest = trend.chart, trend.latest
+    limit = "" if trend.limit_mm is None else f"{trend.limit_mm:.4f}"
+    sign = "+" if latest.quantity == "length error" else ""
+    if chart is None or chart.centre[-1] != chart.centre[-1]:
+        return [latest.label, f"{latest.value_mm:{sign}.4f}", "", "", "", limit, "over" if trend.over_limit else ""]
+    low, high = chart.lower[-1], chart.upper[-1]
+    between = f"up to {high:.4f}" if low != low else f"{low:{sign}.4f} to {high:{sign}.4f}"
+    said = [
+        *(["beyond"] if chart.beyond[-1] else []),
+        *(["drift"] if chart.signalled is not None else []),
+        *(["over"] if trend.over_limit else []),
+    ]
+    return [
+        latest.label,
+        f"{latest.value_mm:{sign}.4f}",
+        f"{chart.centre[-1]:{sign}.4f}",
+        between,
+        f"{chart.drift[:, -1].max():.2f}",
+        limit,
+        ", ".join(said),
+    ]
+
+
+def _for_machines(checks: tuple[Check, ...], found: Assessment) -> dict[str, Any]:
+    from truearm.verify.control_chart import NEEDED
+
+    last = checks[-1]
+    since = None if found.since is None else {"check": found.since + 1, "date": _when(checks[found.since])}
+    return {
+        "model": last.model,
+        "session": last.session,
+        "date": _when(last),
+        "temperature_degC": last.temperature_degC,
+        "n_checks": len(checks),
+        "n_needed": NEEDED,
+        "recalibrate": found.recalibrate.value,
+        "since": since,
+        "reasons": list(found.reasons),
+        "remarks": list(found.remarks),
+        "values": [_of_trend(trend) for trend in found.trends],
+    }
+
+
+def _of_trend(trend: Trend) -> dict[str, Any]:
+    latest, chart = trend.latest, trend.chart
+    row = {
+        "quantity": latest.quantity,
+        "artefact": latest.artefact,
+        "value_mm": latest.value_mm,
+        "u_mm": latest.u_mm,
+        "u_artefact_mm": latest.u_artefact_mm,
+        "n": latest.n,
+        "mpe_mm": trend.limit_mm,
+        "over_mpe": trend.over_limit,
+    }
+    if chart is not None:
+        row |= {
+            "n_before": int(chart.n_before[-1]),
+            "mean_before_mm": _or_none(chart.centre[-1]),
+            "lower_mm": _or_none(chart.lower[-1]),
+            "upper_mm": _or_none(chart.upper[-1]),
+            "beyond": bool(chart.beyond[-1]),
+            "cusum_up": float(chart.drift[0, -1]),
+            "cusum_down": float(chart.drift[1, -1]),
+            "decision_interval": chart.rules.decision_interval,
+            "changed_since_check": None if trend.since is None else trend.since + 1,
+        }
+    return row
+
+
+def _or_none(number: float) -> float | None:
+    return float(number) if number == number else None
+
+
+def _facts(fitted: Compensator, model: Path, history: Path) -> list[tuple[str, str]]:
+    import numpy
+    import scipy
+
+    from truearm import __version__
+
+    return [
+        ("model", f"{model.name}, {fitted.n_train_} training readings, SHA-256 of the file {_fingerprint(model)}"),
+        ("arm", f"{fitted.arm.name}: {fitted.arm.title}. {fitted.arm.source}"),
+        ("history", history.name),
+        ("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"),
+    ]

@@ -1,0 +1,242 @@
+"""``truearm check``: five minutes a day on a made-up arm whose elbow begins to creep."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up_check import ARM, LENGTHS, session, virtual, write_days, write_model
+
+from truearm.models import KinematicModel
+from truearm.models.compensator import fingerprint
+from truearm.models.file import load_model, save_model
+from truearm.readings import Readings, read_lengths, read_session, write_session
+from truearm.verify.history import History
+from truearm.verify.interim import Check, Recalibrate, assess, interim_values
+
+PAGE = Path(__file__).parents[2] / "docs" / "interim-check.md"
+TYPED = (1, 10, 11, 18, 26)
+STEADY = 14  # days before it creeps by half a second of arc a day
+CREEP = [0.0] * STEADY + [0.5 * day for day in range(1, 13)]
+
+MPE = """\
+name = "measuring arm 2.5 m"
+source = "its data sheet"
+measuring_range_mm = 2500
+
+[limits]
+"SPAT.2s" = { B_um = 80 }
+"SPAT.Max" = { B_um = 50 }
+"E_Uni" = { A_um = 20, K_mm_per_um = 50 }
+"""
+
+
+def arguments(day, *more):
+    return [
+        *("check", "arm.truearm", f"day{day:02}.csv", "--lengths", "bar.csv", "--history", "arm.sqlite"),
+        *("--date", f"2026-01-{day:02}", *more),
+    ]
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """A folder with the model, the bar's length and a session of every day."""
+    folder = tmp_path_factory.mktemp("checks")
+    write_model(folder)
+    write_days(folder, CREEP)
+    (folder / "bar.csv").write_text(LENGTHS)
+    (folder / "mpe.toml").write_text(MPE)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def course(bench, truearm):
+    """What is printed on the days of `TYPED`, and the history of all of them; on other days it grows from Python."""
+    runs, model = {}, load_model(bench / "arm.truearm")
+    whose = hashlib.sha256((bench / "arm.truearm").read_bytes()).hexdigest()
+    history, lengths = History(bench / "arm.sqlite"), read_lengths(bench / "bar.csv")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(bench)
+        for day in range(1, len(CREEP) + 1):
+            if day in TYPED:
+                runs[day] = truearm(*arguments(day, *(("--report", "arm.html") if day == len(CREEP) else ())))
+                continue
+            readings = read_session(f"day{day:02}.csv")
+            unexplained = model.covariance_parts(readings)[1]
+            values = interim_values(
+                model.predict_readings(readings),
+                std_mm=np.sqrt(np.trace(unexplained, axis1=1, axis2=2) / 3),
+                seat=readings.seat,
+                sphere=readings.sphere,
+                lengths=lengths,
+            )
+            when = datetime.datetime(2026, 1, day)
+            assert history.append(Check(when, whose, fingerprint(readings), readings.temperature_degC.mean(), values))
+    return runs
+
+
+@pytest.fixture
+def folder(bench, course, tmp_path, monkeypatch):
+    """A copy of all files, with the whole history, to do with as one likes."""
+    for file in bench.iterdir():
+        shutil.copy(file, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+# From the first day to the answer ------------------------------------------------------------------------------------
+
+
+def test_ten_checks_are_asked_for_and_then_the_arm_is_as_it_was(course):
+    assert [course[day].code for day in TYPED] == [3, 3, 0, 0, 1]
+    assert course[10].out.endswith("recalibrate: not enough checks yet, 9 before this one, 10 are needed\n")
+    for day in (11, 18):
+        assert course[day].out.endswith("recalibrate: no\n")
+    assert all(not ran.err for ran in course.values())
+
+
+def test_the_creep_is_seen_and_dated(course, bench):
+    """Five seconds of arc at the elbow move the tip by 20 um; a check a day sees it before, and knows since when."""
+    whose = hashlib.sha256((bench / "arm.truearm").read_bytes()).hexdigest()
+    checks = History(bench / "arm.sqlite").checks(whose)
+    assert len(checks) == len(CREEP)
+    answers = [assess(checks[:n]).recalibrate for n in range(11, len(checks) + 1)]
+    seen = 11 + answers.index(Recalibrate.YES)
+    assert STEADY < seen <= STEADY + 10
+    assert set(answers[seen - 11 :]) == {Recalibrate.YES}
+    since = re.search(r"recalibrate: yes, since check (\d+) of 2026-01-(\d+)", course[len(CREEP)].out)
+    assert since[1] == since[2]
+    assert abs(int(since[1]) - (STEADY + 1)) <= 2
+    assert "length bar A to bar B, length error: a drift since about check" in course[len(CREEP)].out
+
+
+def test_every_value_of_the_check_is_there(course):
+    for label in (
+        *(f"seat {seat}, SPAT.{which}" for seat in ("cone", "bar A", "bar B") for which in ("2s", "Max")),
+        "length bar A to bar B, length error",
+        "sphere ball, form",
+        "sphere ball, diameter",
+    ):
+        assert label in course[1].out
+
+
+def test_a_session_that_is_in_the_history_is_recognised(truearm, folder):
+    before = Path("arm.sqlite").read_bytes()
+    ran = truearm(*arguments(26, "--json"))
+    found = json.loads(ran.out)
+    assert (ran.code, found["added"], found["n_checks"]) == (1, False, 26)
+    assert found["recalibrate"] == "yes"
+    assert found["since"]["date"] == f"2026-01-{found['since']['check']:02}"
+    length = next(row for row in found["values"] if row["quantity"] == "length error")
+    assert length["cusum_down"] > length["decision_interval"]
+    assert length["changed_since_check"] is not None
+    assert Path("arm.sqlite").read_bytes() == before
+    assert "in the history already" in truearm(*arguments(26)).out
+
+
+def test_another_model_starts_another_baseline(truearm, folder):
+    poses = virtual().measure(session(1).angles, seed=3).readings
+    save_model(KinematicModel(virtual().nominal, free=()).fit_readings(poses), "arm.truearm")
+    found = json.loads(truearm(*arguments(26, "--json")).out)
+    assert (found["n_checks"], found["recalibrate"]) == (1, "not enough checks yet")
+
+
+def test_limits_of_the_specification_are_asked_from_the_first_check_on(truearm, folder):
+    Path("arm.sqlite").unlink()
+    ran = truearm(*arguments(1, "--mpe", "mpe.toml"))
+    assert ran.code == 3
+    assert "0.0320" in ran.out  # 20 um + 600 mm / 50
+    Path("mpe.toml").write_text(MPE.replace("B_um = 80", "B_um = 10"))
+    ran = truearm(*arguments(1, "--mpe", "mpe.toml"))
+    assert ran.code == 1
+    assert "seat cone, SPAT.2s: +0.0" in ran.out
+    assert ran.out.endswith("recalibrate: yes\n")
+
+
+def test_a_seat_alone_will_do(truearm, folder):
+    only = session(1).rows(session(1).seat == "cone")
+    write_session(only, "cone.csv")
+    ran = truearm("check", "arm.truearm", "cone.csv", "--history", "cone.sqlite")
+    assert (ran.code, ran.err) == (3, "")
+    assert "sphere" not in ran.out
+
+
+def test_the_page_has_the_charts_and_the_answer(folder):
+    html = Path("arm.html").read_text()
+    assert f"{ARM}: interim checks" in html
+    for phrase in ("seat cone, SPAT.2s", "a drift since about check", "cumulative", "Temperature of the checks"):
+        assert phrase in html
+    assert html.count("<svg") == 7  # six charts and the temperature
+
+
+# Refusals ------------------------------------------------------------------------------------------------------------
+
+
+def misnamed(folder):
+    today = session(27)
+    write_session(Readings(today.angles, seat=np.where(today.seat == "", "cone", today.seat)), "day26.csv")
+
+
+REFUSED = {
+    "the file of another program": (lambda folder: Path("arm.sqlite").write_bytes(b"x" * 5000), (), "arm.sqlite"),
+    "a session as history": (None, ("--history", "day25.csv"), "day25.csv: expected a history"),
+    "the page on the history": (None, ("--report", "arm.sqlite"), "arm.sqlite"),
+    "a day before the last": (
+        lambda folder: write_session(session(27), "day26.csv"),
+        ("--date", "2026-01-25"),
+        "order",
+    ),
+    "a day to come": (None, ("--date", "2962-01-01"), "is in the future"),
+    "a bar that is not there": (None, ("--lengths", "nowhere.csv"), "nowhere.csv"),
+    "readings of two seats under one name": (misnamed, (), "not be of one seat"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_wrong_files_are_refused_and_the_history_stays(truearm, folder, case, snapshot):
+    change, more, phrase = REFUSED[case]
+    if change is not None:
+        change(folder)
+    before = snapshot(folder)
+    ran = truearm(*arguments(26), *more)
+    assert ran.code == 2, ran
+    assert ran.out == ""
+    assert phrase in ran.err
+    assert ran.err.count("\n") == 1
+    assert snapshot(folder) == before
+
+
+def test_the_readings_that_it_learned_from_are_no_check(truearm, folder):
+    write_session(virtual().measure(session(1).angles, seed=3, seat=session(1).seat).readings, "learned.csv")
+    learned = read_session("learned.csv")
+    save_model(KinematicModel(virtual().nominal, free=()).fit_readings(learned), "own.truearm")
+    ran = truearm("check", "own.truearm", "learned.csv", "--history", "own.sqlite")
+    assert ran.code == 2
+    assert "the model learned from" in ran.err
+    assert not Path("own.sqlite").exists()
+
+
+# The page of the documentation ---------------------------------------------------------------------------------------
+
+
+def test_the_documentation_shows_what_is_printed(course):
+    """Line for line but for numbers and what follows from them, which are of the day when the page was written."""
+    blocks = re.findall(r"```console\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+    shown = [block.partition("\n") for block in blocks]
+    assert len(shown) == 3
+
+    def without_numbers(text):
+        told = [line for line in text.splitlines() if not re.search("a jump at|a drift since|beyond the limits", line)]
+        return [re.sub(r"[-+]?\d+\.\d+|check \d+ of [-0-9]+|(beyond|drift|, )+$", "", line).split() for line in told]
+
+    for command, _, printed in shown:
+        day = int(re.search(r"day(\d\d)", command)[1])
+        report = ["--report", "arm.html"] if day == len(CREEP) else []
+        assert command == "$ truearm " + " ".join(arguments(day, *report))
+        assert without_numbers(course[day].out) == without_numbers(printed)
