@@ -68,9 +68,9 @@ def test_a_model_takes_the_test_too(truearm, made):
     [
         ([], "expected one of --points, --simulate"),
         (["--simulate", "shop", "--points", "points.csv"], "expected one of --points, --simulate"),
-        (["--points", "points.csv"], "--points needs --plan, --artefacts and --mpe"),
+        (["--points", "points.csv"], "--points needs --plan and --artefacts and --mpe as well"),
         (["--simulate", "shopp"], "a preset or a model file to simulate, got 'shopp'"),
-        (["--simulate", "shop", "--report", "page.html"], "--report is for measured points"),
+        (["--simulate", "shop", "--report", "page.html"], "--report does nothing with --simulate"),
         (["--simulate", "shop", "--arm", "panda2"], "there is no arm 'panda2'"),
         (["--simulate", "shop", "--plan", "iso"], "there is no plan 'iso'"),
         (["--simulate", "shop", "--mpe", "none.toml"], "none.toml"),
@@ -134,8 +134,10 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "phrase"),
     [
-        (["--sheet", "iso10360-12"], "--sheet and --out belong together"),
-        (["--simulate", "shop", "--out", "sheet.html"], "--sheet and --out belong together"),
+        (["--sheet", "iso10360-12"], "--sheet needs --out as well"),
+        (["--sheet", "iso10360-12", "--out", "sheet.html", "--arms", 3], "--arms does nothing with --sheet"),
+        (["--simulate", "shop", "--out", "sheet.html"], "--out does nothing with --simulate"),
+        (["--print-plan", "iso10360-12", "--json"], "--json does nothing with --print-plan"),
         (["--sheet", "iso10360-12", "--out", "sheet.pdf"], "ends in .html"),
         (["--sheet", "iso10360-12", "--out", "away/sheet.html"], "away"),
         (["--sheet", "iso", "--out", "sheet.html"], "there is no plan 'iso'"),

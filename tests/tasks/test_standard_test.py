@@ -18,7 +18,9 @@ from truearm.verify.decision import Verdict
 from truearm.verify.example import example_artefacts, example_specification
 from truearm.verify.layout import layout_of
 from truearm.verify.measurands import LengthMeasured, SphereMeasured
+from truearm.verify.measured import read_points
 from truearm.verify.test_plan import load_plan
+from truearm.verify.verification import verify
 from truearm.virtual import load_preset
 
 RANGE = 2500.0
@@ -141,7 +143,7 @@ def test_what_is_not_reached_is_named():
     with pytest.raises(InputError, match=r"does not reach 1 of 1 points: uni, .*: target"):
         pose([beyond], ARM, seed=0)
     seat = next(one for one in far if one.test == "probing")
-    seat = replace(seat, test="single_point", at=seat.at * 0.01, points=seat.points * 0.01)
+    seat = replace(seat, test="single_point", at=seat.at * 0.01, points=seat.points[:2] * 0.01)
     with pytest.raises(InputError, match="single_point, position 1: too few postures"):
         pose([seat], ARM, seed=0)
 
@@ -203,6 +205,25 @@ def test_errors_of_artefacts_are_drawn_within_their_certificates():
     assert np.std(sizes) == pytest.approx(0.01, rel=0.15)
     assert np.std(lengths) == pytest.approx(long.budget(corrected=True).u, rel=0.15)
     assert np.std(lengths) > 0.0025
+
+
+@pytest.mark.parametrize("name", ["iso10360-12", "asme-b89.4.22"])
+def test_points_in_a_file_are_judged_as_those_in_memory(tmp_path, name):
+    """What a technician's program would write of the same points: the same rows, to the digits of the file."""
+    errors, artefacts = PresetErrors(ARM, load_preset("shop")), example_artefacts(RANGE)
+    shown = measured_by(errors.draw(3), posed(name), artefacts, seed=3)
+    lines = ["test,artefact,date,position,length,repeat,end,group,x_mm,y_mm,z_mm,artefact_degC"]
+    for test, groups in shown.tests.items():
+        for group in groups:
+            told = ",".join(group.keys.get(key, "") for key in ("position", "length", "repeat", "end", "group"))
+            for x, y, z in group.points:
+                lines.append(f"{test},{group.artefact},{group.date},{told},{x:.9f},{y:.9f},{z:.9f},{group.degC}")
+    path = tmp_path / "points.csv"
+    path.write_text("\n".join(lines) + "\n")
+    given = {"plan": load_plan(name), "artefacts": artefacts, "specification": example_specification(RANGE)}
+    ours, theirs = verify(shown, **given), verify(read_points(path), **given)
+    assert [row.label for row in ours.rows] == [row.label for row in theirs.rows]
+    assert [row.value for row in ours.rows] == pytest.approx([row.value for row in theirs.rows], abs=1e-7)
 
 
 def test_an_arm_is_told_by_its_seed_and_a_group_shares_its_systematic_error():

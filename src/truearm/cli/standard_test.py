@@ -9,13 +9,16 @@ from typing import TYPE_CHECKING
 from truearm.cli.console import progress, say, say_json, say_table
 
 if TYPE_CHECKING:
+    from truearm.arm.arm import Arm
     from truearm.tasks.errors import ArmErrors
-    from truearm.tasks.standard_test import Outcome
+    from truearm.tasks.standard_test import Outcome, PosedTest
     from truearm.verify.artefacts import Artefacts
     from truearm.verify.decision import Rule
     from truearm.verify.limits import Specification
+    from truearm.verify.test_plan import Plan
 
 ARM = "measuring7"
+SHARES = (1.0, 0.9, 0.8, 0.7, 0.6)
 
 
 def simulate_test(
@@ -31,24 +34,18 @@ def simulate_test(
     as_json: bool,
 ) -> None:
     """Take a test with virtual arms of a preset or a model, and print what they would pass."""
-    from truearm.poses.workspace import stance
-    from truearm.tasks.standard_test import outcomes, pose, simulated, verdicts
+    from truearm.tasks.standard_test import outcomes, simulated, verdicts
     from truearm.verify.decision import Verdict
-    from truearm.verify.layout import layout_of
     from truearm.verify.test_plan import load_plan
 
     planned = load_plan(plan)
     errors = _errors(what, arm)
-    stands = stance(errors.arm)
-    whole = 2 * stands.reach_mm  # of which an arm's name, or its data sheet, has the round number below
-    specification, certified = given_or_example(100 * int(whole / 100) or whole, mpe=mpe, artefacts=artefacts)
-    layout = layout_of(
-        planned, certified, specification.measuring_range_mm, shoulder_mm=float(stands.shoulder_in_base[2])
-    )
+    with progress("finding poses"):
+        specification, certified, posed = _prepared(errors.arm, planned, artefacts=artefacts, mpe=mpe, seed=seed)
     with progress(f"taking the test with {n_arms} virtual arms", n_arms) as tell:
         found = simulated(
             errors,
-            pose(layout, errors.arm, seed=seed),
+            posed,
             plan=planned,
             artefacts=certified,
             specification=specification,
@@ -97,6 +94,34 @@ def simulate_test(
     say("median, 95 %: half of the arms, and 95 % of them, have a smaller magnitude")
     for remark in found[0].remarks:
         say(remark)
+
+
+def _prepared(
+    arm: Arm, plan: Plan, *, artefacts: Path | None, mpe: Path | None, seed: int
+) -> tuple[Specification, Artefacts, PosedTest]:
+    """The test as posed for an arm.
+
+    The measuring range is that of the specification; without one, the largest out of some shares of what the arm's
+    links add up to in which all points are reached.
+    """
+    from truearm.errors import InputError
+    from truearm.poses.workspace import stance
+    from truearm.tasks.standard_test import pose
+    from truearm.verify.layout import layout_of
+
+    stands = stance(arm)
+    for share in SHARES:
+        whole = 2 * share * stands.reach_mm
+        # In round numbers, as data sheets have it.
+        specification, certified = given_or_example(100 * int(whole / 100) or whole, mpe=mpe, artefacts=artefacts)
+        shoulder = float(stands.shoulder_in_base[2])
+        layout = layout_of(plan, certified, specification.measuring_range_mm, shoulder_mm=shoulder)
+        try:
+            return specification, certified, pose(layout, arm, seed=seed)
+        except InputError:
+            if mpe is not None or share == SHARES[-1] or stands.reach_mm == 0:
+                raise
+    raise AssertionError("the last share is returned or raised")
 
 
 def given_or_example(

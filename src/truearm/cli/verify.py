@@ -41,8 +41,12 @@ def verify(
     arm: Annotated[
         str | None, typer.Option("--arm", help="With --simulate PRESET: the nominal arm (measuring7).")
     ] = None,
-    arms: Annotated[int, typer.Option("--arms", min=1, max=100_000, help="With --simulate: how many arms.")] = 100,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="With --simulate: of arms, poses and noise.")] = 0,
+    arms: Annotated[
+        int | None, typer.Option("--arms", min=1, max=100_000, help="With --simulate: how many arms (100).")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="With --simulate: of arms, poses and noise (0).")
+    ] = None,
     sheet: Annotated[
         str | None,
         typer.Option(
@@ -65,27 +69,32 @@ def verify(
 
     With --sheet: a page to print and to measure by, for the artefacts and the measuring range of --artefacts and --mpe.
     """
-    from truearm.errors import InputError
-
-    asked = {"--points": points, "--simulate": simulate, "--sheet": sheet, "--print-plan": print_plan}
-    if sum(one is not None for one in asked.values()) != 1:
-        raise InputError(f"expected one of {', '.join(asked)}", hint="truearm verify --help")
+    modes = {"--points": points, "--simulate": simulate, "--sheet": sheet, "--print-plan": print_plan}
+    _check_together(
+        [name for name, value in modes.items() if value is not None],
+        {
+            "--plan": plan,
+            "--artefacts": artefacts,
+            "--mpe": mpe,
+            "--simple": simple or None,
+            "--report": report,
+            "--arm": arm,
+            "--arms": arms,
+            "--seed": seed,
+            "--out": out,
+            "--json": as_json or None,
+        },
+    )
     rule: Rule = "simple" if simple else "iso14253-1"
-    if report is not None and points is None:
-        raise InputError("--report is for measured points", hint="leave it out, or give --points")
-    if (out is None) != (sheet is None):
-        raise InputError("--sheet and --out belong together", hint="--sheet iso10360-12 --out sheet.html")
-    if sheet is not None and out is not None:
-        from truearm.cli.operator_sheet import write_sheet
-
-        write_sheet(sheet, out, artefacts=artefacts, mpe=mpe)
-        return
     if print_plan is not None:
         from truearm.verify.test_plan import plan_text
 
         typer.echo(plan_text(print_plan), nl=False)
-        return
-    if simulate is not None:
+    elif sheet is not None and out is not None:
+        from truearm.cli.operator_sheet import write_sheet
+
+        write_sheet(sheet, out, artefacts=artefacts, mpe=mpe)
+    elif simulate is not None:
         from truearm.cli.standard_test import simulate_test
 
         simulate_test(
@@ -94,17 +103,38 @@ def verify(
             plan=plan or "iso10360-12",
             artefacts=artefacts,
             mpe=mpe,
-            n_arms=arms,
-            seed=seed,
+            n_arms=100 if arms is None else arms,
+            seed=seed or 0,
             rule=rule,
             as_json=as_json,
         )
-        return
-    if points is None or plan is None or artefacts is None or mpe is None:
-        raise InputError("--points needs --plan, --artefacts and --mpe", hint="docs/verification.md has the files")
-    if arm is not None:
-        raise InputError("--arm is for --simulate: measured points know no arm", hint="leave it out")
-    _judge(points, plan=plan, artefacts=artefacts, mpe=mpe, rule=rule, report=report, as_json=as_json)
+    elif points is not None and plan is not None and artefacts is not None and mpe is not None:
+        _judge(points, plan=plan, artefacts=artefacts, mpe=mpe, rule=rule, report=report, as_json=as_json)
+
+
+# What each way to use the command needs, and what else it takes.
+NEEDS = {"--points": ("--plan", "--artefacts", "--mpe"), "--simulate": (), "--sheet": ("--out",), "--print-plan": ()}
+TAKES = {
+    "--points": ("--simple", "--report", "--json"),
+    "--simulate": ("--plan", "--artefacts", "--mpe", "--simple", "--arm", "--arms", "--seed", "--json"),
+    "--sheet": ("--artefacts", "--mpe"),
+    "--print-plan": (),
+}
+
+
+def _check_together(modes: list[str], others: dict[str, object]) -> None:
+    """Check that one way to use the command is asked for, with all that it needs and nothing that it would not heed."""
+    from truearm.errors import InputError
+
+    if len(modes) != 1:
+        raise InputError(f"expected one of {', '.join(NEEDS)}", hint="truearm verify --help")
+    (mode,) = modes
+    given = [name for name, value in others.items() if value is not None]
+    missing = [name for name in NEEDS[mode] if name not in given]
+    if missing:
+        raise InputError(f"{mode} needs {' and '.join(missing)} as well", hint="truearm verify --help")
+    if unheeded := [name for name in given if name not in (*NEEDS[mode], *TAKES[mode])]:
+        raise InputError(f"{unheeded[0]} does nothing with {mode}", hint="leave it out")
 
 
 def _judge(
