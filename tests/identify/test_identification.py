@@ -18,7 +18,7 @@ from truearm.identify.identification import MOST_SCALE, identify
 from truearm.identify.outliers import outliers
 from truearm.identify.problem import Moved
 from truearm.identify.references import Points, Seats, seats_of
-from truearm.terms import ArmState, Constant, Term, candidate_terms, constants
+from truearm.terms import ArmState, Constant, Harmonics, Term, candidate_terms, constants
 from truearm.terms.catalogue import own_axis, wobble
 
 NOISE = 0.02  # mm
@@ -345,3 +345,25 @@ def test_one_group_that_is_not_learned_keeps_its_prior(arm, rng):
     fit = found(arm, angles, arm.chain.tip_in_base(angles) + NOISE * rng.normal(size=(20, 3)), terms)
     assert {group.scale for group in fit.groups} == {1.0}
     np.testing.assert_array_equal(fit.prior_std, np.concatenate([term.prior_stds for term in terms]))
+
+
+@pytest.mark.parametrize(("n", "is_kept"), [(300, False), (12000, True)])
+def test_what_many_readings_can_see_is_not_dropped(n, is_kept, arm, rng):
+    """A shift by cosine and sine of 0.015 of the noise in a residual.
+
+    At its usual size it moves all residuals of 300 readings together by 0.45 standard deviations, of 12,000 by 2.8.
+    """
+    small = 0.015 * np.sqrt(3) * NOISE  # in one of three coordinates; two functions of mean square 1/2
+    terms = [replace(term, learn=False) for term in constants(arm.chain, free=(), angle_std=1e-4, length_std=0.1)] + [
+        Term("small", 0, (0.0, 0, 0, 1, 0, 0), Harmonics(2, (5,)), "small", small)
+    ]
+    x = drawn(terms, rng)
+    x[-2:] = 2 * small, -2 * small
+    angles = poses(arm, n, rng)
+    fit = found(arm, angles, seen(arm, terms, x, angles, rng), terms)
+    scale = {group.name: group.scale for group in fit.groups}["small"]
+    assert (scale > 0) == is_kept
+    if is_kept:
+        std = np.sqrt(fit.covariance.diagonal()[-2:])
+        assert (np.abs(fit.coefficients[-2:] - x[-2:]) < 4 * std).all()
+        assert (std < small).all()

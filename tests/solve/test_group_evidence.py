@@ -32,8 +32,10 @@ def prior_of(ratio, group=None, scale=None, learned=None) -> GroupedPrior:
 
 
 def settled(gram, right, prior, rounds=1000, **changed):
-    for _ in range(rounds):
+    for i in range(rounds):
         scale, effective = updated_scales(prior, marginals(gram, right, prior), **(FREE | changed))
+        if i > 100:  # rounds may go back and forth between two scales; the fixed point lies between
+            scale = np.sqrt(scale * prior.scale)
         if np.allclose(scale, prior.scale, rtol=1e-13, atol=0):
             break
         prior = replace(prior, scale=scale)

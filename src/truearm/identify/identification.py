@@ -41,8 +41,9 @@ SCALE_ROUNDS = 3
 SETTLED_SCALES = 1e-2
 # Groups of fewer effective parameters have no say in that.
 LEAST_EFFECTIVE = 0.1
-# A group whose usual size is a smaller share of the noise, root mean square, is not seen.
-INVISIBLE = 0.02
+# A group is not seen whose usual size is a smaller share of the noise, root mean square, and that moves all residuals
+# together by less than one standard deviation.
+INVISIBLE, INVISIBLE_IN_ALL = 0.02, 1.0
 # A step is the last when tips move by a smaller share of their uncertainty; the noise is calm when it changes by less.
 SETTLED_STEP = 0.05
 CALM_NOISE = 0.05
@@ -404,8 +405,9 @@ def _without_invisible(prior: GroupedPrior, diagonal: FloatArray, n_residuals: i
 
     Evidence would let them grow beyond any sense: to where they are seen.
     """
-    in_noise = np.sqrt(prior.sums(prior.ratio**2 * diagonal) / n_residuals)
-    return replace(prior, scale=np.where(prior.learned & (in_noise < INVISIBLE), 0.0, prior.scale))
+    in_all = np.sqrt(prior.sums(prior.ratio**2 * diagonal))
+    hidden = (in_all < INVISIBLE * np.sqrt(n_residuals)) & (in_all < INVISIBLE_IN_ALL)
+    return replace(prior, scale=np.where(prior.learned & hidden, 0.0, prior.scale))
 
 
 def _evidence(

@@ -59,9 +59,10 @@ def unexplained_variance(
 ) -> float:
     """The variance v of a residual for which the whitened residuals have the size that their freedom says.
 
-    Solves ``sum |r|^2 / (s^2 + v) = k n - n_effective`` (restricted maximum likelihood); robustly, squared lengths are
-    cut off as in `huber_weights` and their expectation with them (Huber's proposal 2), so that gross errors hardly
-    raise v.
+    Solves ``sum |r|^2 / (s^2 + v) = k n - n_effective``, whose left side falls with v: moments, not likelihood, which
+    is the same where all s are (R. C. Paule, J. Mandel, "Consensus values and weighting factors", J. Res. Natl. Bur.
+    Stand. 87 (1982) 377). Robustly, squared lengths are cut off as in `huber_weights` and their expectation with them
+    (Huber's proposal 2), so that gross errors hardly raise v.
 
     Parameters
     ----------

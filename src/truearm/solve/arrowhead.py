@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 import numpy.typing as npt
@@ -65,7 +66,7 @@ class Arrowhead:
         return cls(
             sum(part.cost for part in parts),
             np.concatenate([sum(part.gradient[:p] for part in parts), *(part.gradient[p:] for part in parts)]),
-            np.asarray(sum(part.head for part in parts)),
+            reduce(np.add, (part.head for part in parts)),
             np.concatenate([part.coupling for part in parts]),
             csr_array(block_diag([part.blocks for part in parts], format="csr")),
         )
