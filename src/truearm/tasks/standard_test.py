@@ -35,6 +35,7 @@ SWING_DEG, ROLL_DEG, WITHIN_DEG, NEAR_DEG = 35.0, 60.0, 3.0, 45.0
 LEANS_DEG = (0.0,) * 6 + (15.0,) * 6 + (30.0,) * 6 + (45.0,) * 6 + (60.0,) * 12
 # In a seat: postures from the working pose at most so far, joint by joint; candidates a point, and how often again.
 SEAT_LEAN_DEG, SEAT_SWING_DEG, SEAT_POOL, SEAT_TRIES = 60.0, 100.0, 10, 10
+MOST_ARMS = 100_000
 # Kept apart from the streams of the arms' own errors.
 _POSES, _POINTS = 4, 5
 
@@ -194,8 +195,9 @@ def simulated(
     plan, artefacts, specification, rule
         As of `verify`.
     n_arms : int
-        How many arms are drawn, from `seed` on.
+        How many arms are drawn.
     seed : int
+        Which: no two seeds share an arm.
     progress : callable, optional
         Told the number of arms done.
 
@@ -209,16 +211,17 @@ def simulated(
     InputError
         As `verify`; it cannot judge an arm that errs so much that an artefact seems to be another.
     """
-    if n_arms < 1:
-        raise InputError(f"expected at least one virtual arm, got {n_arms}")
+    if not 1 <= n_arms <= MOST_ARMS:
+        raise InputError(f"expected 1 to {MOST_ARMS} virtual arms, got {n_arms}")
     out = []
     for i in range(n_arms):
-        points = measured_by(errors.draw(seed + i), posed, artefacts, seed=seed + i)
+        own = MOST_ARMS * seed + i
+        points = measured_by(errors.draw(own), posed, artefacts, seed=own)
         try:
             found = verify(points, plan=plan, artefacts=artefacts, specification=specification, rule=rule)
         except InputError as error:
             hint = error.hint if error.hint and "artefact's name" not in error.hint else "an arm that errs less"
-            raise InputError(f"virtual arm {seed + i}: {error.problem}", hint=hint) from None
+            raise InputError(f"virtual arm {i + 1}: {error.problem}", hint=hint) from None
         out.append(found)
         if progress is not None:
             progress(i + 1)
