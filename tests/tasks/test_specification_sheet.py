@@ -19,6 +19,7 @@ ISO = {
     "P_Form.Sph.1x25": {"B_um": 30.0},
     "L_Dia.5x5": {"B_um": 40.0},
     "E_Uni": {"A_um": 15.0, "K_mm_per_um": 80.0, "B_um": 50.0},
+    "E_Bi": {"B_um": 60.0},
 }
 ASME = {
     "EffectiveDiameter": {"B_um": 20.0},
