@@ -159,6 +159,15 @@ def test_an_interrupted_demo_leaves_no_folder(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_an_interrupted_test_of_virtual_arms_prints_nothing(tmp_path):
+    run = Watched("verify", "--simulate", "shop", "--arms", 100_000, folder=tmp_path)
+    run.wait_for(b"virtual arms")
+    run.program.send_signal(signal.SIGINT)
+    code, out, err = run.end()
+    assert (code, out) == (130, "")
+    assert seen_at_the_end(err) == ["truearm: interrupted"]
+
+
 def test_interrupted_in_the_middle_of_a_file(truearm, made, tmp_path, monkeypatch):
     import pandas as pd
 
