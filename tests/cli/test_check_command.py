@@ -102,7 +102,7 @@ def test_ten_checks_are_asked_for_and_then_the_arm_is_as_it_was(course):
 
 
 def test_the_creep_is_seen_and_dated(course, bench):
-    """Five seconds of arc at the elbow move the tip by 20 um; a check a day sees it before, and knows since when."""
+    """Five seconds of arc at the elbow move the tip by 12 um: a check a day sees them, and tells since when."""
     whose = hashlib.sha256((bench / "arm.truearm").read_bytes()).hexdigest()
     checks = History(bench / "arm.sqlite").checks(whose)
     assert len(checks) == len(CREEP)
