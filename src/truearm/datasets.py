@@ -181,12 +181,13 @@ def load_mukca_lengths(robot: MukcaRobot, *positions: str) -> Lengths:
     """Give the distance between the two sockets of every tool position of `load_mukca`: 50 mm.
 
     The publisher states no uncertainty. The sockets are in one 3D-printed part; a standard uncertainty of
-    `MUKCA_U_MM` is assumed of it here.
+    `MUKCA_U_MM` is assumed of it here, and it is the same part at every position.
     """
     chosen = [f"{robot}/{position}" for position in _tool_positions(robot, positions)]
     n = len(chosen)
     hole_0, hole_1 = (np.array([f"{position}/{hole}" for position in chosen]) for hole in ("hole_0", "hole_1"))
-    return Lengths(hole_0, hole_1, np.full(n, MUKCA_LENGTH_MM), np.full(n, MUKCA_U_MM))
+    part = np.full(n, "printed part")
+    return Lengths(hole_0, hole_1, np.full(n, MUKCA_LENGTH_MM), np.full(n, MUKCA_U_MM), artefact=part)
 
 
 # Distance of the sockets as published, and what a printed part may be off by: an assumption of ours.
