@@ -68,7 +68,7 @@ def shown(value: Cell, *, uncertainty: float | None = None, digits: int = 3) -> 
     if isinstance(value, str):
         return Shown(value)
     if isinstance(value, Rounded):
-        value, uncertainty = value.value, value.uncertainty
+        uncertainty, value = value.uncertainty, value.value
     return _parted(format_number(value, uncertainty=uncertainty, digits=digits))
 
 
