@@ -43,6 +43,8 @@ def session(rng: np.random.Generator) -> tuple[Readings, Lengths | None]:
         given["columns"] = {"load_2_Nm": rng.choice([0, 1, 1e6]) * rng.normal(size=n)}
     if rng.random() < 0.3:
         given["directions"] = rng.choice([-1, 0, 1], (n, 6))
+    if rng.random() < 0.3:
+        given["session"] = np.array(rng.choice(["", "May", "June", "July"][int(rng.integers(0, 2)) :], n))
     lengths = None
     if "seat" in given and rng.random() < 0.5:
         length, u = float(rng.choice([1e-3, 300, 1e5])), float(rng.choice([1e-6, 0.01, 10]))
