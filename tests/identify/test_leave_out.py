@@ -13,7 +13,7 @@ from truearm.identify import leave_out
 from truearm.identify.identification import Identified, identify, started
 from truearm.identify.leave_out import leave_groups_out, root_of
 from truearm.identify.poses import Orientations
-from truearm.identify.references import Points, seats_of
+from truearm.identify.references import Length, Points, Seats, seats_of
 from truearm.poses.seat import seat
 from truearm.terms import ArmState, constants
 from truearm.terms.catalogue import tool_rotation
@@ -135,11 +135,11 @@ def everything(drawn):
     return arm, angles[rows], names, [*terms, *tool_rotation(arm.chain)], references
 
 
-def dense_covariance(fit, state, references):
-    """Of coefficients and unknowns, by the inverse of the dense matrix at the minimum."""
+def dense_covariance(fit, state, references, noise=NOISE):
+    """Of coefficients and unknowns, by the inverse of the dense matrix at the minimum, under a noise of readings."""
     problem, _ = started(fit.moved, state, references)
     x = np.concatenate([fit.coefficients, *(list(part.unknowns.values()) for part in fit.references)])
-    J = np.concatenate([by.reshape(len(x), -1) for by in problem.jacobian(x)], axis=1) / NOISE
+    J = np.concatenate([(by / noise).reshape(len(x), -1) for by in problem.jacobian(x)], axis=1)
     gram = J @ J.T + problem.relations(x).dense()
     p = len(fit.coefficients)
     gram[np.arange(p), np.arange(p)] += fit.prior_std**-2
@@ -196,6 +196,36 @@ def test_all_kinds_left_out_are_those_of_an_arm_identified_without_them(case, ev
         np.testing.assert_allclose(found.deviations[here], deviations, atol=0.01 * NOISE)
         np.testing.assert_allclose(found.covariance[here], spread, atol=0.01 * np.abs(spread).max())
         np.testing.assert_allclose(found.freedom[here], freedom, atol=1e-6)
+
+
+def test_an_artefact_in_several_places_is_left_out_as_dense_algebra_has_it(drawn):
+    """Two pairs of seats, one bar's length apart: S of all parameters, the bar's length among them, written out."""
+    arm, angles, _, names, terms = drawn
+    state = ArmState(arm.chain, angles[60:])
+    unique, number = np.unique(names, return_inverse=True)
+    lengths = tuple(Length(a, a + 1, 300.0, 0.01, "bar", 0.005) for a in (0, 2))
+    references = [Seats(np.arange(40), number, tuple(map(str, unique)), lengths)]
+    fit = identify(arm.chain, state, terms, references)
+    (part,) = fit.references
+    covariance, problem, x = dense_covariance(fit, state, references, noise=1 / np.sqrt(part.trust) * part.noise_std)
+    (J,) = problem.jacobian(x)
+    group = np.arange(40) % 3
+    found = leave_groups_out(fit, state, references, group)
+    assert sorted(found.rows.tolist()) == list(range(40))
+    for key in range(3):
+        rows = np.flatnonzero(group == key)
+        w = np.tile(np.sqrt(part.trust[rows]) / part.noise_std, 3)
+        A = J[..., rows].reshape(len(x), -1) * w
+        S = A.T @ covariance @ A
+        residuals = np.linalg.solve(np.eye(len(S)) - S, w * part.residuals[:, rows].ravel()) / w
+        spread = (S @ np.linalg.inv(np.eye(len(S)) - S) / np.outer(w, w)).reshape(3, len(rows), 3, len(rows))
+        here = np.flatnonzero(found.group == key)
+        here = here[np.argsort(found.rows[here])]
+        np.testing.assert_allclose(
+            found.deviations[here].T, residuals.reshape(3, -1), atol=1e-6 * np.abs(residuals).max()
+        )
+        expected = np.einsum("imjm->mij", spread)
+        np.testing.assert_allclose(found.covariance[here], expected, atol=1e-6 * expected.max())
 
 
 def test_a_seat_of_one_reading_shows_nothing(drawn):

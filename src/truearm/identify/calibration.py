@@ -42,7 +42,7 @@ class HeldOut:
 
     @property
     def errors_mm(self) -> FloatArray:
-        """(m,) lengths of the deviations, those in seats for a seat of many readings [mm]."""
+        """(m,) lengths of the deviations, those about a seat's own mean for a seat of many readings [mm]."""
         return np.asarray(np.linalg.norm(self.deviations, axis=1) / np.sqrt(self.freedom))
 
     @property
