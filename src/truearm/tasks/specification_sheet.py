@@ -133,6 +133,7 @@ class ConstrainedErrors:
     def draw(self, seed: int) -> DrawnFromSheet:
         """Draw an arm that keeps the specification."""
         rng = np.random.default_rng([_SHEET, seed])
+        share = BEST_SHARE ** rng.random()
         nearest: tuple[float, DrawnPreset, dict[str, float]] | None = None
         for _ in range(TRIES):
             drawn = PresetErrors(self.arm, _drawn_preset(rng)).draw(int(rng.integers(2**62)))
@@ -141,11 +142,10 @@ class ConstrainedErrors:
             even = min(found.values()) / max(found.values())
             if nearest is None or even > nearest[0]:
                 nearest = even, drawn, found
-            if even * BEST_SHARE >= LEAST_SHARE:
+            if even * share >= LEAST_SHARE:
                 break
         assert nearest is not None
         _, drawn, found = nearest
-        share = BEST_SHARE ** rng.random()
         factor = share / max(found.values())
         return DrawnFromSheet(drawn, factor, {symbol: factor * ratio for symbol, ratio in found.items()})
 
