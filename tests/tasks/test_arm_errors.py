@@ -176,13 +176,13 @@ def test_a_network_is_refused_with_what_to_do():
 
 
 def test_a_field_has_its_size_and_its_correlation():
-    """exp(-4 (1 - cos d)) between two poses that differ by d in one joint; over a full turn it is the same again."""
-    d = 0.4
+    """exp(-16 (1 - cos d)) between two poses that differ by d in one joint; over a full turn it is the same again."""
+    d = 0.2
     pose = np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]])
     poses = np.concatenate([pose, pose + [d, 0, 0, 0, 0, 0], pose + [0, 0, 2 * np.pi, 0, 0, 0]])
     rng = np.random.default_rng(1)
     drawn = np.array([PoseField.draw(ARM.chain, 0.01, rng).at(poses) for _ in range(1500)])
     near, beyond, turned = drawn[:, 0].ravel(), drawn[:, 1].ravel(), drawn[:, 2].ravel()
     assert near.std() == pytest.approx(0.01, rel=0.05)  # 4500 numbers: 1.1 % a standard deviation
-    assert np.corrcoef(near, beyond)[0, 1] == pytest.approx(np.exp(-4 * (1 - np.cos(d))), abs=0.04)
+    assert np.corrcoef(near, beyond)[0, 1] == pytest.approx(np.exp(-16 * (1 - np.cos(d))), abs=0.04)
     assert np.abs(near - turned).max() < 1e-12

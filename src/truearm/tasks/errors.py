@@ -32,9 +32,10 @@ FloatArray = npt.NDArray[np.float64]
 
 # First words of streams, so that what is drawn from one seed shares nothing with an arm's errors of that seed.
 _SESSION, _POSTERIOR = 3, 4
-# Mean square of the waves' orders in a joint; chosen: a field of the pose is as harmonics of order two in every joint,
-# and falls to a correlation of 0.6 where one joint has turned by 29 deg, or three by 17 deg each.
-_CONCENTRATION = 4.0
+# Mean square of the waves' orders in a joint; chosen: a field of the pose is as harmonics of order four in every joint,
+# the highest that encoders commonly have, as lower ones are what readings tell best. Its correlation falls to 0.6 where
+# one joint has turned by 14 deg, or three by 8 deg each.
+_CONCENTRATION = 16.0
 _WAVES = 64
 # Movements of tips up to here are taken to first order.
 LINEAR_MM = 0.3
