@@ -25,7 +25,7 @@ ARM = "measuring7"
 def task(
     what: Annotated[
         str | None,
-        typer.Argument(metavar="[MODEL|PRESET]", help="A model file, or how wrong a virtual arm is: shop, research."),
+        typer.Argument(metavar="MODEL|PRESET", help="A model file, or how wrong a virtual arm is: shop, research."),
     ] = None,
     feature: Annotated[
         Literal["length", "sphere", "plane", "circle"], typer.Option("--feature", help="What is measured.")
