@@ -88,7 +88,8 @@ def run(arguments: list[str] | None = None) -> NoReturn:
 
     Exit code 0: done; 1: the reader of the results went early (| head), which Typer sees to; 2: wrong input, or the
     system refuses (one message on standard error); 130: interrupted; 1 and 3 from `verify`: not conform, undecided;
-    from `task`: not good enough, only with guard bands; from `check`: recalibrate, not enough checks yet. An exception that comes through is a fault of this program.
+    from `task`: not good enough, only with guard bands; from `check`: recalibrate, not enough checks yet. An exception
+    that comes through is a fault of this program.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
