@@ -71,9 +71,9 @@ def task(
     report: Annotated[Path | None, typer.Option("--report", help="Page to write, .html.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Tell the uncertainty of a measured feature, and whether the arm is good enough for a tolerance.
+    """Tell how well an arm measures a length or a shape.
 
-    Many arms are drawn that may be the one in question, and each measures the feature: errors of the arm once, random
+    And whether it is good enough for a tolerance. Many arms are drawn that may be the one in question, and each measures the feature: errors of the arm once, random
     ones at each point. With a model: as its readings left the arm open. With a preset: any arm like that. With --spec:
     any arm that keeps what its maker promises, and hardly better.
 
