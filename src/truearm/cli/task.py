@@ -73,9 +73,9 @@ def task(
 ) -> None:
     """Tell how well an arm measures a length or a shape.
 
-    And whether it is good enough for a tolerance. Many arms are drawn that may be the one in question, and each measures the feature: errors of the arm once, random
-    ones at each point. With a model: as its readings left the arm open. With a preset: any arm like that. With --spec:
-    any arm that keeps what its maker promises, and hardly better.
+    And whether it is good enough for a tolerance. Many arms are drawn that may be the one in question, and each
+    measures the feature: errors of the arm once, random ones at each point. With a model: as its readings left the arm
+    open. With a preset: any arm like that. With --spec: any arm that keeps what its maker promises, and hardly better.
 
     Exit code with --tolerance, 0: good enough; 1: not; 3: only with guard bands. Without, 0.
     """
