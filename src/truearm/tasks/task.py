@@ -272,7 +272,7 @@ def shortest_interval(ordered: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     JCGM 101:2008, 7.7.4: of all intervals from the r-th to the (r + q)-th of n ordered values, the shortest; q is the
     whole number next to 0.95 n there. As the shortest of many is too short by chance (it holds 94.5 % of a normal
-    distribution with n = 1000; that document takes a million draws), q is raised by `SHORTEST` ``n^(1/3)``.
+    distribution with n = 1000; that document speaks of a million, 7.2.2), q is raised by `SHORTEST` ``n^(1/3)``.
     """
     n = ordered.shape[1]
     q = min(int(LEVEL * n + SHORTEST * n ** (1 / 3) + 0.5), n - 1)
