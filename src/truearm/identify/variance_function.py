@@ -35,6 +35,8 @@ FARTHEST = 2.0
 BEYOND = 3.0
 # Deviations are Student's of so many degrees of freedom, so that a few wrong readings do not bend the function.
 STUDENT_FREEDOM = 6.0
+# With fewer groups held out for each coefficient the function is flat: a chance draw would look like one now and then.
+LEAST_GROUPS = 5
 # No coefficient comes near; a larger one is none that was found.
 STEEPEST = 10.0
 # Steps of L-BFGS-B; it needs about twenty.
@@ -100,10 +102,10 @@ def variance_function_of(held_out: HeldOut, angles: FloatArray) -> VarianceFunct
     Returns
     -------
     VarianceFunction
-        Flat where nothing was held out.
+        Flat where too few groups were held out.
     """
     n_joints = angles.shape[1]
-    if not len(held_out.rows):
+    if len(np.unique(held_out.group)) < LEAST_GROUPS * 2 * n_joints:
         return VarianceFunction.flat(n_joints)
     at = angles[held_out.rows]
     centre, scatter = at.mean(axis=0), at.std(axis=0)
