@@ -96,7 +96,7 @@ class VirtualArm:
         if nominal.chain.prismatic.any():
             joint = nominal.joint_names[int(np.argmax(nominal.chain.prismatic))]
             raise InputError(f"a virtual arm has turning joints only, but {joint} of arm {nominal.name!r} slides")
-        systematic = draw_systematic(nominal.chain, preset, seed=_checked_seed(seed))
+        systematic = draw_systematic(nominal, preset, seed=_checked_seed(seed))
         if preset.nominal_mean_mm > 0:
             systematic = constrain_geometry(nominal, systematic, preset, seed=seed)
         return cls(nominal, preset, systematic, seed)

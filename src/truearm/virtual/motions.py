@@ -52,7 +52,8 @@ def _bearings(joints: FloatArray, systematic: Systematic, angles: FloatArray) ->
 
 def _gravity(joints: FloatArray, chain: Chain, systematic: Systematic, angles: FloatArray) -> None:
     if systematic.load_to_motion.any():
-        loads = np.concatenate(gravity_loads(chain, angles, systematic.masses), axis=2)
+        found = gravity_loads(chain, angles, systematic.masses, gravity_in_base=systematic.gravity_in_base)
+        loads = np.concatenate(found, axis=2)
         joints += systematic.load_to_motion @ loads.transpose(1, 2, 0)
 
 

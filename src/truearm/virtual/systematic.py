@@ -7,9 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
+from truearm.arm.masses import LinkMasses
 from truearm.arm.motions import cross_matrix
-from truearm.terms import LinkMasses, link_vectors, uniform_links
+from truearm.terms import link_vectors, uniform_links
+from truearm.terms.gravity import STANDARD_GRAVITY
 from truearm.virtual.presets import Preset
 
 FloatArray = npt.NDArray[np.float64]
@@ -37,7 +40,9 @@ class Systematic:
     bearing : (n_joints, 2, 2, 6) array
         Motions by cos and sin of 1 and 2 times the joint's angle [rad, mm]; nothing about the own axis.
     masses : LinkMasses
-        What hangs on the joints.
+        What hangs on the joints: the arm's own where they are known, else straight links of the preset's weight.
+    gravity_in_base : (3,) array
+        Acceleration of free fall along the axes of the arm's base [m/s^2].
     load_to_motion : (n_joints, 6, 6) array
         Motion of joint and link by the load they carry, torque [N m] then force [N].
     expansion_per_K : (n_joints + 1,) array
@@ -58,6 +63,7 @@ class Systematic:
     encoder: FloatArray
     bearing: FloatArray
     masses: LinkMasses
+    gravity_in_base: FloatArray
     load_to_motion: FloatArray
     expansion_per_K: FloatArray
     lag_s: FloatArray
@@ -71,9 +77,9 @@ class Systematic:
         return replace(self, constants=constants)
 
 
-def draw_systematic(chain: Chain, preset: Preset, *, seed: int) -> Systematic:
+def draw_systematic(arm: Arm, preset: Preset, *, seed: int) -> Systematic:
     """Draw an arm's systematic errors. Each class has its own stream, so one class changed leaves the others."""
-    n = chain.n_joints
+    chain, n = arm.chain, arm.n_joints
     bearing = np.zeros((n, 2, 2, 6))
     for k, share in enumerate((1.0, preset.bearing_order2_ratio)):
         bearing[:, k] = share * _wobble(
@@ -82,13 +88,14 @@ def draw_systematic(chain: Chain, preset: Preset, *, seed: int) -> Systematic:
             tilt_std=preset.bearing_tilt_std_arcsec * ARCSEC,
             runout_std=preset.bearing_runout_std_um * 1e-3,
         )
-    masses = uniform_links(chain, kg_per_m=preset.link_kg_per_m)
+    masses = uniform_links(chain, kg_per_m=preset.link_kg_per_m) if arm.masses is None else arm.masses
     temperature = _stream(seed, "temperature")
     return Systematic(
         constants=draw_constants(chain, preset, _stream(seed, "geometry")),
         encoder=_encoder(n, preset, _stream(seed, "encoder")),
         bearing=bearing,
         masses=masses,
+        gravity_in_base=STANDARD_GRAVITY * arm.gravity_direction,
         load_to_motion=_load_to_motion(chain, preset, masses, _stream(seed, "stiffness")),
         expansion_per_K=preset.expansion_per_K + preset.expansion_spread_per_K * temperature.standard_normal(n + 1),
         lag_s=preset.lag_s * temperature.uniform(0.5, 1.5, n + 1),
