@@ -191,6 +191,16 @@ def test_gravity_needs_a_direction(gravity):
         Arm("any", load("ur5").chain, gravity_in_base=gravity)
 
 
+def test_masses_of_nothing_but_zeros_are_not_known_whatever_file_states_them(tmp_path):
+    path = write(tmp_path, MASSES.replace("mass_kg = 2.0", "mass_kg = 0").replace("mass_kg = 1.0", "mass_kg = 0"))
+    arm = read_arm(path)
+    assert arm.masses is None
+    for name in ("a.toml", "a.urdf"):
+        none = Arm("any", arm.chain, masses=LinkMasses(np.zeros(2), np.zeros((2, 3))))
+        write_arm(none, tmp_path / name)
+        assert read_arm(tmp_path / name).masses is None
+
+
 def test_masses_are_as_many_as_joints():
     with pytest.raises(InputError, match="6 joints and needs as many masses"):
         Arm("any", load("ur5").chain, masses=LinkMasses(np.ones(5), np.zeros((5, 3))))

@@ -32,7 +32,8 @@ class Arm:
     source : str
         Where the numbers come from.
     masses : LinkMasses, optional
-        Of its links, where they are known.
+        Of its links, where they are known. Masses that are all zero count as not known: descriptions of arms often
+        have zeros for want of numbers.
     gravity_in_base : (3,) array, optional
         Where weight pulls, along the axes of the base frame: against z by default, as on an arm that stands upright.
         Its length does not matter; it is kept as a unit vector.
@@ -83,6 +84,8 @@ class Arm:
 
         if self.masses is not None and len(self.masses.mass_kg) != n:
             raise InputError(f"arm {self.name!r} has {n} joints and needs as many masses, got {self.masses.mass_kg}")
+        if self.masses is not None and not self.masses.mass_kg.any():
+            object.__setattr__(self, "masses", None)
         object.__setattr__(self, "gravity_in_base", self._unit_gravity())
 
     def _unit_gravity(self) -> FloatArray:

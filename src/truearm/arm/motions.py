@@ -60,7 +60,7 @@ def moved_by(v: FloatArray, motion: FloatArray) -> FloatArray:
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """a x b of vectors (3, m), row by row: half the time of `numpy.cross`, which goes through copies."""
+    """Products a x b of vectors (3, m), row by row: half the time of `numpy.cross`, which goes through copies."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         np.multiply(a[j], b[k], out=out[i])

@@ -34,10 +34,10 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
 
     Fixed joints are folded into their neighbours. A revolute or sliding joint without a lower and upper limit has
     none here; if one of the two is given, the other is 0, as URDF has it. The frame of the tip's link is the flange,
-    its origin the tip. Masses are those of the chain's own links; a link without ``<inertial>`` has none; if none has,
-    the masses are not known. Links that hang on the chain beside it are left out. A title, a source, a working pose
-    and the direction of gravity are read from an element ``truearm``, which other readers pass over (see `write_urdf`);
-    without it the working pose is zero, or the limit next to it, and the arm stands upright.
+    its origin the tip. Masses are those of the chain's own links; a link without ``<inertial>`` has none; if none has
+    more than zero, the masses are not known. Links that hang on the chain beside it are left out. A title, a source, a
+    working pose and the direction of gravity are read from an element ``truearm``, which other readers pass over (see
+    `write_urdf`); without it the working pose is zero, or the limit next to it, and the arm stands upright.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _arm_of(tree: _Tree, joints: list[_Joint]) -> Arm:
         upper=upper,
         working_pose=_working_pose(extra, names, np.array(prismatic), np.clip(0.0, lower, upper)),
         source="" if extra is None else extra.get("source", ""),
-        masses=gathered(lumps, len(names)) if any(lump.mass_kg > 0 for lump in lumps) else None,
+        masses=gathered(lumps, len(names)),
         gravity_in_base=gravity,
     )
 
