@@ -170,17 +170,15 @@ class ModelErrors:
     Systematic are the coefficients of the model's terms, drawn once an arm from their posterior (see `widening`). What
     the model cannot explain has two parts that readings at different poses do not tell apart:
 
-    - random: that by which its own readings scatter about it (`Explained.noise_std`), once the freedom that the terms
-      took up is given back. It holds the noise of encoders, hand and contact, and of a reference whose uncertainty was
-      not stated.
-    - systematic for a pose: by what readings held out err beyond that (`unexplained_std_`), drawn once an arm as a
+    - random: the repeatability, where it was measured. It holds the noise of encoders, hand and contact.
+    - systematic for a pose: the rest of what readings held out err by (`unexplained_std_`), drawn once an arm as a
       smooth function of the joints' angles.
 
     Both are larger or smaller at a pose as the model says (`unexplained_shares_`).
 
-    ``repeatability_mm`` replaces the first where it was measured; the second then is the rest of what is unexplained.
-    A model without terms for what its arm does needs it: the scatter about a kinematic model is mostly encoder errors,
-    the same at the same pose.
+    Without a repeatability nothing is known to be random, and all that is unexplained counts as systematic. Where many
+    points are averaged that errs to the safe side; the scatter about the model, taken as random, would not: about a
+    kinematic model it is mostly errors of encoders, the same at the same pose.
 
     Parameters
     ----------
@@ -223,10 +221,8 @@ class ModelErrors:
 
     @property
     def random_std_mm(self) -> float:
-        """Standard deviation of a coordinate, drawn anew at every point [mm]: root mean square over the joint space."""
-        if self.repeatability_mm is not None:
-            return self.repeatability_mm
-        return min(self._scatter, self._model.unexplained_std_)
+        """Standard deviation of a coordinate, drawn anew at every point [mm]: zero if none was measured."""
+        return 0.0 if self.repeatability_mm is None else self.repeatability_mm
 
     @property
     def field_std_mm(self) -> float:
