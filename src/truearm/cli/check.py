@@ -83,7 +83,7 @@ def _readings(model: Path, session: Path) -> tuple[Compensator, Readings, str]:
 
     fitted, readings = load_for(model, session)
     found = fingerprint(readings)
-    if found == fitted.data_fingerprint_:
+    if fitted.learned_from(readings):
         raise readings.error(
             "these are the readings that the model learned from, and they agree with it whatever the arm does",
             hint="readings taken since",

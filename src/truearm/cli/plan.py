@@ -156,15 +156,13 @@ def _before(
     """The arm, what is known of it, and the names of seats that readings have been taken in."""
     from truearm.arm import arm_from
     from truearm.errors import InputError
-    from truearm.models.compensator import fingerprint
     from truearm.plan.known import as_drawn
 
-    learned = ""
+    model = None
     if _is_model(arm):
         if terms is not None:
             raise InputError("--terms is for an arm as drawn; a model has its own", file=arm)
         model = _model(Path(arm))
-        learned = model.data_fingerprint_
         nominal, known = _of_model(model, noise)
         seats = [name for reference in model.fit_.references for name in reference.unknowns]
         seats = [found[1] for name in seats if (found := re.fullmatch(r"x of seat (.+) \[mm\]", name))]
@@ -174,7 +172,7 @@ def _before(
     if taken is None:
         return nominal, known, seats
     readings = _readings(taken, nominal)
-    if fingerprint(readings) == learned:
+    if model is not None and model.learned_from(readings):
         raise InputError("the model learned from these readings and knows what they told", file=taken)
     return nominal, known.after(readings), seats + ([] if readings.seat is None else readings.seat.tolist())
 

@@ -267,10 +267,9 @@ def _joint_errors(model: IdentifiedModel, readings: Readings) -> list[JointError
 def _far_off(model: IdentifiedModel, readings: Readings, far: tuple[FarReading, ...]) -> dict[str, list[FarOff]]:
     """Readings far off among those the model learned from, and, where these are others, among those of the page."""
     from truearm.identify.outliers import outliers
-    from truearm.models.compensator import fingerprint
     from truearm.report.identified import FarOff
 
-    learned = fingerprint(readings) == model.data_fingerprint_
+    learned = model.learned_from(readings)
     found = {
         "the readings it learned from": [
             FarOff(
@@ -288,7 +287,7 @@ def _far_off(model: IdentifiedModel, readings: Readings, far: tuple[FarReading, 
 
 def remarks(model: Compensator, readings: Readings) -> list[str]:
     """What must be known of a model before its errors on these readings are believed."""
-    from truearm.models.compensator import MOST_NOMINAL_ERROR, fingerprint
+    from truearm.models.compensator import MOST_NOMINAL_ERROR
     from truearm.readings import errors_of
 
     said = []
@@ -302,7 +301,7 @@ def remarks(model: Compensator, readings: Readings) -> list[str]:
     outside = int(model.outside_training(readings.angles).sum())
     if outside:
         said.append(f"{outside} of {len(readings)} readings have a joint away from the training angles.")
-    if fingerprint(readings) == model.data_fingerprint_:
+    if model.learned_from(readings):
         said.append("These are the readings it learned from: an honest test needs others (truearm split).")
     return said
 

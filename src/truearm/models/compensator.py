@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Literal, Self, overload
@@ -60,7 +60,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     n_train_ : int
         Training readings.
     data_fingerprint_ : str
-        SHA-256 of the training readings (see `fingerprint`).
+        SHA-256 of the training readings (see `fingerprint`, and `learned_from` to compare with).
     lengths_fingerprint_ : str
         SHA-256 of the known lengths between their seats; empty without.
     fit_seconds_ : float
@@ -242,6 +242,10 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         """(n,) True where a joint is away from the angles it was trained on: the model has not seen such poses."""
         return away_from(self._checked_angles(angles), self.angle_ranges_, self.angle_gaps_)
 
+    def learned_from(self, readings: Readings) -> bool:
+        """Whether these are the readings that the model was fitted to; whatever the version that fitted it."""
+        return self.data_fingerprint_ in (fingerprint(readings), *_earlier_fingerprints(readings))
+
     def __sklearn_tags__(self) -> Any:
         """Many outputs, never one; and a poor score on data that no arm could have made."""
         tags = super().__sklearn_tags__()
@@ -346,3 +350,18 @@ def fingerprint(data: Readings | Lengths) -> str:
             settled = np.where(np.isnan(values), np.nan, values) + 0.0  # one NaN and one zero of the many there are
             digest.update(np.ascontiguousarray(settled, dtype="<f8").tobytes())
     return digest.hexdigest()
+
+
+def _earlier_fingerprints(readings: Readings) -> Iterator[str]:
+    """SHA-256 of readings as models of format 3 and before have it: of angles, points and seats, or without the seats.
+
+    A model written again keeps what it was fitted with, so the format of its file does not say which it is.
+    """
+    digest = hashlib.sha256()
+    for array in (readings.angles, readings.points):
+        if array is not None:
+            digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    yield digest.hexdigest()
+    if readings.seat is not None:
+        digest.update("\n".join(readings.seat.tolist()).encode())
+        yield digest.hexdigest()
