@@ -385,3 +385,16 @@ def test_an_option_that_is_missing_names_itself(refused):
     for option in ("--arm", "--out"):
         i = FIT.index(option)
         refused([*FIT[:i], *FIT[i + 2 :]], f"Missing option '{option}'")
+
+
+@pytest.mark.parametrize("kind", [RuntimeError, ValueError, KeyError, AssertionError, RecursionError])
+def test_a_fault_of_the_program_is_no_verdict_and_no_wrong_input(truearm, monkeypatch, kind):
+    def breaks():
+        raise kind("boom")
+
+    monkeypatch.setattr("truearm.cli.arms.arms", breaks)
+    ran = truearm("arms")
+    assert (ran.code, ran.out) == (70, "")
+    assert "Traceback" in ran.err
+    assert "boom" in ran.err
+    assert ran.err.splitlines()[-1].startswith("truearm: this is a fault of the program")

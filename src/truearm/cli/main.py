@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NoReturn, Protocol, runtime_checkable
@@ -81,28 +83,41 @@ def make_app() -> typer.Typer:
 _UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 
 INTERRUPTED = 130  # 128 + SIGINT, as a shell has it
+READER_GONE = 141  # 128 + SIGPIPE
+FAULT = 70  # EX_SOFTWARE of sysexits.h; 1 would look like a verdict
 
 
 def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and end the program.
 
-    Exit code 0: done; 1: the reader of the results went early (| head), which Typer sees to; 2: wrong input, or the
-    system refuses (one message on standard error); 130: interrupted; 1 and 3 from `verify`: not conform, undecided;
-    from `task`: not good enough, only with guard bands; from `check`: recalibrate, not enough checks yet. An exception
-    that comes through is a fault of this program.
+    Exit code 0: done; 2: wrong input, or the system refuses (one message on standard error); 70: a fault of this
+    program, with its traceback on standard error; 130: interrupted; 141: the reader of the results went early
+    (| head). 1 and 3 are verdicts, never faults: from `verify`: not conform, undecided; from `task`: not good enough,
+    only with guard bands; from `check`: recalibrate, not enough checks yet.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         with _ended_tidily():
             code = make_app()(arguments or ["--help"], standalone_mode=False, prog_name="truearm")
+    except SystemExit as ended:
+        code = READER_GONE if _reader_gone(ended) else ended.code
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
     except (TruearmError, _UsageError, OSError, MemoryError) as error:
         _complain(_message(error))
         code = 2
+    except Exception:
+        traceback.print_exc()
+        _complain("this is a fault of the program, not of its input. Please report it with the lines above")
+        code = FAULT
     if code == INTERRUPTED:
         _complain("interrupted")
     sys.exit(code or 0)
+
+
+def _reader_gone(ended: SystemExit) -> bool:
+    """Whether Typer ended the program for a pipe that nobody reads, which it does with 1."""
+    return isinstance(ended.__context__, OSError) and ended.__context__.errno == errno.EPIPE
 
 
 def _message(error: Exception) -> str:
