@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm import load
 from truearm.errors import InputError
-from truearm.models.relations import oriented, placed, references_of, state_of, tool_terms
+from truearm.models.relations import oriented, placed, references_of, state_of, too_few_on, tool_terms
 from truearm.readings import Lengths, Readings
 
 NAN = np.nan
@@ -112,7 +112,7 @@ def test_every_kind_of_reference_is_there_once(angles):
 
 @pytest.mark.parametrize("seat", [None, [""] * 12, ["a", "b", *[""] * 10]])
 def test_readings_that_say_nothing_are_refused(seat, angles):
-    with pytest.raises(InputError, match="seats of two readings or more, surfaces or orientations"):
+    with pytest.raises(InputError, match="seats of two readings or more, spheres of four"):
         references_of(Readings(angles, seat=None if seat is None else np.array(seat)), None)
 
 
@@ -144,3 +144,19 @@ def test_an_arm_is_placed_by_points_and_its_tool_by_orientations(angles):
     readings = Readings(angles, truth.tip_in_base(angles))
     np.testing.assert_allclose(placed(arm, readings, ("base",)).tip_in_base(angles), readings.points, atol=1e-8)
     assert placed(arm, readings, ()) is arm.chain
+
+
+@pytest.mark.parametrize(("kind", "least"), [("sphere", 4), ("plane", 3), ("line", 2)])
+def test_surfaces_of_too_few_readings_are_left_out_and_told(kind, least, angles):
+    """Readings with a point count by it: what is left of A is one too few, of B just enough."""
+    names = np.array([*["A"] * 5, *["B"] * least, *[""] * (7 - least)])
+    points = np.full((12, 3), NAN)
+    points[: 6 - least] = 1.0
+    readings = Readings(angles, points, **{kind: names})
+    seen, found = references_of(readings, None)
+    assert seen.rows.tolist() == list(range(6 - least))
+    assert (found.kind, found.names, found.rows.tolist()) == (kind, ("B",), list(range(5, 5 + least)))
+    assert too_few_on(readings) == [(kind, "A", least - 1)]
+    assert [one.kind for one in references_of(readings.rows(range(least + 4)), None)] == ["point"]
+    with pytest.raises(InputError, match="spheres of four"):
+        references_of(readings.rows(range(6 - least, 5)), None)

@@ -10,6 +10,7 @@ geometric elements", NPL Report DITC 140/89, National Physical Laboratory 1989.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, Self
@@ -20,6 +21,10 @@ import numpy.typing as npt
 from truearm.arm.motions import rotations_and_jacobians
 from truearm.errors import InputError
 from truearm.identify.references import FloatArray, IntArray, Linearised, Relations, numbered
+
+# Spheres of one known radius are as alike as this share of its uncertainty: the same pieces, at several places. What
+# differs from touch to touch is in the noise.
+ALIKE = 0.1
 
 
 class Radius(NamedTuple):
@@ -49,7 +54,7 @@ class Spheres:
         The sphere of each, an index of `names`.
     names : tuple of str
     radii : tuple of Radius
-        Those known.
+        Those known. Spheres of the same radius and uncertainty are one ball at several places, under one certificate.
 
     Raises
     ------
@@ -69,9 +74,10 @@ class Spheres:
     kind = "sphere"
     n_residuals = 1
     turns = False
+    least: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
-        _check_counts(self.kind, self.touched, self.names, least=4)
+        _check_counts(self.kind, self.touched, self.names, least=self.least)
         for sphere, radius, std in self.radii:
             if not (np.isfinite(radius) and radius > 0 and np.isfinite(std) and std > 0):
                 raise InputError(
@@ -86,18 +92,25 @@ class Spheres:
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Centres and radii."""
-        return tuple(
+        """Centres and radii, then radii of which there are several spheres."""
+        spheres = [
             f"{what} of sphere {name} [mm]"
             for name in self.names
             for what in ("x of the centre", "y of the centre", "z of the centre", "effective radius")
-        )
+        ]
+        return (*spheres, *(f"effective radius of spheres of {r!r} mm, u {u!r} mm [mm]" for r, u in self._shared))
+
+    @property
+    def _shared(self) -> list[tuple[float, float]]:
+        """Radii and uncertainties that several spheres have."""
+        count = Counter((radius.radius_mm, radius.std_mm) for radius in self.radii)
+        return [one for one, n in count.items() if n > 1]
 
     def started(self, tips: FloatArray) -> tuple[Self, FloatArray]:
         """The spheres that best fit the tips."""
         known = {radius.sphere: radius.radius_mm for radius in self.radii}
         fits = [_sphere(tips[:, self.touched == i], known.get(i)) for i in range(len(self.names))]
-        return self, np.concatenate(fits)
+        return self, np.concatenate([*fits, [radius for radius, _ in self._shared]])
 
     def linearised(
         self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
@@ -105,7 +118,7 @@ class Spheres:
         """See `Reference`."""
         del axes
         touched = self.touched[which]
-        x, y, z, radius = unknowns.reshape(-1, 4)[touched].T
+        x, y, z, radius = unknowns[: 4 * len(self.names)].reshape(-1, 4)[touched].T
         away = tips - np.stack([x, y, z])
         distance = np.sqrt((away**2).sum(axis=0))
         outward = away / np.where(distance > 0, distance, 1.0)
@@ -115,14 +128,30 @@ class Spheres:
         )
 
     def relations(self, unknowns: FloatArray) -> Relations | None:
-        """The known radii."""
+        """The known radii.
+
+        One that several spheres have is an unknown that they share, so that they together tell no more of it than its
+        certificate does; as lengths of an artefact (`truearm.identify.references.Seats`).
+        """
         if not self.radii:
             return None
-        at = np.array([4 * radius.sphere + 3 for radius in self.radii])
-        known, std = np.array([(radius.radius_mm, radius.std_mm) for radius in self.radii]).T
-        by = np.zeros((len(at), len(unknowns)))
-        by[np.arange(len(at)), at] = 1.0
-        return Relations(unknowns[at] - known, by, std)
+        first = 4 * len(self.names)
+        number = {shared: first + i for i, shared in enumerate(self._shared)}
+        n = len(self.radii)
+        residuals, std = np.empty(n + len(number)), np.empty(n + len(number))
+        by = np.zeros((n + len(number), len(unknowns)))
+        for i, (sphere, radius, u) in enumerate(self.radii):
+            at = 4 * sphere + 3
+            by[i, at] = 1.0
+            if (shared := number.get((radius, u))) is None:
+                residuals[i], std[i] = unknowns[at] - radius, u
+            else:
+                residuals[i], std[i] = unknowns[at] - unknowns[shared], ALIKE * u
+                by[i, shared] = -1.0
+        for i, ((radius, u), shared) in enumerate(number.items(), start=n):
+            residuals[i], std[i] = unknowns[shared] - radius, u
+            by[i, shared] = 1.0
+        return Relations(residuals, by, std)
 
 
 @dataclass(frozen=True, eq=False)

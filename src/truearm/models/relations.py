@@ -13,7 +13,7 @@ from truearm.errors import InputError
 from truearm.identify.alignment import about_a_line, placed_roughly
 from truearm.identify.poses import Orientations, turned_roughly
 from truearm.identify.references import FloatArray, IntArray, Points, Reference, StatedLength, seats_of
-from truearm.identify.surfaces import lines_of, planes_of, spheres_of
+from truearm.identify.surfaces import Lines, Planes, Spheres, lines_of, planes_of, spheres_of
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import NameArray, Readings
 from truearm.terms import ArmState, Term
@@ -21,6 +21,8 @@ from truearm.terms.catalogue import tool_rotation
 
 # Share of the reach by which points must be spread to both sides of a line.
 LEAST_SPREAD = 1e-3
+# Readings that it takes to find a surface.
+LEAST_ON = {"sphere": Spheres.least, "plane": Planes.least, "line": Lines.least}
 
 
 def state_of(
@@ -54,7 +56,8 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
     """References of the readings, one of a kind.
 
     A seat with one reading, or one pose again and again, and no known length says nothing and is left out; so are
-    lengths between other seats.
+    lengths between other seats, and surfaces of fewer readings without a point than it takes to find them (see
+    `too_few_on`).
 
     A reading whose tip was held in a seat while an instrument saw it says both: where the tip was, but for the
     instrument's noise, and that it was where the seat's other readings were, but for the touch. Both count, each kind
@@ -80,24 +83,47 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
         held = held[np.isin(seat[held], np.array([*_in_poses(readings, held), *ends], dtype=seat.dtype))]
         if len(held):
             found.append(seats_of(held, seat[held], between))
-    surfaces: tuple[tuple[NameArray | None, Callable[[IntArray, NameArray], Reference]], ...] = (
-        (readings.sphere, lambda rows, names: spheres_of(rows, names, _radii(readings, rows))),
-        (readings.plane, planes_of),
-        (readings.line, lines_of),
-    )
-    for names, made in surfaces:
-        if names is not None and len(touched := np.flatnonzero((names != "") & ~readings.has_point)):
+    surfaces: dict[str, Callable[[IntArray, NameArray], Reference]] = {
+        "sphere": lambda rows, names: spheres_of(rows, names, _radii(readings, rows)),
+        "plane": planes_of,
+        "line": lines_of,
+    }
+    for kind, made in surfaces.items():
+        touched = _touched(readings, kind)
+        few = [name for one, name, _ in too_few_on(readings) if one == kind]
+        names = getattr(readings, kind)
+        touched = touched[~np.isin(names[touched], few)] if len(touched) else touched
+        if len(touched):
             found.append(made(touched, names[touched]))
     turned = oriented(readings)
     if len(turned):
         found.append(Orientations(turned, _orientations(readings, turned)))
     if not found:
         raise InputError(
-            "expected reference points (x_mm, y_mm, z_mm), seats of two readings or more, surfaces or orientations to "
-            "learn from, the readings have none",
+            "expected reference points (x_mm, y_mm, z_mm), seats of two readings or more, spheres of four, planes of "
+            "three, lines of two or orientations to learn from, the readings have none",
             file=readings.file,
         )
     return found
+
+
+def too_few_on(readings: Readings) -> list[tuple[str, str, int]]:
+    """Surfaces that are left out: kind, name, and readings without a point, fewer than it takes to find it."""
+    found = []
+    for kind, least in LEAST_ON.items():
+        touched = _touched(readings, kind)
+        if len(touched):
+            names, counts = np.unique(getattr(readings, kind)[touched], return_counts=True)
+            found += [(kind, str(name), int(n)) for name, n in zip(names, counts, strict=True) if n < least]
+    return found
+
+
+def _touched(readings: Readings, kind: str) -> IntArray:
+    """Readings on a kind of surface that have no point, which would count instead."""
+    names = getattr(readings, kind)
+    if names is None:
+        return np.zeros(0, dtype=np.intp)
+    return np.flatnonzero((names != "") & ~readings.has_point)
 
 
 def check_spread(readings: Readings, arm: Arm) -> None:
