@@ -124,6 +124,17 @@ def test_coverage_of_new_readings_is_the_level(rng):
     assert 0.945 < np.mean(shares) < 0.975  # the level or a little more; the mean of 300 stands to 0.0017
 
 
+def test_readings_that_others_do_not_know_judge_nothing():
+    """Of own variance 0.04, known to some of it, to ten times it, and in one direction not at all."""
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    covariance = np.stack([np.diag([0.01, 0.02, 0]), 0.4 * np.eye(3), turn @ np.diag([0.01, 0.02, 1e6]) @ turn.T])
+    readings = held_out(along_x([0.1, 0.2, 0.3]), covariance, group=[4, 5, 5], freedom=[1, 0.5, 1])
+    judging = readings.judging(np.full(3, 0.04))
+    for name in ("rows", "group", "deviations", "covariance", "freedom"):
+        np.testing.assert_array_equal(getattr(judging, name), getattr(readings, name)[:2])
+    assert readings.judging(np.array([0.04, 0.04, 1e6])).rows.tolist() == [0, 1, 2]
+
+
 def test_mean_error_and_its_scatter_between_groups():
     """Single readings: the standard deviation over the root of their number. Twice the same readings say no more."""
     errors = np.array([1.0, 2, 4, 7])

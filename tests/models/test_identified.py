@@ -44,6 +44,22 @@ def test_groups_are_positions_else_seats_else_single_readings(columns, expected)
     assert groups_of(readings).tolist() == expected
 
 
+def test_a_position_that_is_all_of_a_session_with_a_frame_of_its_own_counts_for_nothing():
+    """Without it nobody knows that frame. A position in part of one counts, as does that of readings without points."""
+    points = np.zeros((8, 3))
+    points[7] = np.nan
+    names = {"session": ["s"] * 3 + ["t"] * 5, "position": ["p", "p", "p", "q", "q", "r", "r", "r"]}
+    readings = Readings(np.zeros((8, 2)), points, **{name: np.array(values) for name, values in names.items()})
+    assert groups_of(readings).tolist() == [0, 0, 0, 1, 1, 2, 2, 2]
+    assert groups_of(readings, ["s", "t"]).tolist() == [0, 1, 2, 3, 3, 4, 4, 4]
+    pointed = replace(readings, position=np.array(["p", "p", "p", "q", "q", "q", "q", "r"]))
+    assert groups_of(pointed, ["s", "t"]).tolist() == [0, 1, 2, 3, 4, 5, 6, 7]
+    over_two = replace(readings, position=np.array(["p", "p", "p", "p", "p", "r", "r", "r"]))
+    assert groups_of(over_two, ["s", "t"]).tolist() == [0, 1, 2, 3, 3, 4, 4, 4]
+    in_seats = replace(readings, seat=np.array(["a", "a", "b", "c", "c", "", "", ""]))
+    assert groups_of(in_seats, ["s", "t"]).tolist() == [0, 0, 1, 2, 2, 3, 3, 3]
+
+
 def test_positions_are_left_out_together(real, rng):
     readings = real.points(60, rng, position=np.array([f"p{i // 6}" for i in range(60)]))
     held_out = KinematicModel(real.arm).fit_readings(readings).held_out_

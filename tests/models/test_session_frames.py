@@ -70,6 +70,34 @@ def test_sessions_serve_one_arm_as_well_as_one_session_does(model):
     assert by_name["frames of further sessions"].effective == pytest.approx(12, abs=0.01)
 
 
+@pytest.fixture(scope="module")
+def rough(real):
+    """Five sessions of ten readings, in poses where the encoders err by what no constant explains."""
+    rng = np.random.default_rng(5)
+    session = np.repeat([f"s{i}" for i in range(5)], 10)
+    angles = real.arm.working + 0.8 * rng.uniform(-1, 1, (50, 6))
+    points = np.empty((50, 3))
+    for name in np.unique(session):
+        there = real.chain.placed(motion(rng.normal(0, 0.3, 3), rng.normal(0, 500, 3)))
+        rows = session == name
+        points[rows] = there.tip_in_base(angles[rows] + 1e-4 * np.sin(3 * angles[rows]))
+    return Readings(angles, points + rng.normal(0, NOISE, (50, 3)), session=session)
+
+
+def test_positions_that_are_all_or_most_of_a_session_leave_what_is_unexplained_as_it_is(real, rough):
+    """Without its frame nothing tells where a session's readings are: they are held by any covariance."""
+    alone = KinematicModel(real.arm).fit_readings(rough)
+    whole = KinematicModel(real.arm).fit_readings(replace(rough, position=rough.session))
+    assert whole.unexplained_std_ == pytest.approx(alone.unexplained_std_, rel=0.2)
+    most = np.char.add(rough.session, np.where(np.arange(50) % 10 < 8, "x", "y"))
+    found = KinematicModel(real.arm).fit_readings(replace(rough, position=most))
+    assert found.unexplained_std_ == pytest.approx(alone.unexplained_std_, rel=0.2)
+    # Eight of ten in one position: the other two do not tell a frame, which the covariance says in metres.
+    known = np.sqrt(np.linalg.eigvalsh(found.held_out_.covariance)[:, -1])
+    eight = np.char.endswith(most[found.held_out_.rows], "x")
+    assert known[eight].min() > 100 * NOISE > 10 * known[~eight].max()
+
+
 def test_points_come_out_in_the_frame_of_their_session_with_a_right_uncertainty(model, asked):
     points, covariance = model.predict_readings(asked, return_cov=True)
     of_parameters, _ = model.covariance_parts(asked)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,8 @@ FloatArray = npt.NDArray[np.float64]
 
 LEVEL = 0.95
 FLOOR_MM2 = 1e-12  # a nanometre squared
+# Where what others know of a reading has, in some direction, so many times its own variance, it says nothing of that.
+MOST_OPEN = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +41,20 @@ class HeldOut:
     deviations: FloatArray
     covariance: FloatArray
     freedom: FloatArray
+
+    def judging(self, own_mm2: FloatArray) -> HeldOut:
+        """Select the readings that say something of their own variance: the other groups know where they are.
+
+        Where those leave a direction open, as they do with most of a session's readings its frame, the covariance has
+        all that a prior allows, and a reading is held by it whatever its own variance; it may not count as held.
+
+        Parameters
+        ----------
+        own_mm2 : (m,) array
+            Variance of a coordinate of each, about [mm^2].
+        """
+        judging = np.linalg.eigvalsh(self.covariance)[:, -1] <= MOST_OPEN * own_mm2
+        return HeldOut(*(getattr(self, part.name)[judging] for part in fields(self)))
 
     @property
     def errors_mm(self) -> FloatArray:

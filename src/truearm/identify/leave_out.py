@@ -39,8 +39,10 @@ IntArray = npt.NDArray[np.intp]
 # A group: of every reference that it has readings of, which ones.
 Members = list[tuple[int, IntArray]]
 
-# Eigenvalues of I - S: 1 where the others tell all of a group. Below this a group alone tells something, and how
-# it would look without itself is unknown; its errors then come out a thousand times its residuals.
+# Eigenvalues of I - S: 1 where the others tell all of a group. Below this a group alone tells something. Its residuals
+# along it are then little but what the iterations left of them, and are made larger by no more than a thousand; so a
+# wide prior alone (the frame of a session that is all one group) leaves deviations there as small as residuals are.
+# The covariance goes on down to rounding, and shows which deviations these are (`HeldOut.judging`).
 LEAST_FREEDOM = 1e-3
 # Shares of variance below this are none.
 ROUNDING = 1e-9
@@ -294,14 +296,15 @@ class _Minimum:
                     mean += own[at].T @ A
             shares, vectors = eigh(gram.T, overwrite_a=True, check_finite=False)  # of columns: no copy is made
             along, mean = vectors.T @ along, mean @ vectors
-        left = np.maximum(1 - shares, LEAST_FREEDOM)
-        along, half_mean = along / left, mean / np.sqrt(left)
+        along = along / np.maximum(1 - shares, LEAST_FREEDOM)
+        left = np.sqrt(np.maximum(1 - shares, ROUNDING))
+        half_mean = mean / left
         for piece, at in _placed(pieces()):
             part = self.parts[piece.which]
             if not part.is_judged[piece.rows].any():
                 continue
             told = whole_told[at] if dual else np.hstack([piece.spread, of.spread[at]]) @ vectors
-            white, half, freedom = r[at] + told @ along, told / np.sqrt(left), np.ones(len(piece.rows))
+            white, half, freedom = r[at] + told @ along, told / left, np.ones(len(piece.rows))
             if own is not None:
                 unit = own[at]
                 white -= unit @ (own.T @ r + mean @ along)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -76,7 +76,7 @@ class IdentifiedModel(Compensator):
         references = references_of(readings, lengths)
         self.fit_ = self._found(readings, state, terms, references, progress)
         self.left_out_ = tuple(left_out)
-        self.held_out_ = leave_groups_out(self.fit_, state, references, groups_of(readings))
+        self.held_out_ = leave_groups_out(self.fit_, state, references, groups_of(readings, self.session_frames_))
         self._size_unexplained(readings.angles)
 
     def _found(
@@ -97,15 +97,26 @@ class IdentifiedModel(Compensator):
         )
 
     def _size_unexplained(self, angles: FloatArray) -> None:
-        held_out = self.held_out_
+        noise_variance = self.fit_.references[0].noise_std ** 2
+        held_out = self.held_out_.judging(self._own_variance(len(angles))[self.held_out_.rows])
         if len(held_out.rows) >= MIN_ROWS:
             self.unexplained_shares_ = variance_function_of(held_out, angles)
             share = self.unexplained_shares_.share(angles[held_out.rows])
             variance = unexplained_variance_of(replace(held_out, freedom=share * held_out.freedom))
+            if len(held_out.rows) < len(self.held_out_.rows):  # few may be left, and those the best known
+                variance = max(variance, noise_variance)
         else:
             self.unexplained_shares_ = VarianceFunction.flat(angles.shape[1])
-            variance = self.fit_.references[0].noise_std ** 2
+            variance = noise_variance
         self.unexplained_std_ = float(np.sqrt(variance))
+
+    def _own_variance(self, n: int) -> FloatArray:
+        """(n,) variance of a coordinate by noise and reference, of readings with points and those in seats [mm^2]."""
+        own = np.zeros(n)
+        for part in reversed(self.fit_.references):  # points come first, and judge where there are both
+            if part.kind in ("point", "seat"):
+                own[part.rows] = part.noise_std**2 + (part.std**2).mean(axis=0)
+        return own
 
     def state(self, readings: Readings) -> ArmState:
         """State of the arm at readings, as far as the model knows what it does.
@@ -146,19 +157,24 @@ def _places_the_frame(term: Term) -> bool:
     )
 
 
-def groups_of(readings: Readings) -> IntArray:
+def groups_of(readings: Readings, sessions: Iterable[str] = ()) -> IntArray:
     """(n,) numbers of the groups that a fair test keeps together.
 
     A reading's group is its position; where it names none, its seat; else it is its own. What would put all readings
-    into one group counts for nothing; readings of a single seat are parted in `PARTS_OF_A_SEAT`, as they follow each
-    other.
+    into one group counts for nothing, nor does what would put all points of one of `sessions` into one, those that have
+    a frame of their own: nothing else would tell it. Readings of a single seat are parted in `PARTS_OF_A_SEAT`, as they
+    follow each other.
     """
     n = len(readings)
     group = np.arange(n)
+    in_one_frame = [(readings.session == name) & readings.has_point for name in sessions]
     for start, names in ((n, readings.seat), (2 * n, readings.position)):
         if names is not None:
             named = np.where(names != "", start + np.unique(names, return_inverse=True)[1], group)
-            group = named if len(np.unique(named)) > 1 else group
+            for rows in (np.ones(n, dtype=bool), *in_one_frame):
+                if len(np.unique(named[rows])) == 1:
+                    named[rows] = group[rows]
+            group = named
     if readings.seat is not None and not readings.has_point.any():
         seats, counts = np.unique(readings.seat[readings.seat != ""], return_counts=True)
         if (counts > 1).sum() == 1 and (readings.position is None or len(np.unique(readings.position)) == 1):
