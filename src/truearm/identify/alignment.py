@@ -1,4 +1,4 @@
-"""The rigid motion between two sets of corresponding points."""
+"""The rigid motion between two sets of corresponding points, and small ones of one set."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.chain import Chain
+from truearm.errors import InputError
 from truearm.readings.readings import Readings
 
 FloatArray = npt.NDArray[np.float64]
@@ -34,6 +35,36 @@ def align(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
     T[:3, :3] = U @ Vt
     T[:3, 3] = centre_a - T[:3, :3] @ centre_b
     return T
+
+
+def rigid_motions(points: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
+    """Shifts of points by small rigid motions of all of them, about their mean and of like size.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        [mm].
+    scale : bool
+        Whether a growth of all distances alike counts as one.
+
+    Returns
+    -------
+    (3 n, 6) array, (3 n, 7) with the scale
+        Three shifts, three turns, the growth.
+
+    Raises
+    ------
+    InputError
+        If the points are none, not finite or of another shape.
+    """
+    where = np.asarray(points, dtype=float)
+    if where.ndim != 2 or where.shape[1] != 3 or not len(where) or not np.isfinite(where).all():
+        raise InputError(f"expected finite points of shape (n, 3), got {where.shape}")
+    apart = where - where.mean(axis=0)
+    apart /= np.abs(apart).max() or 1.0
+    turns = np.cross(np.eye(3)[None], apart[:, None]).transpose(0, 2, 1)
+    motions = [np.tile(np.eye(3), (len(where), 1, 1)), turns, *([apart[:, :, None]] if scale else [])]
+    return np.concatenate(motions, axis=2).reshape(3 * len(where), -1)
 
 
 def about_a_line(points: FloatArray) -> float:

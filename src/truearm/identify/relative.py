@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from truearm.identify.alignment import rigid_motions
 from truearm.identify.identification import Identified
 from truearm.identify.leave_out import root_of
 from truearm.terms.state import ArmState
@@ -36,9 +37,8 @@ def relative_covariance(fit: Identified, state: ArmState) -> FloatArray:
         [mm^2].
     """
     tips = fit.tips(state)
-    rigid = _rigid_motions(tips)
     root = root_of(fit.covariance)
-    basis = np.linalg.qr(rigid.reshape(-1, 6))[0].reshape(rigid.shape)  # (n, 3, 6)
+    basis = np.linalg.qr(rigid_motions(tips))[0].reshape(len(tips), 3, 6)
     shared = np.zeros((6, len(root)))
     for rows, _, columns in fit.moved.derivatives(state, fit.coefficients):
         shared += np.einsum("nia,pin->ap", basis[rows], columns, optimize=True) @ root.T
@@ -49,16 +49,4 @@ def relative_covariance(fit: Identified, state: ArmState) -> FloatArray:
             "nia,ap->pin", basis[rows], shared, optimize=True
         )
         out[rows] = np.einsum("pin,pjn->nij", spread, spread, optimize=True)
-    return out
-
-
-def _rigid_motions(points: FloatArray) -> FloatArray:
-    """(n, 3, 6) shifts of points by three rotations about their mean and three translations, of about one size."""
-    n = len(points)
-    arms = points - points.mean(axis=0)
-    arms = arms / (np.sqrt((arms**2).sum(axis=1).mean()) or 1.0)
-    out = np.zeros((n, 3, 6))
-    for i in range(3):
-        out[:, :, i] = np.cross(np.eye(3)[i], arms)
-        out[:, i, 3 + i] = 1.0
     return out

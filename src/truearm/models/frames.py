@@ -21,7 +21,7 @@ from truearm.errors import InputError
 from truearm.identify.alignment import about_a_line, align
 from truearm.models.relations import LEAST_SPREAD, oriented
 from truearm.readings.readings import TOUCHED, BoolArray, Readings
-from truearm.terms import Session, Term, constants
+from truearm.terms import Session, Term, base_terms
 
 FloatArray = npt.NDArray[np.float64]
 Frames = Mapping[str, FloatArray]
@@ -109,11 +109,10 @@ def _check_artefacts(readings: Readings) -> None:
 
 def frame_terms(chain: Chain, frames: Frames) -> list[Term]:
     """Small motions of the base in every session but the first, as free as the base."""
-    base = [term for term in constants(chain, free=("base",), angle_std=0.0, length_std=0.0) if term.place == 0]
     return [
         replace(term, name=f"{term.name}, session {name}", basis=Session(name), group="frames of further sessions")
         for name in list(frames)[1:]
-        for term in base
+        for term in base_terms(chain)
     ]
 
 

@@ -39,6 +39,7 @@ import numpy.typing as npt
 from scipy.linalg import cho_solve, qr
 
 from truearm.errors import InputError
+from truearm.identify.alignment import rigid_motions
 from truearm.poses.poses import checked_seed
 from truearm.solve.arrays import whitened
 from truearm.solve.threads import one_blas_thread
@@ -381,31 +382,6 @@ def eliminated(jacobian: npt.ArrayLike, nuisance: npt.ArrayLike) -> FloatArray:
     size = np.abs(R.diagonal())
     rank = int((size > max(B.shape) * np.finfo(float).eps * size[0]).sum())
     return np.asarray(Q[:, rank:].T @ J)
-
-
-def rigid_motions(points: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
-    """Shifts of points by small rigid motions of all of them, about their mean and of like size.
-
-    Parameters
-    ----------
-    points : (n, 3) array
-        [mm].
-    scale : bool
-        Whether a growth of all distances alike counts as one.
-
-    Returns
-    -------
-    (3 n, 6) array, (3 n, 7) with the scale
-        Three shifts, three turns, the growth.
-    """
-    where = np.asarray(points, dtype=float)
-    if where.ndim != 2 or where.shape[1] != 3 or not len(where) or not np.isfinite(where).all():
-        raise InputError(f"expected finite points of shape (n, 3), got {where.shape}")
-    apart = where - where.mean(axis=0)
-    apart /= np.abs(apart).max() or 1.0
-    turns = np.cross(np.eye(3)[None], apart[:, None]).transpose(0, 2, 1)
-    motions = [np.tile(np.eye(3), (len(where), 1, 1)), turns, *([apart[:, :, None]] if scale else [])]
-    return np.concatenate(motions, axis=2).reshape(3 * len(where), -1)
 
 
 def factor_of(information: npt.ArrayLike) -> FloatArray:

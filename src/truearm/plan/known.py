@@ -12,13 +12,14 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.arm.inverse import solve_inverse
 from truearm.errors import InputError
+from truearm.identify.alignment import rigid_motions
 from truearm.identify.identification import Identified
 from truearm.identify.problem import Moved
-from truearm.plan.exchange import eliminated, rigid_motions
+from truearm.plan.exchange import eliminated
 from truearm.plan.information import tip_jacobian
 from truearm.readings.readings import Readings
 from truearm.terms.basis import Constant, Session
-from truearm.terms.catalogue import constants, gravity, own_axis, wobble
+from truearm.terms.catalogue import base_terms, constants, gravity, own_axis, wobble
 from truearm.terms.state import ArmState
 from truearm.terms.term import Term
 
@@ -70,7 +71,7 @@ class Known:
     def with_frame(self) -> Known:
         """The same in a reference's frame of which nothing is known: the base is free, its terms come last."""
         chain = self.moved.chain
-        base = [term for term in constants(chain, free=("base",), angle_std=0, length_std=0) if term.place == 0]
+        base = base_terms(chain)
         p, q = self.moved.n_coefficients, len(base)
         precision = np.zeros((p + q, p + q))
         precision[:p, :p] = self.precision

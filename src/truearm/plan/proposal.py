@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
+from truearm.identify.alignment import rigid_motions
 from truearm.plan.candidates import (
     Candidates,
     bar_places,
@@ -20,7 +21,7 @@ from truearm.plan.candidates import (
     tracker_poses,
     volume_poses,
 )
-from truearm.plan.exchange import DesignProblem, choose, eliminated, rigid_motions
+from truearm.plan.exchange import DesignProblem, choose, eliminated
 from truearm.plan.information import design_problem, tip_jacobian
 from truearm.plan.known import Known
 from truearm.plan.observability import Observability, observability

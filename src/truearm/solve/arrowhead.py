@@ -25,14 +25,11 @@ import numpy.typing as npt
 from scipy.sparse import block_diag, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 
+from truearm.solve.group_evidence import LEAST_PIVOT, ROUNDING
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
-
-# Of a block of unit diagonal: squared pivots of Cholesky's factor that are smaller have lost their digits to rounding,
-# and eigenvalues that are a smaller share of the largest are what it left.
-LEAST_PIVOT = 1e-12
-ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, eq=False)

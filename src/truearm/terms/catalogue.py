@@ -119,6 +119,11 @@ def _made_up_for(chain: Chain, part: str) -> set[tuple[int, int]]:
     return {(n, c) for c in range(3, 6)} | {(n - 1, 3 + int(c)) for c in np.flatnonzero(along_last) if n > 1}
 
 
+def base_terms(chain: Chain) -> list[Term]:
+    """The six motions of a base of which nothing is known."""
+    return [term for term in constants(chain, free=("base",), angle_std=0.0, length_std=0.0) if term.place == 0]
+
+
 def tool_rotation(chain: Chain) -> list[Term]:
     """Rotation of the tool on the flange, free altogether; only references that see orientations need it."""
     tip = chain.n_places - 1
