@@ -66,6 +66,36 @@ def test_an_artefact_and_its_places_come_back(tmp_path):
     assert plain.u_place_mm.tolist() == [PLACE_U_MM, 0.0]
 
 
+def test_expansions_come_back_and_are_known_or_not(tmp_path):
+    given_lengths = Lengths(
+        ["A", "C"], ["B", "D"], [9.0, 8.0], [0.1, 0.2], expansion_per_K=[1e-5, np.nan], u_expansion_per_K=[1e-6, np.nan]
+    )
+    write_lengths(given_lengths, tmp_path / "l.csv")
+    found = read_lengths(tmp_path / "l.csv")
+    for name in ("expansion_per_K", "u_expansion_per_K"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(given_lengths, name))
+    assert found.between("AB").expansion_per_K.tolist() == [1e-5]
+    write_lengths(Lengths(["A"], ["B"], [9.0], [0.1]), tmp_path / "l.csv")
+    assert (tmp_path / "l.csv").read_text().startswith(HEADER)
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "said"),
+    [
+        ("A,B,100,0.1,,11.5,1e-6", "expansion_per_K", "expected -0.0001 to 0.001 per K, got 11.5"),
+        ("A,B,100,0.1,,1e-5,-1e-6", "u_expansion_per_K", "expected 0 to 0.0001 per K, got -1e-06"),
+        ("A,B,100,0.1,,1e-5,", "u_expansion_per_K", "belong together, got no u_expansion_per_K"),
+        ("A,B,100,0.1,,,1e-6", "expansion_per_K", "belong together, got no expansion_per_K"),
+        ("A,B,100,0.1,bar,2e-5,1e-6", "expansion_per_K", "'bar' has expansion_per_K 1e-05 in line 2, got 2e-05"),
+    ],
+)
+def test_an_expansion_that_is_none_is_found(tmp_path, row, column, said):
+    header = HEADER.strip() + ",artefact,expansion_per_K,u_expansion_per_K\n"
+    error = refusal(tmp_path, ["P,Q,100,0.1,bar,1e-5,1e-6", row], header=header)
+    assert (error.line, error.column) == (3, column)
+    assert said in error.problem
+
+
 def test_columns_may_stand_in_any_order_beside_remarks(tmp_path):
     path = lengths_file(tmp_path, 'note,u_mm,length_mm,seat_b,seat_a\nlab 7,0.001,250,"B, left",A\n')
     found = read_lengths(path)

@@ -18,6 +18,7 @@ from truearm.writing import whole_file
 ENDS = ("seat_a", "seat_b")
 NUMBERS = ("length_mm", "u_mm")
 ARTEFACT, PLACE = "artefact", "u_place_mm"
+EXPANSION = ("expansion_per_K", "u_expansion_per_K")
 
 PLACE_U_MM = 0.001
 """Standard uncertainty by which an artefact's length differs from place to place where nobody says better [mm].
@@ -48,6 +49,8 @@ class Lengths:
         Standard uncertainty of how the length differs from place to place, by how the tip sits, by temperature and
         setting up [mm]; it comes on top of `u_mm`. NaN, or none given: `PLACE_U_MM` for rows with an artefact, nothing
         for others.
+    expansion_per_K, u_expansion_per_K : (m,) array, optional
+        Coefficient of thermal expansion of the artefact and its standard uncertainty [1/K]; NaN where not known.
     file : Path, optional
         Where the lengths were read from; it serves messages.
     first_line : int, optional
@@ -57,8 +60,9 @@ class Lengths:
     ------
     InputError
         If there is no length, shapes do not fit each other, a name is empty, the two seats of a row are one, a length
-        or an uncertainty is not positive and finite, two rows state the length between the same seats, or rows of one
-        artefact differ in length or `u_mm`.
+        or an uncertainty is not positive and finite, an expansion is that of no material or stands without its
+        uncertainty, two rows state the length between the same seats, or rows of one artefact differ in length, `u_mm`
+        or expansion.
     """
 
     seat_a: NameArray
@@ -67,15 +71,17 @@ class Lengths:
     u_mm: FloatArray
     artefact: NameArray = field(default_factory=lambda: np.zeros(0, np.str_))
     u_place_mm: FloatArray = field(default_factory=lambda: np.zeros(0))
+    expansion_per_K: FloatArray = field(default_factory=lambda: np.zeros(0))
+    u_expansion_per_K: FloatArray = field(default_factory=lambda: np.zeros(0))
     file: Path | None = None
     first_line: int | None = None
 
     def __post_init__(self) -> None:
         n = np.size(self.seat_a)
-        for name, nothing in ((ARTEFACT, ""), (PLACE, np.nan)):
+        for name, nothing in ((ARTEFACT, ""), *((name, np.nan) for name in (PLACE, *EXPANSION))):
             if not np.size(getattr(self, name)):
                 object.__setattr__(self, name, np.full(n, nothing))
-        for names, kind in (((*ENDS, ARTEFACT), np.str_), ((*NUMBERS, PLACE), float)):
+        for names, kind in (((*ENDS, ARTEFACT), np.str_), ((*NUMBERS, PLACE, *EXPANSION), float)):
             for name in names:
                 value = np.asarray(getattr(self, name), dtype=kind)
                 if value.shape != np.shape(self.seat_a) or value.ndim != 1:
@@ -97,6 +103,7 @@ class Lengths:
                 row = int(np.argmax(bad))
                 what = "length" if name == "length_mm" else "standard uncertainty"
                 raise self.error(f"expected a positive {what}, got {values[row]:.6g} mm", row, column=name)
+        self._check_expansions()
         self._check_places()
         self._check_once()
 
@@ -140,6 +147,8 @@ class Lengths:
             self.u_mm[which],
             self.artefact[which],
             self.u_place_mm[which],
+            self.expansion_per_K[which],
+            self.u_expansion_per_K[which],
         )
 
     def error(self, problem: str, row: int, *, column: str | None = None, hint: str | None = None) -> InputError:
@@ -147,6 +156,24 @@ class Lengths:
         if self.first_line is None:
             return InputError(f"length {row + 1}: {problem}", file=self.file, column=column, hint=hint)
         return InputError(problem, file=self.file, line=self.first_line + row, column=column, hint=hint)
+
+    def _check_expansions(self) -> None:
+        """Check that an expansion is one of a material, and stands with its uncertainty."""
+        for name, low, high in zip(EXPANSION, (-1e-4, 0.0), (1e-3, 1e-4), strict=True):
+            values = getattr(self, name)
+            if (bad := ~(np.isnan(values) | ((values >= low) & (values <= high)))).any():
+                row = int(np.argmax(bad))
+                raise self.error(
+                    f"expected {low:g} to {high:g} per K, got {values[row]:g}",
+                    row,
+                    column=name,
+                    hint="steel has 1.15e-05 per K: 11.5 micrometres per metre and kelvin",
+                )
+        lone = np.isnan(self.expansion_per_K) != np.isnan(self.u_expansion_per_K)
+        if lone.any():
+            row = int(np.argmax(lone))
+            empty = EXPANSION[int(np.isnan(self.u_expansion_per_K[row]))]
+            raise self.error(f"{' and '.join(EXPANSION)} belong together, got no {empty}", row, column=empty)
 
     def _check_places(self) -> None:
         """Check the rows of each artefact, and set the uncertainty of a place where none is given."""
@@ -164,9 +191,9 @@ class Lengths:
         first: dict[str, int] = {}
         for row, name in enumerate(artefact.tolist()):
             before = first.setdefault(name, row)
-            for column in NUMBERS if name else ():
+            for column in (*NUMBERS, *EXPANSION) if name else ():
                 values = getattr(self, column)
-                if values[row] != values[before]:
+                if not np.array_equal(values[row], values[before], equal_nan=True):
                     raise self.error(
                         f"{shown(name)} has {column} {values[before]:.9g} in {self._where(before)}, "
                         f"got {values[row]:.9g}",
@@ -198,7 +225,8 @@ class Lengths:
 def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Lengths:
     """Read a file of lengths (docs/session-file.md): CSV with the columns ``seat_a, seat_b, length_mm, u_mm``.
 
-    Columns ``artefact`` and ``u_place_mm`` may be there besides; empty cells in them are as if there were none.
+    Columns ``artefact``, ``u_place_mm``, ``expansion_per_K`` and ``u_expansion_per_K`` may be there besides; empty
+    cells in them are as if there were none.
 
     Parameters
     ----------
@@ -214,7 +242,7 @@ def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Len
     """
     path = Path(path)
     sheet = read_sheet(path)
-    wanted, further = (*ENDS, *NUMBERS), (ARTEFACT, PLACE)
+    wanted, further = (*ENDS, *NUMBERS), (ARTEFACT, PLACE, *EXPANSION)
     for i, name in enumerate(sheet.names):
         if name in sheet.names[:i]:
             raise InputError("the column stands twice", file=path, line=1, column=name, hint="delete one of the two")
@@ -229,19 +257,24 @@ def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Len
     if missing := [name for name in wanted if name not in sheet.names]:
         raise InputError(f"the column {missing[0]} is missing", file=path, line=1, hint=", ".join(wanted))
     at = {name: sheet.names.index(name) for name in (*wanted, *further) if name in sheet.names}
+    numeric = [name for name in (*NUMBERS, PLACE, *EXPANSION) if name in at]
     numbers, names = read_columns(
         sheet,
-        [at[name] for name in (*NUMBERS, PLACE) if name in at],
+        [at[name] for name in numeric],
         [at[name] for name in (*ENDS, ARTEFACT) if name in at],
-        optional=[at[PLACE]] if PLACE in at else (),
+        optional=[at[name] for name in numeric if name not in NUMBERS],
     )
+    columns = dict(zip(numeric, numbers.T, strict=True))
+    nothing = np.zeros(0)
     lengths = Lengths(
         names[0],
         names[1],
-        numbers[:, 0],
-        numbers[:, 1],
+        columns["length_mm"],
+        columns["u_mm"],
         artefact=names[2] if ARTEFACT in at else np.zeros(0, np.str_),
-        u_place_mm=numbers[:, 2] if PLACE in at else np.zeros(0),
+        u_place_mm=columns.get(PLACE, nothing),
+        expansion_per_K=columns.get(EXPANSION[0], nothing),
+        u_expansion_per_K=columns.get(EXPANSION[1], nothing),
         file=path,
         first_line=sheet.first_line,
     )
@@ -262,14 +295,19 @@ def write_lengths(lengths: Lengths, path: str | Path) -> None:
     columns: list[str] = [*ENDS, *NUMBERS]
     if (lengths.artefact != "").any() or lengths.u_place_mm.any():
         columns += [ARTEFACT, PLACE]
+    if not np.isnan(lengths.expansion_per_K).all():
+        columns += EXPANSION
     for column in (*ENDS, ARTEFACT):
         for name in getattr(lengths, column).tolist():
             if any(sign in name for sign in "\n\r\0"):
                 what = "an artefact" if column == ARTEFACT else "a seat"
                 raise InputError(f"{what} must be one line of text, got {shown(name)}", file=path, column=column)
     table = [getattr(lengths, name).tolist() for name in columns]
-    if PLACE in columns:  # nothing is written as nothing
-        table[-1] = [u or "" for u in table[-1]]
+    for i, column in enumerate(columns):  # nothing is written as nothing
+        if column == PLACE:
+            table[i] = [u or "" for u in table[i]]
+        elif column in EXPANSION:
+            table[i] = ["" if value != value else value for value in table[i]]
     with whole_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(columns)
