@@ -5,11 +5,13 @@ parameters are *considered*: their posterior covariance P from before is part of
 
     S = R + J P J^T        with R the noise and J the derivatives by all parameters,
 
-and part of how uncertain the new ones come out; but the few new readings do not change them. With A the columns of J
-that are sought anew, as if nothing were known of them, the gain is ``K = (A^T S^-1 A)^-1 A^T S^-1``; with E that puts
-them among all parameters, the covariance afterwards is
+and part of how uncertain the new ones come out; but the few new readings do not change them. What serves is then the
+frame in which the arm, as it is, meets the readings best: with A the columns of J that are sought anew, as if nothing
+were known of them, the gain is ``K = (A^T R^-1 A)^-1 A^T R^-1``. (With S for R the frame itself has less variance, but
+what looks like an uncertain motion of the arm is left to that; as the arm stays as it is, it stays in the tips.) With E
+that puts the sought among all parameters, the covariance afterwards is
 
-    (I - E K J) P (I - E K J)^T + E K R K^T E^T        (Joseph's form),
+    (I - E K J) P (I - E K J)^T + E K R K^T E^T        (Joseph's form, which holds for any gain),
 
 in which the error of the frame makes up for that of the arm, as far as the one took up the other. Source:
 S. F. Schmidt, "Application of state-space methods to navigation problems", Advances in Control Systems 3 (1966) 293;
@@ -28,11 +30,10 @@ from scipy.linalg import cholesky, solve_triangular
 
 from truearm.arm.chain import Chain
 from truearm.identify.identification import UNKNOWN_STD, GroupFound, Identified, explained, without_unknowns
-from truearm.identify.leave_out import root_of
 from truearm.identify.noise import cut_square, huber_weights, mean_cut_square
 from truearm.identify.problem import Moved, SmallMotionProblem
 from truearm.identify.references import Reference
-from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior
+from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior, root_of
 from truearm.solve.threads import one_blas_thread
 from truearm.terms.basis import Constant
 from truearm.terms.state import ArmState
@@ -98,18 +99,19 @@ def identified_anew(
 
     root = root_of(merged.covariance)
     of_arm = [_arm_variance(moved, state.rows(reference.rows), x[:n], root) for reference in references]
-    variance, converged = unexplained_std**2, False
+    variance, converged, nothing = unexplained_std**2, False, np.zeros((0, n))
     for n_rounds in range(1, MOST_ROUNDS + 1):
         weighed = _weighed(problem.references, residuals, variance, of_arm, robust=robust)
-        left, found = sought.at(x, weighed, root)
+        left, found = sought.at(x, weighed, nothing)
         x = x + left.step
         residuals = problem.residuals(x)
         if progress is not None:
             progress(n_rounds, f"unexplained: {np.sqrt(variance):.4f} mm")
         if left.size > SETTLED_STEP:
             continue
-        freedom = max(weighed.freedom + sought.n_relations(x) - left.told, 1.0)
-        grown = max(variance * (left.square - weighed.beyond) / freedom, unexplained_std**2)
+        of_noise, _ = sought.at(x, weighed, root)
+        freedom = max(weighed.freedom + sought.n_relations(x) - of_noise.told, 1.0)
+        grown = max(variance * (of_noise.square - weighed.beyond) / freedom, unexplained_std**2)
         converged = abs(grown - variance) < SETTLED_NOISE * variance
         if converged:
             break
@@ -137,16 +139,14 @@ class _Merged(NamedTuple):
 
 
 class _Left(NamedTuple):
-    """Normal equations of the parameters sought, with the considered ones integrated out.
+    """What the residuals say of the parameters sought, with the considered ones integrated out.
 
-    With the root F of their covariance, ``P = F^T F``, and the Gauss-Newton matrix G of all parameters under the noise
-    R: `lower` is the factor of ``I + F G F^T``, `across` is ``lower^-1 F G`` at the columns sought, and `square` is
-    ``r^T S^-1 r``. `told` counts what the residuals determine of what is sought, `step` leads there from where it was
-    linearised, and `size` is its root mean square in standard uncertainties.
+    `pull` is ``A^T R^-1 J`` of all coefficients, `square` the least ``r^T S^-1 r``. `told` counts what the residuals
+    determine of what is sought, `step` leads there from where it was linearised, and `size` is its root mean square in
+    standard uncertainties.
     """
 
-    lower: FloatArray
-    across: FloatArray
+    pull: FloatArray
     square: float
     told: float
     step: FloatArray
@@ -176,7 +176,11 @@ class _Sought:
     prior_std: FloatArray
 
     def at(self, x: FloatArray, weighed: _Weighed, root: FloatArray) -> tuple[_Left, Posterior]:
-        """Linearise, and find them with considered parameters of the covariance that `root` is of."""
+        """Linearise, and find them with considered parameters of the covariance that `root` is of.
+
+        With the root F, ``P = F^T F``, and the Gauss-Newton matrix G of all parameters, S^-1 enters by the factor of
+        ``I + F G F^T``.
+        """
         parts, whole = self.problem.equations(x, weighed.weights)
         n = root.shape[1]
         with one_blas_thread():
@@ -198,10 +202,10 @@ class _Sought:
             considered = -(root.T @ _by_factor(lower, along + across @ of_sought, transposed=True))
             step = left.step(of_kept + np.concatenate([considered, np.zeros(len(left.kept) - n)]))
             step[left.kept] = of_kept
-        square = 2 * whole.cost - left.gain - float(along @ along)
+        length = max(float(of_sought @ own @ of_sought), 0.0)
+        square = 2 * whole.cost - left.gain - float(along @ along) - length
         told = left.told + float(np.vdot(own, found.covariance))
-        size = np.sqrt(max(float(of_sought @ own @ of_sought), 0.0) / len(of_sought))
-        return _Left(lower, across, square, told, step, float(size)), found
+        return _Left(gram[which, :n], square, told, step, float(np.sqrt(length / len(of_sought)))), found
 
     def _prior(self, n: int) -> GroupedPrior:
         ratio = np.concatenate([self.prior_std, np.full(n - len(self.anew), UNKNOWN_STD)])
@@ -299,11 +303,10 @@ def _merged(fit: Identified, anew: Sequence[Term]) -> _Merged:
 def _joseph(root: FloatArray, anew: IntArray, left: _Left, found: Posterior) -> FloatArray:
     """Covariance of all coefficients afterwards, symmetric and without negative variances by its form."""
     k = len(anew)
-    taken_up = _by_factor(left.lower, left.across @ found.covariance[:, :k], transposed=True)
     half = root.copy()
-    half[:, anew] -= taken_up
+    half[:, anew] -= root @ (found.covariance[:k] @ left.pull).T
     covariance = half.T @ half
-    covariance[np.ix_(anew, anew)] += found.covariance[:k, :k] - taken_up.T @ taken_up
+    covariance[np.ix_(anew, anew)] += found.covariance[:k, :k]
     return (covariance + covariance.T) / 2
 
 
