@@ -133,7 +133,10 @@ def test_all_that_was_identified_comes_back(mixed, tmp_path):
         np.testing.assert_array_equal(one, other)
     assert again.left_out_ == model.left_out_ != ()
     assert again.columns_ == model.columns_
+    assert again.column_variances_ == model.column_variances_ != {}
     assert again.temperature_degC_ == model.temperature_degC_
+    assert again.temperature_variance_K2_ == model.temperature_variance_K2_ > 0
+    assert again.widening_ == model.widening_ >= 1
     for name in ("nominal_", "fit_"):
         one, other = getattr(model, name), getattr(again, name)
         assert other.moved.terms == one.moved.terms
@@ -446,7 +449,7 @@ HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
             edit_fit(lambda fit: fit["terms"][0].update(basis={"kind": "Temperature", "link": 0}), "nominal_"),
             "with a te",
         ),
-        (edit_header(column_means={}), "expected readings with a column 'load_1_Nm'"),
+        (edit_header(column_means={}, column_variances={}), "expected readings with a column 'load_1_Nm'"),
         (edit_header(temperature_degC=float("inf")), "model.json, temperature_degC"),
         (edit_header(column_means={"load_1_Nm": float("nan")}), "model.json, column_means"),
         # Numbers of terms and groups.
@@ -501,6 +504,12 @@ HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
         (lose("arm_gravity"), "does not hold what its kind"),
         (edit_array("arm_gravity", lambda a: 0 * a), "gravity as a direction"),
         (edit_array("arm_gravity", lambda a: a[:2]), "arm_gravity of shape"),
+        # How what it depends on varied.
+        (edit_header(column_variances={}), "a mean and a variance of every column"),
+        (edit_header(column_variances={"load_1_Nm": -1.0}), "model.json, column_variances"),
+        (edit_header(temperature_variance_K2=None), "a mean and a variance of the temperature"),
+        (edit_header(temperature_variance_K2=float("nan")), "model.json, temperature_variance_K2"),
+        (edit_fact("widening", 0.5), "expected a widening of 1 or more"),
     ],
 )
 def test_a_physical_model_that_is_not_sound_is_refused(change, message, mixed, tmp_path):

@@ -38,6 +38,7 @@ def predict(
 
     from truearm.errors import InputError
     from truearm.models import NetworkModel, PhysicalModel
+    from truearm.models.identified import IdentifiedModel
     from truearm.writing import check_writable
 
     if out.suffix != ".csv":
@@ -49,8 +50,15 @@ def predict(
         points, covariance = fitted.predict_readings(readings, return_cov=True)
         std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         outside = fitted.outside_training(readings.angles)
+        not_given = fitted.not_given(readings) if isinstance(fitted, IdentifiedModel) else {}
         _write(out, readings, points, std, outside)
     say(f"{out}: {len(points)} points, standard uncertainty of a coordinate {np.median(std):.4f} mm (median)")
+    if not_given:
+        sizes = [
+            f"{name} ({np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3):.4f} mm)"
+            for name, part in not_given.items()
+        ]
+        say(f"Not given at all readings, taken at the mean, which is in the uncertainty: {', '.join(sizes)}.")
     if fitted.session_frames_:
         first, *_ = fitted.session_frames_
         named = np.full(len(points), "") if readings.session is None else readings.session

@@ -3,7 +3,8 @@
 A zip archive (stored, not compressed) with ``model.json`` and one ``NAME.npy`` (format 1.0, no objects) for each
 array that the JSON lists with its shape and SHA-256. Nothing else may be in it.
 
-Format 4 brought masses of the arm's links, the direction of gravity and where in the joint space more is unexplained.
+Format 4 brought masses of the arm's links, the direction of gravity, where in the joint space more is unexplained, the
+widening of the posterior, and variances of temperature and columns (0 before: not known).
 Format 3 brought identified terms as data with their posterior; formats 1 and 2 had six constants of every place only,
 already moved into the chain. Format 2 brought ensembles of networks (a member's numbers are a row of the arrays) and
 the records of their trainings; format 1 had one network without its record.
@@ -29,6 +30,7 @@ from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError, TruearmError
+from truearm.identify.birge_ratio import birge_ratio
 from truearm.identify.calibration import HeldOut
 from truearm.identify.identification import Explained, GroupFound, Identified
 from truearm.identify.problem import Moved
@@ -142,7 +144,9 @@ class _Header(BaseModel):
     free: list[Literal["base", "tip"]] | None = None
     left_out: list[tuple[str, str]] = []
     column_means: dict[str, Annotated[float, Field(allow_inf_nan=False)]] = {}
+    column_variances: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = {}
     temperature_degC: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    temperature_variance_K2: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     sessions: list[str] = []
     members: list[_MemberEntry] = []
     record: tuple[str, ...] = ()
@@ -191,7 +195,9 @@ def save_model(model: Compensator, path: str | Path) -> None:
         free=list(model.free_),  # type: ignore[arg-type]
         left_out=[(left_out.name, left_out.reason) for left_out in getattr(model, "left_out_", ())],
         column_means=getattr(model, "columns_", {}),
+        column_variances=getattr(model, "column_variances_", {}),
         temperature_degC=getattr(model, "temperature_degC_", None),
+        temperature_variance_K2=getattr(model, "temperature_variance_K2_", None),
         sessions=list(model.session_frames_),
         members=[
             _MemberEntry(start=member.start, epochs=record.num_epochs, best_epoch=record.best_epoch, stop=record.stop)
@@ -287,6 +293,7 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
             arrays |= _identified_arrays(name, getattr(model, name))
     if isinstance(model, IdentifiedModel):
         facts["unexplained_std_mm"] = model.unexplained_std_
+        facts["widening"] = model.widening_
         arrays["refitted_on"] = model.refitted_on_
         shares = model.unexplained_shares_
         arrays |= {f"unexplained_{part}": getattr(shares, part) for part in SHARES}
@@ -360,15 +367,39 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
         else:
             model.fit_ = (_old_fit if old else _identified)("fit_", header, arrays, prismatic)
         model.left_out_ = tuple(LeftOut(name, reason) for name, reason in header.left_out)
-        model.columns_, model.temperature_degC_ = dict(header.column_means), header.temperature_degC
+        _put_conditions(model, header)
         model.refitted_on_ = np.zeros(0) if old else _marks(arrays["refitted_on"])
         noise = model.fit_.references[0].noise_std
         model.unexplained_std_ = noise if old else header.facts["unexplained_std_mm"]
         model.unexplained_shares_ = _shares(header, arrays, n)
         model.held_out_ = _held_out(header, arrays)
+        model.widening_ = _widening(model, header)
     if isinstance(model, NetworkModel):
         _put_network(model, header, arrays)
     return model
+
+
+def _put_conditions(model: IdentifiedModel, header: _Header) -> None:
+    """Temperature and columns of the training readings; before format 4 it was not kept how they varied."""
+    model.columns_, model.temperature_degC_ = dict(header.column_means), header.temperature_degC
+    if header.format < 4:
+        model.column_variances_ = dict.fromkeys(model.columns_, 0.0)
+        model.temperature_variance_K2_ = None if model.temperature_degC_ is None else 0.0
+        return
+    model.column_variances_ = dict(header.column_variances)
+    model.temperature_variance_K2_ = header.temperature_variance_K2
+    if model.column_variances_.keys() != model.columns_.keys():
+        raise InputError("expected a mean and a variance of every column in model.json")
+    if (model.temperature_variance_K2_ is None) != (model.temperature_degC_ is None):
+        raise InputError("expected a mean and a variance of the temperature in model.json")
+
+
+def _widening(model: IdentifiedModel, header: _Header) -> float:
+    if header.format < 4:
+        return birge_ratio(model.fit_.references, model.held_out_.rows, model.unexplained_std_)
+    if header.facts["widening"] < 1:
+        raise InputError(f"expected a widening of 1 or more in model.json, got {header.facts['widening']:g}")
+    return header.facts["widening"]
 
 
 def _shares(header: _Header, arrays: dict[str, FloatArray], n: int) -> VarianceFunction:

@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from truearm.identify.birge_ratio import birge_ratio
 from truearm.identify.calibration import unexplained_variance_of
 from truearm.identify.identification import Identified, identify
 from truearm.identify.leave_out import leave_groups_out
+from truearm.identify.propagation import effects_of_directions, half_difference
 from truearm.identify.references import Reference
 from truearm.identify.variance_function import VarianceFunction, variance_function_of
 from truearm.models.compensator import MIN_ROWS, Compensator
@@ -45,10 +47,13 @@ class IdentifiedModel(Compensator):
         Standard deviation of a coordinate that the model cannot explain [mm]: root mean square over the joint space.
     unexplained_shares_ : VarianceFunction
         What share of its square readings at other angles have.
-    temperature_degC_ : float or None
-        Mean temperature of the training readings [degC].
-    columns_ : dict of str to float
-        Means of their further columns.
+    widening_ : float
+        By how much standard deviations of the first posterior are to be raised, by the readings held out of it (see
+        `truearm.identify.birge_ratio`).
+    temperature_degC_, temperature_variance_K2_ : float or None
+        Mean temperature of the training readings [degC], and its variance.
+    columns_, column_variances_ : dict of str to float
+        Means of their further columns, and variances.
     refitted_on_ : (k,) array
         Marks of the readings from which base and tip were identified anew (`truearm.models.refit`); none by `fit`.
     """
@@ -66,7 +71,11 @@ class IdentifiedModel(Compensator):
     ) -> None:
         del checkpoint  # it is there in seconds
         self.temperature_degC_ = None if readings.temperature_degC is None else float(readings.temperature_degC.mean())
+        self.temperature_variance_K2_ = (
+            None if readings.temperature_degC is None else float(readings.temperature_degC.var())
+        )
         self.columns_ = {name: float(values.mean()) for name, values in readings.columns.items()}
+        self.column_variances_ = {name: float(values.var()) for name, values in readings.columns.items()}
         self.refitted_on_ = np.zeros(0)
         progress(0, "terms")
         state = state_of(self.arm_, readings)
@@ -78,6 +87,7 @@ class IdentifiedModel(Compensator):
         self.left_out_ = tuple(left_out)
         self.held_out_ = leave_groups_out(self.fit_, state, references, groups_of(readings, self.session_frames_))
         self._size_unexplained(readings.angles)
+        self.widening_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.unexplained_std_)
 
     def _found(
         self,
@@ -122,7 +132,7 @@ class IdentifiedModel(Compensator):
         """State of the arm at readings, as far as the model knows what it does.
 
         Where they have no temperature or load it is that of the training readings on average; where they have no
-        directions of movement, half way between the two.
+        directions of movement, half way between the two. `not_given` tells what that leaves open.
         """
         return state_of(
             self.arm_,
@@ -138,7 +148,32 @@ class IdentifiedModel(Compensator):
     def _covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
         of_parameters = self.fit_.tip_covariance(self.state(readings))
         unexplained = self.unexplained_std_**2 * self.unexplained_shares_.share(readings.angles)
-        return of_parameters, unexplained[:, None, None] * np.eye(3)
+        return of_parameters, sum(self.not_given(readings).values(), unexplained[:, None, None] * np.eye(3))
+
+    def not_given(self, readings: Readings) -> dict[str, FloatArray]:
+        """Give what the terms depend on and readings do not state, and how uncertain that makes the tips.
+
+        Temperature and further columns are known by their means and variances at the training readings, directions of
+        movement are one or the other.
+
+        Returns
+        -------
+        dict of str to (n, 3, 3) array
+            By name the covariance of tips [mm^2], to first order.
+        """
+        state, fit = self.state(readings), self.fit_
+        effects = {"directions of movement": effects_of_directions(fit, state)}
+        if readings.temperature_degC is None and state.temperature_degC is not None:
+            std = np.sqrt(self.temperature_variance_K2_ or 0.0)
+            low, high = (replace(state, temperature_degC=state.temperature_degC + way * std) for way in (-1, 1))
+            effects["temperature"] = half_difference(fit, low, high)[None]
+        for name in self.columns_.keys() - readings.columns.keys():
+            values, std = state.columns[name], np.sqrt(self.column_variances_[name])
+            low, high = (replace(state, columns={**state.columns, name: values + way * std}) for way in (-1, 1))
+            effects[name] = half_difference(fit, low, high)[None]
+        return {
+            name: np.einsum("kni,knj->nij", effect, effect) for name, effect in sorted(effects.items()) if effect.any()
+        }
 
     def _check_references(self, readings: Readings, lengths: Lengths | None) -> int:
         return len(np.unique(np.concatenate([reference.rows for reference in references_of(readings, lengths)])))

@@ -19,6 +19,7 @@ from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identify.leave_out import root_of
+from truearm.identify.propagation import effects_of_directions
 from truearm.models.compensator import Compensator
 from truearm.models.identified import IdentifiedModel
 from truearm.readings.readings import Readings
@@ -176,6 +177,10 @@ class ModelErrors:
 
     Both are larger or smaller at a pose as the model says (`unexplained_shares_`).
 
+    Random is also the hysteresis that the model found, as with `PresetErrors`: each joint came to each point from one
+    side or the other, and who compensates does not know from which, so that the model stands half way between. Not so
+    with ``directions_given``.
+
     Without a repeatability nothing is known to be random, and all that is unexplained counts as systematic. Where many
     points are averaged that errs to the safe side; the scatter about the model, taken as random, would not: about a
     kinematic model it is mostly errors of encoders, the same at the same pose.
@@ -185,7 +190,10 @@ class ModelErrors:
     model : Compensator
         Identified: nominal, kinematic or physical. A task is simulated at the mean temperature of its readings.
     repeatability_mm : float, optional
-        Standard deviation of a coordinate where a point is taken again in the same pose [mm].
+        Standard deviation of a coordinate where a point is taken again in the same pose, come to from the same side
+        [mm].
+    directions_given : bool
+        Whether the model is told every joint's last direction of movement, at every point of the task.
 
     Raises
     ------
@@ -196,6 +204,7 @@ class ModelErrors:
 
     model: Compensator
     repeatability_mm: float | None = None
+    directions_given: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, IdentifiedModel):
@@ -207,7 +216,7 @@ class ModelErrors:
         given = self.repeatability_mm
         if given is not None and not 0 <= given < np.inf:
             raise InputError(f"expected a repeatability of zero or more in mm, got {given}")
-        if given is not None and given > 1.5 * max(self.model.unexplained_std_, self._scatter):
+        if given is not None and given > 1.5 * self.model.unexplained_std_:
             raise InputError(
                 f"a repeatability of {given:.4g} mm contradicts the model, about which readings held out scatter by "
                 f"{self.model.unexplained_std_:.4g} mm",
@@ -233,10 +242,11 @@ class ModelErrors:
     def widening(self) -> float:
         """By how much standard deviations of the posterior are raised.
 
-        It was found with the noise that its own readings show. Readings held out scatter by more, as terms follow the
-        noise and what is missing repeats; a posterior under their noise is wider by as much.
+        It was found with what is stated of the reference and the noise that the model's own readings show. Readings
+        held out scatter by more, as terms follow the noise and what is missing repeats; a posterior under their noise
+        is wider by as much (`truearm.identify.birge_ratio`).
         """
-        return max(1.0, self._model.unexplained_std_ / self._scatter)
+        return self._model.widening_
 
     def draw(self, seed: int) -> DrawnFromModel:
         """Draw an arm from the posterior."""
@@ -249,10 +259,22 @@ class ModelErrors:
     def state(self, angles: FloatArray) -> ArmState:
         """The arm at poses (n, n_joints) [rad], else as it was on average when the model learned.
 
-        Each joint came from one side or the other, as the program that compensates is told.
+        Where the model is told directions of movement, each joint came from one side or the other.
         """
-        came_from = np.random.default_rng(0).choice([-1.0, 1.0], angles.shape)
+        came_from = None
+        if self.directions_given:
+            came_from = np.random.default_rng(0).choice([-1.0, 1.0], angles.shape)
         return self._model.state(Readings(angles, directions=came_from))
+
+    def hysteresis(self, angles: FloatArray) -> FloatArray:
+        """(n_joints, n, 3) what not to be told each joint's direction does at poses (n, n_joints) [mm]."""
+        key = angles.tobytes()
+        if key not in self._kept_hysteresis:
+            if len(self._kept_hysteresis) >= _KEPT:
+                self._kept_hysteresis.clear()
+            effects = effects_of_directions(self._model.fit_, self.state(angles))
+            self._kept_hysteresis[key] = effects @ self.R_base_reference.T
+        return self._kept_hysteresis[key]
 
     def share(self, angles: FloatArray) -> FloatArray:
         """(n, 1) by how much more than on average a point scatters about the model at poses (n, n_joints)."""
@@ -289,6 +311,10 @@ class ModelErrors:
         return {}
 
     @cached_property
+    def _kept_hysteresis(self) -> dict[bytes, FloatArray]:
+        return {}
+
+    @cached_property
     def R_base_reference(self) -> FloatArray:
         """(3, 3) turns errors from the frame of the model's reference into the arm's base frame."""
         R_reference_base = self._model.fit_.chain.fixed[0, :3, :3] @ self.arm.chain.fixed[0, :3, :3].T
@@ -302,14 +328,6 @@ class ModelErrors:
     @cached_property
     def _root(self) -> FloatArray:
         return root_of(self._model.fit_.covariance)
-
-    @property
-    def _scatter(self) -> float:
-        """Noise of the references, root mean square over their residuals [mm]."""
-        references = self._model.fit_.references
-        n = np.array([reference.residuals.size for reference in references], dtype=float)
-        noise = np.array([reference.noise_std for reference in references])
-        return float(np.sqrt((n * noise**2).sum() / n.sum()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,7 +354,12 @@ class DrawnFromModel:
 
     def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
         """See `DrawnArm`."""
-        return self.errors.random_std_mm * self.errors.share(angles) * rng.standard_normal((len(angles), 3))
+        scatter = self.errors.random_std_mm * self.errors.share(angles) * rng.standard_normal((len(angles), 3))
+        effects = self.errors.hysteresis(angles)
+        if not effects.any():
+            return scatter
+        came_from = np.where(rng.random(angles.shape) < 0.5, -1.0, 1.0)
+        return np.asarray(scatter - np.einsum("kni,nk->ni", effects, came_from))
 
 
 @dataclass(frozen=True, eq=False)
