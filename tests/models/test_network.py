@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from truearm.nets import normal_equations
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import dividerand
-from truearm.readings import Readings
+from truearm.readings import Lengths, Readings
 
 
 @pytest.fixture(scope="module")
@@ -375,3 +375,10 @@ def test_more_weights_than_coordinates_need_readings_set_aside_or_trainbr(arm, r
             small(arm, hidden=(10,), validation=0.0, trainer=trainer).fit_readings(few)
     small(arm, hidden=(10,), validation=0.0, trainer="trainbr").fit_readings(few)
     small(arm, hidden=(10,)).fit_readings(few)
+
+
+def test_lengths_tell_a_network_nothing_and_are_refused(arm, readings):
+    held = replace(readings, seat=np.array(["A", "B"] * 60))
+    lengths = Lengths(np.array(["A"]), np.array(["B"]), np.array([100.0]), np.array([0.01]))
+    with pytest.raises(InputError, match="learns from points alone, and lengths"):
+        small(arm).fit_readings(held, lengths=lengths)

@@ -158,6 +158,14 @@ class NetworkModel(Compensator):
         """
         return self._scatter(self._checked_angles(angles))
 
+    def _check_references(self, readings: Readings, lengths: Lengths | None) -> int:
+        if lengths is not None:
+            raise InputError(
+                "a network learns from points alone, and lengths between seats were given with them",
+                hint="fit it without lengths, or fit a kinematic or physical model",
+            )
+        return super()._check_references(readings, lengths)
+
     def _identify(
         self,
         readings: Readings,
@@ -165,7 +173,7 @@ class NetworkModel(Compensator):
         progress: Callable[[int, str], None],
         checkpoint: Path | None,
     ) -> None:
-        del lengths  # every reading has a point, which says more
+        del lengths  # refused before
         if self.session_frames_:
             raise readings.error(
                 f"the readings are of {len(self.session_frames_)} sessions, each in a frame of its own, and a network "
