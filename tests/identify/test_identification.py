@@ -14,7 +14,7 @@ from scipy.stats import binom
 from truearm.arm import load
 from truearm.errors import InputError
 from truearm.identify.alignment import align
-from truearm.identify.identification import MOST_SCALE, identify
+from truearm.identify.identification import MOST_SCALE, Identified, identify
 from truearm.identify.outliers import outliers
 from truearm.identify.problem import Moved
 from truearm.identify.references import Points, Seats, seats_of
@@ -367,3 +367,26 @@ def test_what_many_readings_can_see_is_not_dropped(n, is_kept, arm, rng):
         std = np.sqrt(fit.covariance.diagonal()[-2:])
         assert (np.abs(fit.coefficients[-2:] - x[-2:]) < 4 * std).all()
         assert (std < small).all()
+
+
+def test_no_direction_of_a_tip_is_known_better_than_perfectly(arm, rng):
+    """Where all that is uncertain cancels out, what is left is rounding: as a variance it must not be below zero."""
+    moved = Moved(arm.chain, tuple(constants(arm.chain, free=())))
+    state = ArmState(arm.chain, poses(arm, 8, rng))
+    p = moved.n_coefficients
+    J = np.concatenate([columns for _, _, columns in moved.derivatives(state, np.zeros(p))], axis=2)
+    along = J[:, :, :4].reshape(p, 12)
+    root = rng.normal(size=(p, p)) * np.concatenate([term.prior_stds for term in moved.terms])
+    covariance = root.T @ root
+    cancelling = np.eye(p) - along @ np.linalg.pinv(along)  # moves none of the first four tips
+    for spread in (covariance, cancelling @ covariance @ cancelling):
+        spread = (spread + spread.T) / 2
+        found = Identified(moved, np.zeros(p), spread, np.ones(p), (), (), converged=True, rounds=1).tip_covariance(
+            state
+        )
+        expected = np.einsum("pin,pq,qjn->nij", J, spread, J)
+        # mm^2: rounding of what adds up to thousands of it.
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-9)
+        np.testing.assert_allclose(found, found.transpose(0, 2, 1), rtol=0, atol=1e-11)
+        assert np.einsum("nii->ni", found).min() >= 0
+        assert np.linalg.eigvalsh(found).min() >= -1e-15 * np.abs(found).max()

@@ -184,7 +184,8 @@ def test_a_file_of_an_older_format_predicts_what_it_did(kept):
     tip, std, nominal = KEPT[kept]
     points, covariance = model.predict(model.arm.working[None], return_cov=True)
     np.testing.assert_allclose(points, [tip], rtol=1e-12)
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), std, rtol=1e-12)
+    # Of a covariance that is singular to rounding, what was below zero is left out since.
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), std, rtol=1e-5)
     np.testing.assert_allclose(model.predict_nominal(model.arm.working[None]), [nominal], rtol=1e-12)
     assert model.free_ == model.free
 

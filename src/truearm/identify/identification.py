@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +26,7 @@ from truearm.solve.group_evidence import (
     Posterior,
     marginals,
     posterior,
+    root_of,
     updated_scales,
     without_dispensable,
 )
@@ -155,10 +157,18 @@ class Identified:
     def tip_covariance(self, state: ArmState) -> FloatArray:
         """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
         out = np.empty((len(state), 3, 3))
+        uncertain, root = self._root
         for rows, _, columns in self.moved.derivatives(state, self.coefficients):
-            spread = (self.covariance @ columns.reshape(len(columns), 3 * columns.shape[2])).reshape(columns.shape)
-            out[rows] = np.einsum("pin,pjn->nij", columns, spread)
-        return (out + out.transpose(0, 2, 1)) / 2  # equal but for rounding
+            # By the root, for a sum of squares: of an arm known to rounding a variance came out below zero.
+            spread = np.tensordot(root, columns[uncertain], axes=1)
+            out[rows] = np.einsum("pin,pjn->nij", spread, spread)
+        return out
+
+    @cached_property
+    def _root(self) -> tuple[npt.NDArray[np.intp], FloatArray]:
+        """The (k,) coefficients that are uncertain, and F (k, k) with ``F^T F`` their covariance."""
+        uncertain = np.flatnonzero(self.covariance.diagonal() > 0)
+        return uncertain, root_of(self.covariance[np.ix_(uncertain, uncertain)])
 
 
 def grouped_prior(terms: Sequence[Term], n_unknowns: int) -> tuple[GroupedPrior, tuple[str, ...]]:
@@ -238,7 +248,7 @@ def identify(
         if progress is not None:
             told = ", ".join(f"{kind} {np.sqrt(v):.4f} mm" for kind, v in zip(kinds, noise, strict=True))
             progress(n_rounds, f"unexplained: {told}")
-        parts, whole = _linearised(problem, x, weights)
+        parts, whole = linearised(problem, x, weights)
         left = without_unknowns(parts, whole, x)
         calm = calm + 1 if np.all(np.abs(noise - noise_before) < CALM_NOISE * noise) else 0
         if calm == 1:
@@ -264,7 +274,7 @@ def identify(
             break
     # Where readings leave a motion of decimetres open, a last step within all uncertainty still turns what is open by
     # more than the noise: the covariance is that of the arm that was found.
-    parts, whole = _linearised(problem, x, weights)
+    parts, whole = linearised(problem, x, weights)
     left = without_unknowns(parts, whole, x)
     with one_blas_thread():
         found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior.of(left.kept), size=left.size)
@@ -289,7 +299,7 @@ def _check_rows(reference: Reference, n: int) -> None:
         raise InputError(f"expected standard uncertainties of a {reference.kind} of zero or more, finite, got others")
 
 
-def _linearised(
+def linearised(
     problem: SmallMotionProblem, x: FloatArray, weights: list[FloatArray]
 ) -> tuple[list[Arrowhead], Arrowhead]:
     """Normal equations of every reference, and of all of them and their relations together."""

@@ -24,13 +24,14 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import LinAlgError, cholesky, eigh
+from scipy.linalg import eigh
 from scipy.sparse import csr_array, hstack, vstack
 
 from truearm.identify.calibration import HeldOut
 from truearm.identify.identification import UNKNOWN_STD, Explained, Identified, started, without_unknowns
 from truearm.identify.problem import SmallMotionProblem
 from truearm.identify.references import Linearised, Reference
+from truearm.solve.group_evidence import root_of
 from truearm.solve.threads import one_blas_thread
 from truearm.terms.state import ArmState
 
@@ -354,20 +355,3 @@ def _by_unknown(linear: Linearised, unknown: IntArray, n: int) -> csr_array:
     told = linear.by_unknown != 0
     column = np.broadcast_to(unknown, (k, a, m))
     return csr_array((linear.by_unknown[told], (residual[told], column[told])), shape=(m * k, n))
-
-
-def root_of(covariance: FloatArray) -> FloatArray:
-    """F with ``F^T F`` the covariance."""
-    if not len(covariance):
-        return covariance
-    scale = np.sqrt(covariance.diagonal())
-    scale[scale == 0] = 1.0
-    matrix = covariance / scale
-    matrix /= scale[:, None]
-    try:
-        factor = cholesky(matrix, lower=False, check_finite=False)
-    except LinAlgError:  # singular to rounding
-        values, vectors = np.linalg.eigh(matrix)
-        factor = (vectors * np.sqrt(np.maximum(values, 0))).T
-    factor *= scale
-    return np.asarray(factor)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from truearm.identify.alignment import rigid_motions
 from truearm.identify.identification import Identified
-from truearm.identify.leave_out import root_of
+from truearm.solve.group_evidence import root_of
 from truearm.terms.state import ArmState
 
 FloatArray = npt.NDArray[np.float64]

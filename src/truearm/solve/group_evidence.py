@@ -131,6 +131,23 @@ def posterior(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size:
     return Posterior(x, covariance)
 
 
+def root_of(covariance: FloatArray) -> FloatArray:
+    """F with ``F^T F`` the covariance."""
+    if not len(covariance):
+        return covariance
+    scale = np.sqrt(covariance.diagonal())
+    scale[scale == 0] = 1.0
+    matrix = covariance / scale
+    matrix /= scale[:, None]
+    try:
+        factor = cholesky(matrix, lower=False, check_finite=False)
+    except LinAlgError:  # singular to rounding
+        values, vectors = np.linalg.eigh(matrix)
+        factor = (vectors * np.sqrt(np.maximum(values, 0))).T
+    factor *= scale
+    return np.asarray(factor)
+
+
 def _solved(
     gram: FloatArray, right: FloatArray, prior: GroupedPrior, active: IntArray, size: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
