@@ -51,6 +51,25 @@ def test_a_session_of_seats_has_a_page(truearm, seated, tmp_path):
         assert said in text, said
 
 
+def test_a_seat_in_two_sessions_is_refused_by_every_verb(truearm, seated, tmp_path):
+    header, *rows = (seated / "seats.csv").read_text(encoding="utf-8").splitlines()
+    named = [f"{header},session", *(f"{row},{'May' if i % 2 else 'June'}" for i, row in enumerate(rows))]
+    model, session = seated / "arm.truearm", tmp_path / "s.csv"
+    session.write_text("\n".join(named), encoding="utf-8")
+    for verb, *more in (
+        ("fit", session, "--arm", "gao2017", "--out", tmp_path / "m"),
+        ("refit", model, session, "--out", tmp_path / "m"),
+        ("evaluate", model, session),
+        ("report", model, session, "--out", tmp_path / "page.html"),
+        ("check", model, session, "--history", tmp_path / "h.sqlite"),
+        ("plan", "gao2017", "--artefact", "seat", "--taken", session, "--out", tmp_path / "plan.csv"),
+    ):
+        ran = truearm(verb, *more)
+        assert ran.code == 2, (verb, ran.err)
+        assert "between which the base or the reference moved" in ran.err, verb
+    assert not list(tmp_path.glob("*.html")) + list(tmp_path.glob("plan*")) + list(tmp_path.glob("m*"))
+
+
 def test_lengths_are_for_sessions_of_seats(truearm, made, seated, tmp_path):
     ran = truearm(
         *("report", made / "kinematic.truearm", made / "test.csv"),

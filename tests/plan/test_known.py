@@ -100,6 +100,13 @@ def test_readings_without_points_and_seats_are_refused(drawn):
             drawn.after(readings)
 
 
+def test_a_seat_in_two_sessions_is_refused(drawn):
+    angles = tracker_poses(ARM, 4, seed=0).angles
+    taken = Readings(angles, seat=np.array(["A"] * 4), session=np.array(["May", "May", "June", "June"]))
+    with pytest.raises(InputError, match="seat 'A' is in session 'May' and, in reading 3, in session 'June'"):
+        drawn.after(taken)
+
+
 def test_noise_must_be_positive():
     for noise in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="positive noise"):

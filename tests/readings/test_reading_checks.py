@@ -1,12 +1,25 @@
 """What a fit demands: a sentence that names the joint, the line, the column and the remedy."""
 
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from truearm.errors import InputError
-from truearm.readings import Readings, check_angles, check_fit, check_reach, has_reference, read_session
+from truearm.readings import (
+    Lengths,
+    Readings,
+    check_angles,
+    check_fit,
+    check_reach,
+    check_sessions,
+    has_reference,
+    read_session,
+)
 
 NAMES = ("waist", "elbow")
 LOWER, UPPER = np.radians([-180.0, -90.0]), np.radians([180.0, 90.0])
@@ -181,6 +194,48 @@ def test_points_of_several_sessions_lie_together_session_by_session(rng):
     session[12] = "May"
     with pytest.raises(InputError, match=r"reference point of reading 13 .*1 of 20 readings"):
         check_reach(Readings(angles, points, session=session), reach=1000.0)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.tuples(st.sampled_from("abcd "), st.sampled_from(["s", "t", ""])), min_size=1, max_size=8))
+def test_a_place_is_of_one_session(rows):
+    """Refused is what has a name in two sessions, to have none being one too, and nothing else."""
+    names, session = (np.array([row[i].strip() for row in rows]) for i in (0, 1))
+    in_two = any(len(set(session[names == name])) > 1 for name in set(names) - {""})
+    for kind in ("seat", "sphere", "plane", "line"):
+        readings = Readings(np.zeros((len(rows), 2)), session=session, **{kind: names})
+        if in_two:
+            with pytest.raises(
+                InputError, match=f"{kind} '.*, between which the base or the reference moved"
+            ) as caught:
+                check_sessions(readings)
+            assert caught.value.column == kind
+            assert f"another name for the {kind}" in caught.value.hint
+        else:
+            check_sessions(readings)
+        check_sessions(replace(readings, session=None))
+        check_sessions(replace(readings, points=np.zeros((len(rows), 3))), own_frame=True)
+    with pytest.raises(InputError, match="seat") if in_two else nullcontext():  # without points nothing says where
+        check_sessions(Readings(np.zeros((len(rows), 2)), session=session, seat=names), own_frame=True)
+
+
+def test_a_length_lies_within_a_session(tmp_path):
+    seat, names = np.array(["a", "b", "c", "d"]), np.array(["s", "s", "t", ""])
+    readings = Readings(np.zeros((4, 2)), np.zeros((4, 3)), seat=seat, session=names)
+    check_sessions(readings, Lengths(["a"], ["b"], [100.0], [0.01]))
+    check_sessions(readings, Lengths(["x"], ["b"], [100.0], [0.01]))  # of another part of the measurements
+    for other, said in (("c", "in session 't'"), ("d", "in a reading that names no session")):
+        lengths = Lengths(["a", "a"], ["b", other], [100.0, 50], [0.01, 0.01])
+        with pytest.raises(
+            InputError, match=f"length 2: seat 'a' is in session 's', seat '{other}' is {said}"
+        ) as caught:
+            check_sessions(readings, lengths)
+        assert caught.value.hint.startswith("lengths between seats of one session")
+        check_sessions(readings, lengths, own_frame=True)
+    readings = session(tmp_path, ["1,2,a,s", "3,4,b,s", "5,6,a,t"], header="q1_deg,q2_deg,seat,session\n")
+    with pytest.raises(InputError, match="and in session 't'") as caught:
+        check_sessions(readings)
+    assert (caught.value.line, caught.value.file) == (4, readings.file)
 
 
 def test_no_joint_turns_without_end_however_free_it_is():

@@ -97,9 +97,11 @@ def _values(fitted: Compensator, readings: Readings, lengths: Path | None) -> tu
 
     from truearm.cli.fit import lengths_of
     from truearm.errors import InputError
+    from truearm.readings import check_sessions
     from truearm.verify.interim import interim_values
 
     known = None if lengths is None else lengths_of(lengths, readings)
+    check_sessions(readings, known, own_frame="base" not in fitted.free)
     # What the model does not explain: the other part of its uncertainty is the same in every check.
     _, unexplained = fitted.covariance_parts(readings)
     std = np.sqrt(np.trace(unexplained, axis1=1, axis2=2) / 3)

@@ -36,7 +36,7 @@ def evaluate(
     from truearm.cli.predict import check_reference, load_for, without_served
     from truearm.cli.report import remarks
     from truearm.models import NominalModel
-    from truearm.readings import compared_errors, errors_of
+    from truearm.readings import check_sessions, compared_errors, errors_of
 
     with progress(f"reading {session.name}"):
         fitted, readings = load_for(model, session)
@@ -44,6 +44,7 @@ def evaluate(
         whole = readings
         readings, n_served = without_served([fitted], whole)
         known = None if lengths is None else lengths_of(lengths, whole, readings)
+        check_sessions(readings, known, own_frame="base" not in fitted.free)
     predicted = {"nominal": fitted.predict_nominal_readings(readings), "model": fitted.predict_readings(readings)}
     in_seats = {name: _in_seats(points, readings, known) for name, points in predicted.items()}
     errors = None

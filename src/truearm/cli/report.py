@@ -127,10 +127,11 @@ def seated(models: dict[str, Compensator], readings: Readings, known: Lengths | 
     import numpy as np
 
     from truearm.models import NominalModel
-    from truearm.readings import length_errors
+    from truearm.readings import check_sessions, length_errors
     from truearm.report.seats import Seated
 
     assert readings.seat is not None  # checked by the caller
+    check_sessions(readings, known)
     first = _of_one_arm(models)
     predicted = {"nominal": first.predict_nominal_readings(readings)}
     predicted |= {
@@ -223,7 +224,9 @@ def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section
         ),
         *(
             identified.open_section(
-                model.left_out_, [one.constants for one in identifiability(model.fit_).untold], name=titles[name]
+                model.left_out_,
+                [(one.constants, one.known) for one in identifiability(model.fit_).untold],
+                name=titles[name],
             )
             for name, model in found.items()
         ),

@@ -21,6 +21,7 @@ from truearm.identify.identification import Identified, identify
 from truearm.models.frames import carried, covariance_back, frame_terms, frames_of, points_back
 from truearm.models.ranges import away_from, gaps_within
 from truearm.models.relations import placed, references_of, state_of, tool_terms
+from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
 from truearm.terms import constants
@@ -135,6 +136,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             if readings.seat is None:
                 raise readings.error("lengths are between seats, and the readings name none", column="seat")
             lengths = lengths.between(readings.seat)
+        check_sessions(readings, lengths, own_frame="base" not in self.free)
         n_known = self._check_references(readings, lengths)
         if n_known < MIN_ROWS:
             raise readings.error(f"expected {MIN_ROWS} or more readings with a reference, got {n_known}")

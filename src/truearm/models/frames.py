@@ -20,7 +20,7 @@ from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identify.alignment import about_a_line, align
 from truearm.models.relations import LEAST_SPREAD, oriented
-from truearm.readings.readings import TOUCHED, BoolArray, Readings
+from truearm.readings.readings import BoolArray, Readings
 from truearm.terms import Session, Term, base_terms
 
 FloatArray = npt.NDArray[np.float64]
@@ -49,8 +49,8 @@ def frames_of(arm: Arm, readings: Readings, free: tuple[str, ...]) -> dict[str, 
     Raises
     ------
     InputError
-        If some readings that the reference saw name a session and others do not, a session's points are less than three
-        or lie on a line, or two sessions name the same seat or surface.
+        If some readings that the reference saw name a session and others do not, or a session's points are less than
+        three or lie on a line.
     """
     seen = readings.has_point
     seen[oriented(readings)] = True
@@ -67,7 +67,6 @@ def frames_of(arm: Arm, readings: Readings, free: tuple[str, ...]) -> dict[str, 
             column="session",
             hint="each session has a frame of its own: name all of them, or leave the column out if there is one",
         )
-    _check_artefacts(readings)
     return dict(zip(names, _motions(arm, readings, names), strict=True))
 
 
@@ -87,24 +86,6 @@ def _motions(arm: Arm, readings: Readings, names: list[str]) -> Iterator[FloatAr
         placement = align(arm.chain.tip_in_base(readings.angles[rows]), points)
         first = placement if first is None else first
         yield np.eye(4) if first is placement else first @ np.linalg.inv(placement)
-
-
-def _check_artefacts(readings: Readings) -> None:
-    assert readings.session is not None
-    for kind in TOUCHED:
-        artefacts = getattr(readings, kind)
-        if artefacts is None:
-            continue
-        session_of: dict[str, str] = {}
-        for row, (artefact, session) in enumerate(zip(artefacts.tolist(), readings.session.tolist(), strict=True)):
-            if artefact and session_of.setdefault(artefact, session) != session:
-                raise readings.error(
-                    f"{kind} {artefact!r} is in session {session_of[artefact]!r} and in {session!r}, between which the "
-                    f"base or the reference moved{_where(readings, row)}",
-                    row,
-                    column=kind,
-                    hint=f"another name for the {kind} in each session",
-                )
 
 
 def frame_terms(chain: Chain, frames: Frames) -> list[Term]:

@@ -22,6 +22,7 @@ from truearm.models.compensator import FREE_PARTS, MIN_ROWS, Compensator, finger
 from truearm.models.frames import carried, frames_of
 from truearm.models.identified import IdentifiedModel
 from truearm.models.relations import check_spread, references_of
+from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
 from truearm.terms import constants
@@ -71,7 +72,8 @@ def refit(
     Raises
     ------
     InputError
-        If the model is a network, or the readings do not fit the arm or are too few.
+        If the model is a network, the readings do not fit the arm or are too few, or the base is to stay and points are
+        of a session whose frame a model of several does not know.
     """
     check_is_fitted(model)
     if not isinstance(model, IdentifiedModel):
@@ -89,6 +91,7 @@ def refit(
         if readings.seat is None:
             raise readings.error("lengths are between seats, and the readings name none", column="seat")
         lengths = lengths.between(readings.seat)
+    check_sessions(readings, lengths, own_frame=not {"base"} & {*free, *model.free})
     n_known = model._check_references(readings, lengths)
     if n_known < MIN_ROWS:
         raise readings.error(f"expected {MIN_ROWS} or more readings with a reference, got {n_known}")
@@ -106,6 +109,8 @@ def refit(
                 column="session",
                 hint="refit each by itself: truearm split --by session",
             )
+    else:
+        _check_known_sessions(model, readings)
     begun = time.perf_counter()
     new: Model = copy.copy(model)
     assert isinstance(new, IdentifiedModel)
@@ -149,6 +154,23 @@ def refit(
     new.refitted_on_ = np.concatenate([model.refitted_on_, marks])
     new.fit_seconds_ = time.perf_counter() - begun
     return new
+
+
+def _check_known_sessions(model: Compensator, readings: Readings) -> None:
+    """Check that the points of a base that stays are in frames that the model knows, if it knows several."""
+    known = list(model.session_frames_)
+    session = np.full(len(readings), "") if readings.session is None else readings.session
+    unknown = readings.has_point & ~np.isin(session, known)
+    if known and unknown.any():
+        row = int(np.argmax(unknown))
+        raise readings.error(
+            f"the model knows the frames of the sessions {', '.join(known)}, got a point "
+            + (f"of session {str(session[row])!r}" if session[row] else "that names none")
+            + ("" if readings.first_line is not None else f" in {readings.called(row)}"),
+            row,
+            column="session",
+            hint="name the session of the model that the points are of; for a new set-up --free base,tip",
+        )
 
 
 def served(model: Compensator, readings: Readings) -> BoolArray:

@@ -17,6 +17,7 @@ from truearm.identify.identification import Identified
 from truearm.identify.problem import Moved
 from truearm.plan.exchange import eliminated
 from truearm.plan.information import tip_jacobian
+from truearm.readings.checks import check_sessions
 from truearm.readings.readings import Readings
 from truearm.terms.basis import Constant, Session
 from truearm.terms.catalogue import base_terms, constants, gravity, own_axis, wobble
@@ -94,8 +95,9 @@ class Known:
         Raises
         ------
         InputError
-            If the readings have neither points nor seats.
+            If the readings have neither points nor seats, or a seat or a surface is in two sessions.
         """
+        check_sessions(readings)
         seat = np.full(len(readings), "") if readings.seat is None else readings.seat
         session = np.full(len(readings), "") if readings.session is None else readings.session
         seen = readings.has_point

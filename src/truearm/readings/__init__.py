@@ -1,6 +1,6 @@
 """Readings of an arm: the record, the session file, lengths, foreign tables, what a fit demands, fair splits."""
 
-from truearm.readings.checks import check_angles, check_fit, check_reach, has_reference
+from truearm.readings.checks import check_angles, check_fit, check_reach, check_sessions, has_reference
 from truearm.readings.deviations import ComparedErrors, Errors, compared_errors, errors_of
 from truearm.readings.files import check_session_path, read_session, write_session
 from truearm.readings.lengths import Lengths, read_lengths, write_lengths
@@ -21,6 +21,7 @@ __all__ = [
     "check_fit",
     "check_reach",
     "check_session_path",
+    "check_sessions",
     "compared_errors",
     "errors_of",
     "has_reference",

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from truearm.readings.lengths import ENDS, Lengths
 from truearm.readings.readings import TOUCHED, BoolArray, FloatArray, Readings
 
 # An angle may pass its limit by this much [rad or mm]: rounding, not a wrong angle.
@@ -14,6 +15,9 @@ LIMIT_TOLERANCE = 1e-6
 
 # An angle beyond this [rad or mm] is no angle, whatever the arm allows: 160,000 turns, a kilometre of rail.
 MOST_ANGLE = 1e6
+
+# What a session is.
+MOVED = "between which the base or the reference moved"
 
 # Two points of an arm are at most two reaches apart; an unknown tip may add to that.
 MOST_REACHES = 4.0
@@ -147,6 +151,63 @@ def check_reach(readings: Readings, *, reach: float) -> None:
         row,
         hint="check the unit of the points, or delete the reading",
     )
+
+
+def check_sessions(readings: Readings, lengths: Lengths | None = None, *, own_frame: bool = False) -> None:
+    """Check that nothing is said to be one place in two sessions, between which the base or the reference moved.
+
+    Parameters
+    ----------
+    readings : Readings
+    lengths : Lengths, optional
+        Known lengths between seats of the readings.
+    own_frame : bool
+        Whether reference points, if there are any, are in the arm's own frame: then the base stood in all sessions
+        where they say.
+
+    Raises
+    ------
+    InputError
+        If a seat or a surface has readings in two sessions, or a length is between seats of two.
+    """
+    if readings.session is None or (own_frame and readings.has_point.any()):
+        return
+    session_of = {kind: _session_of(readings, kind) for kind in TOUCHED}["seat"]
+    if lengths is None:
+        return
+    for row, ends in enumerate(zip(*(getattr(lengths, end).tolist() for end in ENDS), strict=True)):
+        sessions = [session_of[end] for end in ends if end in session_of]
+        if len(set(sessions)) > 1:
+            a, b = (f"seat {end!r} is in {_set_up(session)}" for end, session in zip(ends, sessions, strict=True))
+            raise lengths.error(
+                f"{a}, {b}, {MOVED}",
+                row,
+                column=ENDS[1],
+                hint="lengths between seats of one session; one name of the session if nothing moved",
+            )
+
+
+def _session_of(readings: Readings, kind: str) -> dict[str, str]:
+    """The session of every seat or surface, which is one."""
+    names, sessions = getattr(readings, kind), readings.session
+    found: dict[str, str] = {}
+    if names is None or sessions is None:
+        return found
+    for row in np.flatnonzero(names != "").tolist():
+        name, session = str(names[row]), str(sessions[row])
+        if found.setdefault(name, session) != session:
+            where = f", in {readings.called(row)}," if readings.first_line is None else ""
+            raise readings.error(
+                f"{kind} {name!r} is in {_set_up(found[name])} and{where} in {_set_up(session)}, {MOVED}",
+                row,
+                column=kind,
+                hint=f"another name for the {kind} in each session; one name of the session if nothing moved",
+            )
+    return found
+
+
+def _set_up(session: str) -> str:
+    return f"session {session!r}" if session else "a reading that names no session"
 
 
 def _check_joints(readings: Readings, joint_names: Sequence[str]) -> None:
