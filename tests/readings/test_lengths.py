@@ -75,7 +75,10 @@ def test_expansions_come_back_and_are_known_or_not(tmp_path):
     for name in ("expansion_per_K", "u_expansion_per_K"):
         np.testing.assert_array_equal(getattr(found, name), getattr(given_lengths, name))
     assert found.between("AB").expansion_per_K.tolist() == [1e-5]
-    write_lengths(Lengths(["A"], ["B"], [9.0], [0.1]), tmp_path / "l.csv")
+    assert found.between("CD").expansion_per_K is None
+    unknown = Lengths(["A"], ["B"], [9.0], [0.1], expansion_per_K=[np.nan], u_expansion_per_K=[np.nan])
+    assert unknown.u_expansion_per_K is None  # as if the columns were not there
+    write_lengths(unknown, tmp_path / "l.csv")
     assert (tmp_path / "l.csv").read_text().startswith(HEADER)
 
 

@@ -49,8 +49,9 @@ class Lengths:
         Standard uncertainty of how the length differs from place to place, by how the tip sits, by temperature and
         setting up [mm]; it comes on top of `u_mm`. NaN, or none given: `PLACE_U_MM` for rows with an artefact, nothing
         for others.
-    expansion_per_K, u_expansion_per_K : (m,) array, optional
-        Coefficient of thermal expansion of the artefact and its standard uncertainty [1/K]; NaN where not known.
+    expansion_per_K, u_expansion_per_K : (m,) array or None
+        Coefficient of thermal expansion of the artefact and its standard uncertainty [1/K]; NaN where not known, None
+        where known of none.
     file : Path, optional
         Where the lengths were read from; it serves messages.
     first_line : int, optional
@@ -71,18 +72,20 @@ class Lengths:
     u_mm: FloatArray
     artefact: NameArray = field(default_factory=lambda: np.zeros(0, np.str_))
     u_place_mm: FloatArray = field(default_factory=lambda: np.zeros(0))
-    expansion_per_K: FloatArray = field(default_factory=lambda: np.zeros(0))
-    u_expansion_per_K: FloatArray = field(default_factory=lambda: np.zeros(0))
+    expansion_per_K: FloatArray | None = None
+    u_expansion_per_K: FloatArray | None = None
     file: Path | None = None
     first_line: int | None = None
 
     def __post_init__(self) -> None:
         n = np.size(self.seat_a)
-        for name, nothing in ((ARTEFACT, ""), *((name, np.nan) for name in (PLACE, *EXPANSION))):
+        for name, nothing in ((ARTEFACT, ""), (PLACE, np.nan)):
             if not np.size(getattr(self, name)):
                 object.__setattr__(self, name, np.full(n, nothing))
         for names, kind in (((*ENDS, ARTEFACT), np.str_), ((*NUMBERS, PLACE, *EXPANSION), float)):
             for name in names:
+                if getattr(self, name) is None:
+                    continue
                 value = np.asarray(getattr(self, name), dtype=kind)
                 if value.shape != np.shape(self.seat_a) or value.ndim != 1:
                     raise InputError(f"expected one {name} for each length, got shape {value.shape}")
@@ -147,8 +150,8 @@ class Lengths:
             self.u_mm[which],
             self.artefact[which],
             self.u_place_mm[which],
-            self.expansion_per_K[which],
-            self.u_expansion_per_K[which],
+            None if self.expansion_per_K is None else self.expansion_per_K[which],
+            None if self.u_expansion_per_K is None else self.u_expansion_per_K[which],
         )
 
     def error(self, problem: str, row: int, *, column: str | None = None, hint: str | None = None) -> InputError:
@@ -159,9 +162,11 @@ class Lengths:
 
     def _check_expansions(self) -> None:
         """Check that an expansion is one of a material, and stands with its uncertainty."""
+        known = []
         for name, low, high in zip(EXPANSION, (-1e-4, 0.0), (1e-3, 1e-4), strict=True):
-            values = getattr(self, name)
-            if (bad := ~(np.isnan(values) | ((values >= low) & (values <= high)))).any():
+            values = np.full(len(self), np.nan) if getattr(self, name) is None else getattr(self, name)
+            known.append(~np.isnan(values))
+            if (bad := known[-1] & ~((values >= low) & (values <= high))).any():
                 row = int(np.argmax(bad))
                 raise self.error(
                     f"expected {low:g} to {high:g} per K, got {values[row]:g}",
@@ -169,11 +174,13 @@ class Lengths:
                     column=name,
                     hint="steel has 1.15e-05 per K: 11.5 micrometres per metre and kelvin",
                 )
-        lone = np.isnan(self.expansion_per_K) != np.isnan(self.u_expansion_per_K)
-        if lone.any():
+        if (lone := known[0] != known[1]).any():
             row = int(np.argmax(lone))
-            empty = EXPANSION[int(np.isnan(self.u_expansion_per_K[row]))]
+            empty = EXPANSION[int(known[0][row])]
             raise self.error(f"{' and '.join(EXPANSION)} belong together, got no {empty}", row, column=empty)
+        if not known[0].any():
+            for name in EXPANSION:
+                object.__setattr__(self, name, None)
 
     def _check_places(self) -> None:
         """Check the rows of each artefact, and set the uncertainty of a place where none is given."""
@@ -193,7 +200,7 @@ class Lengths:
             before = first.setdefault(name, row)
             for column in (*NUMBERS, *EXPANSION) if name else ():
                 values = getattr(self, column)
-                if not np.array_equal(values[row], values[before], equal_nan=True):
+                if values is not None and not np.array_equal(values[row], values[before], equal_nan=True):
                     raise self.error(
                         f"{shown(name)} has {column} {values[before]:.9g} in {self._where(before)}, "
                         f"got {values[row]:.9g}",
@@ -265,16 +272,15 @@ def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Len
         optional=[at[name] for name in numeric if name not in NUMBERS],
     )
     columns = dict(zip(numeric, numbers.T, strict=True))
-    nothing = np.zeros(0)
     lengths = Lengths(
         names[0],
         names[1],
         columns["length_mm"],
         columns["u_mm"],
         artefact=names[2] if ARTEFACT in at else np.zeros(0, np.str_),
-        u_place_mm=columns.get(PLACE, nothing),
-        expansion_per_K=columns.get(EXPANSION[0], nothing),
-        u_expansion_per_K=columns.get(EXPANSION[1], nothing),
+        u_place_mm=columns.get(PLACE, np.zeros(0)),
+        expansion_per_K=columns.get(EXPANSION[0]),
+        u_expansion_per_K=columns.get(EXPANSION[1]),
         file=path,
         first_line=sheet.first_line,
     )
@@ -295,7 +301,7 @@ def write_lengths(lengths: Lengths, path: str | Path) -> None:
     columns: list[str] = [*ENDS, *NUMBERS]
     if (lengths.artefact != "").any() or lengths.u_place_mm.any():
         columns += [ARTEFACT, PLACE]
-    if not np.isnan(lengths.expansion_per_K).all():
+    if lengths.expansion_per_K is not None:
         columns += EXPANSION
     for column in (*ENDS, ARTEFACT):
         for name in getattr(lengths, column).tolist():
