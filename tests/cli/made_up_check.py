@@ -18,7 +18,8 @@ from truearm.virtual import VirtualArm, load_preset
 
 ARM, BAR_MM, SPHERE_MM = "measuring7", 600.0, 25.0
 ELBOW = 3  # the joint whose zero creeps, counted from 0
-LENGTHS = "seat_a,seat_b,length_mm,u_mm\nbar A,bar B,600.0021,0.0005\n"
+# Of carbon fibre.
+LENGTHS = "seat_a,seat_b,length_mm,u_mm,expansion_per_K,u_expansion_per_K\nbar A,bar B,600.0021,0.0005,0,0.0000005\n"
 
 
 @dataclass(frozen=True)

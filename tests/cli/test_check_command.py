@@ -7,6 +7,7 @@ import hashlib
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,7 @@ def course(bench, truearm):
                 seat=readings.seat,
                 sphere=readings.sphere,
                 lengths=lengths,
+                temperature_degC=float(readings.temperature_degC.mean()),
             )
             when = datetime.datetime(2026, 1, day)
             assert history.append(Check(when, whose, fingerprint(readings), readings.temperature_degC.mean(), values))
@@ -157,6 +159,67 @@ def test_limits_of_the_specification_are_asked_from_the_first_check_on(truearm, 
     assert ran.code == 1
     assert "seat cone, SPAT.2s: +0.0" in ran.out
     assert ran.out.endswith("recalibrate: yes\n")
+
+
+def test_a_bar_that_is_warm_is_no_arm_to_recalibrate(truearm, folder):
+    """600 mm of steel, 5 K warmer than at its calibration, are 0.0345 mm longer; the limit is 0.032 mm."""
+    today = session(1)
+    warm = replace(today, temperature_degC=np.full(len(today), 25.0))
+    write_session(warm, "warm.csv")
+    known = read_lengths("bar.csv").length_mm[0]
+    points = load_model("arm.truearm").predict_readings(read_session("warm.csv"))
+    ends = [points[today.seat == end].mean(axis=0) for end in ("bar A", "bar B")]
+    cold = np.linalg.norm(ends[0] - ends[1]) / (1 + 5 * 11.5e-6)  # what the arm without error would be shown
+    for name, columns, row in (
+        ("steel.csv", ",expansion_per_K,u_expansion_per_K", ",0.0000115,0.000001"),
+        ("unknown.csv", "", ""),
+    ):
+        text = f"seat_a,seat_b,length_mm,u_mm{columns}\nbar A,bar B,{cold:.7f},0.0005{row}\n"
+        Path(name).write_text(text)
+    assert abs(cold - known) < 0.1
+    asked = ("check", "arm.truearm", "warm.csv", "--mpe", "mpe.toml", "--json")
+    steel = json.loads(truearm(*asked, "--lengths", "steel.csv", "--history", "steel.sqlite").out)
+    length = next(row for row in steel["values"] if row["quantity"] == "length error")
+    assert length["value_mm"] == pytest.approx(0, abs=1e-6)
+    assert (length["at_20_degC"], length["over_mpe"], steel["recalibrate"]) == (True, False, "not enough checks yet")
+    ran = truearm(*asked, "--lengths", "unknown.csv", "--history", "unknown.sqlite")
+    unknown = json.loads(ran.out)
+    length = next(row for row in unknown["values"] if row["quantity"] == "length error")
+    assert length["value_mm"] == pytest.approx(0.0345, abs=1e-4)
+    assert (length["at_20_degC"], length["mpe_mm"], ran.code) == (False, None, 3)
+    assert "length error as measured: not compared with the specification" in unknown["remarks"][0]
+
+
+def test_what_is_left_out_stands_until_it_is_retired(truearm, folder):
+    """After 26 checks of which the last tell of a drift, the cone alone gives no clean answer."""
+    only = session(27).rows(session(27).seat == "bar A")
+    write_session(only, "part.csv")
+    asked = ("check", "arm.truearm", "part.csv", "--history", "arm.sqlite", "--date", "2026-01-27")
+    ran = truearm(*asked)
+    assert ran.code == 1
+    assert re.search(r"length bar A to bar B, length error: a drift since .*, measured last in check 26\n", ran.out)
+    assert "seat bar B, SPAT.2s: not in this check; unchanged in check 26" in ran.out
+    mended = truearm(*asked, "--retired", "cone", "--retired", "bar B")
+    assert "length bar A to bar B" not in mended.out
+    assert "seat cone" not in mended.out
+    assert truearm(*asked, "--retired", "bar A").code == 2
+
+
+def test_what_is_refused_is_not_added_and_what_was_forgotten_is(truearm, folder, snapshot):
+    Path("wrong.toml").write_text(MPE.replace("{ B_um = 80 }", "{ A_um = 10, K_mm_per_um = 80 }"))
+    Path("arm.sqlite").unlink()
+    before = snapshot(folder)
+    ran = truearm(*arguments(1, "--mpe", "wrong.toml"))
+    assert ran.code == 2
+    assert "limits.SPAT.2s" in ran.err
+    assert snapshot(folder) == before
+    without = [*arguments(1)[:3], *arguments(1)[5:], "--json"]
+    assert json.loads(truearm(*without).out)["added"] is True
+    found = json.loads(truearm(*arguments(1, "--json")).out)
+    assert (found["added"], found["completed"], found["n_checks"]) == (False, True, 1)
+    assert any(row["quantity"] == "length error" for row in found["values"])
+    again = json.loads(truearm(*without).out)  # and nothing is taken out
+    assert (again["completed"], len(again["values"])) == (False, len(found["values"]))
 
 
 def test_a_seat_alone_will_do(truearm, folder):

@@ -219,3 +219,15 @@ def test_the_expected_scatter_is_a_floor_while_values_are_few():
 def test_what_is_no_series_is_refused(values, u, options, phrase):
     with pytest.raises(InputError, match=phrase):
         control_chart(values, u=u, rules=TWO, **options)
+
+
+def test_rules_may_be_of_each_value(rng):
+    values = 0.01 * rng.standard_normal(20)
+    one = chart(values)
+    each = chart(values, rules=[TWO] * 20)
+    np.testing.assert_array_equal(one.upper, each.upper)
+    wide = chart(values, rules=[TWO] * 10 + [rules_for(8)] * 10)
+    np.testing.assert_array_equal(wide.upper[:10], one.upper[:10])
+    assert (wide.upper[10:] > one.upper[10:]).all()
+    with pytest.raises(InputError, match="rules for 20 values, got 3"):
+        chart(values, rules=[TWO] * 3)

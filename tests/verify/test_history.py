@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+import truearm.verify.history
 from truearm.errors import InputError, TruearmError
 from truearm.verify.history import APPLICATION_ID, VERSION, History
 from truearm.verify.interim import Check, Value
@@ -105,6 +106,70 @@ os._exit(9)
     assert ran.returncode == 9
     assert Path(f"{filled}-journal").exists()
     assert History(filled).checks(MODEL) == before
+    assert History(filled).append(check(4))
+
+
+def test_the_first_checks_of_two_programs_are_both_kept(path, monkeypatch):
+    """The other one makes the file while this one does."""
+    made = truearm.verify.history._create
+
+    def meanwhile(beside):
+        made(beside)
+        monkeypatch.setattr(truearm.verify.history, "_create", made)
+        assert History(path).append(check(1))
+
+    monkeypatch.setattr(truearm.verify.history, "_create", meanwhile)
+    assert History(path).append(check(2))
+    assert [one.date.day for one in History(path).checks(MODEL)] == [1, 2]
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+def test_a_file_system_without_links_has_histories_too(path, monkeypatch):
+    def refused(*_):
+        raise OSError("no links here")
+
+    monkeypatch.setattr(os, "link", refused)
+    assert History(path).append(check(1))
+    assert History(path).checks(MODEL) == (check(1),)
+
+
+def test_the_last_check_is_completed_by_what_was_left_out(filled):
+    history, day = History(filled), datetime.datetime(2026, 2, 1)
+    part = check(4, values=VALUES[:1])
+    assert history.append(part)
+    assert history.joined(check(4, date=day)) == (*history.checks(MODEL)[:3], check(4))
+    assert history.append(check(4, date=day))
+    assert history.checks(MODEL)[-1] == check(4)  # with the date that it had
+    assert not history.append(part)  # nothing is taken out
+    assert not history.append(check(3, values=(*VALUES, replace(VALUES[0], artefact="more"))))  # nor an earlier changed
+    assert [one.date.day for one in history.checks(MODEL)] == [1, 2, 3, 4]
+    with closing(sqlite3.connect(filled)) as database:
+        assert database.execute("SELECT count(*) FROM test_values").fetchone() == (8,)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"values": ()},
+        {"values": (replace(VALUES[0], artefact="x" * 1001),)},
+        {"values": (replace(VALUES[0], value_mm=float("inf")),)},
+        {"values": (replace(VALUES[0], value_mm=-1.0),)},
+        {"values": (replace(VALUES[0], n=0),)},
+        {"values": (replace(VALUES[1], length_mm=float("nan")),)},
+        {"values": (replace(VALUES[0], quantity="weight"),)},
+        {"temperature_degC": float("nan")},
+    ],
+)
+def test_what_could_not_be_read_again_is_not_written(filled, changed):
+    before = filled.read_bytes()
+    with pytest.raises(InputError, match="cannot be kept"):
+        History(filled).append(check(4, **changed))
+    assert filled.read_bytes() == before
+
+
+def test_statistics_of_a_databases_tools_do_no_harm(filled):
+    execute(filled, "ANALYZE")
+    assert len(History(filled).checks(MODEL)) == 3
     assert History(filled).append(check(4))
 
 

@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.readings import Lengths
 from truearm.verify.control_chart import NEEDED
-from truearm.verify.interim import Check, Recalibrate, Value, assess, interim_values, told
+from truearm.verify.interim import ARTEFACT_U_K, Check, Recalibrate, Value, assess, interim_values, told
 from truearm.verify.limits import Specification
 
 POLES = np.concatenate([np.eye(3), -np.eye(3)])
@@ -43,9 +45,37 @@ def test_a_length_is_that_between_the_means_less_the_known_one():
     found = values_of(points, seat=["A", "A", "B"], lengths=bar())
     one = found["length error", "A to B"]
     assert one.value_mm == pytest.approx(0.05, rel=1e-9)
-    assert (one.n, one.length_mm, one.u_artefact_mm) == (3, 100.0, 0.001)
+    assert (one.n, one.length_mm, one.u_artefact_mm) == (3, None, 0.001)
     assert one.u_mm == pytest.approx(0.01 * np.sqrt(1 / 2 + 1), rel=1e-9)
     assert ("SPAT.2s", "B") not in found  # of one point there is no scatter
+
+
+@pytest.mark.parametrize("degC", [20.0, 25.0, 11.0])
+def test_a_bar_that_is_warm_is_corrected_with_its_uncertainty(degC):
+    """A steel bar of 600 mm, and an arm without error."""
+    steel = Lengths(["A"], ["B"], [600.0], [0.001], expansion_per_K=[11.5e-6], u_expansion_per_K=[1e-6])
+    points = np.array([[0.0, 0, 0], [600.0 * (1 + 11.5e-6 * (degC - 20)), 0, 0]])
+    (one,) = interim_values(points, std_mm=np.zeros(2), seat=np.array(["A", "B"]), lengths=steel, temperature_degC=degC)
+    assert one.value_mm == pytest.approx(0, abs=1e-10)
+    assert one.length_mm == 600
+    warm = 600 * 11.5e-6 * ARTEFACT_U_K
+    assert one.u_mm == pytest.approx(warm, rel=1e-9)
+    assert one.u_artefact_mm == pytest.approx(np.linalg.norm([0.001, warm, 600 * (degC - 20) * 1e-6]), rel=1e-9)
+    (one,) = interim_values(points, std_mm=np.zeros(2), seat=np.array(["A", "B"]), lengths=steel)
+    assert (one.length_mm, one.u_artefact_mm) == (None, 0.001)  # at which temperature, nobody knows
+
+
+def test_a_length_that_is_not_at_20_degC_has_no_limit_and_a_chart_of_its_own():
+    check = checks_of([-0.0125])[0]
+    as_measured = replace(check, values=(replace(check.values[0], length_mm=None),))
+    limits = limited(E_Uni=10)
+    found = assess([as_measured], limits)
+    assert (found.recalibrate, found.trends[0].limit_mm) == (Recalibrate.NOT_ENOUGH, None)
+    assert "length A to B, length error as measured: not compared" in found.remarks[0]
+    assert assess([as_measured]).remarks == ()
+    as_they_are = limits.model_copy(update={"corrected_to_20_degC": False})
+    assert "hold for lengths that are not corrected" in assess([check], as_they_are).remarks[0]
+    assert [len(trend.checks) for trend in assess([check, as_measured]).trends] == [1, 1]
 
 
 def test_a_sphere_has_form_and_the_diameter_of_the_tips_centre():
@@ -166,17 +196,66 @@ def test_checks_without_a_value_do_not_count_in_its_series(rng):
     np.testing.assert_array_equal(found.trends[1].checks, np.arange(0, 59, 2))
 
 
-def test_an_artefact_under_another_name_begins_anew(rng):
-    """A seat that was loose, is mended and renamed: what it said does not stand."""
+def test_a_change_that_was_found_stands_until_its_artefact_is_retired(rng):
+    """A bar that tells of a jump and is left in its box then, or mended and renamed."""
     errors = 0.001 * rng.standard_normal(30)
-    errors[20:] += 0.02
-    checks = checks_of(errors)
-    assert assess(checks).recalibrate is Recalibrate.YES
+    errors[15:] += 0.02
+    checks = checks_of(errors, 0.02 + 0.001 * np.resize([1, -1, 0.5, -0.5], 30))
+    seat_only = [*checks, replace(checks[-1], values=checks[-1].values[1:])]
+    for history in (checks, seat_only):
+        assert (assess(history).recalibrate, assess(history).since) == (Recalibrate.YES, 15)
+    assert assess(seat_only).reasons[0].endswith(", measured last in check 30")
+    assert not assess(seat_only).trends[-1].current
+    assert assess(seat_only, retired=["B"]).recalibrate is Recalibrate.NO
+    over = [*checks_of([0.05], [0.02]), replace(checks[1], values=checks[1].values[1:])]
+    assert assess(over, limited(E_Uni=10)).recalibrate is Recalibrate.YES
     renamed = [*checks, *checks_of([0.0], artefact="A2 to B2")]
-    assert assess(renamed).recalibrate is Recalibrate.NOT_ENOUGH
-    beside = replace(renamed[-1], values=(*renamed[-1].values, *checks_of([0.0])[0].values))
-    remarks = assess([*checks_of(0.001 * np.tile([1.0, -1.0, 0.5, -0.5], 5)), beside]).remarks
-    assert remarks == (f"length A2 to B2, length error: not judged yet, 0 of {NEEDED} checks before",)
+    assert assess(renamed).recalibrate is Recalibrate.YES
+    assert assess(renamed, retired=["A", "B"]).recalibrate is Recalibrate.NOT_ENOUGH
+    with pytest.raises(InputError, match="is in the last check"):
+        assess(renamed, retired=["A2"])
+    with pytest.raises(InputError, match="no check has the retired 'A3'"):
+        assess(renamed, retired=["A3"])
+
+
+def test_an_artefact_that_was_unchanged_is_remarked_when_it_is_left_out():
+    steady = 0.001 * np.resize([1, -1, 0.5, -0.5], 20)
+    checks = checks_of(steady, 0.02 + steady)
+    found = assess([*checks, replace(checks[-1], values=checks[-1].values[:1])])
+    assert found.recalibrate is Recalibrate.NO
+    assert found.remarks == ("seat cone, SPAT.2s: not in this check; unchanged in check 20",)
+
+
+def test_no_is_not_said_of_what_was_never_charted(rng):
+    """A seat of twenty checks does not vouch for a bar that is 0.2 mm off at its first."""
+    seats = [
+        replace(check, values=check.values[1:]) for check in checks_of(np.zeros(20), 0.02 + 0.001 * rng.random(20))
+    ]
+    found = assess([*seats, replace(checks_of([0.2], [0.0205])[0], session="f" * 64)])
+    assert (found.recalibrate, found.n_before) == (Recalibrate.NOT_ENOUGH, 0)
+    assert found.remarks == (f"length A to B, length error: not judged yet, 0 of {NEEDED} checks before",)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    n=st.integers(12, 25),
+    measured=st.lists(st.booleans(), min_size=25, max_size=25),
+    jump=st.floats(0, 0.006),
+)
+def test_what_was_said_of_a_check_does_not_change_with_those_after_it(seed, n, measured, jump):
+    """Whatever later checks measure, or leave out."""
+    rng = np.random.default_rng(seed)
+    errors, scatters = 0.001 * rng.standard_normal((2, 25))
+    errors[10:] += jump
+    checks = checks_of(errors, np.where(measured, 0.02 + scatters, np.nan))
+    for key, trend in ((trend.latest.key, trend) for trend in assess(checks[:n]).trends if trend.chart is not None):
+        later = next(one for one in assess(checks).trends if one.latest.key == key)
+        m = len(trend.checks)
+        for name in ("scores", "upper", "beyond", "drift"):
+            np.testing.assert_array_equal(getattr(trend.chart, name), getattr(later.chart, name)[..., :m])
+        if trend.chart.signalled is not None:
+            assert (later.chart.signalled, later.chart.changed) == (trend.chart.signalled, trend.chart.changed)
 
 
 def test_a_value_over_its_limit_says_yes_at_once_beyond_the_artefacts_uncertainty():

@@ -29,6 +29,10 @@ def check(
     lengths: Annotated[
         Path | None, typer.Option("--lengths", help="File of known lengths between the session's seats, .csv.")
     ] = None,
+    retired: Annotated[
+        list[str] | None,
+        typer.Option("--retired", help="Artefact that was mended or replaced, and is not asked any more."),
+    ] = None,
     mpe: Annotated[
         Path | None, typer.Option("--mpe", help="The arm's specification: limits for the values, .toml.")
     ] = None,
@@ -41,8 +45,9 @@ def check(
     """Check whether the arm is still as it was identified.
 
     A few readings in a seat, in both seats of a bar, on a sphere. Scatter, error of the length, form and diameter are
-    added to the history and charted: is it time to recalibrate, and since when? A session that is in the history
-    already is not added again. Exit code 0: no need; 1: recalibrate; 3: not enough checks to say.
+    added to the history and charted: is it time to recalibrate, and since when? What was found stands until its
+    artefact is measured again. A session that is in the history already is not added again; the last one is completed
+    if it comes with more, such as --lengths. Exit code 0: no need; 1: recalibrate; 3: not enough checks to say.
     """
     from truearm.verify.history import History
     from truearm.verify.interim import Check, assess
@@ -58,20 +63,24 @@ def check(
     with progress(f"checking {session.name}"):
         fitted, readings, print_of_readings = _readings(model, session)
         print_of_model = _fingerprint(model)
-        added = kept.append(
-            Check(day, print_of_model, print_of_readings, _temperature(readings), _values(fitted, readings, lengths))
-        )
-        checks = kept.checks(print_of_model)
-        found = assess(checks, specification)
+        new = Check(day, print_of_model, print_of_readings, _temperature(readings), _values(fitted, readings, lengths))
+        n_before, checks = len(kept.checks(print_of_model)), kept.joined(new)
+        found = assess(checks, specification, retired=retired or ())  # what it refuses is not added
+        added = kept.append(new)
+        completed = added and len(checks) == n_before
         if report is not None:
             from truearm.report.drift import drift_page
             from truearm.report.html import write_page
 
             write_page(drift_page(checks, found, arm=fitted.arm.name, facts=_facts(fitted, model, history)), report)
     if as_json:
-        say_json({"added": added, **_for_machines(checks, found)})
+        say_json({"added": added and not completed, "completed": completed, **_for_machines(checks, found)})
     else:
-        _tell(checks, found, added=added, model=model, outside=fitted.outside_training(readings.angles))
+        if completed:
+            say("this session is in the history already and is completed")
+        elif not added:
+            say("this session is in the history already and is not added again")
+        _tell(checks, found, model=model, outside=fitted.outside_training(readings.angles))
         if report is not None:
             say(f"{report}: the trend charts")
     raise typer.Exit(CODES[found.recalibrate.value])
@@ -107,7 +116,12 @@ def _values(fitted: Compensator, readings: Readings, lengths: Path | None) -> tu
     std = np.sqrt(np.trace(unexplained, axis1=1, axis2=2) / 3)
     try:
         return interim_values(
-            fitted.predict_readings(readings), std_mm=std, seat=readings.seat, sphere=readings.sphere, lengths=known
+            fitted.predict_readings(readings),
+            std_mm=std,
+            seat=readings.seat,
+            sphere=readings.sphere,
+            lengths=known,
+            temperature_degC=_temperature(readings),
         )
     except InputError as error:
         raise error.in_file(readings.file) if readings.file is not None and error.file is None else error from None
@@ -151,18 +165,17 @@ def _when(one: Check) -> str:
     return told(one.date)
 
 
-def _tell(checks: tuple[Check, ...], found: Assessment, *, added: bool, model: Path, outside: BoolArray) -> None:
+def _tell(checks: tuple[Check, ...], found: Assessment, *, model: Path, outside: BoolArray) -> None:
     from truearm.verify.control_chart import NEEDED
     from truearm.verify.interim import Recalibrate
 
     last = checks[-1]
     warm = "" if last.temperature_degC is None else f", {last.temperature_degC:.1f} degC"
-    if not added:
-        say("this session is in the history already and is not added again")
     say(f"check {len(checks)} of {model.name}, {_when(last)}{warm}")
-    charts = [trend.chart for trend in found.trends if trend.chart is not None and found.n_before > 1]
+    current = [trend for trend in found.trends if trend.current]
+    charts = [trend.chart for trend in current if trend.chart is not None and trend.chart.n_before[-1] > 1]
     heads = ["value", "found [mm]", "mean before [mm]", "limits of the chart [mm]", "drift", "MPE [mm]", ""]
-    rows = [_cells(trend) for trend in found.trends]
+    rows = [_cells(trend) for trend in current]
     shown = [i for i, head in enumerate(heads) if i < 2 or any(row[i] for row in rows)]
     say_table(
         [heads[i] for i in shown],
@@ -234,11 +247,13 @@ def _for_machines(checks: tuple[Check, ...], found: Assessment) -> dict[str, Any
 def _of_trend(trend: Trend) -> dict[str, Any]:
     latest, chart = trend.latest, trend.chart
     row = {
+        "check": int(trend.checks[-1]) + 1,
         "quantity": latest.quantity,
         "artefact": latest.artefact,
         "value_mm": latest.value_mm,
         "u_mm": latest.u_mm,
         "u_artefact_mm": latest.u_artefact_mm,
+        "at_20_degC": latest.length_mm is not None if latest.quantity == "length error" else None,
         "n": latest.n,
         "mpe_mm": trend.limit_mm,
         "over_mpe": trend.over_limit,

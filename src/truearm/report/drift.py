@@ -14,7 +14,7 @@ from truearm.report.page import Cell, Column, Page, Row, Section, Table
 from truearm.report.quantities import Rounded
 from truearm.report.wording import capitalised, counted
 from truearm.verify.control_chart import NEEDED, ControlChart
-from truearm.verify.interim import Assessment, Check, Recalibrate, Trend, told
+from truearm.verify.interim import ARTEFACT_U_K, Assessment, Check, Recalibrate, Trend, told
 
 _NAVY, _ORANGE = "#12407a", "#d9730d"
 # Limits from fewer values before are too wide to be drawn.
@@ -53,7 +53,11 @@ def drift_page(checks: Sequence[Check], found: Assessment, *, arm: str, facts: S
 def drift_sections(checks: Sequence[Check], found: Assessment) -> tuple[Section, ...]:
     """Sections: the answer with the last check's values, the charts, how it is judged, and the checks one by one."""
     return (
-        Section("Is it time to recalibrate?", _answer(checks, found), tables=(_last_table(found.trends),)),
+        Section(
+            "Is it time to recalibrate?",
+            _answer(checks, found),
+            tables=(_last_table([trend for trend in found.trends if trend.current]),),
+        ),
         *([Section("Trends", figures=figures)] if (figures := _figures(checks, found)) else []),
         Section("How it is judged", _JUDGED),
         Section("The checks", tables=(_checks_table(checks, found.trends),)),
@@ -63,10 +67,13 @@ def drift_sections(checks: Sequence[Check], found: Assessment) -> tuple[Section,
 _JUDGED = (
     "Each value is compared with those of the checks before it, since the arm was identified: their mean and their "
     "scatter are all that is known of how it repeats. The limits become narrower as checks are added.\n\n"
+    "A length is compared with the specification at 20 degC only. It is corrected to that where the artefact's "
+    f"expansion and the temperature are known, the temperature to {ARTEFACT_U_K:g} K (standard uncertainty). What was "
+    "found on an artefact stands until it is measured again or retired.\n\n"
     "A value beyond its limits tells of a large change, a cumulative sum above its line of a small or slow one; "
     "when it began is where a jump or a drift fits the values best, and of a slow drift known only roughly. Limits and "
-    "sums are set so that, of an arm that has not changed, one check in 370 is beyond the limits of some chart, and "
-    "some sum comes above its line once in 370 checks.\n\n"
+    "sums are set by the number of charts that the history has at each check, so that, of an arm that has not changed, "
+    "one check in 370 is beyond the limits of some chart, and some sum comes above its line once in 370 checks.\n\n"
     f"With fewer than {NEEDED} checks before, values are taken to scatter at least as the model expects, and that "
     "nothing has changed is not said. These checks take fewer points than the tests of the standards and replace none "
     "of them."
@@ -91,7 +98,7 @@ def trend_figure(trends: Sequence[Trend]) -> Figure:
         "orange: beyond the limits; dotted: the limit of the specification. Below: cumulative sums of the deviations "
         "upwards and downwards, in standard deviations, with the line above which they tell of a change. Orange line: "
         "when the change began.",
-        alt=f"Control charts of {counted(len(charted), 'value')} over the checks. At the last check: {ends}.",
+        alt=f"Control charts of {counted(len(charted), 'value')} over the checks. Their last values: {ends}.",
         columns=2,
     )
 
@@ -116,9 +123,9 @@ def temperature_figure(checks: Sequence[Check]) -> Figure:
 
 def _answer(checks: Sequence[Check], found: Assessment) -> str:
     if found.recalibrate is Recalibrate.NO:
-        head = "No. Nothing has changed since the first checks by more than the checks scatter."
+        head = "No. Nothing that the last check measured has changed since the first checks by more than they scatter."
     elif found.recalibrate is Recalibrate.NOT_ENOUGH:
-        head = f"Not enough checks yet to say: {found.n_before} before the last one, and {NEEDED} are needed."
+        head = f"Not enough checks yet to say: {found.n_before} before the last one, and each value needs {NEEDED}."
     elif found.since is None:
         head = "Yes: a value is over its limit in the specification."
     else:

@@ -16,7 +16,7 @@ not at hand: what is cited is recalled.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import exp, expm1, isfinite, sqrt
@@ -125,6 +125,7 @@ class ControlChart:
     gradual : bool
         Whether that change fits a drift, growing from value to value, better than a jump.
     rules : Rules
+        Those of the last value.
     """
 
     values: FloatArray
@@ -160,7 +161,12 @@ class ControlChart:
 
 
 def control_chart(
-    values: npt.ArrayLike, *, u: npt.ArrayLike, rules: Rules, scale: bool = False, upper_only: bool = False
+    values: npt.ArrayLike,
+    *,
+    u: npt.ArrayLike,
+    rules: Rules | Sequence[Rules],
+    scale: bool = False,
+    upper_only: bool = False,
 ) -> ControlChart:
     """Chart a series of values.
 
@@ -171,7 +177,8 @@ def control_chart(
     u : (n,) array
         What the standard deviation of each is expected to be [mm]. A process has it at least while there are less than
         `NEEDED` values to tell it from; later the values alone do.
-    rules : Rules
+    rules : Rules or sequence of Rules
+        For all values, or of each: that they change does not change what was said before.
     scale : bool
         Whether values are scatters, never negative. Their power 2/3 is charted, which is nearly normal: E. B. Wilson,
         M. M. Hilferty, Proc. Natl. Acad. Sci. 17 (1931) 684.
@@ -181,7 +188,8 @@ def control_chart(
     Raises
     ------
     InputError
-        If there are no values, they are not finite, a scatter is negative, or an uncertainty is.
+        If there are no values, they are not finite, a scatter is negative, or an uncertainty is; if there are not as
+        many rules as values.
 
     Notes
     -----
@@ -196,6 +204,9 @@ def control_chart(
         raise InputError("expected finite values and uncertainties of 0 or more")
     if scale and (given < 0).any():
         raise InputError(f"expected scatters of 0 or more, got {given.min():g} mm")
+    each = (rules,) * len(given) if isinstance(rules, Rules) else tuple(rules)
+    if len(each) != len(given):
+        raise InputError(f"expected rules for {len(given)} values, got {len(each)}")
     sides = (1.0,) if upper_only else (1.0, -1.0)
     n, gradual = len(given), False
     n_before = np.zeros(n, np.intp)
@@ -206,24 +217,24 @@ def control_chart(
     changed: int | None = None
     charted = given ** (2 / 3) if scale else given
     baseline = _Baseline()
-    for i in range(n):
+    for i, rule in enumerate(each):
         n_before[i] = baseline.n
         if baseline.n >= 2:
             mean, spread = baseline.mean, baseline.spread(floor[i], scale)
             dof = baseline.n - 1
             away = (charted[i] - mean) / spread
             score = float(np.copysign(ndtri(max(stdtr(dof, -abs(away)), 1e-300)), away))
-            half = _quantile(dof, rules.limit) * spread
+            half = _quantile(dof, rule.limit) * spread
             centre[i], upper[i] = _back(mean, scale), _back(mean + half, scale)
             if not upper_only:
                 lower[i] = _back(mean - half, scale)
-            counted = min(max(score, -rules.limit), rules.limit)
+            counted = min(max(score, -rule.limit), rule.limit)
             for side, sign in enumerate(sides):
                 # C = max(0, C + z - k), M 9.2 and 9.3
                 drift[side, i] = max(0.0, drift[side, i - 1] + sign * counted - REFERENCE_VALUE)
             scores[i] = score
-            beyond[i] = score > rules.limit if upper_only else abs(score) > rules.limit
-            if signalled is None and max(drift[0, i], drift[1, i]) > rules.decision_interval:
+            beyond[i] = score > rule.limit if upper_only else abs(score) > rule.limit
+            if signalled is None and max(drift[0, i], drift[1, i]) > rule.decision_interval:
                 zero = int(np.flatnonzero(drift[int(drift[:, i].argmax()), :i] == 0)[-1])
                 rows = np.array([j for j in range(i + 1) if j > zero or not beyond[j]])
                 signalled, (changed, gradual) = i, _change(rows, charted[rows])
@@ -231,7 +242,7 @@ def control_chart(
         if signalled is None and not beyond[i]:
             baseline.add(charted[i])
     return ControlChart(
-        given, n_before, scores, centre, lower, upper, drift, beyond, signalled, changed, gradual, rules
+        given, n_before, scores, centre, lower, upper, drift, beyond, signalled, changed, gradual, each[-1]
     )
 
 

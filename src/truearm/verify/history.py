@@ -1,5 +1,7 @@
 """The history of an arm's interim checks: one SQLite file, to which checks are added and from which none is taken.
 
+Only the last one of a model may still be completed, by values that were left out of its session.
+
 The file says what it is: its application id and its version stand in its header (``PRAGMA application_id``,
 ``PRAGMA user_version``; https://www.sqlite.org/pragma.html). A check and its values are added in one transaction.
 """
@@ -8,16 +10,19 @@ from __future__ import annotations
 
 import datetime
 import math
+import os
 import re
 import sqlite3
+import tempfile
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from truearm.errors import InputError, TruearmError
 from truearm.verify.interim import QUANTITIES, Check, Value, told
-from truearm.writing import check_writable, whole_file
+from truearm.writing import check_writable
 
 # "tArm", as the four bytes of SQLite's header have it.
 APPLICATION_ID = int.from_bytes(b"tArm", "big")
@@ -49,6 +54,11 @@ _TABLES = (
     UNIQUE (check_id, quantity, artefact)
 )""",
 )
+# What ANALYZE of a database's tools adds.
+_STATISTICS = {
+    "CREATE TABLE sqlite_stat1(tbl,idx,stat)",
+    "CREATE TABLE sqlite_stat4(tbl,idx,neq,nlt,ndlt,sample)",
+}
 _FINGERPRINT = re.compile("[0-9a-f]{64}")
 
 
@@ -91,72 +101,109 @@ class History:
         if not self.path.exists():
             return ()
         with self._opened() as database:
-            rows = database.execute(
-                "SELECT id, date, session, temperature_degC FROM checks WHERE model = ? ORDER BY date, id", (model,)
-            ).fetchall()
-            found = database.execute(
-                "SELECT check_id, quantity, artefact, value_mm, u_mm, u_artefact_mm, n, length_mm FROM test_values "
-                "WHERE check_id IN (SELECT id FROM checks WHERE model = ?) ORDER BY check_id, number",
-                (model,),
-            ).fetchall()
-        values: dict[int, list[Value]] = {}
-        for number, *row in found:
-            values.setdefault(number, []).append(self._value(row))
-        return tuple(self._check(row, model, tuple(values.get(row[0], ()))) for row in rows)
+            return self._read(database, model)
 
-    def append(self, check: Check) -> bool:
-        """Add a check, whole or not at all.
+    def joined(self, check: Check) -> tuple[Check, ...]:
+        """The checks of its model as they are once a check is added; the history stays as it is.
 
-        Returns
-        -------
-        bool
-            False if the history has this model's check of this session already; nothing is added then.
+        These are the same as before if it is there already. If it is of the same session as the last one, and has what
+        that has and more, it takes its place and its date.
 
         Raises
         ------
         InputError
-            If the check is older than the last one of its model, or cannot be written.
+            If the check is older than the last one of its model, or is none: a name without end, a number that is not
+            finite.
+        """
+        return self._with(self.checks(check.model), check)
+
+    def append(self, check: Check) -> bool:
+        """Add a check, or complete the last one, whole or not at all: see `joined`.
+
+        Returns
+        -------
+        bool
+            False if the history has this model's check of this session already; nothing is written then.
+
+        Raises
+        ------
+        InputError
+            As `joined`, or if the file cannot be written.
         """
         known = self.checks(check.model)
-        if any(one.session == check.session for one in known):
+        if self._with(known, check) == known:
             return False
+        check_writable(self.path)
+        if not self.path.exists():
+            self._make()
+        with self._opened() as database:
+            database.execute("BEGIN IMMEDIATE")
+            with database:  # commits, or takes everything back
+                known = self._read(database, check.model)  # another program may have added one meanwhile
+                found = self._with(known, check)
+                if found == known:
+                    return False
+                if len(found) == len(known):
+                    which = (check.model, check.session)
+                    database.execute(
+                        "DELETE FROM test_values WHERE check_id = "
+                        "(SELECT id FROM checks WHERE model = ? AND session = ?)",
+                        which,
+                    )
+                    database.execute("DELETE FROM checks WHERE model = ? AND session = ?", which)
+                _insert(database, found[-1])
+        return True
+
+    def _read(self, database: sqlite3.Connection, model: str) -> tuple[Check, ...]:
+        rows = database.execute(
+            "SELECT id, date, session, temperature_degC FROM checks WHERE model = ? ORDER BY date, id", (model,)
+        ).fetchall()
+        found = database.execute(
+            "SELECT check_id, quantity, artefact, value_mm, u_mm, u_artefact_mm, n, length_mm FROM test_values "
+            "WHERE check_id IN (SELECT id FROM checks WHERE model = ?) ORDER BY check_id, number",
+            (model,),
+        ).fetchall()
+        values: dict[int, list[Value]] = {}
+        for number, *row in found:
+            values.setdefault(number, []).append(Value(*row))
+        return tuple(self._check(row, model, tuple(values.get(row[0], ()))) for row in rows)
+
+    def _with(self, known: tuple[Check, ...], check: Check) -> tuple[Check, ...]:
+        """`known` and a check, as `joined` has it."""
+        if fault := _fault(check):
+            raise InputError(f"the check cannot be kept: {fault}", file=self.path)
+        for one in known:
+            if one.session == check.session:
+                before, now = ({value.key for value in each.values} for each in (one, check))
+                # A length that can now be corrected to 20 degC is more than it was.
+                names_before, names_now = ({key[:2] for key in keys} for keys in (before, now))
+                if one is known[-1] and names_before <= names_now and before != now:
+                    return (*known[:-1], replace(check, date=one.date))
+                return known
         if known and check.date < known[-1].date:
             raise InputError(
                 f"the check is of {told(check.date)}, before the last one of {told(known[-1].date)}",
                 file=self.path,
                 hint="add checks in the order in which they were made, with --date",
             )
-        if not self.path.exists():
-            with whole_file(self.path) as beside:
-                _create(beside)
-        check_writable(self.path)
-        with self._opened() as database:
-            database.execute("BEGIN IMMEDIATE")
-            with database:  # commits, or takes everything back
-                added = database.execute(
-                    "INSERT OR IGNORE INTO checks (date, model, session, temperature_degC) VALUES (?, ?, ?, ?)",
-                    (check.date.isoformat(sep=" "), check.model, check.session, check.temperature_degC),
-                )
-                if not added.rowcount:  # by another program meanwhile
-                    return False
-                database.executemany(
-                    "INSERT INTO test_values VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                    [
-                        (
-                            added.lastrowid,
-                            number,
-                            one.quantity,
-                            one.artefact,
-                            float(one.value_mm),
-                            float(one.u_mm),
-                            float(one.u_artefact_mm),
-                            int(one.n),
-                            one.length_mm,
-                        )
-                        for number, one in enumerate(check.values)
-                    ],
-                )
-        return True
+        return (*known, check)
+
+    def _make(self) -> None:
+        """Make the file, without checks; if another program has made it meanwhile, that one stays."""
+        target = Path(os.path.realpath(self.path))
+        try:
+            with tempfile.TemporaryDirectory(prefix=".history-", dir=target.parent) as folder:
+                made = Path(folder) / target.name
+                _create(made)
+                try:
+                    os.link(made, target)
+                except FileExistsError:
+                    pass
+                except OSError:  # a file system without links
+                    with suppress(FileExistsError), target.open("xb") as file:
+                        file.write(made.read_bytes())
+        except (OSError, sqlite3.Error) as error:
+            raise TruearmError(f"{self.path}: the history cannot be made ({error})") from error
 
     def _check_size(self) -> None:
         if self.path.is_dir():
@@ -195,7 +242,7 @@ class History:
             )
         # Statements that the file brings along (triggers, views) would be run with ours.
         made = {row[0] for row in database.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")}
-        if version != VERSION or made != set(_TABLES):
+        if version != VERSION or made - _STATISTICS != set(_TABLES):
             raise self._damaged("its tables are not those of a history")
         sound = _pragma(database, "quick_check(1)")
         if sound != "ok":
@@ -209,21 +256,10 @@ class History:
             raise self._damaged(f"expected a date, got {date!r:.80}") from None
         if day.tzinfo is not None or not isinstance(session, str) or not _FINGERPRINT.fullmatch(session):
             raise self._damaged(f"the check of {date!r:.80} is not as truearm writes it")
-        if degC is not None and not _is_number(degC):
-            raise self._damaged(f"expected a temperature, got {degC!r:.80}")
-        if not values:
-            raise self._damaged(f"the check of {date} has no values")
-        return Check(day, model, session, degC, values)
-
-    def _value(self, row: list[Any]) -> Value:
-        quantity, artefact, value, u, u_artefact, n, length = row
-        named = quantity in QUANTITIES and isinstance(artefact, str) and len(artefact) <= MOST_NAME
-        numbers = all(map(_is_number, (value, u, u_artefact))) and (length is None or _is_number(length))
-        if not named or not numbers or type(n) is not int:
-            raise self._damaged(f"a value is not as truearm writes it: {row!r:.200}")
-        if n < 1 or min(u, u_artefact) < 0 or (QUANTITIES[quantity].scale and value < 0):
-            raise self._damaged(f"a value cannot be: {row!r:.200}")
-        return Value(quantity, artefact, value, u, u_artefact, n, length)
+        found = Check(day, model, session, degC, values)
+        if fault := _fault(found):
+            raise self._damaged(fault)
+        return found
 
     def _foreign(self, what: str) -> InputError:
         return InputError(
@@ -232,6 +268,48 @@ class History:
 
     def _damaged(self, why: str) -> InputError:
         return InputError(f"the history is damaged ({why})", file=self.path, hint="a copy of it that is whole")
+
+
+def _fault(check: Check) -> str:
+    """What keeps a check from being one, as it is to be written or was read; empty if nothing does."""
+    if check.temperature_degC is not None and not _is_number(check.temperature_degC):
+        return f"expected a temperature, got {check.temperature_degC!r:.80}"
+    if not check.values:
+        return f"the check of {told(check.date)} has no values"
+    for one in check.values:
+        if one.quantity not in QUANTITIES or not isinstance(one.artefact, str) or len(one.artefact) > MOST_NAME:
+            return f"a value is not as truearm writes it: {one!r:.200}"
+        numbers = (one.value_mm, one.u_mm, one.u_artefact_mm, *(() if one.length_mm is None else (one.length_mm,)))
+        if not all(map(_is_number, numbers)) or type(one.n) is not int:
+            return f"a value is not as truearm writes it: {one!r:.200}"
+        if one.n < 1 or min(one.u_mm, one.u_artefact_mm) < 0 or (QUANTITIES[one.quantity].scale and one.value_mm < 0):
+            return f"a value cannot be: {one!r:.200}"
+    names = [(one.quantity, one.artefact) for one in check.values]
+    return "" if len(set(names)) == len(names) else "it has a value twice"
+
+
+def _insert(database: sqlite3.Connection, check: Check) -> None:
+    added = database.execute(
+        "INSERT INTO checks (date, model, session, temperature_degC) VALUES (?, ?, ?, ?)",
+        (check.date.isoformat(sep=" "), check.model, check.session, check.temperature_degC),
+    )
+    database.executemany(
+        "INSERT INTO test_values VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        [
+            (
+                added.lastrowid,
+                number,
+                one.quantity,
+                one.artefact,
+                float(one.value_mm),
+                float(one.u_mm),
+                float(one.u_artefact_mm),
+                int(one.n),
+                one.length_mm,
+            )
+            for number, one in enumerate(check.values)
+        ],
+    )
 
 
 def _create(path: Path) -> None:

@@ -7,7 +7,7 @@ whether they change. Between calibrations a laboratory makes such checks by ISO/
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
-from truearm.verify.control_chart import NEEDED, ControlChart, control_chart, rules_for
+from truearm.verify.artefacts import REFERENCE_DEGC
+from truearm.verify.control_chart import NEEDED, ControlChart, Rules, control_chart, rules_for
 from truearm.verify.decision import Verdict, decide
 from truearm.verify.limits import Specification
 from truearm.verify.orthogonal import FloatArray
@@ -30,6 +31,12 @@ FARTHEST_IN_SEAT_MM = 10.0
 SAME_SHARE = 0.05
 # Five tell form and diameter of a sphere.
 LEAST_ON_SPHERE = 5
+
+ARTEFACT_U_K = 0.5
+"""Standard uncertainty by which an artefact has not the temperature that the session states [K].
+
+That is the arm's. An artefact that lay beside it for some hours is taken to be within a kelvin of it.
+"""
 
 
 @dataclass(frozen=True)
@@ -91,7 +98,8 @@ class Value:
     n : int
         Readings from which it comes.
     length_mm : float or None
-        The known length, of a length error.
+        The known length of a length error that is one at 20 degC. None of others, and of a length error that is not:
+        no limit holds for it.
     """
 
     quantity: str
@@ -103,14 +111,23 @@ class Value:
     length_mm: float | None = None
 
     @property
-    def key(self) -> tuple[str, str]:
-        """What tells its series from the others."""
-        return self.quantity, self.artefact
+    def key(self) -> tuple[str, str, bool]:
+        """What tells its series from the others: a length that is not corrected has one of its own."""
+        return self.quantity, self.artefact, self.length_mm is not None
 
     @property
     def label(self) -> str:
         """Artefact and quantity in words."""
-        return f"{QUANTITIES[self.quantity].artefact} {self.artefact}, {self.quantity}"
+        kind = QUANTITIES[self.quantity].artefact
+        as_measured = " as measured" if kind == "length" and self.length_mm is None else ""
+        return f"{kind} {self.artefact}, {self.quantity}{as_measured}"
+
+    def has(self, artefact: str) -> bool:
+        """Whether it was measured on an artefact; a length, whether one of its seats is that."""
+        return self.artefact == artefact or (
+            QUANTITIES[self.quantity].artefact == "length"
+            and (self.artefact.startswith(f"{artefact} to ") or self.artefact.endswith(f" to {artefact}"))
+        )
 
 
 @dataclass(frozen=True)
@@ -147,6 +164,7 @@ def interim_values(
     seat: NameArray | None = None,
     sphere: NameArray | None = None,
     lengths: Lengths | None = None,
+    temperature_degC: float | None = None,
 ) -> tuple[Value, ...]:
     """Find the test values of a check.
 
@@ -160,6 +178,9 @@ def interim_values(
         In which seat or on which sphere each was taken; empty where in or on none.
     lengths : Lengths, optional
         Known ones between the seats.
+    temperature_degC : float, optional
+        Of arm and artefacts. A length whose thermal expansion is known is corrected from it to 20 degC, with
+        `ARTEFACT_U_K`; others are as they are.
 
     Returns
     -------
@@ -183,7 +204,7 @@ def interim_values(
     seats, spheres = _groups(seat, len(points)), _groups(sphere, len(points))
     values = [value for name, rows in seats.items() for value in _of_seat(name, points[rows], std[rows])]
     if lengths is not None:
-        values += _of_lengths(lengths.between(seats), seats, points, std)
+        values += _of_lengths(lengths.between(seats), seats, points, std, temperature_degC)
     values += [value for name, rows in spheres.items() for value in _of_sphere(name, points[rows], std[rows])]
     if not values:
         raise InputError(
@@ -228,15 +249,24 @@ def _of_seat(name: str, points: FloatArray, std: FloatArray) -> list[Value]:
 
 
 def _of_lengths(
-    lengths: Lengths, seats: Mapping[str, npt.NDArray[np.intp]], points: FloatArray, std: FloatArray
+    lengths: Lengths,
+    seats: Mapping[str, npt.NDArray[np.intp]],
+    points: FloatArray,
+    std: FloatArray,
+    degC: float | None,
 ) -> list[Value]:
-    """Errors of lengths: ``|mean_a - mean_b| - L``.
+    """Errors of lengths: ``|mean_a - mean_b| / (1 + alpha (T - 20)) - L``.
 
-    From check to check the means scatter along the length, and the artefact sits anew.
+    From check to check the means scatter along the length, the artefact sits anew and has another temperature.
     """
     values = []
     names = ("seat_a", "seat_b", "length_mm", "u_mm", "u_place_mm")
-    for a, b, known, u, u_place in zip(*(getattr(lengths, name).tolist() for name in names), strict=True):
+    unknown = np.full(len(lengths), np.nan)
+    expansions = (
+        (unknown if known is None else known).tolist() for known in (lengths.expansion_per_K, lengths.u_expansion_per_K)
+    )
+    columns = (*(getattr(lengths, name).tolist() for name in names), *expansions)
+    for a, b, known, u, u_place, expansion, u_expansion in zip(*columns, strict=True):
         rows = seats[a], seats[b]
         found = float(np.linalg.norm(points[rows[0]].mean(axis=0) - points[rows[1]].mean(axis=0)))
         if abs(found - known) > SAME_SHARE * known:
@@ -245,9 +275,18 @@ def _of_lengths(
                 hint="the names of the seats in the session and in the file of lengths",
             )
         scatter = float(np.sqrt(sum((std[each] ** 2).mean() / len(each) for each in rows) + u_place**2))
+        u_artefact = float(np.hypot(u, u_place))
         n = sum(len(each) for each in rows)
+        at_reference = degC is not None and np.isfinite(expansion)
+        if degC is not None and at_reference:
+            warmer = degC - REFERENCE_DEGC
+            found /= 1 + expansion * warmer
+            # As of a bar's certificate: the artefact's temperature, new each time, and its expansion (GUM H.1.3).
+            u_warm = known * abs(expansion) * ARTEFACT_U_K
+            scatter = float(np.hypot(scatter, u_warm))
+            u_artefact = float(np.hypot(u_artefact, np.hypot(u_warm, known * warmer * u_expansion)))
         values.append(
-            Value("length error", f"{a} to {b}", found - known, scatter, float(np.hypot(u, u_place)), n, known)
+            Value("length error", f"{a} to {b}", found - known, scatter, u_artefact, n, known if at_reference else None)
         )
     return values
 
@@ -296,7 +335,9 @@ class Trend:
     Attributes
     ----------
     latest : Value
-        That of the last check.
+        The last one, of the last check that has it.
+    current : bool
+        Whether that is the last check of all.
     checks : (n,) int array
         The checks that have the value, counted from 0.
     chart : ControlChart or None
@@ -308,6 +349,7 @@ class Trend:
     """
 
     latest: Value
+    current: bool
     checks: npt.NDArray[np.intp]
     chart: ControlChart | None
     limit_mm: float | None
@@ -321,7 +363,7 @@ class Trend:
 
     @property
     def enough(self) -> bool:
-        """Whether it can say that nothing has changed."""
+        """Whether it can say that nothing has changed, or could when it was measured last."""
         return self.chart is not None and self.chart.enough
 
 
@@ -339,9 +381,9 @@ class Assessment:
     remarks : tuple of str
         What could not be said.
     n_before : int
-        Of checks that the chart with the most of them has before the last one.
+        Of checks that the chart with the fewest of them, of those of the last check, has before it.
     trends : tuple of Trend
-        Those of the values of the last check, in their order.
+        Those of the values of the last check in their order, then those that earlier checks have.
     """
 
     recalibrate: Recalibrate
@@ -352,34 +394,55 @@ class Assessment:
     trends: tuple[Trend, ...]
 
 
-def assess(checks: Sequence[Check], specification: Specification | None = None) -> Assessment:
+def assess(
+    checks: Sequence[Check], specification: Specification | None = None, *, retired: Collection[str] = ()
+) -> Assessment:
     """Say whether the arm has changed since the first checks.
 
-    Only what was measured in the last check is asked. The answer is yes if a chart tells of a change
-    (`truearm.verify.control_chart`), or if a value is over its limit in the specification by more than the uncertainty
-    of the artefact (ISO 14253-1); else no, if a chart has enough checks before.
+    The answer is yes if a chart tells of a change (`truearm.verify.control_chart`), or if a value is over its limit in
+    the specification by more than the uncertainty of the artefact (ISO 14253-1), in the last check or, of what it left
+    out, when that was measured last; else no, if every chart of the last check has enough checks before.
 
     Parameters
     ----------
     checks : sequence of Check
         All of one model, in the order in which they were made.
     specification : Specification, optional
+    retired : collection of str, optional
+        Artefacts that are mended or replaced, and are not asked any more; of a length, one of its seats.
 
     Raises
     ------
     InputError
-        If there is no check.
+        If there is no check, or an artefact that is retired is in the last one, or in none.
+
+    Notes
+    -----
+    The false alarms are shared among the charts that the history had at each check, whichever of them it has later or
+    the last check has: what was said of a check does not change with those after it.
     """
     if not checks:
         raise InputError("expected one check or more, got none")
-    latest = checks[-1].values
-    n_sides = sum(QUANTITIES[value.quantity].n_sides for value in latest if QUANTITIES[value.quantity].charted)
-    trends = tuple(_trend(value, checks, n_sides, specification) for value in latest)
+    series: dict[tuple[str, str, bool], list[int]] = {}
+    rules = []
+    for i, check in enumerate(checks):
+        for value in check.values:
+            series.setdefault(value.key, []).append(i)
+        charted = [QUANTITIES[name] for name, *_ in series if QUANTITIES[name].charted]
+        rules.append(rules_for(max(1, sum(quantity.n_sides for quantity in charted))))
+    _check_retired(retired, checks)
+    by_key = [{value.key: value for value in check.values} for check in checks]
+    trends = tuple(
+        _trend([by_key[i][key] for i in series[key]], series[key], rules, specification)
+        for key in dict.fromkeys((*by_key[-1], *series))
+        if not any(by_key[series[key][-1]][key].has(name) for name in retired)
+    )
+    current = [trend for trend in trends if trend.current and trend.chart is not None]
     began = [trend.since for trend in trends if trend.since is not None]
     over = [trend for trend in trends if trend.over_limit]
     if began or over:
         answer = Recalibrate.YES
-    elif any(trend.enough for trend in trends):
+    elif current and all(trend.enough for trend in current):
         answer = Recalibrate.NO
     else:
         answer = Recalibrate.NOT_ENOUGH
@@ -387,30 +450,54 @@ def assess(checks: Sequence[Check], specification: Specification | None = None) 
     for trend in over:
         reasons.append(
             f"{trend.latest.label}: {trend.latest.value_mm:+.4f} mm is over the limit of {trend.limit_mm:.4f} mm"
+            f"{_when_last(trend)}"
         )
-    n_before = max((int(trend.chart.n_before[-1]) for trend in trends if trend.chart is not None), default=0)
-    return Assessment(answer, min(began) if began else None, tuple(reasons), _remarks(trends), n_before, trends)
+    n_before = min((int(trend.chart.n_before[-1]) for trend in current if trend.chart is not None), default=0)
+    remarks = (*_remarks(trends), *_not_compared(trends, specification))
+    return Assessment(answer, min(began) if began else None, tuple(reasons), remarks, n_before, trends)
 
 
-def _trend(value: Value, checks: Sequence[Check], n_sides: int, specification: Specification | None) -> Trend:
-    quantity = QUANTITIES[value.quantity]
-    found = [(i, one) for i, check in enumerate(checks) for one in check.values if one.key == value.key]
+def _check_retired(retired: Collection[str], checks: Sequence[Check]) -> None:
+    for name in retired:
+        if any(value.has(name) for value in checks[-1].values):
+            raise InputError(
+                f"{name!r} is retired, and is in the last check",
+                hint="an artefact that is mended or replaced gets another name in the session",
+            )
+        if not any(value.has(name) for check in checks for value in check.values):
+            known = dict.fromkeys(value.artefact for check in checks for value in check.values)
+            raise InputError(f"no check has the retired {name!r:.80}", hint=", ".join(known)[:200])
+
+
+def _trend(
+    values: Sequence[Value], at: Sequence[int], rules: Sequence[Rules], specification: Specification | None
+) -> Trend:
+    """The series `values` of the checks `at`, among checks that have the `rules`."""
+    latest = values[-1]
+    quantity = QUANTITIES[latest.quantity]
     chart = None
     if quantity.charted:
         chart = control_chart(
-            [one.value_mm for _, one in found],
-            u=[one.u_mm for _, one in found],
-            rules=rules_for(n_sides),
+            [one.value_mm for one in values],
+            u=[one.u_mm for one in values],
+            rules=[rules[i] for i in at],
             scale=quantity.scale,
             upper_only=quantity.scale,
         )
     limit, over = None, False
-    if specification is not None:
-        stated = [specification.limit(symbol, value.length_mm) for symbol in quantity.symbols]
+    if specification is not None and _comparable(latest, specification):
+        stated = [specification.limit(symbol, latest.length_mm) for symbol in quantity.symbols]
         limit = min((one for one in stated if one is not None), default=None)
         # k = 2
-        over = limit is not None and decide(value.value_mm, 2 * value.u_artefact_mm, limit) is Verdict.NOT_CONFORM
-    return Trend(value, np.array([i for i, _ in found]), chart, limit, over)
+        over = limit is not None and decide(latest.value_mm, 2 * latest.u_artefact_mm, limit) is Verdict.NOT_CONFORM
+    return Trend(latest, at[-1] == len(rules) - 1, np.array(at), chart, limit, over)
+
+
+def _comparable(value: Value, specification: Specification) -> bool:
+    """Whether the limits of the specification hold for a value: for lengths at 20 degC if it is corrected to that."""
+    if QUANTITIES[value.quantity].artefact != "length":
+        return True
+    return value.length_mm is not None and specification.corrected_to_20_degC
 
 
 def _reason(trend: Trend, since: int) -> str:
@@ -421,15 +508,41 @@ def _reason(trend: Trend, since: int) -> str:
         what = "a drift since about"
     else:
         what = "a jump at about"
-    return f"{trend.latest.label}: {what} check {since + 1}"
+    return f"{trend.latest.label}: {what} check {since + 1}{_when_last(trend)}"
+
+
+def _when_last(trend: Trend) -> str:
+    return "" if trend.current else f", measured last in check {trend.checks[-1] + 1}"
 
 
 def _remarks(trends: Sequence[Trend]) -> tuple[str, ...]:
-    """Which charts cannot say yet that nothing has changed, beside others that can."""
-    if not any(trend.enough for trend in trends):
+    """Which charts cannot say yet that nothing has changed, beside others that can, and which were not asked today."""
+    remarks = []
+    some_enough = any(trend.enough for trend in trends)
+    for trend in trends:
+        if trend.chart is None or trend.since is not None or trend.over_limit:
+            continue
+        n = f"{trend.chart.n_before[-1]} of {NEEDED} checks before"
+        if not trend.current:
+            then = "unchanged" if trend.enough else f"not judged, {n},"
+            remarks.append(f"{trend.latest.label}: not in this check; {then} in check {trend.checks[-1] + 1}")
+        elif some_enough and not trend.enough:
+            remarks.append(f"{trend.latest.label}: not judged yet, {n}")
+    return tuple(remarks)
+
+
+def _not_compared(trends: Sequence[Trend], specification: Specification | None) -> tuple[str, ...]:
+    """Which lengths of the last check have limits in the specification that do not hold for them."""
+    if specification is None:
         return ()
+    if not specification.corrected_to_20_degC:
+        why = "its limits hold for lengths that are not corrected to 20 degC"
+    else:
+        why = "a length is compared at 20 degC, and its expansion or the session's temperature is not known"
     return tuple(
-        f"{trend.latest.label}: not judged yet, {trend.chart.n_before[-1]} of {NEEDED} checks before"
+        f"{trend.latest.label}: not compared with the specification: {why}"
         for trend in trends
-        if trend.chart is not None and not trend.enough and trend.since is None
+        if trend.current
+        and not _comparable(trend.latest, specification)
+        and any(symbol in specification.limits for symbol in QUANTITIES[trend.latest.quantity].symbols)
     )
