@@ -18,11 +18,11 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identify.leave_out import root_of
 from truearm.identify.propagation import effects_of_directions
 from truearm.models.compensator import Compensator
 from truearm.models.identified import IdentifiedModel
 from truearm.readings.readings import Readings
+from truearm.solve.group_evidence import root_of
 from truearm.terms.state import ArmState
 from truearm.virtual.arm import VirtualArm
 from truearm.virtual.presets import Preset
