@@ -129,7 +129,10 @@ def test_a_joint_of_which_nothing_is_told_is_not_drawn():
 
 
 def test_what_is_open_and_what_is_far_off_is_told_with_its_reason():
-    section = open_section([("hysteresis", "the joints' directions are not known")], [("d1", "base z"), ("zero",)])
+    section = open_section(
+        [("hysteresis", "the joints' directions are not known")],
+        [(("d1", "base z"), "only together"), (("zero",), "not told")],
+    )
     assert "as the joints&#39; directions are not known" in words(section)
     assert section.tables[0].rows == (("d1, base z", "only together"), ("zero", "not told"))
     assert open_section([], []) is None

@@ -3,6 +3,8 @@
 With the posterior covariance of the constants divided by their prior standard deviations on both sides, an eigenvalue
 near 1 is a combination of constants of which the readings say nothing: it is as little known as before. Eigenvectors of
 equal eigenvalues are any mixture; brought to echelon form by the constants that stand for them best, they name few.
+Those that move no tip at any pose, as a shift of the tip and one of the last link may, stand by themselves: no readings
+tell them, and nothing is lost.
 
 What goes with a constant is told by how far it moves the tip: a free tip, a metre uncertain beforehand, hardly moves by
 its own measure when it makes up for a millimetre of the last link.
@@ -18,12 +20,17 @@ from scipy.linalg import qr
 
 from truearm.arm.chain import Chain
 from truearm.identify.identification import Identified
+from truearm.identify.problem import Moved
 from truearm.terms.basis import Constant
+from truearm.terms.state import ArmState
 
 FloatArray = npt.NDArray[np.float64]
 
 # Above this share of the prior variance a combination is as good as unknown.
 UNTOLD = 0.5
+# Poses at which a combination moves the tip, or at none, and what rounding makes of none.
+POSES = 100
+STILL = 1e-10
 # Partners that move the tip by a smaller share of what the combination's first constant does are not named.
 LEAST_SHARE = 0.2
 # A combination of more constants than this is named by its largest.
@@ -41,10 +48,20 @@ class Untold:
         Their names. Of several only a sum, with the weights, is known: they can move together and nothing shows.
     movement : tuple of float
         How far each moves together with the first [rad or mm], the first by its prior standard deviation.
+    ever : bool
+        Whether readings at other poses would determine it.
     """
 
     constants: tuple[str, ...]
     movement: tuple[float, ...]
+    ever: bool = True
+
+    @property
+    def known(self) -> str:
+        """How much of it is known, in words."""
+        if len(self.constants) == 1:
+            return "not told"
+        return "only together" if self.ever else "only together, by any readings"
 
     def __str__(self) -> str:
         if len(self.constants) == 1:
@@ -102,8 +119,30 @@ def identifiability(fit: Identified) -> Identifiability:
     whitened = fit.covariance[np.ix_(columns, columns)] / np.outer(prior_std, prior_std)
     determined = {name: float(np.clip(1 - v, 0.0, 1.0)) for name, v in zip(names, whitened.diagonal(), strict=True)}
     values, vectors = np.linalg.eigh(whitened)
-    untold = _named(vectors[:, values > UNTOLD], names, prior_std, np.array(effects))
+    still = _still(fit, columns)
+    left_open = vectors[:, values > UNTOLD]
+    left_open = left_open - still @ (still.T @ left_open)
+    beside, size, _ = np.linalg.svd(left_open, full_matrices=False)
+    untold = (
+        *_named(beside[:, size > UNTOLD], names, prior_std, np.array(effects), ever=True),
+        *_named(still, names, prior_std, np.array(effects), ever=False),
+    )
     return Identifiability(determined, untold, _correlated(whitened, names))
+
+
+def _still(fit: Identified, columns: list[int]) -> FloatArray:
+    """(n, k) combinations of the constants, over their prior standard deviations, that move the tip at no pose."""
+    chain, rng = fit.moved.chain, np.random.default_rng(0)
+    angles = np.where(chain.slides, 500.0, np.pi) * rng.uniform(-1, 1, (POSES, chain.n_joints))
+    arm = Moved(chain, tuple(term for term in fit.moved.terms if isinstance(term.basis, Constant)))
+    ((_, _, by),) = arm.derivatives(ArmState(chain, angles), fit.coefficients[columns])
+    by_whitened = by.reshape(len(columns), -1).T * fit.prior_std[columns]
+    # A base that may be metres off must not hide what a link's milliradian does: each column by its own size.
+    length = np.linalg.norm(by_whitened, axis=0)
+    length[length == 0] = 1.0
+    _, size, mixed = np.linalg.svd(by_whitened / length, full_matrices=False)
+    found = (mixed[size < STILL * size.max(initial=1.0)] / length).T
+    return np.asarray(np.linalg.qr(found)[0])
 
 
 def _levers(chain: Chain) -> FloatArray:
@@ -115,7 +154,7 @@ def _levers(chain: Chain) -> FloatArray:
 
 
 def _named(
-    open_directions: FloatArray, names: list[str], prior_std: FloatArray, effects: FloatArray
+    open_directions: FloatArray, names: list[str], prior_std: FloatArray, effects: FloatArray, *, ever: bool
 ) -> tuple[Untold, ...]:
     """The combinations that span `open_directions` (n, k), each by one constant of its own and what goes with it.
 
@@ -131,7 +170,7 @@ def _named(
         moved = np.abs(movement) * effects
         largest = [i for i in np.argsort(-moved) if i != pivot and moved[i] > LEAST_SHARE * moved[pivot]]
         members = [int(pivot), *(int(i) for i in largest[: MOST_PARTNERS - 1])]
-        found.append(Untold(tuple(names[i] for i in members), tuple(float(movement[i]) for i in members)))
+        found.append(Untold(tuple(names[i] for i in members), tuple(float(movement[i]) for i in members), ever))
     return tuple(sorted(found, key=lambda one: names.index(one.constants[0])))
 
 

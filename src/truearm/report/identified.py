@@ -196,7 +196,7 @@ def joints_section(
 
 
 def open_section(
-    left_out: Sequence[tuple[str, str]], untold: Sequence[Sequence[str]], *, name: str = ""
+    left_out: Sequence[tuple[str, str]], untold: Sequence[tuple[Sequence[str], str]], *, name: str = ""
 ) -> Section | None:
     """What the readings do not tell: constants, and terms that were not offered. None where there is nothing to say.
 
@@ -204,14 +204,14 @@ def open_section(
     ----------
     left_out : sequence of (str, str)
         Terms, each with what the readings lack.
-    untold : sequence of sequences of str
-        Constants, alone or in combinations, that the readings left open.
+    untold : sequence of (sequence of str, str)
+        Constants, alone or in combinations, that the readings left open, each with how much of them is known.
     name : str
         Of the model, where there are several.
     """
     tables = []
     if untold:
-        rows = tuple((", ".join(names), "only together" if len(names) > 1 else "not told") for names in untold)
+        rows = tuple((", ".join(names), known) for names, known in untold)
         tables.append(Table((Column("constants"), Column("known")), rows, "Constants that the readings left open"))
     if left_out:
         rows = tuple((term, f"as {reason}") for term, reason in left_out)
