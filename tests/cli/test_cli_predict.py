@@ -1,0 +1,42 @@
+"""``truearm predict``: what a session does not state is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from truearm.arm import load
+from truearm.models import PhysicalModel
+from truearm.models.file import save_model
+from truearm.readings import write_session
+from truearm.virtual import PRESETS, VirtualArm
+
+SAYS = "Not given at all readings, taken at the mean, which is in the uncertainty: directions of movement (0."
+
+
+@pytest.fixture(scope="module")
+def hysteretic(tmp_path_factory):
+    """A folder with the model of an arm with hysteresis, a session with directions and one without."""
+    arm, folder = load("gao2017"), tmp_path_factory.mktemp("predict")
+    preset = replace(PRESETS["perfect"], hysteresis_std_arcsec=20.0, reference_std_mm=0.01)
+    virtual = VirtualArm.draw(arm, preset, seed=5)
+    angles = arm.working + 0.8 * np.random.default_rng(6).uniform(-1, 1, (121, 6))
+    readings = virtual.measure(angles, seed=7).readings.rows(slice(1, None))  # the first did not come from anywhere
+    save_model(PhysicalModel(arm, highest=1).fit_readings(readings), folder / "m.truearm")
+    write_session(readings, folder / "all.csv")
+    write_session(replace(readings, directions=None), folder / "none.csv")
+    return folder
+
+
+def test_directions_that_are_not_given_are_said_once_with_what_they_add(truearm, hysteretic, tmp_path):
+    std = {}
+    for name, times in (("all", 0), ("none", 1)):
+        ran = truearm("predict", hysteretic / "m.truearm", hysteretic / f"{name}.csv", "--out", tmp_path / "p.csv")
+        assert ran.code == 0, ran.err
+        assert ran.out.count(SAYS) == times
+        assert "Not given" not in ran.out.replace(SAYS, "")
+        std[name] = pd.read_csv(tmp_path / "p.csv")[["sx_mm", "sy_mm", "sz_mm"]].to_numpy()
+    assert (std["none"] > std["all"]).all()
