@@ -110,7 +110,13 @@ def fit(
     table: tuple[Compared, ...] = ()
     if network is not None:
         with Kept(out) as kept, progress("fitting network", total=epochs * restarts * members) as tell:
-            network.fit_readings(readings, progress=kept.telling(tell), checkpoint=kept.folder, nominal=as_drawn)
+            network.fit_readings(
+                readings,
+                lengths=known,
+                progress=kept.telling(tell),
+                checkpoint=kept.folder,
+                nominal=as_drawn,
+            )
             fitted = network
             save_model(fitted, out)
     else:
