@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 
@@ -73,6 +74,32 @@ def test_an_arm_near_its_limit_is_undecided_and_simple_acceptance_decides(truear
     assert "simple acceptance" in ran.out
 
 
+def test_simple_acceptance_hides_no_value_far_beyond_its_limit(truearm, bench):
+    """A fixture of 6 um: U of 12 um is more than a quarter of 30 um; a form of 100 um is beyond that by far."""
+    Path("points.csv").write_text(Made(noise_mm=0.03).iso().text())
+    Path("artefacts.toml").write_text(ARTEFACTS.replace("u_fixture_mm = 0.0005", "u_fixture_mm = 0.006"))
+    ran = truearm(*options(), "--simple", "--json")
+    found = json.loads(ran.out)
+    form = found["rows"][1]
+    assert abs(form["value"]) - form["uncertainty"] > form["limit"]
+    assert (ran.code, found["verdict"], form["verdict"]) == (1, "not conform", "not conform")
+    (said,) = [one for one in found["remarks"] if "does not apply" in one]
+    assert said.startswith("U is more than 1/4 of the limit, simple acceptance does not apply, ISO 14253-1 decides: ")
+    assert "P_Form.Sph.1x25" in said
+
+
+def test_a_specification_is_not_kept_by_what_was_not_tested(truearm, bench):
+    """Probing alone, as a plan of one's own may ask: the verdict speaks of what was tested, the rest is named."""
+    whole = plan_text("iso10360-12")
+    Path("own.toml").write_text(whole[: whole.index("[articulation]")])
+    points = Path("points.csv").read_text()
+    Path("points.csv").write_text("".join(without("uni,")(without("articulation,")(points))))
+    ran = truearm(*options("own.toml"))
+    assert ran.code == 0, ran
+    assert "limits stated, not tested: L_Dia.5x5, E_Uni, E_Bi, EffectiveDiameter, SPAT.Max" in ran.out
+    assert ran.out.splitlines()[-1] == "conform: the values tested are within their limits"
+
+
 def test_both_standards_and_opposite_faces(truearm, bench):
     Path("points.csv").write_text(Made(degC=23.5).asme().text())
     ran = truearm(*options("asme-b89.4.22"))
@@ -84,7 +111,8 @@ def test_both_standards_and_opposite_faces(truearm, bench):
     ran = truearm(*options())
     assert ran.code == 0, ran
     assert "E_Bi, 1700" in ran.out
-    assert "not tested" not in ran.out
+    assert "not tested:" not in ran.out.replace("limits stated, not tested:", "")
+    assert "limits stated, not tested: EffectiveDiameter, SPAT.Max, SPAT.2s, Volumetric.Max\n" in ran.out
 
 
 def test_machines_get_the_whole_budget(truearm, bench):
@@ -143,6 +171,60 @@ def one_less(phrase):
     return change
 
 
+def again(text, phrase, instead):
+    """The lines that hold a phrase, once more and a little off, with another instead."""
+    for line in text.splitlines(keepends=True):
+        if phrase in line:
+            cells = line.replace(phrase, instead).split(",")
+            cells[8] = repr(float(cells[8]) + 0.001)
+            yield ",".join(cells)
+
+
+def copied(test, columns, source, targets):
+    """The coordinates of the lines of a test that have `source` in some columns written into those of `targets`."""
+
+    def change(text):
+        rows = [line.split(",") for line in text.splitlines()]
+        told = lambda row: tuple(row[i] for i in columns)  # noqa: E731
+        of = [row[8:11] for row in rows if row[0] == test and told(row) == source]
+        for target in targets:
+            for row, point in zip([row for row in rows if row[0] == test and told(row) == target], of, strict=True):
+                row[8:11] = point
+        return "\n".join(",".join(row) for row in rows) + "\n"
+
+    return change
+
+
+def on_a_cap(text):
+    """The points of the first position of the probing test within 20 deg of the pole."""
+    rows = [line.split(",") for line in text.splitlines()]
+    for i, row in enumerate(row for row in rows if row[0] == "probing" and row[3] == "1"):
+        z, turn = 1 - 0.06 * i / 24, 2.4 * i
+        level = (1 - z * z) ** 0.5
+        point = (500 + 12.5 * level * math.cos(turn), 12.5 * level * math.sin(turn), 200 + 12.5 * z)
+        row[8:11] = map(repr, point)
+    return "\n".join(",".join(row) for row in rows) + "\n"
+
+
+def nudged(change):
+    """As changed, and all points 1 to 9 um off on their own."""
+
+    def both(text):
+        rows = [line.split(",") for line in change(text).splitlines()]
+        for i, row in enumerate(rows[1:]):
+            row[8:11] = [
+                repr(float(cell) + 1e-3 * (1 + (i * k) % 9)) for k, cell in zip((1, 2, 4), row[8:11], strict=True)
+            ]
+        return "\n".join(",".join(row) for row in rows) + "\n"
+
+    return both
+
+
+# The second sphere's place where the first is, and the second place of a length.
+SECOND_SPHERE = copied("probing", (3,), ("1",), [("2",)])
+SECOND_BAR = copied("uni", (3, 4), ("1", "150"), [("2", "150")])
+
+
 def first_column(name, after):
     return lambda text: text.replace(name, after, 1)
 
@@ -175,15 +257,38 @@ POINTS = {
         ["expected a date, got '3.11.2026'", "Try: 2026"],
     ),
     "no temperature": (first("probing", ",20.0", ","), ["column 'artefact_degC'", "needs the temperature"]),
+    "end B warmer": (
+        first(",1,150,1,B,", ",20.0", ",25.0"),
+        ["test 'uni', length 150, position 1, repeat 1: end A was at 20", "their mean tells nothing"],
+    ),
+    "a point warmer": (first("probing", ",20.0", ",25.0"), ["points of one group were taken at 20 and at 25 degC"]),
     "kelvin": (lambda text: text.replace(",20.0", ",293.15"), ["column 'artefact_degC'", "in degC, got 293.15"]),
     "no group": (first("articulation", ",A,", ",,"), ["column 'group'", "needs 'group', got an empty cell"]),
     "odd repeat": (first("uni", ",1,A", ",one,A"), ["column 'repeat'", "expected a whole number", "got 'one'"]),
+    "repeat with a zero": (first_two("uni", ",1,A", ",01,A"), ["end B is missing"]),
+    "repeat four as 01": (
+        lambda text: text + "".join(again(text, ",1,150,1,", ",1,150,01,")),
+        ["length 150, position 1: expected repeats 1 to 3, got 1, 1, 2, 3"],
+    ),
     "raised repeat": (first("uni", ",1,A", ",²,A"), ["column 'repeat'", "expected a whole number", "got '²'"]),
     "far away": (scaled(1e280), ["line 2, column 'x_mm'", "expected a coordinate within 1e+06 mm"]),
     "odd end": (first("uni", ",A,", ",left,"), ["column 'end'", "expected A or B, got 'left'"]),
     "text": (first("probing", ",20.0", ",warm"), ["line 2, column 'artefact_degC'", "a number, got 'warm'"]),
     "semicolons": (lambda text: text.replace(",", ";"), ["unknown column"]),
     "empty": (lambda text: "", ["empty file"]),
+    "a sphere's place copied": (SECOND_SPHERE, ["position 2 has the same coordinates as position 1: a copy"]),
+    "one place twice": (nudged(SECOND_SPHERE), ["position 1 and position 2 are", "mm apart: one place, not two"]),
+    "a repeat copied": (
+        copied("uni", (3, 4, 5), ("4", "450", "1"), [("4", "450", "3")]),
+        ["position 4, repeat 3 has the same coordinates as length 450, position 4, repeat 1: a copy"],
+    ),
+    "a bar's place copied": (SECOND_BAR, ["position 2, repeat 1 has the same coordinates as length 150, position 1"]),
+    "a bar not moved": (nudged(SECOND_BAR), ["length 150, position 2, repeat 1 are", "apart: one place, not two"]),
+    "a group copied": (
+        copied("articulation", (3, 7), ("1", "A"), [("1", "D")]),
+        ["position 1, group D has the same coordinates as position 1, group A: a copy"],
+    ),
+    "points on a cap": (on_a_cap, ["test 'probing', position 1: the points lie so close together on the ball"]),
     "flat": (lambda text: re.sub(r"(?m)^(probing.*,)[^,]*(,20.0)$", r"\g<1>0.0\2", text), ["in one plane"]),
 }
 
@@ -252,6 +357,8 @@ def test_groups_of_two_places_are_not_taken_for_one(truearm, bench):
             ["artefacts.toml: unknown key seat", "Try: one of spheres, bars, seats"],
         ),
         ("mpe.toml", "measuring_range_mm = 2500", "measuring_range_mm = 4000", ["the longest length is 1700", "66%"]),
+        ("mpe.toml", "arm 2.5 m", "arm \\u001b]0;title\\u0007", ["name: expected plain text in one line", r"'\x1b'"]),
+        ("artefacts.toml", '"K-101"', '"K\\n101"', ["certificate: expected plain text in one line", r"'\n'"]),
         ("mpe.toml", "measuring_range_mm", "measuring_range_m", ["mpe.toml: unknown key measuring_range_m"]),
         ("mpe.toml", "E_Uni = {", "E_uni = {", ["unknown symbol 'E_uni'", "Try: E_Uni"]),
         (

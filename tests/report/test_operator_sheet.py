@@ -80,6 +80,19 @@ def test_a_plan_of_one_test_has_no_empty_chapters(keep):
     assert "<svg" in render(page)
 
 
+def test_the_sheet_says_how_seats_and_balls_are_touched():
+    page = sheet_page(sheet_of(load_plan("iso10360-12")))
+    assert "on a ball five all over its half" in section(page, "Where the bar lies").text
+    steps = [row[1] for row in section(page, "Step by step").tables[0].rows if "test 'uni'" in row[1]]
+    assert steps
+    assert all("in a seat one point, on a ball five all over it" in step for step in steps)
+    written = section(page, "What to write down").text
+    assert "tip_diameter_mm" in written
+    assert "switch that off for seats" in written
+    seats = sheet_page(sheet_of(load_plan("asme-b89.4.22")))
+    assert any(row[1].startswith("Seat 1, the tip's centre") for row in section(seats, "Step by step").tables[0].rows)
+
+
 def test_names_are_text():
     whole = example_artefacts(RANGE)
     ball = whole.spheres[0].model_copy(update={"name": "<b>ball</b>", "certificate": "K & Co <script>"})

@@ -7,12 +7,15 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import binom
 
 from truearm.arm.catalogue import load
 from truearm.errors import InputError
 from truearm.poses.measuring import inner_limits
 from truearm.tasks.errors import PresetErrors
-from truearm.tasks.standard_test import measured_by, outcomes, pose, simulated, verdicts
+from truearm.tasks.standard_test import measured_by, outcomes, pose, share_of_all, simulated, verdicts
 from truearm.verify.artefacts import Artefacts
 from truearm.verify.decision import Verdict
 from truearm.verify.example import example_artefacts, example_specification
@@ -262,6 +265,26 @@ def test_outcomes_are_quantiles_and_shares_over_the_arms():
     labels = [one.label for one in outcomes(taken(MadeUp(), name="asme-b89.4.22"))]
     assert labels.count("SPAT.Max, position 1") == 1
     assert len(set(labels)) == len(labels)
+
+
+def test_how_sure_a_share_is():
+    """None of n: the upper bound p has (1 - p)^n = 2.5 %; 1 of 2: (1 - p)^2 = 2.5 % below it; and mirrored."""
+    for n in (1, 5, 100):
+        assert share_of_all(0, n) == (0.0, pytest.approx(1 - 0.025 ** (1 / n)))
+        assert share_of_all(n, n) == (pytest.approx(0.025 ** (1 / n)), 1.0)
+    assert share_of_all(1, 2) == pytest.approx((1 - 0.975**0.5, 0.975**0.5))
+
+
+@settings(deadline=None)
+@given(st.integers(1, 200), st.data())
+def test_bounds_of_a_share_hold_as_many_draws_as_they_say(n, data):
+    """At either bound, as many or more (as few or fewer) come with 2.5 %: sums of binomial probabilities."""
+    count = data.draw(st.integers(1, n - 1) if n > 1 else st.just(1))
+    low, high = share_of_all(count, n)
+    assert 0 < low < count / n <= high <= 1
+    assert binom.sf(count - 1, n, low) == pytest.approx(0.025, rel=1e-6)
+    if count < n:
+        assert binom.cdf(count, n, high) == pytest.approx(0.025, rel=1e-6)
 
 
 def test_an_arm_that_errs_beyond_measure_is_refused():

@@ -10,10 +10,13 @@ import pytest
 from truearm.errors import InputError
 from truearm.verify.artefacts import CalibratedBar, CalibratedLength, CalibratedSphere, Seat
 from truearm.verify.asme_b89_4_22 import Seated, effective_diameter, single_point, volumetric
+from truearm.verify.circumscribed import circumscribed_sphere
 from truearm.verify.decision import Verdict
 from truearm.verify.iso10360_12 import e_bi, e_uni, l_dia, p_form, p_size
+from truearm.verify.layout import hemisphere
 from truearm.verify.limits import Specification
-from truearm.verify.measurands import LengthMeasured, SphereMeasured
+from truearm.verify.measurands import LengthMeasured, SphereMeasured, check_spread
+from truearm.verify.sphere import fit_sphere
 
 CALIBRATED = {
     "certificate": "K-1",
@@ -102,6 +105,29 @@ def test_location_is_the_smallest_sphere_about_the_centres():
     assert (location.where, location.verdict, farthest.verdict) == ("position 2", Verdict.NOT_CONFORM, None)
 
 
+def test_location_compares_places_that_each_may_have_moved():
+    """Two places of a fixture's u each are apart by sqrt(2) u: half the form of the ball beside it, by hand."""
+    loose = BALL.model_copy(update={"form_mm": 0.002, "u_fixture_mm": 0.003})
+    groups = [ball(15, middle=[800 + 0.01 * i, 0, 0], sphere=loose) for i in range(5)]
+    location, farthest = l_dia([groups], NO_LIMITS)
+    assert location.uncertainty == pytest.approx(2 * np.sqrt(0.001**2 + 2 * 0.003**2), rel=1e-12)
+    assert farthest.uncertainty == location.uncertainty
+
+
+def test_places_that_move_change_the_location_by_no_more_than_stated():
+    """Centres that scatter by 8 u move by u in each direction: rms change of the sphere between 1.15 u and sqrt(2) u.
+
+    300 draws know the rms to about 4 %: five places in the open give 1.3 u, the largest distance alone as much.
+    """
+    rng = np.random.default_rng(7)
+    change = []
+    for _ in range(300):
+        centres = 8 * rng.normal(size=(5, 3))
+        moved = centres + rng.normal(size=(5, 3))
+        change.append(circumscribed_sphere(moved).diameter_mm - circumscribed_sphere(centres).diameter_mm)
+    assert 1.15 < np.sqrt(np.mean(np.square(change))) < np.sqrt(2)
+
+
 def test_lengths_one_row_each_and_the_worst_of_all_positions():
     limit = {"A_um": 10, "K_mm_per_um": 100, "B_um": 18}
     spec = Specification(name="arm", source="test", measuring_range_mm=1500, limits={"E_Uni": limit})
@@ -133,8 +159,48 @@ def test_a_warm_bar_is_brought_to_20_degrees():
 def test_ends_on_balls_are_centres_of_spheres():
     one = bar(octahedron(10.0, [5, 6, 7]), octahedron(10.2, [1005.01, 6, 7]))
     assert e_uni([one], NO_LIMITS)[0].value == pytest.approx(0.01, abs=1e-10)
-    with pytest.raises(InputError, match="end A: expected one point, or four"):
+    with pytest.raises(InputError, match="end A: expected one point, or 5 and more"):
         e_uni([bar(octahedron(10)[:3], [[1000, 0, 0]])], NO_LIMITS)
+
+
+def cap(n, polar_deg, radius=10.0):
+    """Points evenly over the cap of a ball that ends so far from its pole, (n, 3), on a spiral."""
+    z = 1 - (1 - np.cos(np.radians(polar_deg))) * np.linspace(0, 1, n)
+    turn, level = 2.4 * np.arange(n), np.sqrt(1 - z * z)
+    return radius * np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
+
+
+@pytest.mark.parametrize("n", [5, 9, 25])
+def test_points_on_a_ball_must_tell_its_middle(n):
+    """Accepted is what is all over its half, wherever that looks; refused a cap of 20 deg, and a point twice."""
+    turned = np.linalg.qr(np.random.default_rng(n).normal(size=(3, 3)))[0]
+    for points in (hemisphere(n), cap(n, 90), cap(n, 75)):
+        check_spread([500.0, 80, -7] + 12.5 * points @ turned, n)
+    for polar in (10, 20, 45):
+        with pytest.raises(InputError, match="lie so close together on the ball"):
+            check_spread(cap(n, polar) @ turned, n)
+    twice = hemisphere(n)
+    twice[-1] = twice[1]
+    with pytest.raises(InputError, match="the same coordinates"):
+        check_spread(twice, n)
+
+
+def test_how_much_less_a_cap_tells_is_what_simulated_fits_scatter_by():
+    """A law of the fit's covariance: 300 fits with 1 um of noise; their rms is known to about 4 %."""
+    rng = np.random.default_rng(3)
+    scatter = []
+    for points in (hemisphere(9), cap(9, 45, 1.0)):
+        found = [fit_sphere(10 * points + 1e-3 * rng.normal(size=(9, 3))) for _ in range(300)]
+        states = np.array([[*one.centre, one.radius_mm] for one in found])
+        scatter.append(np.sqrt(np.linalg.eigvalsh(np.cov(states.T))[-1]))
+    with pytest.raises(InputError, match=r"known 5\.1 times"):
+        check_spread(cap(9, 45), 9)
+    assert scatter[1] / scatter[0] == pytest.approx(5.1, rel=0.15)
+
+
+def test_a_bar_whose_balls_were_touched_on_a_cap_is_refused():
+    with pytest.raises(InputError, match="length '1000', position 1, repeat 1, end B: the points lie so close"):
+        e_uni([bar(octahedron(10), cap(5, 15) + [1000.0, 0, 0])], NO_LIMITS)
 
 
 def test_between_faces_the_distance_is_along_the_normal_and_the_tip_goes_off():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import ceil, floor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,7 +35,7 @@ def simulate_test(
     as_json: bool,
 ) -> None:
     """Take a test with virtual arms of a preset or a model, and print what they would pass."""
-    from truearm.tasks.standard_test import outcomes, simulated, verdicts
+    from truearm.tasks.standard_test import outcomes, share_of_all, simulated, verdicts
     from truearm.verify.decision import Verdict
     from truearm.verify.test_plan import load_plan
 
@@ -55,6 +56,8 @@ def simulate_test(
             progress=lambda done: tell(done, ""),
         )
     shares = verdicts(found)
+    conform = sum(one.verdict is Verdict.CONFORM for one in found)
+    low, high = share_of_all(conform, n_arms)
     rows = outcomes(found)
     if as_json:
         say_json(
@@ -82,6 +85,7 @@ def simulate_test(
                     for row in rows
                 ],
                 "all": {verdict.value.replace(" ", "_"): share for verdict, share in shares.items()},
+                "conform_interval_95": [low, high],
                 "remarks": list(found[0].remarks),
             }
         )
@@ -92,6 +96,10 @@ def simulate_test(
         say("artefacts: examples, no calibration of yours")
     _say_rows(rows, [shares[verdict] for verdict in (Verdict.CONFORM, Verdict.NOT_CONFORM, Verdict.UNDECIDED)])
     say("median, 95 %: half of the arms, and 95 % of them, have a smaller magnitude")
+    say(
+        f"conform in all: {conform} of {n_arms} arms, which means {floor(100 * low)} % to {ceil(100 * high)} % of all "
+        f"such arms (95 % confidence); 100 % in a line means {floor(100 * share_of_all(n_arms, n_arms)[0])} % or more"
+    )
     for remark in found[0].remarks:
         say(remark)
 

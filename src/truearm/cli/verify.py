@@ -183,7 +183,7 @@ def _judge(
         for remark in found.remarks:
             say(remark)
         closing = {
-            Verdict.CONFORM: "conform: within the specification",
+            Verdict.CONFORM: "conform: the values tested are within their limits",
             Verdict.NOT_CONFORM: "not conform: outside the specification",
             Verdict.UNDECIDED: "undecided: within the uncertainty of a limit; a better artefact or set-up decides",
         }

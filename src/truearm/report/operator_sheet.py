@@ -31,6 +31,11 @@ _STEP_MM = 10  # places are told to a centimetre
 _ON_BALLS = ("probing", "articulation", "effective_diameter")
 _ON_BARS = ("uni", "bi", "volumetric")
 
+_ENDS_TOUCHED = (
+    "In a seat one point is taken; on a ball five all over its half, the pole and four on the equator, never a single "
+    "one; on a face one."
+)
+
 # Where a direction comes from, as seen from the arm, in steps of 45 deg from beyond the artefact on to the left.
 _SIDES = (
     "from beyond",
@@ -176,7 +181,7 @@ def _bars(sheet: Sheet) -> Section:
     return Section(
         "Where the bar lies",
         "All lengths at a place begin at the same end A. The seats or balls look up, those of an upright bar towards "
-        "the arm.",
+        f"the arm. {_ENDS_TOUCHED} The points of the steps are counted for seats.",
         figures=(bars_figure(sheet),),
         tables=(Table(tuple(columns), tuple(rows), "Ends of the bar from the middle of the arm's base."),),
     )
@@ -231,9 +236,15 @@ def _written(sheet: Sheet) -> Section:
     said = (
         "Of each step the temperature of the artefact; if something moves, take the whole step again. The points go "
         "into a file, one row a point, with the columns test, artefact, date, position, length, repeat, "
-        "end, group, x_mm, y_mm, z_mm and artefact_degC: truearm verify reads it, and docs/verification.md describes "
+        "end, group, x_mm, y_mm, z_mm and artefact_degC, and tip_diameter_mm if points on balls or faces are not "
+        "compensated but the centre of the stylus tip: truearm verify reads it, and docs/verification.md describes "
         "it. What stands in quotation marks on this sheet is what to write there."
     )
+    if _tests(sheet) & {"single_point", "uni", "volumetric"}:
+        said += (
+            "\n\nPoints in seats must be the centre of the stylus tip. Many programs compensate single points along "
+            "the direction of approach: switch that off for seats, else up to a tip's radius is in the result."
+        )
     if unsure:
         said += f"\n\nNumbers of the plan that were recalled and not read, {CHECK}: {', '.join(unsure)}."
     return Section("What to write down", said)
@@ -254,7 +265,7 @@ def _rows_of_steps(sheet: Sheet) -> Iterator[tuple[str, int]]:
             yield f"Ball {balls[_place(one)]}, the stylus {direction}: test 'articulation', {_keys(one)}", k
         elif one.test == "single_point":
             postures = "the elbow from side to side, another posture at each point"
-            yield f"Seat {seats[_place(one)]}, {postures}: test 'single_point', {_keys(one)}", k
+            yield f"Seat {seats[_place(one)]}, the tip's centre, {postures}: test 'single_point', {_keys(one)}", k
         else:
             position = one.keys["position"]
             if (one.test, position) in done:
@@ -266,7 +277,8 @@ def _rows_of_steps(sheet: Sheet) -> Iterator[tuple[str, int]]:
             again = f", {runs} times" if runs > 1 else ""
             named = ", ".join(f"'{length}'" for length in lengths)
             bar = capitalised(_name_of_line(sheet, one.test, position))
-            what = f"length{'s' * (len(lengths) > 1)} {named}, end 'A' then 'B'{again}"
+            how = "" if one.test == "bi" else ", in a seat one point, on a ball five all over it"
+            what = f"length{'s' * (len(lengths) > 1)} {named}, end 'A' then 'B'{how}{again}"
             points = sum(len(other.points) for other in here)
             yield f"{bar}, {what}: test '{one.test}', position '{position}'", points
 

@@ -334,6 +334,26 @@ def verdicts(found: Sequence[Verification]) -> Mapping[Verdict, float]:
     return {verdict: sum(one.verdict is verdict for one in found) / len(found) for verdict in Verdict}
 
 
+def share_of_all(count: int, n: int) -> tuple[float, float]:
+    """Between which bounds a share lies of which n draws show `count`, with 95 % confidence.
+
+    Source: Clopper and Pearson, Biometrika 26 (1934), 404: each bound is the share from which as many or more, or as
+    few or fewer, come with 2.5 %; they are quantiles of beta distributions.
+
+    Parameters
+    ----------
+    count, n : int
+
+    Returns
+    -------
+    low, high : float
+    """
+    from scipy.stats import beta
+
+    low = float(beta.ppf(0.025, count, n - count + 1)) if count > 0 else 0.0
+    return low, float(beta.ppf(0.975, count + 1, n - count)) if count < n else 1.0
+
+
 def _outcome(rows: Sequence[Row], at_places: bool) -> Outcome:
     sizes = np.abs([row.value for row in rows])
     conform, not_conform, undecided = (

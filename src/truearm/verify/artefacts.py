@@ -79,15 +79,23 @@ class Artefact(Document):
                 hint="the certificate that was valid on that day",
             )
 
-    def still(self, ends: int = 1) -> tuple[Contribution, ...]:
-        """Contributions of form and fixture; a length has two ends with a form.
+    def still(self, ends: int = 1, places: int = 1) -> tuple[Contribution, ...]:
+        """Contributions of form and fixture.
 
         Half the form deviation counts as a standard uncertainty, as in ISO/TS 23165 [recalled, not confirmed].
+
+        Parameters
+        ----------
+        ends : int
+            A length has two, each with a form; its fixture is stated for the whole of it.
+        places : int
+            How many places of the artefact are compared, between which it may have moved: a distance has two, each
+            with the fixture's share.
         """
         return (
             Contribution("form of the artefact", sqrt(ends) * self.form_mm / 2),
             Contribution("calibration of the form", sqrt(ends) * self.u_form_mm),
-            Contribution("fixture", self.u_fixture_mm),
+            Contribution("fixture", sqrt(places) * self.u_fixture_mm),
         )
 
 

@@ -152,7 +152,8 @@ def decide(value: float, uncertainty: float, limit: float, *, rule: Rule = "iso1
     rule : {"iso14253-1", "simple"}
         ISO 14253-1 for a supplier who proves conformity and a customer who proves the contrary: conform if
         ``|value| + U <= limit``, not conform if ``|value| - U > limit``, else undecided. Simple acceptance leaves the
-        uncertainty out, and is undecided where that is not small: more than the limit over `SIMPLE_RATIO`.
+        uncertainty out where that is small; where it is more than the limit over `SIMPLE_RATIO` simple acceptance does
+        not apply, and ISO 14253-1 decides.
 
     Raises
     ------
@@ -165,13 +166,16 @@ def decide(value: float, uncertainty: float, limit: float, *, rule: Rule = "iso1
         raise InputError(f"expected an expanded uncertainty of 0 or more, got {uncertainty}")
     if not (isfinite(limit) and limit > 0):
         raise InputError(f"expected a positive limit, got {limit}")
-    if rule == "simple":
-        if uncertainty * SIMPLE_RATIO > limit:
-            return Verdict.UNDECIDED
+    if rule == "simple" and simple_applies(uncertainty, limit):
         return Verdict.CONFORM if abs(value) <= limit else Verdict.NOT_CONFORM
     if abs(value) + uncertainty <= limit:
         return Verdict.CONFORM
     return Verdict.NOT_CONFORM if abs(value) - uncertainty > limit else Verdict.UNDECIDED
+
+
+def simple_applies(uncertainty: float, limit: float) -> bool:
+    """Whether an expanded uncertainty is small enough against a limit for simple acceptance."""
+    return uncertainty * SIMPLE_RATIO <= limit
 
 
 def judged(

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import tomllib
+import unicodedata
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from truearm.arm.bounded import read_bounded
 from truearm.errors import InputError
@@ -17,7 +18,17 @@ MAX_BYTES = 1_000_000
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
-Name = Annotated[str, Field(min_length=1, max_length=200, strict=True)]
+
+
+def _without_controls(text: str) -> str:
+    """Refuse what a terminal would obey instead of showing it, and what breaks a line."""
+    for sign in text:
+        if unicodedata.category(sign) in ("Cc", "Zl", "Zp"):
+            raise InputError(f"expected plain text in one line, got the control character {sign!r}")
+    return text
+
+
+Name = Annotated[str, Field(min_length=1, max_length=200, strict=True), AfterValidator(_without_controls)]
 
 
 class Document(BaseModel):

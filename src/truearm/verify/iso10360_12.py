@@ -90,7 +90,9 @@ def l_dia(
     rows, secondary = [], []
     for groups in positions:
         centres = np.stack([one.fit.centre for one in groups])
-        budget, where = groups[0].still_budget, groups[0].where
+        # The diameter hangs on two to four centres; each may have moved with the fixture on its own. A distance of two
+        # then has sqrt(2) u; of circumscribed spheres of five, 1.3 u was found by simulation.
+        budget, where = groups[0].place_budget, groups[0].where
         value = circumscribed_sphere(centres).diameter_mm
         rows.append(judged("L_Dia.5x5", value, budget, limit, rule=rule, where=where))
         distance = np.sqrt(((centres[:, None] - centres) ** 2).sum(axis=2)).max()

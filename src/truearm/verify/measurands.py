@@ -14,9 +14,61 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.verify.artefacts import CalibratedBar, CalibratedLength, CalibratedSphere
 from truearm.verify.decision import Budget, Contribution
+from truearm.verify.layout import hemisphere
 from truearm.verify.orthogonal import FloatArray
 from truearm.verify.plane import fit_plane
 from truearm.verify.sphere import Sphere, fit_sphere
+
+# Fewer points of a ball leave none to spare.
+LEAST_ON_BALL = 5
+# Chosen here: points that know a ball this many times less well than points all over its half are refused. Points
+# evenly over a cap are, when it ends nearer to its pole than some 55 to 60 deg.
+LOOSEST = 3.0
+
+
+def check_spread(points: FloatArray, planned: int) -> None:
+    """Check that points on a ball are spread so far over it that they tell its middle and size.
+
+    The largest standard uncertainty that they leave to any combination of middle and radius, for points with equal
+    errors (root of the largest eigenvalue of the fit's covariance), is compared with that of as many as planned evenly
+    over half of the ball.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        [mm]
+    planned : int
+        How many points the ball was to have.
+
+    Raises
+    ------
+    InputError
+        If two points are one, they determine no sphere, or tell it `LOOSEST` times less well.
+    """
+    if len(np.unique(points, axis=0)) < len(points):
+        raise InputError("two points on the ball have the same coordinates", hint="touch each point anew; no copies")
+    loose = _largest_u(points) / _largest_u(hemisphere(planned))
+    if loose > LOOSEST:
+        raise InputError(
+            f"the points lie so close together on the ball that its middle and size are known {loose:.2g} times less "
+            f"well than from points all over its half",
+            hint="touch the ball all over the half that is reached, from its pole down to its equator",
+        )
+
+
+def _middle(points: FloatArray) -> FloatArray:
+    """The end of a length: a single point, or the middle of a ball."""
+    if len(points) == 1:
+        alone: FloatArray = points[0]
+        return alone
+    if len(points) < LEAST_ON_BALL:
+        raise InputError(f"expected one point, or {LEAST_ON_BALL} and more all over the ball, got {len(points)}")
+    check_spread(points, len(points))
+    return fit_sphere(points, std_mm=1.0).centre
+
+
+def _largest_u(points: FloatArray) -> float:
+    return float(np.sqrt(np.linalg.eigvalsh(fit_sphere(points, std_mm=1.0).covariance)[-1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +118,13 @@ class SphereMeasured:
 
     @property
     def still_budget(self) -> Budget:
-        """The uncertainty of form and place: that of form and fixture."""
+        """The uncertainty of form: that of form and fixture."""
         return Budget(self.sphere.still())
+
+    @property
+    def place_budget(self) -> Budget:
+        """The uncertainty of the distance between two places of the sphere, which may move between them."""
+        return Budget(self.sphere.still(places=2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +136,7 @@ class LengthMeasured:
     bar : CalibratedBar
     length : CalibratedLength
     start, end : (n, 3), (m, 3) array
-        Points at its two ends: one each, in a seat or on a face; or four and more on a ball; or, of a length between
+        Points at its two ends: one each, in a seat or on a face; or five and more on a ball; or, of a length between
         faces touched from opposite sides, three and more on the first face [mm].
     degC : float
         Temperature of the bar.
@@ -115,18 +172,17 @@ class LengthMeasured:
         Raises
         ------
         InputError
-            If an end has a number of points from which it cannot be found.
+            If an end has a number of points from which it cannot be found, or they lie too close together on the ball.
         """
         if opposite:
             return self._between_faces() - self.tip_mm
         middles = []
         for points, name in ((self.start, "A"), (self.end, "B")):
-            if len(points) in (2, 3):
-                raise InputError(
-                    f"length {self.length.name!r}, {self.where}, end {name}: expected one point, or four and more all "
-                    f"over the ball, got {len(points)}"
-                )
-            middles.append(points[0] if len(points) == 1 else fit_sphere(points, std_mm=1.0).centre)
+            try:
+                middles.append(_middle(points))
+            except InputError as error:
+                where = f"length {self.length.name!r}, {self.where}, end {name}"
+                raise InputError(f"{where}: {error.problem}", hint=error.hint) from None
         return float(np.linalg.norm(middles[1] - middles[0]))
 
     def _between_faces(self) -> float:

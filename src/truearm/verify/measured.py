@@ -35,6 +35,8 @@ ENDS = ("A", "B")
 # Tests that compare with a calibrated size, which grows with temperature.
 SIZED = ("probing", "uni", "bi", "effective_diameter", "volumetric")
 
+# Chosen here: temperatures of one group, or of both ends of a length, that differ by more are not averaged.
+MOST_K_APART = 2.0
 # A kilometre; no arm reaches there.
 FARTHEST_MM = 1e6
 
@@ -272,6 +274,13 @@ def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int])
         problem = f"expected a coordinate within {FARTHEST_MM:g} mm, got {points[row, axis]:g} mm"
         raise columns.error(problem, rows[row], POINT[axis])
     known = degC[~np.isnan(degC)]
+    if len(known) and np.ptp(known) > MOST_K_APART:
+        raise columns.error(
+            f"points of one group were taken at {known.min():g} and at {known.max():g} degC: their mean tells nothing",
+            rows[0],
+            TEMPERATURE,
+            hint="measure the group again when the artefact keeps its temperature",
+        )
     return Group(
         artefact=told[0],
         keys=dict(zip(KEYS[test], told[1:], strict=True)),

@@ -6,13 +6,16 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+import numpy as np
+
 from truearm.errors import InputError
 from truearm.verify import asme_b89_4_22, iso10360_12
 from truearm.verify.artefacts import Artefact, Artefacts
-from truearm.verify.decision import SIMPLE_RATIO, Row, Rule, Verdict, overall
+from truearm.verify.decision import SIMPLE_RATIO, Row, Rule, Verdict, overall, simple_applies
 from truearm.verify.limits import SYMBOLS, Specification
-from truearm.verify.measurands import LengthMeasured, SphereMeasured
-from truearm.verify.measured import KEYS, Group, Measured
+from truearm.verify.measurands import LengthMeasured, SphereMeasured, check_spread
+from truearm.verify.measured import ENDS, KEYS, MOST_K_APART, Group, Measured
+from truearm.verify.orthogonal import FloatArray
 from truearm.verify.test_plan import (
     CHECK,
     Articulation,
@@ -29,6 +32,8 @@ A = TypeVar("A", bound=Artefact)
 
 # A size or length that is further from the calibrated one than this share is another artefact's, or in another unit.
 SAME_SHARE = 0.05
+# Two positions of a seat, or of both ends of a bar, that are nearer than this are one [mm]: chosen here.
+SAME_PLACE_MM = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +46,7 @@ class Verification:
     verdict : Verdict
         Conform only where every row with a limit is.
     remarks : tuple of str
-        What was not tested, and which numbers of the plan are recalled.
+        What was not tested, limits of the specification included, and which numbers of the plan are recalled.
     """
 
     rows: tuple[Row, ...]
@@ -97,14 +102,22 @@ def _remarks(
     remarks = []
     if rule == "simple":
         remarks.append(
-            f"simple acceptance: the uncertainty is left out where it is below 1/{SIMPLE_RATIO:g} of the limit"
+            f"simple acceptance: the uncertainty is left out where it is at most 1/{SIMPLE_RATIO:g} of the limit"
         )
+        large = [one.label for one in rows if one.limit is not None and not simple_applies(one.uncertainty, one.limit)]
+        if large:
+            remarks.append(
+                f"U is more than 1/{SIMPLE_RATIO:g} of the limit, simple acceptance does not apply, ISO 14253-1 "
+                f"decides: {', '.join(dict.fromkeys(large))}"
+            )
     if not specification.corrected_to_20_degC:
         remarks.append("lengths are not corrected to 20 degC, as the specification says")
     symbols = dict.fromkeys(row.label.partition(", ")[0] for row in rows)
     limited = {row.label.partition(", ")[0] for row in rows if row.limit is not None}
     if without := [symbol for symbol in symbols if symbol in SYMBOLS and symbol not in limited]:
         remarks.append(f"no limit is stated for: {', '.join(without)}")
+    if untested := [symbol for symbol in SYMBOLS if symbol in specification.limits and symbol not in symbols]:
+        remarks.append(f"limits stated, not tested: {', '.join(untested)}")
     recalled: dict[str, list[str]] = {}
     for key, value, _ in plan.unconfirmed():
         name, _, number = key.partition(".")
@@ -130,6 +143,8 @@ class _Evaluation:
         if isinstance(test, Probing):
             self._count(name, groups, "position", test.positions.value)
             spheres = [self._sphere(name, group, test) for group in groups]
+            self._no_copies(name, [[group] for group in groups])
+            self._apart(name, groups, _middles(spheres), spheres[0].sphere.diameter_mm)
             return [
                 iso10360_12.p_size(spheres, self.specification, rule=self.rule),
                 iso10360_12.p_form(spheres, self.specification, rule=self.rule),
@@ -139,6 +154,7 @@ class _Evaluation:
         if isinstance(test, EffectiveDiameter):
             self._count(name, groups, "repeat", test.repeats.value)
             spheres = [self._sphere(name, group, test) for group in groups]
+            self._no_copies(name, [[group] for group in groups])
             return [asme_b89_4_22.effective_diameter(spheres, self.specification, rule=self.rule)]
         if isinstance(test, SinglePoint):
             return self._single_point(name, groups, test)
@@ -167,6 +183,9 @@ class _Evaluation:
                         hint="all groups of one position are taken on one sphere that stays in place",
                     )
             found.append(spheres)
+        self._no_copies(name, [[group] for group in groups])
+        firsts = [members[0] for members in positions.values()]
+        self._apart(name, firsts, _middles([one[0] for one in found]), found[0][0].sphere.diameter_mm)
         return iso10360_12.l_dia(found, self.specification, rule=self.rule)
 
     def _single_point(self, name: str, groups: Sequence[Group], test: SinglePoint) -> list[Row]:
@@ -176,6 +195,8 @@ class _Evaluation:
             self._points(name, group, test.points.value)
             seat = self._known(self.artefacts.seat, group)
             seats.append(asme_b89_4_22.Seated(seat, group.points, group.where))
+        self._no_copies(name, [[group] for group in groups])
+        self._apart(name, groups, np.array([[group.points.mean(axis=0)] for group in groups]), SAME_PLACE_MM)
         return asme_b89_4_22.single_point(seats, self.specification, rule=self.rule)
 
     def _lengths(self, name: str, groups: Sequence[Group], test: LengthTest) -> list[Row]:
@@ -188,7 +209,7 @@ class _Evaluation:
             by_position = _split(members, "position")
             self._expect(name, members[0], what, len(by_position), positions)
             for at in by_position.values():
-                runs = sorted({int(group.keys["repeat"]) for group in at})
+                runs = sorted(int(str(repeat)) for repeat in _split(at, "repeat"))
                 whole = list(range(1, repeats + 1))
                 again = list(range(1, 2 * repeats + 1)) if test.tolerated_sets.value else whole
                 if runs not in (whole, again):
@@ -197,6 +218,7 @@ class _Evaluation:
                         f"repeats 1 to {repeats}, got {', '.join(map(str, runs))}",
                         at[0],
                     )
+        self._bars_apart(name, groups)
         longest = max(one.length.length_mm for one in lengths)
         needed = test.longest_share.value * self.specification.measuring_range_mm
         if longest < needed:
@@ -215,6 +237,7 @@ class _Evaluation:
         lengths = self._pairs(name, groups)
         self._expect(name, groups[0], "lengths", len(_split(groups, "artefact", "length")), test.lengths.value)
         self._expect(name, groups[0], "measured lengths", len(lengths), test.positions.value)
+        self._bars_apart(name, groups)
         return asme_b89_4_22.volumetric(lengths, self.specification, rule=self.rule)
 
     def _sphere(
@@ -233,6 +256,7 @@ class _Evaluation:
         degC = 20.0 if group.degC != group.degC else group.degC  # no temperature is needed for a place
         found = SphereMeasured(sphere, group.points, degC, group.tip_mm, where or group.where)
         try:
+            check_spread(group.points, test.points.value)
             diameter = found.diameter_mm
         except InputError as error:
             raise self.measured.error(
@@ -243,7 +267,7 @@ class _Evaluation:
 
     def _pairs(self, name: str, groups: Sequence[Group]) -> list[LengthMeasured]:
         """Lengths from the groups of their ends."""
-        found = []
+        found, taken = [], []
         for members in _split(groups, "artefact", *(key for key in KEYS[name] if key != "end")).values():
             ends = {group.keys["end"]: group for group in members}
             if len(ends) != 2:
@@ -255,6 +279,13 @@ class _Evaluation:
             start, end = ends["A"], ends["B"]
             bar = self._known(self.artefacts.bar, start)
             self._known(self.artefacts.bar, end)  # on its own day
+            if abs(start.degC - end.degC) > MOST_K_APART:
+                raise self.measured.error(
+                    f"test {name!r}, {start.where}: end A was at {start.degC:g} degC, end B at {end.degC:g} degC: "
+                    f"their mean tells nothing of the length",
+                    end,
+                    hint="measure the length again when the artefact keeps its temperature",
+                )
             try:
                 one = LengthMeasured(
                     bar,
@@ -273,7 +304,54 @@ class _Evaluation:
                 raise self.measured.error(f"test {name!r}, {start.where}: the ends have different tip diameters", end)
             self._plausible(name, start, distance, one.length.length_mm)
             found.append(one)
+            taken.append((start, end))
+        self._no_copies(name, taken)
         return found
+
+    def _bars_apart(self, name: str, groups: Sequence[Group]) -> None:
+        """Check that a length lies elsewhere at each position."""
+        for members in _split(groups, "artefact", "length").values():
+            positions = list(_split(members, "position").values())
+            places = np.array(
+                [
+                    [next(one.points.mean(axis=0) for one in at if one.keys["end"] == end) for end in ENDS]
+                    for at in positions
+                ]
+            )
+            self._apart(name, [at[0] for at in positions], places, SAME_PLACE_MM)
+
+    def _no_copies(self, name: str, taken: Iterable[Sequence[Group]]) -> None:
+        """Check that no two things measured are bit for bit the same: noise does not repeat so often.
+
+        Points that come from no file are computed, and may have no noise.
+        """
+        if self.measured.file is None:
+            return
+        seen: dict[bytes, Group] = {}
+        for groups in taken:
+            first = seen.setdefault(b" ".join((group.points + 0.0).tobytes() for group in groups), groups[0])
+            if first is not groups[0]:
+                raise self.measured.error(
+                    f"test {name!r}: {groups[0].where} has the same coordinates as {first.where}: a copy",
+                    groups[0],
+                    hint="measure it; if the coordinates are rounded, write them with more digits",
+                )
+
+    def _apart(self, name: str, groups: Sequence[Group], places: FloatArray, nearest_mm: float) -> None:
+        """Check that at each position an artefact stands elsewhere: one of its places (n, k, 3) is so far away."""
+        for i in range(1, len(places)):
+            away = [
+                np.sqrt(((places[:i] - ends) ** 2).sum(axis=2)).max(axis=1) for ends in (places[i], places[i, ::-1])
+            ]
+            apart = np.minimum(*away)  # a bar turned end for end lies where it lay
+            near = int(apart.argmin())
+            if apart[near] < nearest_mm:
+                one, other = groups[near], groups[i]
+                raise self.measured.error(
+                    f"test {name!r}: {one.where} and {other.where} are {apart[near]:.2g} mm apart: one place, not two",
+                    other,
+                    hint="move the artefact between positions; what is measured again in one place is no position",
+                )
 
     def _known(self, look_up: Callable[[str], A], group: Group) -> A:
         """An artefact whose certificate serves on the group's day."""
@@ -320,6 +398,11 @@ class _Evaluation:
                 group,
                 hint="measure what is missing" if found < planned else "take out what is too much, or change the plan",
             )
+
+
+def _middles(spheres: Sequence[SphereMeasured]) -> FloatArray:
+    """Their middles, (n, 1, 3) [mm]."""
+    return np.array([[one.fit.centre] for one in spheres])
 
 
 def _split(groups: Iterable[Group], *keys: str) -> dict[str | tuple[str, ...], list[Group]]:
