@@ -11,7 +11,7 @@ from truearm.models import KinematicModel, NetworkModel
 from truearm.poses.measuring import measuring
 from truearm.readings.readings import Readings
 from truearm.tasks import errors
-from truearm.tasks.errors import ModelErrors, PoseField, PresetErrors
+from truearm.tasks.errors import ORDER, ModelErrors, PoseField, PresetErrors
 from truearm.virtual import VirtualArm, load_preset
 from truearm.virtual.presets import PERFECT, SHOP, Preset
 from truearm.virtual.systematic import ARCSEC
@@ -184,7 +184,7 @@ def test_a_field_has_its_size_and_its_correlation():
     pose = np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]])
     poses = np.concatenate([pose, pose + [d, 0, 0, 0, 0, 0], pose + [0, 0, 2 * np.pi, 0, 0, 0]])
     rng = np.random.default_rng(1)
-    drawn = np.array([PoseField.draw(ARM.chain, 0.01, rng).at(poses) for _ in range(1500)])
+    drawn = np.array([PoseField.draw(ARM.chain, 0.01, ORDER, rng).at(poses) for _ in range(1500)])
     near, beyond, turned = drawn[:, 0].ravel(), drawn[:, 1].ravel(), drawn[:, 2].ravel()
     assert near.std() == pytest.approx(0.01, rel=0.05)  # 4500 numbers: 1.1 % a standard deviation
     assert np.corrcoef(near, beyond)[0, 1] == pytest.approx(np.exp(-16 * (1 - np.cos(d))), abs=0.04)
