@@ -303,3 +303,7 @@ def test_the_documentation_shows_what_is_printed(course):
         report = ["--report", "arm.html"] if day == len(CREEP) else []
         assert command == "$ truearm " + " ".join(arguments(day, *report))
         assert without_numbers(course[day].out) == without_numbers(printed)
+
+
+def test_the_documentation_shows_the_file_of_lengths():
+    assert f"```csv lengths\n{LENGTHS}```" in PAGE.read_text(encoding="utf-8")

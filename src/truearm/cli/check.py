@@ -45,9 +45,9 @@ def check(
     """Check whether the arm is still as it was identified.
 
     A few readings in a seat, in both seats of a bar, on a sphere. Scatter, error of the length, form and diameter are
-    added to the history and charted: is it time to recalibrate, and since when? What was found stands until its
-    artefact is measured again. A session that is in the history already is not added again; the last one is completed
-    if it comes with more, such as --lengths. Exit code 0: no need; 1: recalibrate; 3: not enough checks to say.
+    added to the history and charted: is it time to recalibrate, and since when? What was found on an artefact stands
+    while it is left out. A session that is in the history already is not added again; the last one is completed if it
+    comes with more, such as --lengths. Exit code 0: no need; 1: recalibrate; 3: not enough checks to say.
     """
     from truearm.verify.history import History
     from truearm.verify.interim import Check, assess

@@ -69,7 +69,7 @@ _JUDGED = (
     "scatter are all that is known of how it repeats. The limits become narrower as checks are added.\n\n"
     "A length is compared with the specification at 20 degC only. It is corrected to that where the artefact's "
     f"expansion and the temperature are known, the temperature to {ARTEFACT_U_K:g} K (standard uncertainty). What was "
-    "found on an artefact stands until it is measured again or retired.\n\n"
+    "found on an artefact stands while it is left out, unless it is retired.\n\n"
     "A value beyond its limits tells of a large change, a cumulative sum above its line of a small or slow one; "
     "when it began is where a jump or a drift fits the values best, and of a slow drift known only roughly. Limits and "
     "sums are set by the number of charts that the history has at each check, so that, of an arm that has not changed, "

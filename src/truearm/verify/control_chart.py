@@ -65,6 +65,7 @@ class Rules:
     decision_interval: float
 
 
+@cache
 def rules_for(n_sides: int) -> Rules:
     """The rules of charts that have `n_sides` sides together: two of a value that may go up or down, else one.
 
