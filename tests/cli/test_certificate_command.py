@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 import xml.etree.ElementTree as ET
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from made_up_certificate import ABOUT
 from made_up_verification import ARTEFACTS, MPE, Made
 
 from truearm.export.dcc import read_dcc
+from truearm.verify.test_plan import plan_text
 
 OPTIONS = ["--plan", "iso10360-12", "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml"]
 ALL = ["certificate", *OPTIONS, "--about", "about.toml", "--out", "certificate.xml", "--html", "certificate.html"]
@@ -38,7 +40,7 @@ def test_a_certificate_for_machines_and_for_people(truearm, bench):
     assert (str(made.begin), str(made.end), made.conformity) == ("2026-11-03", "2026-11-03", "pass")
     by_name = {result.quantity.name: result for result in made.results}
     form = by_name["P_Form.Sph.1x25, position 2"]
-    assert (str(form.limit.value), form.conformity) == ("0.0300", "pass")
+    assert (str(form.limit.value), form.conformity) == ("0.03", "pass")
     assert by_name["L_Dia.5x5, largest distance, position 1"].conformity is None
     assert {one.certificate for one in made.equipment} == {"K-101", "K-102"}
     assert any("check against your copy of the standard" in said for said in made.declarations)
@@ -67,6 +69,71 @@ def test_also_what_does_not_conform_gets_its_certificate(truearm, bench):
     assert read_dcc("certificate.xml").conformity == "fail"
     assert truearm(*ALL, "--simple").code == 0
     assert "simple acceptance" in " ".join(read_dcc("certificate.xml").declarations)
+
+
+def test_a_plan_of_the_users_own_is_told_as_such(truearm, bench):
+    plan = plan_text("iso10360-12").replace("confirmed = false", "confirmed = true")
+    assert plan != plan_text("iso10360-12")
+    Path("iso10360-12.toml").write_text(plan)
+    ran = truearm(*[("iso10360-12.toml" if part == "iso10360-12" else part) for part in ALL])
+    assert ran.code == 0, ran
+    digest = sha256(plan.encode()).hexdigest()
+    assert f"own, named iso10360-12, SHA-256 {digest}. It asks" in read_dcc("certificate.xml").methods[1].description
+    assert digest in Path("certificate.html").read_text()
+
+
+def test_limits_that_nothing_was_tested_for_are_named(truearm, bench):
+    Path("cut.toml").write_text(plan_text("iso10360-12").partition("[articulation")[0])
+    made = Made().iso()
+    made.rows = [row for row in made.rows if row["test"] == "probing"]
+    Path("points.csv").write_text(made.text())
+    ran = truearm(*[("cut.toml" if part == "iso10360-12" else part) for part in ALL])
+    assert ran.code == 0, ran
+    declared = read_dcc("certificate.xml").declarations
+    assert "The values tested are within their limits: 2 values with a limit." in declared[0]
+    (untested,) = (said for said in declared if said.startswith("limits stated, not tested: "))
+    assert untested.split(": ")[1].split(", ")[:3] == ["L_Dia.5x5", "E_Uni", "E_Bi"]
+
+
+def test_no_certificate_of_a_value_without_uncertainty(truearm, bench, snapshot):
+    text = re.sub(r"(u_fixture_mm|form_mm) = [0-9.e-]+", r"\1 = 0.0", ARTEFACTS)
+    Path("artefacts.toml").write_text(text)
+    there = snapshot(bench)
+    ran = truearm(*ALL)
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.startswith("truearm: artefacts.toml: P_Form")
+    assert "its expanded uncertainty is 0" in ran.err
+    assert snapshot(bench) == there
+
+
+def test_a_file_that_changes_meanwhile_is_noticed(truearm, bench, snapshot, monkeypatch):
+    from truearm.verify import verification
+
+    def meanwhile(*given, **named):
+        Path("mpe.toml").write_text(MPE + "\n")
+        return verification_of(*given, **named)
+
+    verification_of = verification.verify
+    monkeypatch.setattr(verification, "verify", meanwhile)
+    ran = truearm(*ALL)
+    assert (ran.code, ran.out) == (2, "")
+    assert "mpe.toml: the file changed while it was read. Try: the same command again" in ran.err
+    assert not Path("certificate.xml").exists()
+
+
+def test_no_page_of_a_certificate_that_cannot_be_written(truearm, bench, snapshot, monkeypatch):
+    there = snapshot(bench)
+    whole = Path.replace
+
+    def refuse(self, target):
+        if Path(target).suffix == ".xml":
+            raise PermissionError(13, "no permission")
+        return whole(self, target)
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    ran = truearm(*ALL)
+    assert (ran.code, ran.out) == (2, "")
+    assert snapshot(bench) == there
 
 
 def test_the_template_names_what_is_to_be_filled_in(truearm, bench):

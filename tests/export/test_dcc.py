@@ -9,13 +9,15 @@ from decimal import Decimal
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up_outcome import ROWS, about, certificate, outcome
+from made_up_outcome import ROWS, about, certificate, outcome, row
 
 from truearm.errors import InputError, TruearmError
 from truearm.export import dcc as module
 from truearm.export.about import plain as one_line
-from truearm.export.certificate import CONFORMITIES, Equipment, Method, Quantity, Result
+from truearm.export.certificate import CONFORMITIES, Equipment, Method, Quantity, Result, conformity_of
 from truearm.export.dcc import dcc, read_back, read_dcc, write_dcc
+from truearm.verify.decision import RULES, Budget, Contribution
+from truearm.verify.test_plan import load_plan
 
 SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 WHOLE = certificate()
@@ -112,11 +114,11 @@ def found(made, path):
 
 def test_values_are_stated_to_the_digits_of_their_uncertainty():
     real = ".//dcc:result/dcc:data/dcc:quantity/si:real/"
-    assert found(WHOLE, f"{real}si:value") == ["0.010", "-0.045", "0.051", "0.080", "0.010", "0.0200", "0"]
+    assert found(WHOLE, f"{real}si:value") == ["0.010", "-0.045", "0.051", "0.080", "0.010", "0.02000", "0"]
     assert set(found(WHOLE, f"{real}si:unit")) == {r"\milli\metre", r"\one"}
     expanded = f"{real}si:measurementUncertaintyUnivariate/si:expandedMU/"
-    assert found(WHOLE, f"{expanded}si:valueExpandedMU") == ["0.010"] * 5  # none where nothing contributes
-    assert set(found(WHOLE, f"{expanded}si:coverageFactor")) == {"2.09"}
+    assert found(WHOLE, f"{expanded}si:valueExpandedMU") == [*["0.010"] * 5, "0.00020"]  # a count has none
+    assert set(found(WHOLE, f"{expanded}si:coverageFactor")) == {"2.09", "2.00"}
     assert set(found(WHOLE, f"{expanded}si:coverageProbability")) == {"0.9545"}
     sizes = ".//dcc:measuringEquipmentQuantity/si:real/"
     assert found(WHOLE, f"{sizes}si:value") == ["25.00040", "900.00300"]
@@ -128,11 +130,78 @@ def test_values_are_stated_to_the_digits_of_their_uncertainty():
 
 def test_undecided_values_pass_or_fail_on_a_condition_and_the_worst_counts():
     said = ".//dcc:metaData[@refType='basic_conformity']/dcc:conformity"
-    assert found(WHOLE, said) == ["pass", "conditionalPass", "conditionalFail", "fail", "pass"]
+    assert found(WHOLE, said) == [
+        "pass",
+        "conditionalPass",
+        "conditionalFail",
+        "fail",
+        "pass",
+    ]  # the fifth has no limit
     overall = ".//dcc:statement/dcc:conformity"
     assert found(WHOLE, overall) == ["fail"]
     for n, worst in ((1, "pass"), (2, "conditionalPass"), (3, "conditionalFail"), (4, "fail")):
         assert found(certificate(made=outcome(ROWS[:n])), overall) == [worst]
+
+
+@pytest.mark.parametrize(
+    ("limit", "text"),
+    [
+        (0.016875, "0.016875"),  # 15 um + 150 mm / (80 mm/um), which U = 0.0104 would make 0.017
+        ((15 + 150.001 / 80) / 1000, "0.0168750125"),  # the nearest float is 0.016875012500000002
+        (0.1 + 0.2, "0.3"),
+        (50.0, "50"),
+        (1e-7, "0.0000001"),
+    ],
+)
+def test_limits_are_the_makers_not_rounded(limit, text):
+    made = certificate(made=outcome([row(0.0, limit)]))
+    path = ".//dcc:quantity[@refType='truearm_limit']/si:real/si:value"
+    assert found(made, path) == [text]
+    assert read_back(dcc(made)) == made
+
+
+@given(st.floats(-0.2, 0.2), st.floats(1e-5, 0.1), st.sampled_from(RULES))
+def test_what_is_stated_of_a_value_is_what_value_and_uncertainty_say(value, u, rule):
+    judged = row(value, 0.05, budget=Budget((Contribution("all", u),)), rule=rule)
+    expanded, said = judged.uncertainty, conformity_of(judged)
+    if rule == "simple" and expanded <= 0.05 / 4:
+        assert said == ("pass" if abs(value) <= 0.05 else "fail")
+    elif abs(value) <= 0.05:
+        assert said == ("pass" if abs(value) + expanded <= 0.05 else "conditionalPass")
+    else:
+        assert said == ("fail" if abs(value) - expanded > 0.05 else "conditionalFail")
+
+
+def test_a_value_with_a_limit_but_no_uncertainty_gets_no_certificate():
+    with pytest.raises(InputError, match=r"P_Form, position 1: its expanded uncertainty is 0.*form_mm and u_fixture"):
+        certificate(made=outcome([row(0.01), row(0.02, label="P_Form", budget=Budget())]))
+    assert certificate(made=outcome([row(0.01), row(0.02, None, budget=Budget())])).results[1].conformity is None
+
+
+def test_the_rule_is_named_by_its_edition_or_not_at_all():
+    norms = [found(certificate(made=outcome(ROWS[:1], rule=rule)), ".//dcc:norm") for rule in RULES]
+    assert norms == [
+        ["JCGM 100:2008", "ISO 10360-12:2016", "ISO 14253-1:2013"],
+        ["JCGM 100:2008", "ISO 10360-12:2016"],
+    ]
+
+
+def test_a_plan_of_the_users_own_is_told_by_its_digest_and_what_it_asks_for():
+    shipped = WHOLE.methods[1].description
+    assert shipped.startswith("Test plan iso10360-12 as it comes with truearm")
+    assert "It asks for probing: points = 25, smallest_sphere_mm = 10" in shipped
+    assert "; articulation: points = 5," in shipped
+    cut = load_plan("iso10360-12").model_copy(update={"articulation": None, "uni": None, "bi": None})
+    own = certificate(made=outcome(ROWS[:1], plan=cut, plan_sha256="ab12")).methods[1].description
+    assert own.startswith("Test plan of the user's own, named iso10360-12, SHA-256 ab12. It asks for probing: points")
+    assert "uni" not in own
+    nameless = certificate(made=outcome(ROWS[:1], plan=cut.model_copy(update={"name": "mine"})))
+    assert "user's own, named mine. It asks" in nameless.methods[1].description
+
+
+def test_temperatures_are_said_to_be_means():
+    name = ".//dcc:influenceCondition[@refType='truearm_artefactTemperature']/dcc:name/dcc:content"
+    assert found(WHOLE, name) == ["artefact temperature, means of groups of points"]
 
 
 # Rules of the schemas ------------------------------------------------------------------------------------------------

@@ -91,7 +91,14 @@ def test_every_row_stands_with_value_uncertainty_limit_and_verdict():
     # k is Student's t for 95.45 % and 30 effective degrees of freedom, 2.087 [tables of t: 2.09]: U = 0.0104.
     assert BUDGET.dof == pytest.approx(30.86, abs=0.01)
     lines = table(page, "Values against limits")
-    assert lines[0] == ["E_Uni, 900", "0.010", "0.010", "0.050", "conform", "position 1"]
+    assert lines[0] == [
+        "E_Uni, 900",
+        "0.010",
+        "0.010",
+        "0.05",
+        "conform",
+        "position 1",
+    ]  # the limit as its maker states it
     assert lines[1] == ["L_Dia.5x5", "\u22120.030", "0.010", "\u2013", "\u2013", "position 1"]
     assert lines[2] == ["E_Uni, sets", "2", "\u2013", "\u2013", "\u2013", "of 35"]
 
@@ -133,18 +140,32 @@ def test_recalled_numbers_of_what_was_tested_are_to_be_checked():
 
 def test_the_decision_names_what_decides():
     good, between, bad = row(0.01), row(0.045, label="E_Uni, 300"), row(0.07, label="E_Uni, 150")
-    assert "Each of the 1 value with a limit conforms" in decided(outcome([good]))
+    assert "The values tested are within their limits: 1 value with a limit." in decided(outcome([good]))
     assert "Outside its limit: E_Uni, 150, position 1, (0.070 ± 0.010)" in decided(outcome([good, between, bad]))
     said = decided(outcome([good, between]))
-    assert "Undecided, within the uncertainty: E_Uni, 300" in said
+    assert "Undecided, within the uncertainty of the limit: E_Uni, 300" in said
     assert "better artefact" in said
-    assert "ISO 14253-1" in said
+    assert "ISO 14253-1:2013" in said
     assert "simple acceptance" in decided(outcome([row(0.01, rule="simple")], rule="simple"))
+    assert "Compared are the values before rounding" in said
+
+
+@pytest.mark.parametrize(
+    ("limit", "text"),
+    [(0.05, "0.05"), (0.016875, "0.016875"), ((15 + 150.001 / 80) / 1000, "0.0168750125"), (0.3, "0.3"), (2.0, "2")],
+)
+def test_limits_are_told_in_full(limit, text):
+    page = verification_page(outcome([row(0.0, limit), row(10.0, limit)]))
+    assert [line[3] for line in table(page, "Values against limits")] == [text, text]
+    assert f"for a limit of {text}\u202fmm" in page.sections[0].text
 
 
 def test_days_and_temperatures_are_told():
     text = verification_page(outcome([row(0.01)])).sections[0].text
-    assert "10 points of points.csv, taken on 2026-11-03; artefacts at 19 to 20.5\u202f°C." in text
+    assert (
+        "10 points of points.csv, taken on 2026-11-03; artefacts at 19 to 20.5\u202f°C, means of groups of points."
+        in text
+    )
 
 
 # Figure --------------------------------------------------------------------------------------------------------------
@@ -164,7 +185,11 @@ def test_guard_bands_are_those_of_the_rule():
     assert high > 1
     simple = limits_figure([row(0.01, rule="simple")], rule="simple")
     assert not [patch for patch in simple.panels[0].axes[0].patches if patch.get_hatch()]
-    assert "guard" not in simple.caption
+    assert "guard" not in simple.caption.lower()
+    # Where the uncertainty is too large for simple acceptance it counts whole.
+    large = limits_figure([row(0.01, 0.04, rule="simple")], rule="simple")
+    assert len([patch for patch in large.panels[0].axes[0].patches if patch.get_hatch() and patch.get_width()]) == 2
+    assert "guard" in large.caption
 
 
 @pytest.mark.parametrize("n", [1, 200])

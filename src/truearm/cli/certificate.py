@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from hashlib import sha256
+from collections.abc import Sequence
+from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,7 +65,7 @@ def certificate(
         check_page(html, *inputs, out)
 
     from truearm.cli.verify import facts
-    from truearm.export.certificate import administrative, certificate_of
+    from truearm.export.certificate import administrative, certificate_of, check_uncertainties
     from truearm.export.dcc import write_dcc
     from truearm.report.html import write_page
     from truearm.report.verification import certificate_page, decided, rule_in_words
@@ -72,26 +73,50 @@ def certificate(
     from truearm.verify.limits import read_specification
     from truearm.verify.measured import read_points
     from truearm.verify.outcome import Outcome
-    from truearm.verify.test_plan import load_plan
+    from truearm.verify.test_plan import PLANS, load_plan
     from truearm.verify.verification import verify
 
+    files = inputs[1:] if plan in PLANS else inputs
+    digests = _digests(files)
     told = read_about(about)
     rule: Rule = "simple" if simple else "iso14253-1"
     planned, specification = load_plan(plan), read_specification(mpe)
     measured, certified = read_points(points), read_artefacts(artefacts)
     found = verify(measured, plan=planned, artefacts=certified, specification=specification, rule=rule)
-    outcome = Outcome(found, measured, planned, certified, specification, rule)
+    outcome = Outcome(found, measured, planned, certified, specification, rule, digests.get(Path(plan)))
+    try:
+        check_uncertainties(outcome)
+    except InputError as error:
+        raise error.in_file(artefacts) from None
     try:
         stated = certificate_of(told, outcome, decision=decided(outcome).split("\n\n"), rule=rule_in_words(rule))
     except InputError as error:
         raise error.in_file(about) from None
-    with whole_file(out) as beside:
-        write_dcc(stated, beside)
-        if html is not None:
+    now = _digests(files)
+    for file in files:
+        if now.get(file) != digests.get(file):
+            raise InputError("the file changed while it was read", file=file, hint="the same command again")
+    if html is None:
+        write_dcc(stated, out)
+    else:
+        # Both are written before one of them stands, the certificate first: no page of one that is not there.
+        with whole_file(html) as page_beside, whole_file(out) as beside:
+            write_dcc(stated, beside)
             known = [
                 (out.name, f"the same for machines, SHA-256 {sha256(beside.read_bytes()).hexdigest()}"),
-                *facts(points, artefacts, mpe, about, plan=planned),
+                *((file.name, f"SHA-256 {digest}") for file, digest in digests.items()),
+                *facts(plan=planned),
             ]
             page = certificate_page(outcome, number=told.number, stated=administrative(stated), facts=known)
-            write_page(page, html)
+            write_page(page, page_beside)
     say(f"{out}: certificate {told.number}, {found.verdict.value}")
+
+
+def _digests(files: Sequence[Path]) -> dict[Path, str]:
+    """SHA-256 of the files that can be read more than once: what comes through a pipe is gone after that."""
+    found = {}
+    for file in files:
+        if file.is_file():
+            with file.open("rb") as stream:
+                found[file] = file_digest(stream, "sha256").hexdigest()
+    return found

@@ -13,6 +13,7 @@ from truearm.export.about import About, Contact, Person, plain
 from truearm.verify.artefacts import Artefact, CalibratedBar, CalibratedSphere
 from truearm.verify.decision import LEVEL, Row, Verdict
 from truearm.verify.outcome import Outcome
+from truearm.verify.test_plan import PLANS, load_plan
 
 SOFTWARE = "truearm"
 # By the non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their
@@ -92,7 +93,7 @@ class Certificate:
     methods : tuple of Method
     equipment : tuple of Equipment
     artefact_degC : (Decimal, Decimal) or None
-        Lowest and highest temperature of an artefact.
+        Lowest and highest temperature of an artefact, each the mean of a group of points.
     results : tuple of Result
     """
 
@@ -125,11 +126,12 @@ def certificate_of(about: About, outcome: Outcome, *, decision: Sequence[str], r
     Raises
     ------
     InputError
-        If the days of `about` do not fit those of the points.
+        If the days of `about` do not fit those of the points, or as `check_uncertainties`.
     """
+    check_uncertainties(outcome)
     days = [group.date for group in outcome.groups]
     about.check_days(min(days), max(days))
-    plan, degC = outcome.plan, outcome.temperatures
+    degC = outcome.temperatures
     methods = [
         Method(
             "Expanded uncertainty",
@@ -137,8 +139,8 @@ def certificate_of(about: About, outcome: Outcome, *, decision: Sequence[str], r
             "uncertainty times the coverage factor k of Student's t for the effective degrees of freedom.",
             "JCGM 100:2008",
         ),
-        Method(plain(plan.title), plain(f"Test plan {plan.name}."), plain(plan.standard)),
-        Method("Decision rule", plain(rule), "ISO 14253-1" if outcome.rule == "iso14253-1" else None),
+        Method(plain(outcome.plan.title), plain(_plan_in_words(outcome)), plain(outcome.plan.standard)),
+        Method("Decision rule", plain(rule), "ISO 14253-1:2013" if outcome.rule == "iso14253-1" else None),
     ]
     return Certificate(
         about=about,
@@ -154,6 +156,37 @@ def certificate_of(about: About, outcome: Outcome, *, decision: Sequence[str], r
         artefact_degC=None if degC is None else (_to(degC[0], 2), _to(degC[1], 2)),
         results=tuple(_result(row) for row in outcome.found.rows),
     )
+
+
+def check_uncertainties(outcome: Outcome) -> None:
+    """Check that every value that is compared with a limit has an uncertainty: a calibration states one.
+
+    Raises
+    ------
+    InputError
+        If form and set-up of an artefact are said to be without any.
+    """
+    for row in outcome.judged:
+        if row.uncertainty == 0:
+            raise InputError(
+                f"{_name(row):.200}: its expanded uncertainty is 0, and a certificate states no value without one",
+                hint="form_mm and u_fixture_mm of the artefact as its certificate and your set-up have them",
+            )
+
+
+def _plan_in_words(outcome: Outcome) -> str:
+    """Whose test plan it is and what it asks for."""
+    plan = outcome.plan
+    if plan.name in PLANS and plan == load_plan(plan.name):
+        whose = f"Test plan {plan.name} as it comes with {SOFTWARE} {__version__}."
+    else:
+        known = "" if outcome.plan_sha256 is None else f", SHA-256 {outcome.plan_sha256}"
+        whose = f"Test plan of the user's own, named {plan.name}{known}."
+    asked = []
+    for name, test in plan.tests.items():
+        told = test.model_dump().items()
+        asked.append(f"{name}: " + ", ".join(f"{key} = {one['value']:g}" for key, one in told if isinstance(one, dict)))
+    return f"{whose} It asks for {'; '.join(asked)}."
 
 
 def administrative(certificate: Certificate) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
@@ -237,17 +270,21 @@ def _overall(outcome: Outcome) -> str:
 
 
 def _result(row: Row) -> Result:
-    name = plain(f"{row.label}, {row.where}" if row.where else row.label)
+    name = _name(row)
     if row.unit != "mm":  # a count
         return Result(Quantity(name, Decimal(int(row.value)), "1"), None, None)
     u = row.uncertainty
-    limit = None if row.limit is None else Quantity("limit of the magnitude", _rounded(row.limit, u), "mm")
+    limit = None if row.limit is None else Quantity("limit of the magnitude", _in_full(row.limit), "mm")
     value = _rounded(row.value, u)
     if u == 0:
         return Result(Quantity(name, value, "mm"), limit, conformity_of(row))
     factor, level = _to(row.budget.coverage_factor, 2), _to(LEVEL, 4)
     quantity = Quantity(name, value, "mm", _rounded(u, u), factor, level)
     return Result(quantity, limit, conformity_of(row))
+
+
+def _name(row: Row) -> str:
+    return plain(f"{row.label}, {row.where}" if row.where else row.label)
 
 
 def _equipment(one: Artefact, outcome: Outcome) -> Equipment:
@@ -265,6 +302,11 @@ def _equipment(one: Artefact, outcome: Outcome) -> Equipment:
         plain(one.certificate),
         tuple(Quantity(plain(name), _rounded(v, u), "mm", standard=_rounded(u, u)) for name, v, u in sizes),
     )
+
+
+def _in_full(limit: float) -> Decimal:
+    """A limit is exact; twelve digits leave out what its arithmetic rounded."""
+    return Decimal(f"{limit:.12g}")
 
 
 def _rounded(value: float, u: float) -> Decimal:

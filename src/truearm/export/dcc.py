@@ -38,7 +38,11 @@ _SPACES = {
 _UNITS = {"mm": r"\milli\metre", "degC": r"\degreecelsius", "1": r"\one"}
 # Name and reference type of each condition that may be stated.
 _AMBIENT, _HUMIDITY, _ARTEFACT = "basic_temperature", "basic_humidityRelative", "truearm_artefactTemperature"
-_CONDITIONS = {_AMBIENT: "ambient temperature", _HUMIDITY: "relative humidity", _ARTEFACT: "artefact temperature"}
+_CONDITIONS = {
+    _AMBIENT: "ambient temperature",
+    _HUMIDITY: "relative humidity",
+    _ARTEFACT: "artefact temperature, means of groups of points",
+}
 _LIMIT = "truearm_limit"
 
 Element = ET.Element

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from decimal import Decimal
 from math import inf, isinf
 
 from matplotlib.artist import Artist
@@ -18,7 +19,7 @@ from truearm.report.quantities import Rounded, format_given, format_in_text, for
 from truearm.report.wording import capitalised, counted, percentage
 from truearm.verify import decision
 from truearm.verify.artefacts import CalibratedBar, CalibratedSphere
-from truearm.verify.decision import LEVEL, SIMPLE_RATIO, Budget, Rule, Verdict
+from truearm.verify.decision import LEVEL, SIMPLE_RATIO, Budget, Rule, Verdict, simple_applies
 from truearm.verify.outcome import Outcome
 from truearm.verify.test_plan import CHECK
 
@@ -31,6 +32,7 @@ _PENS = {
 _INSIDE = "#dce6f2"
 _WIDTH_IN, _LABELS_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 6.0, 2.15, 0.31, 0.12, 0.95
 _MOST_ROWS = 60
+_UNROUNDED = "Compared are the values before rounding."
 LEVEL_TEXT = format_in_text(round(100 * LEVEL, 2), unit="%", digits=4)
 
 
@@ -105,24 +107,32 @@ def decided(outcome: Outcome) -> str:
     by = {one: [row for row in rows if row.verdict is one] for one in Verdict}
     parts = [f"{outcome.specification.name}: {verdict.value}. Limits: {outcome.specification.source}."]
     if verdict is Verdict.CONFORM:
-        parts.append(f"Each of the {counted(len(rows), 'value')} with a limit conforms.")
+        parts.append(f"The values tested are within their limits: {counted(len(rows), 'value')} with a limit.")
     if outside := by[Verdict.NOT_CONFORM]:
         parts.append(f"Outside {'its limit' if len(outside) == 1 else 'their limits'}: {_told(outside)}.")
     if between := by[Verdict.UNDECIDED]:
-        parts.append(f"Undecided, within the uncertainty: {_told(between)}. A better artefact or set-up decides.")
+        parts.append(
+            f"Undecided, within the uncertainty of {'the limit' if len(between) == 1 else 'the limits'}: "
+            f"{_told(between)}. A better artefact or set-up decides."
+        )
     return f"{' '.join(parts)}\n\n{rule_in_words(outcome.rule)}"
 
 
 def rule_in_words(rule: Rule) -> str:
-    """The decision rule, in two sentences."""
+    """The decision rule, in a few sentences: what it does, and which edition of a standard has it."""
+    whole = (
+        "a value conforms if it is within its limit with the whole expanded uncertainty U, it does not conform if it "
+        "is beyond it with U, and is undecided between"
+    )
     if rule == "simple":
         return (
-            "Rule: simple acceptance. A value conforms if it is not beyond its limit; where the expanded uncertainty U "
-            f"is more than 1/{SIMPLE_RATIO:g} of the limit, it is undecided."
+            "Rule: simple acceptance where the expanded uncertainty U is at most "
+            f"1/{SIMPLE_RATIO:g} of the limit: a value conforms if it is not beyond its limit. Where U is more, simple "
+            f"acceptance does not apply: {whole}. {_UNROUNDED}"
         )
     return (
-        "Rule: ISO 14253-1. A value conforms if it is within its limit with the whole expanded uncertainty U, it does "
-        "not conform if it is beyond it with U, and is undecided between (as recalled, not confirmed)."
+        f"Rule: {whole}. This is the rule of ISO 14253-1:2013; the smaller guard bands of the edition of 2017 are not "
+        f"used. {_UNROUNDED}"
     )
 
 
@@ -140,7 +150,7 @@ def limits_figure(rows: Sequence[decision.Row], *, rule: Rule) -> Figure:
     rows : sequence of Row
         With limits.
     rule : {"iso14253-1", "simple"}
-        Guard bands are those of ISO 14253-1; simple acceptance has none.
+        Guard bands are U on either side; simple acceptance has some only where it does not apply.
     """
     shown = list(rows[:_MOST_ROWS])
     height_in = _HEAD_IN + _ROW_IN * len(shown) + _FOOT_IN
@@ -171,9 +181,14 @@ def limits_figure(rows: Sequence[decision.Row], *, rule: Rule) -> Figure:
     return Figure(
         (drawing,),
         caption="Each value as a share of its limit, with its expanded uncertainty U as a bar. Shaded: between the "
-        f"limits.{guard if rule == 'iso14253-1' else ''}{left_out}",
+        f"limits.{guard if any(_guarded(row, rule) for row in shown) else ''}{left_out}",
         alt=f"Values against their limits: {told}.",
     )
+
+
+def _guarded(row: decision.Row, rule: Rule) -> bool:
+    """Whether the whole uncertainty counts in the decision on a row."""
+    return row.uncertainty > 0 and (rule != "simple" or not simple_applies(row.uncertainty, row.limit or inf))
 
 
 def _draw(axes: Axes, at: int, row: decision.Row, rule: Rule) -> None:
@@ -182,7 +197,7 @@ def _draw(axes: Axes, at: int, row: decision.Row, rule: Rule) -> None:
     value, u, half = row.value / row.limit, row.uncertainty / row.limit, 0.36
     axes.add_patch(Rectangle((-1, at - half), 2, 2 * half, facecolor=_INSIDE, linewidth=0, zorder=1))
     for side in (-1, 1):
-        if rule == "iso14253-1" and u > 0:
+        if _guarded(row, rule):
             axes.add_patch(
                 Rectangle(
                     (side - u, at - half),
@@ -210,7 +225,7 @@ def _legend(axes: Axes, rows: Sequence[decision.Row], rule: Rule) -> None:
         if any(row.verdict is verdict for row in rows):
             handles += axes.plot([], [], color=pen.colour, marker=pen.marker, markersize=5.5, label=verdict.value)
     handles.append(axes.add_patch(Rectangle((0, 0), 0, 0, facecolor=_INSIDE, label="between the limits")))
-    if rule == "iso14253-1":
+    if any(_guarded(row, rule) for row in rows):
         guard = Rectangle((0, 0), 0, 0, facecolor="#ffffff", edgecolor=LIMIT, hatch="//////", linewidth=0)
         guard.set_label("guard band")
         handles.append(axes.add_patch(guard))
@@ -230,7 +245,7 @@ def _decision(outcome: Outcome) -> Section:
         degC = format_in_text(high, unit="°C")
         if low < high:
             degC = f"{format_in_text(low)} to {degC}"
-        taken += f"; artefacts at {degC}"
+        taken += f"; artefacts at {degC}, means of groups of points"
     others = [remark for remark in outcome.found.remarks if CHECK not in remark]
     text = "\n\n".join([decided(outcome), f"{taken}.", *(f"{capitalised(remark)}." for remark in others)])
     return Section("Decision", text)
@@ -243,7 +258,7 @@ def _values(outcome: Outcome) -> Section:
             cells.append((row.label, format_number(row.value), None, None, _verdict(row), row.where))
             continue
         u = row.uncertainty
-        limit = None if row.limit is None else Rounded(row.limit, u)
+        limit = None if row.limit is None else Rounded(row.limit, _in_full(row.limit))
         cells.append((row.label, Rounded(row.value, u), Rounded(u, u), limit, _verdict(row), row.where))
     columns = (
         Column("test"),
@@ -257,7 +272,7 @@ def _values(outcome: Outcome) -> Section:
         "Values against limits",
         f"U is the expanded uncertainty of the test value, from artefact and set-up, for a level of {LEVEL_TEXT}; "
         "the arm's own errors are what is tested and are not in it. A limit is one of the value's magnitude. Values "
-        "and limits are shown to the last digit of U; compared are the unrounded ones.",
+        f"are shown to the last digit of U, limits in full. {_UNROUNDED}",
         figures=(limits_figure(outcome.judged, rule=outcome.rule),),
         tables=(Table(columns, tuple(cells), "Test values, their uncertainties and limits."),),
     )
@@ -350,9 +365,17 @@ def _told(rows: Sequence[decision.Row]) -> str:
     """Rows with value, uncertainty and limit, as a sentence has them."""
     return "; ".join(
         f"{name_of(row)}, {_with_uncertainty(row)} for a limit of "
-        f"{format_number(row.limit or 0.0, uncertainty=row.uncertainty)}\u202fmm"
+        f"{format_number(row.limit, uncertainty=_in_full(row.limit))}\u202fmm"
         for row in rows
+        if row.limit is not None
     )
+
+
+def _in_full(limit: float) -> float:
+    """The uncertainty to whose digits a limit stands with all of its own: up to twelve, which leaves rounding out."""
+    exponent = Decimal(f"{limit:.12g}").as_tuple().exponent
+    assert isinstance(exponent, int)
+    return float(10.0 ** (1 + min(exponent, 0)))
 
 
 def _with_uncertainty(row: decision.Row) -> str:

@@ -25,6 +25,8 @@ class Outcome:
     artefacts : Artefacts
     specification : Specification
     rule : {"iso14253-1", "simple"}
+    plan_sha256 : str, optional
+        SHA-256 of the file of the plan, where it is one of the user's own.
     """
 
     found: Verification
@@ -33,6 +35,7 @@ class Outcome:
     artefacts: Artefacts
     specification: Specification
     rule: Rule = "iso14253-1"
+    plan_sha256: str | None = None
 
     @property
     def groups(self) -> tuple[Group, ...]:
@@ -57,6 +60,6 @@ class Outcome:
 
     @property
     def temperatures(self) -> tuple[float, float] | None:
-        """The lowest and the highest temperature of an artefact [degC]; None if none was written down."""
+        """The lowest and the highest of the groups' mean artefact temperatures [degC]; None if none is known."""
         known = [group.degC for group in self.groups if not isnan(group.degC)]
         return (min(known), max(known)) if known else None
