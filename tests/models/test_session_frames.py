@@ -182,6 +182,23 @@ def test_what_is_carried_comes_back(readings, real):
     np.testing.assert_allclose(frames["July"][:3, :3], exact[:3, :3], atol=0.01)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_gross_error_in_a_session_of_few_points_leaves_its_frame_alone(real, seed):
+    """One of six points off by a metre: a frame by all of them stands so far off that the fit goes astray."""
+    rng = np.random.default_rng(seed)
+    readings = seen(
+        real, real.arm.working + 0.8 * rng.uniform(-1, 1, (46, 6)), np.repeat(["May", "July"], [40, 6]), rng
+    )
+    points = readings.points.copy()
+    points[42] += [700.0, -700, 700]
+    exact = PLACES["May"] @ np.linalg.inv(PLACES["July"])
+    frames = frames_of(real.arm, replace(readings, points=points), ("base", "tip"))
+    np.testing.assert_allclose(frames["July"][:3, :3], exact[:3, :3], atol=0.02)
+    found = KinematicModel(real.arm).fit_readings(replace(readings, points=points))
+    asked = seen(real, real.arm.working + 0.7 * rng.uniform(-1, 1, (60, 6)), np.repeat("July", 60), rng, noise=0.0)
+    assert np.linalg.norm(found.predict_readings(asked) - asked.points, axis=1).mean() < 10 * NOISE
+
+
 def test_one_session_or_a_known_base_is_one_frame(readings, real):
     one = replace(readings, session=np.full(90, "May"))
     assert frames_of(real.arm, one, ("base", "tip")) == {}

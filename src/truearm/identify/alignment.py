@@ -11,6 +11,11 @@ from truearm.readings.readings import Readings
 
 FloatArray = npt.NDArray[np.float64]
 
+# With a third of the points wrong a fifth of the triples or more are right: that none of so many is has odds of 2e-8.
+TRIPLES = 80
+# In units of the median distance; of Gaussian points one in ten thousand is farther.
+FARTHEST_OF_MOST = 3.0
+
 
 def align(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
     """The rigid motion ``T_a_b`` that brings points nearest, in least squares, to where they stand in frame a.
@@ -65,6 +70,35 @@ def rigid_motions(points: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
     turns = np.cross(np.eye(3)[None], apart[:, None]).transpose(0, 2, 1)
     motions = [np.tile(np.eye(3), (len(where), 1, 1)), turns, *([apart[:, :, None]] if scale else [])]
     return np.concatenate(motions, axis=2).reshape(3 * len(where), -1)
+
+
+def align_most(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
+    """The rigid motion `align` of most of the points, whatever the others do.
+
+    Of motions by three points each, drawn at random, the one that leaves the least median distance tells which points
+    go together: those not farther than `FARTHEST_OF_MOST` times that. Source: P. J. Rousseeuw, "Least median of squares
+    regression", J. Am. Stat. Assoc. 79 (1984) 871.
+
+    Parameters
+    ----------
+    points_in_b, points_in_a : (n, 3) array
+        The same points in both frames [mm]; three or more.
+
+    Returns
+    -------
+    (4, 4) array
+        Translation in mm.
+    """
+    rng = np.random.default_rng(0)
+    least, best = np.inf, np.zeros(len(points_in_a))
+    for _ in range(TRIPLES):
+        some = rng.permutation(len(points_in_a))[:3]
+        T = align(points_in_b[some], points_in_a[some])
+        off = np.linalg.norm(points_in_b @ T[:3, :3].T + T[:3, 3] - points_in_a, axis=1)
+        if np.median(off) < least:
+            least, best = float(np.median(off)), off
+    together = best <= FARTHEST_OF_MOST * least
+    return align(points_in_b[together], points_in_a[together])
 
 
 def about_a_line(points: FloatArray) -> float:

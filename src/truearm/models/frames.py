@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identify.alignment import about_a_line, align
+from truearm.identify.alignment import about_a_line, align_most
 from truearm.models.relations import LEAST_SPREAD, oriented
 from truearm.readings.readings import BoolArray, Readings
 from truearm.terms import Session, Term, base_terms
@@ -83,7 +83,7 @@ def _motions(arm: Arm, readings: Readings, names: list[str]) -> Iterator[FloatAr
                 "in it cannot be told",
                 hint="three points or more, spread over an area; or leave the session out, truearm refit serves it",
             )
-        placement = align(arm.chain.tip_in_base(readings.angles[rows]), points)
+        placement = align_most(arm.chain.tip_in_base(readings.angles[rows]), points)
         first = placement if first is None else first
         yield np.eye(4) if first is placement else first @ np.linalg.inv(placement)
 
