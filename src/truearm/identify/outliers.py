@@ -1,15 +1,34 @@
-"""Readings that lie far from where an identified arm expects them."""
+"""Readings that lie far from where an identified arm expects them, and known lengths that are far from what it finds.
+
+A length counts with its certificate's uncertainty and bends the arm to it, however wrong it is; its residual, and those
+of the others, then say little. So each is judged by what is found without it, in closed form: with the whitened
+residuals r of the relations and their whitened covariance S under the posterior, ``(I - S)^-1 r`` of those left out
+(`truearm.identify.leave_out`).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from truearm.identify.identification import Identified
+from truearm.identify.identification import UNKNOWN_STD, Identified, linearised, started, without_unknowns
+from truearm.identify.references import Reference
+from truearm.solve.group_evidence import GroupedPrior, posterior
+from truearm.solve.threads import one_blas_thread
+from truearm.terms.state import ArmState
+
+FloatArray = npt.NDArray[np.float64]
 
 # A reading that counts less than this has a residual of twice the length from which weights fall.
 LEAST_TRUST = 0.5
+# Standard deviations by which a known length may miss what is found without it.
+MOST_DEVIATION = 4.0
+# Share of a length's variance that must be left without it for anything but itself to tell of it.
+LEAST_LEFT = 1e-8
 
 
 @dataclass(frozen=True)
@@ -48,3 +67,136 @@ def outliers(fit: Identified) -> list[Outlier]:
             for i in np.flatnonzero(reference.trust < LEAST_TRUST)
         ]
     return sorted(found, key=lambda outlier: -outlier.times)
+
+
+class Told(NamedTuple):
+    """What an identified arm says of relations among its references' unknowns.
+
+    Attributes
+    ----------
+    names : tuple of str
+    residuals : (l,) array
+        Found less stated [mm].
+    std : (l,) array
+        Standard uncertainties of what is stated [mm].
+    covariance : (l, l) array
+        Of the residuals, by the posterior [mm^2].
+    values : (l, 2) array
+        As found and as stated [mm].
+    """
+
+    names: tuple[str, ...]
+    residuals: FloatArray
+    std: FloatArray
+    covariance: FloatArray
+    values: FloatArray
+
+
+@dataclass(frozen=True)
+class WrongLength:
+    """A known length or distance far from what all else says.
+
+    Attributes
+    ----------
+    name : str
+        What it is of.
+    error_mm : float
+        Stated less found without it [mm].
+    times : float
+        That over its standard deviation, of the statement and of what is found.
+    """
+
+    name: str
+    error_mm: float
+    times: float
+
+
+def wrong_lengths(fit: Identified, state: ArmState, references: Sequence[Reference]) -> list[WrongLength]:
+    """Known lengths and distances that miss what is found without them by more than `MOST_DEVIATION`, the worst first.
+
+    The worst is left out before the others are judged, as it bends the arm for them too; and so on.
+
+    Parameters
+    ----------
+    fit : Identified
+    state : ArmState
+        Of the readings it was identified from.
+    references : sequence of Reference
+        From which it was identified.
+    """
+    told = relations_told(fit, state, references, references)
+    if told is None:
+        return []
+    r, S = told.residuals / told.std, told.covariance / np.outer(told.std, told.std)
+    found: list[WrongLength] = []
+    kept = np.arange(len(r))
+    while len(kept):
+        left = 1 - S.diagonal()
+        times = np.where(left > LEAST_LEFT, np.abs(r) / np.sqrt(np.maximum(left, LEAST_LEFT)), 0.0)
+        worst = int(np.argmax(times))
+        if not times[worst] > MOST_DEVIATION:
+            break
+        error = -float(r[worst] / left[worst] * told.std[kept[worst]])
+        found.append(WrongLength(told.names[kept[worst]], error, float(times[worst])))
+        others = np.delete(np.arange(len(kept)), worst)
+        along = S[others, worst] / left[worst]
+        r, S = r[others] + along * r[worst], S[np.ix_(others, others)] + np.outer(along, S[worst, others])
+        kept = kept[others]
+    return found
+
+
+def relations_told(
+    fit: Identified, state: ArmState, references: Sequence[Reference], stated: Sequence[Reference]
+) -> Told | None:
+    """What the arm says of relations, at its minimum; None if there are none.
+
+    Parameters
+    ----------
+    fit : Identified
+    state : ArmState
+        Of the readings it was identified from.
+    references : sequence of Reference
+        From which it was identified.
+    stated : sequence of Reference
+        Those whose relations are asked for: the same, or the same but for relations that `references` are without.
+    """
+    if all(_is_silent(reference) for reference in stated):
+        return None
+    own = [np.array(list(part.unknowns.values())) for part in fit.references]
+    x = np.concatenate([fit.coefficients, *own])
+    n = len(fit.coefficients)
+    problem, _ = started(fit.moved, state, references)
+    weights = [np.sqrt(part.trust / (part.std**2 + part.noise_std**2)) for part in fit.references]
+    names: list[str] = []
+    residuals, std, by, values = [], [], [], []
+    with one_blas_thread():
+        parts, whole = linearised(problem, x, weights)
+        left = without_unknowns(parts, whole, x)
+        prior_std = np.concatenate([fit.prior_std, np.full(len(left.kept) - n, UNKNOWN_STD)])
+        prior = GroupedPrior(prior_std, np.zeros(len(prior_std), np.intp), np.ones(1), np.zeros(1, bool))
+        found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior, size=left.size)
+    # The iterations end within a part of all uncertainty, and what relations alone hold is seldom known to that.
+    step = left.step(found.x - x[left.kept])
+    for i, (reference, unknowns) in enumerate(zip(stated, own, strict=True)):
+        # Unknowns of relations alone stand last; they are as stated where the arm was identified without them.
+        tips = problem.moved.tips(state.rows(reference.rows), fit.coefficients).T
+        beside = reference.started(tips)[1][len(unknowns) :]
+        relations = reference.relations(np.concatenate([unknowns, beside]))
+        if relations is None:
+            continue
+        names += relations.names
+        wide = np.zeros((len(relations.residuals), len(x)))
+        wide[:, problem.unknowns_of(i)] = relations.by_unknown[:, : len(unknowns)]
+        residuals.append(relations.residuals + wide @ step)
+        std.append(relations.std)
+        by.append(wide)
+        values.append(relations.values)
+    J = np.concatenate(by)
+    of_kept, of_gone = J[:, left.kept] - J[:, left.gone] @ left.slope, J[:, left.gone] @ left.root.T
+    covariance = of_kept @ found.covariance @ of_kept.T + of_gone @ of_gone.T
+    return Told(tuple(names), np.concatenate(residuals), np.concatenate(std), covariance, np.concatenate(values))
+
+
+def _is_silent(reference: Reference) -> bool:
+    """Whether it has no relations."""
+    return reference.relations(np.zeros(len(reference.unknowns))) is None

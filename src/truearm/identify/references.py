@@ -60,11 +60,17 @@ class Relations(NamedTuple):
     by_unknown : (l, n_unknowns) array
     std : (l,) array
         Standard uncertainties of what is known [mm].
+    names : tuple of str
+        What each is about.
+    values : (l, 2) array
+        As the unknowns have it, and as stated [mm].
     """
 
     residuals: FloatArray
     by_unknown: FloatArray
     std: FloatArray
+    names: tuple[str, ...]
+    values: FloatArray
 
 
 class Reference(Protocol):
@@ -299,9 +305,10 @@ class Seats:
         number = {name: first + i for i, name in enumerate(self._artefacts)}
         n = len(self.lengths)
         residuals, std = np.empty(n + len(number)), np.empty(n + len(number))
-        by = np.zeros((n + len(number), len(unknowns)))
+        by, values = np.zeros((n + len(number), len(unknowns))), np.empty((n + len(number), 2))
         for i, length in enumerate(self.lengths):
             apart = centres[length.b] - centres[length.a]
+            values[i] = np.linalg.norm(apart), length.length_mm
             true = length.length_mm
             if length.artefact:
                 true = unknowns[number[length.artefact]]
@@ -314,7 +321,9 @@ class Seats:
         for i, (name, length) in enumerate(self._artefacts.items(), start=n):
             residuals[i], std[i] = unknowns[number[name]] - length.length_mm, length.std_mm
             by[i, number[name]] = 1.0
-        return Relations(residuals, by, std)
+            values[i] = unknowns[number[name]], length.length_mm
+        between = [f"length between seats {self.names[one.a]} and {self.names[one.b]}" for one in self.lengths]
+        return Relations(residuals, by, std, (*between, *(f"length of artefact {name}" for name in number)), values)
 
     def _centres(self, unknowns: FloatArray) -> FloatArray:
         """(n_seats, 3) [mm]."""

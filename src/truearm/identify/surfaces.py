@@ -151,7 +151,12 @@ class Spheres:
         for i, ((radius, u), shared) in enumerate(number.items(), start=n):
             residuals[i], std[i] = unknowns[shared] - radius, u
             by[i, shared] = 1.0
-        return Relations(residuals, by, std)
+        of_one = [f"distance of sphere {self.names[radius.sphere]}" for radius in self.radii]
+        names = (*of_one, *(f"distance of spheres of {r!r} mm" for r, _ in number))
+        stated = [radius.radius_mm for radius in self.radii]
+        found = [unknowns[4 * radius.sphere + 3] for radius in self.radii]
+        values = [(*found, *(unknowns[at] for at in number.values())), (*stated, *(r for r, _ in number))]
+        return Relations(residuals, by, std, names, np.array(values).T)
 
 
 @dataclass(frozen=True, eq=False)

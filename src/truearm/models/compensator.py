@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Literal, Self, overload
@@ -18,9 +18,10 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identify.identification import Identified, identify
+from truearm.identify.references import Reference
 from truearm.models.frames import carried, covariance_back, frame_terms, frames_of, points_back
 from truearm.models.ranges import away_from, gaps_within
-from truearm.models.relations import placed, references_of, state_of, tool_terms
+from truearm.models.relations import check_sizes, placed, references_of, state_of, tool_terms
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
@@ -124,8 +125,9 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         Raises
         ------
         InputError
-            As `fit`; also if the readings have nothing to learn from, the folder holds trainings of other data or
-            options, or `nominal` was fitted to something else.
+            As `fit`; also if the readings have nothing to learn from, a known length or distance is far from that of
+            the arm as drawn (`check_sizes`), the folder holds trainings of other data or options, or `nominal` was
+            fitted to something else.
         """
         arm = self._checked_arm()
         if readings.n_joints != arm.n_joints:
@@ -309,13 +311,14 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     def _fit_nominal(self, readings: Readings, lengths: Lengths | None) -> Identified:
         """The nominal chain with base and tip, as far as they are free, fitted to the readings."""
         terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
-        return identify(
-            placed(self.arm_, readings, self.free_),
-            state_of(self.arm_, readings),
-            [*terms, *tool_terms(self.arm_, readings), *frame_terms(self.arm_.chain, self.session_frames_)],
-            references_of(readings, lengths),
-            robust=self.robust,
-        )
+        terms += [*tool_terms(self.arm_, readings), *frame_terms(self.arm_.chain, self.session_frames_)]
+        state, references = state_of(self.arm_, readings), references_of(readings, lengths)
+
+        def found(references: Sequence[Reference]) -> Identified:
+            return identify(placed(self.arm_, readings, self.free_), state, terms, references, robust=self.robust)
+
+        check_sizes(readings, lengths, references, found, state)
+        return found(references)
 
     def _same_nominal(self, other: Compensator) -> Identified:
         """The nominal fit of another model, if it is what this one would find."""

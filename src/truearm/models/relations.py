@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,8 +12,10 @@ from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identify.alignment import about_a_line, placed_roughly
+from truearm.identify.identification import Identified
+from truearm.identify.outliers import relations_told
 from truearm.identify.poses import Orientations, turned_roughly
-from truearm.identify.references import FloatArray, IntArray, Points, Reference, StatedLength, seats_of
+from truearm.identify.references import FloatArray, IntArray, Points, Reference, Seats, StatedLength, seats_of
 from truearm.identify.surfaces import Lines, Planes, Spheres, lines_of, planes_of, spheres_of
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import NameArray, Readings
@@ -21,6 +24,9 @@ from truearm.terms.catalogue import tool_rotation
 
 # Share of the reach by which points must be spread to both sides of a line.
 LEAST_SPREAD = 1e-3
+# Share by which a stated length or distance may differ from that of the arm as drawn. Real arms are within a hundredth
+# of their drawings; radii in place of distances, other units and other seats are not.
+MOST_SIZE_ERROR = 0.05
 # Readings that it takes to find a surface.
 LEAST_ON = {"sphere": Spheres.least, "plane": Planes.least, "line": Lines.least}
 
@@ -105,6 +111,66 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
             file=readings.file,
         )
     return found
+
+
+def check_sizes(
+    readings: Readings,
+    lengths: Lengths | None,
+    references: Sequence[Reference],
+    as_drawn: Callable[[Sequence[Reference]], Identified],
+    state: ArmState,
+) -> None:
+    """Check that known lengths and distances are about those of the arm as drawn.
+
+    Points show when an arm is described wrongly. Seats and surfaces agree with an arm of any size, and a length in
+    another unit would make one that is as much larger, without a sign of it.
+
+    Parameters
+    ----------
+    readings : Readings
+    lengths : Lengths, optional
+    references : sequence of Reference
+        Of both.
+    as_drawn : callable
+        Gives the arm as drawn with base and tip identified from references.
+    state : ArmState
+        Of the readings.
+
+    Raises
+    ------
+    InputError
+        If the arm as drawn, identified without them, has another length by a share of more than `MOST_SIZE_ERROR`
+        beyond three standard deviations.
+    """
+    bare = [_without_sizes(reference) for reference in references]
+    if all(one is reference for one, reference in zip(bare, references, strict=True)):
+        return
+    told = relations_told(as_drawn(bare), state, bare, references)
+    assert told is not None  # some are without what they state
+    drawn, stated = told.values.T
+    most = MOST_SIZE_ERROR * stated + 3 * np.sqrt(told.covariance.diagonal() + told.std**2)
+    excess = np.abs(told.residuals) / most
+    worst = int(np.argmax(excess))
+    if excess[worst] > 1:
+        of_sphere = told.names[worst].startswith("distance")
+        raise InputError(
+            f"expected a {told.names[worst]} of about {drawn[worst]:.4g} mm, as the arm as drawn has it, "
+            f"got {stated[worst]:.6g} mm",
+            file=readings.file if of_sphere or lengths is None else lengths.file,
+            column="sphere_distance_mm" if of_sphere else "length_mm",
+            hint="(D + d) / 2 of sphere and ball, the distance of the centres, not the radius; its unit; the arm"
+            if of_sphere
+            else "the unit of the length, the names of its two seats, the arm",
+        )
+
+
+def _without_sizes(reference: Reference) -> Reference:
+    """A reference without lengths and distances; itself if it has none."""
+    if isinstance(reference, Seats) and reference.lengths:
+        return replace(reference, lengths=())
+    if isinstance(reference, Spheres) and reference.radii:
+        return replace(reference, radii=())
+    return reference
 
 
 def too_few_on(readings: Readings) -> list[tuple[str, str, int]]:

@@ -99,13 +99,14 @@ def select_model(
 
         model = kind(arm, free=free)
         models[name] = model.fit_readings(readings, lengths=lengths, progress=told, nominal=models.get("nominal"))
+        if not len(models[name].held_out_.rows):
+            raise InputError(
+                "expected readings with points, or seats of two readings or more, as models are compared on points of "
+                "readings held out, and surfaces and orientations give none",
+                file=readings.file,
+                hint="these readings serve to fit a model that is named: --model kinematic, or --model physical",
+            )
     held_out = {name: model.held_out_ for name, model in models.items()}
-    if any(len(part.rows) == 0 for part in held_out.values()):
-        raise InputError(
-            "expected readings with points, or seats of two readings or more, to compare models on; there are none",
-            file=readings.file,
-            hint="name a model: --model kinematic",
-        )
     best = min(held_out, key=lambda name: held_out[name].mean_mm)
     most = held_out[best].mean_mm + held_out[best].standard_error_mm
     kept = next(name for name in models if held_out[name].mean_mm <= most)
