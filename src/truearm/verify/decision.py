@@ -1,7 +1,8 @@
 """The uncertainty of a test value, and the decision by ISO 14253-1.
 
-Sources: JCGM 100:2008 (GUM), sections 5.1.2, 6.2 and G.4; ISO 14253-1 as recalled, not confirmed against its text (its
-2017 edition also allows smaller guard bands than the whole expanded uncertainty; they are not used here).
+Sources: JCGM 100:2008 (GUM), sections 5.1.2, 6.2 and G.4; ISO 14253-1:2013 with the whole expanded uncertainty on both
+sides of a limit, as recalled, not confirmed against its text (the default of its 2017 edition, as recalled, is a
+probability of conformity of 95 %, for a small u a guard band of some 1.65 u; it is not used here).
 """
 
 from __future__ import annotations
