@@ -1,4 +1,4 @@
-"""Arms that keep a specification sheet: they do, hardly better, and all goes with the sheet's size."""
+"""Arms that keep a specification sheet: they do, their worst result near its limit; all goes with the sheet's size."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from truearm.arm.catalogue import load
 from truearm.errors import InputError
 from truearm.tasks import features
 from truearm.tasks.postures import middle_of
-from truearm.tasks.specification_sheet import BEST_SHARE, ConstrainedErrors
+from truearm.tasks.specification_sheet import BEST_SHARE, ConstrainedErrors, share_of_limit
 from truearm.tasks.task import measured_by
 from truearm.verify.circumscribed import circumscribed_sphere
 from truearm.verify.limits import Specification
@@ -43,7 +43,7 @@ def both():
     return ConstrainedErrors(ARM, sheet(ISO | ASME))
 
 
-def test_drawn_arms_keep_the_sheet_and_hardly_better(both):
+def test_the_worst_result_of_a_drawn_arm_is_near_its_limit(both):
     drawn = [both.draw(seed) for seed in range(12)]
     worst = np.array([max(one.results.values()) for one in drawn])
     assert (worst <= 1 + 1e-12).all()
@@ -101,6 +101,18 @@ def test_a_sheet_of_twice_the_limits_gives_twice_the_uncertainty():
         for limit in (30.0, 60.0)
     )
     assert two.estimates[0].errors == pytest.approx(2 * one.estimates[0].errors, abs=1e-5)
+
+
+def test_arms_at_their_limit_err_by_as_much_more_as_their_worst_result_was_below_it():
+    middle, across = middle_of(ARM)
+    feature = features.length_at(middle, across, 400.0)
+    known = ConstrainedErrors(ARM, sheet({"SPAT.Max": {"B_um": 30.0}}))
+    found = measured_by(known, feature, n_arms=100, share_of_limit=share_of_limit)
+    larger = found.at_limit.errors / found.estimates[0].errors
+    assert (larger >= 1 - 1e-12).all()
+    assert (larger <= 1 / BEST_SHARE + 1e-12).all()
+    assert found.at_limit.u_mm > found.estimates[0].u_mm
+    assert measured_by(known, feature, n_arms=100).at_limit is None
 
 
 def test_a_sheet_without_limits_is_refused():

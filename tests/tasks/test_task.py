@@ -87,6 +87,19 @@ def test_the_standard_errors_are_those_of_repeated_draws():
         assert stated == pytest.approx(scatter, rel=0.45)  # 40 runs know a standard deviation to 11 %
 
 
+def test_the_standard_errors_are_those_of_other_ways_too():
+    """Ten ways of holding, each with an offset of its own, of 20 draws each: their offsets are the larger chance."""
+    rng = np.random.default_rng(3)
+    runs = []
+    for _ in range(40):
+        errors = (rng.standard_normal(10) + 0.3 * rng.standard_normal((20, 10))).ravel()
+        runs.append(estimate(errors, n_ways=10))
+    scatter = np.std([run.bias_mm for run in runs], ddof=1)
+    stated = np.mean([run.standard_errors.bias_mm for run in runs])
+    assert scatter > 0.2  # 0.07 if all draws were independent
+    assert stated == pytest.approx(scatter, rel=0.45)  # 40 runs know a standard deviation to 11 %
+
+
 # Intervals ------------------------------------------------------------------------------------------------------------
 
 
@@ -122,10 +135,11 @@ def test_the_shortest_interval_is_no_longer_than_the_one_in_the_middle(rng):
 # Tolerances -----------------------------------------------------------------------------------------------------------
 
 
-def estimate(errors, *, is_form=False):
+def estimate(errors, *, is_form=False, n_ways=1):
     """An estimate of these errors."""
     errors = np.asarray(errors, dtype=float)
-    return Estimate(Quantity("length", 100.0, is_form), errors, errors, np.zeros_like(errors))
+    quantity = Quantity("flatness", 0.0, True) if is_form else Quantity("length", 100.0)
+    return Estimate(quantity, errors, errors, np.zeros_like(errors), n_ways)
 
 
 @pytest.mark.parametrize(
@@ -151,9 +165,37 @@ def test_answers_to_a_tolerance_by_hand(tolerance, answer, ratio, left):
 
 
 def test_a_tolerance_of_form_has_one_side():
-    fit = fitness(estimate(np.repeat([0.01, 0.02], 50), is_form=True), 0.08)
+    found = estimate(np.repeat([0.01, 0.02], 50), is_form=True)
+    fit = fitness(found, 0.08)
     assert fit.answer is Answer.YES
     assert fit.left_mm == pytest.approx(0.06)
+    said = in_words(found, fit)
+    assert "Parts of up to 0.0600 mm are found to conform" in said
+    assert "up to 0.08 mm of a nearly perfect one" in said
+
+
+def test_a_form_below_the_uncertainty_can_still_be_shown_of_a_nearly_perfect_part():
+    """Errors add to form: 0.01 mm measured with U = 0.02 mm is not from a part of 0.015 mm whose errors took it off."""
+    found = estimate(np.repeat([0.01, 0.02], 50), is_form=True)
+    fit = fitness(found, 0.015)
+    assert fit.answer is Answer.NO
+    assert fit.left_mm == 0
+    said = in_words(found, fit)
+    assert "A perfect part may be found outside" in said
+    assert "No measured value" not in said
+
+
+@pytest.mark.parametrize("form", [0.0, 0.005, 0.05])
+def test_a_measured_flatness_differs_from_the_part_s_by_no_more_than_that_of_the_errors(rng, form):
+    """The triangle inequality, on which the words about any part rest; of a perfect part errors only add."""
+    plate = features.plane(MIDDLE, [0.0, 0.0, 1.0], 200.0)
+    for _ in range(20):
+        part = form * rng.uniform(-0.5, 0.5, plate.points.shape)
+        errors = 0.005 * rng.standard_normal(plate.points.shape)
+        true, alone, measured = (plate.errors(plate.points + off)[0] for off in (part, errors, part + errors))
+        assert abs(measured - true) <= alone + 1e-6  # planes turn by 1e-4 rad: 1e-8 of 50 um, and rounding
+        if form == 0:
+            assert measured >= true
 
 
 def test_an_arm_without_errors_is_good_for_everything():

@@ -68,13 +68,27 @@ def test_a_model_s_task(capsys, model_file):
     assert found["tolerance"]["answer"] == "yes"
     (length,) = found["quantities"]
     assert 0.001 < length["u_mm"] < 0.05
-    assert length["u_of_arm_mm"] < length["u_mm"]
     low, high = length["interval_mm"]
     assert low < 0 < high
     assert length["expanded_mm"] == max(-low, high)
     points = found["points_mm"]
     assert points[0] == pytest.approx([800, -150, 300], abs=5)  # across the front, which is a degree off the x axis
-    assert any("Random error of a coordinate" in remark for remark in found["remarks"])
+    assert any("No repeatability is given" in remark for remark in found["remarks"])
+    assert any("The part is perfect and at 20 degC" in remark for remark in found["remarks"])
+    assert length["u_of_points_mm"] == 0
+    assert found["expanded_at_limit_mm"] is None
+
+
+def test_more_points_are_advised_only_if_a_repeatability_was_given(capsys, model_file, tmp_path):
+    ran(str(model_file), length=300.0, report=tmp_path / "page.html")
+    told = capsys.readouterr().out
+    page = (tmp_path / "page.html").read_text()
+    for one in (told, page):
+        assert "Whether more points would help is not known" in one
+        assert "Take one point some ten times" in one
+        assert "four times the points" not in one
+    ran(str(model_file), length=300.0, repeatability=0.005)
+    assert "four times the points" in capsys.readouterr().out
 
 
 def test_what_a_repeatability_changes(capsys, model_file):
@@ -109,6 +123,7 @@ def test_a_specification_sheet_alone(capsys, tmp_path):
     assert code == 0
     assert "the specification of measuring arm 2.5 m, arm measuring7" in told
     assert "Assumed" in told
+    assert "Of arms that just keep the limits, U = " in told
     page = (tmp_path / "page.html").read_text()
     for word in ("Is the arm good enough?", "Would more points help?", "Assumed", "P_Form.Sph.1x25", "<svg"):
         assert word in page

@@ -63,7 +63,7 @@ def task(
         typer.Option(
             "--repeatability",
             help="Of a model: measured standard deviation of a coordinate, the point taken again in the same pose "
-            "[mm]; by default the scatter of its readings about it.",
+            "[mm]; else nothing counts as random, and means of many points are stated too uncertain.",
         ),
     ] = None,
     arms: Annotated[int, typer.Option("--arms", help="Number of arms to draw.")] = 1000,
@@ -75,11 +75,13 @@ def task(
 
     And whether it is good enough for a tolerance. Many arms are drawn that may be the one in question, and each
     measures the feature: errors of the arm once, random ones at each point. With a model: as its readings left the arm
-    open. With a preset: any arm like that. With --spec: any arm that keeps what its maker promises, and hardly better.
+    open. With a preset: any arm like that. With --spec: any arm that keeps what its maker promises, its worst test
+    result half to all of the limit.
 
     Exit code with --tolerance, 0: good enough; 1: not; 3: only with guard bands. Without, 0.
     """
     from truearm.errors import InputError
+    from truearm.tasks.specification_sheet import ConstrainedErrors, share_of_limit
     from truearm.tasks.task import fitness, measured_by
     from truearm.writing import check_writable
 
@@ -100,9 +102,14 @@ def task(
         points=points,
     )
     with progress(f"measuring a {measured.name}", total=arms) as tell:
-        found = measured_by(errors, measured, n_arms=arms, seed=seed, progress=tell)
+        share = share_of_limit if isinstance(errors, ConstrainedErrors) else None
+        found = measured_by(errors, measured, n_arms=arms, seed=seed, share_of_limit=share, progress=tell)
     fit = None if tolerance is None else fitness(found.estimates[0], tolerance)
     remarks = [*_remarks(errors, found), *assumptions(errors)]
+    if found.at_limit is not None:
+        remarks.append(
+            f"Of arms that just keep the limits, U = {found.at_limit.expanded_mm:.4f} mm: to buy by, take it."
+        )
     if report is not None:
         from truearm.report.html import write_page
         from truearm.report.task import task_page
@@ -215,23 +222,28 @@ def numbers(option: str, text: str) -> list[float]:
 def assumptions(errors: ArmErrors) -> list[str]:
     """What a result rests on, in sentences."""
     from truearm.tasks.errors import ModelErrors
-    from truearm.tasks.specification_sheet import BEST_SHARE, LEAST_SHARE, ConstrainedErrors
+    from truearm.tasks.specification_sheet import BEST_SHARE, LEAST_SHARE, TRIES, ConstrainedErrors
 
-    if isinstance(errors, ModelErrors):
-        origin = "as given" if errors.repeatability_mm is not None else "by the scatter of the model's readings"
-        return [
-            f"Random error of a coordinate: {errors.random_std_mm:.4f} mm, {origin}.",
-            f"Unexplained, but the same at the same pose: {errors.field_std_mm:.4f} mm.",
-            "The task is at the mean temperature of the model's readings.",
-        ]
     perfect = "The part is perfect and at 20 degC; its temperature and its form are uncertainties besides."
-    if isinstance(errors, ConstrainedErrors):
-        limits = ", ".join(errors.specification.limits)
+    if isinstance(errors, ModelErrors):
+        if errors.repeatability_mm is None:
+            random = "No repeatability is given, so all that the model leaves unexplained counts as the same at the "
+            random += "same pose: for means of many points that errs to the safe side."
+        else:
+            random = f"Random error of a coordinate: {errors.random_std_mm:.4f} mm, as given."
         return [
-            f"Arms drawn keep {limits}.",
-            f"Assumed: their worst result is {BEST_SHARE:.0%} to 100% of its limit, no other below {LEAST_SHARE:.0%}.",
+            random,
+            f"Unexplained, but the same at the same pose: {errors.field_std_mm:.4f} mm.",
+            "The arm is at the mean temperature of the model's readings.",
             perfect,
         ]
+    if isinstance(errors, ConstrainedErrors):
+        limits = ", ".join(errors.specification.limits)
+        assumed = (
+            f"Assumed: their worst result is {BEST_SHARE:.0%} to 100% of its limit; an arm with another below "
+            f"{LEAST_SHARE:.0%} is drawn again, up to {TRIES} times."
+        )
+        return [f"Arms drawn keep {limits}.", assumed, perfect]
     return [perfect]
 
 
@@ -263,14 +275,17 @@ def _facts(errors: ArmErrors, about: str, found: Task, seed: int) -> list[tuple[
 
 
 def _result(found: Task, fit: Fitness | None, about: str, remarks: list[str], errors: ArmErrors) -> dict[str, Any]:
+    from truearm.tasks.task import LEVEL
+
     return {
         "feature": found.feature.name,
         "known_of_the_arm": about,
         "arm": errors.arm.name,
         "points_mm": found.feature.points.tolist(),
         "n_arms": found.n_arms,
-        "level": 0.95,
+        "level": LEVEL,
         "quantities": [_for_machines(one) for one in found.estimates],
+        "expanded_at_limit_mm": None if found.at_limit is None else found.at_limit.expanded_mm,
         "tolerance": None
         if fit is None
         else {

@@ -41,8 +41,10 @@ def task_page(
     first = task.estimates[0]
     summary = [
         Row(f"{first.quantity.name}: standard uncertainty", first.u_mm, "mm"),
-        Row("largest error, 95 %", first.expanded_mm, "mm"),
+        Row("not exceeded by 95 % of errors", first.expanded_mm, "mm"),
     ]
+    if task.at_limit is not None:
+        summary.append(Row("the same of arms at their limit", task.at_limit.expanded_mm, "mm"))
     sections = []
     if fit is not None:
         summary.append(Row("good enough?", fit.answer.value))
@@ -59,8 +61,8 @@ def task_page(
     sections.append(
         Section(
             "Would more points help?",
-            "The errors of the arm are the same in every point, those of the points change from one to the next; only "
-            f"these become smaller by averaging.\n\n{advice(task)}",
+            "The errors of the arm are the same whenever it is held the same way, and alike where it is held nearly "
+            f"so; those of the points change from one to the next, and averaging makes them smaller.\n\n{advice(task)}",
         )
     )
     if remarks:

@@ -16,6 +16,9 @@ What stands behind it is chosen:
 - An arm is refused if another result is below `LEAST_SHARE` of its limit: nobody promises many times what the arm
   needs. If none of `TRIES` arms is better, the one of them that comes nearest is taken.
 
+So only the worst result is near its limit, the others stay well below theirs; each limit that is stated besides makes
+the arms better. An arm may be worse than most of these and keep its sheet: `share_of_limit` tells how far each is.
+
 Test results are taken to first order at the poses of the standard's tests, which are found once (`standard_test.pose`),
 on artefacts without errors.
 """
@@ -35,7 +38,7 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.poses.workspace import stance
-from truearm.tasks.errors import DrawnPreset, PresetErrors
+from truearm.tasks.errors import DrawnArm, DrawnPreset, PresetErrors
 from truearm.tasks.standard_test import PosedTest, pose
 from truearm.verify.artefacts import Artefacts
 from truearm.verify.circumscribed import circumscribed_sphere
@@ -82,7 +85,7 @@ _SHEET = 7  # first word of the streams drawn from here
 
 @dataclass(frozen=True, eq=False)
 class ConstrainedErrors:
-    """Virtual arms that keep a specification, and hardly better.
+    """Virtual arms that keep a specification, the worst result of each half to all of its limit.
 
     Parameters
     ----------
@@ -266,6 +269,12 @@ class DrawnFromSheet:
     def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
         """See `truearm.tasks.errors.DrawnArm`."""
         return self.factor * self.drawn.random(angles, rng)
+
+
+def share_of_limit(drawn: DrawnArm) -> float:
+    """The worst result of an arm drawn from a sheet over its limit: 1 for an arm that just keeps the sheet."""
+    assert isinstance(drawn, DrawnFromSheet)
+    return max(drawn.results.values())
 
 
 @dataclass(frozen=True, eq=False)

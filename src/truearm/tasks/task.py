@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.tasks.errors import ArmErrors
+from truearm.tasks.errors import ArmErrors, DrawnArm, ModelErrors
 from truearm.tasks.features import Feature, Quantity
 from truearm.tasks.postures import held
 
@@ -46,12 +46,15 @@ class Estimate:
         Measured less true value of every drawn arm [mm].
     of_arm, of_points : (n,) array
         The same with the systematic errors alone, and with the random ones alone [mm].
+    n_ways : int
+        Of holding the feature; draw i was taken in way ``i % n_ways``.
     """
 
     quantity: Quantity
     errors: FloatArray
     of_arm: FloatArray
     of_points: FloatArray
+    n_ways: int = 1
 
     @property
     def bias_mm(self) -> float:
@@ -89,13 +92,16 @@ class Estimate:
         """Of bias, standard uncertainty and the interval's ends, for the number of draws: by resampling.
 
         B. Efron, "Bootstrap methods: another look at the jackknife", Ann. Stat. 7 (1979) 1; in place of the adaptive
-        number of draws of JCGM 101:2008, 7.9.
+        number of draws of JCGM 101:2008, 7.9. The ways of holding the feature are drawn as well, and fewer: draws of
+        one way are resampled together. Where that tells less than resampling each draw, as with a single way, the
+        larger standard error is taken.
         """
-        rng = np.random.default_rng(0)
-        drawn = np.sort(rng.choice(self.errors, (_RESAMPLES, len(self.errors))), axis=1)
-        ends = shortest_interval(drawn)
-        found = (drawn.mean(axis=1), drawn.std(axis=1, ddof=1), *ends, np.maximum(*np.abs(ends)))
-        return StandardErrors(*(float(values.std(ddof=1)) for values in found))
+        rng, n = np.random.default_rng(0), len(self.errors)
+        each = rng.choice(self.errors, (_RESAMPLES, n))
+        by_way = self.errors[: n - n % self.n_ways].reshape(-1, self.n_ways)
+        together = by_way[:, rng.integers(self.n_ways, size=(_RESAMPLES, self.n_ways))]
+        spreads = (_spreads(each), _spreads(together.transpose(1, 0, 2).reshape(_RESAMPLES, -1)))
+        return StandardErrors(*np.maximum(*spreads).tolist())
 
 
 @dataclass(frozen=True)
@@ -120,11 +126,17 @@ class Task:
         One a quantity of the feature; the first is the one that a tolerance is about.
     angles : (m, k, n_joints) array
         The ways in which it was held [rad].
+    at_limit : Estimate or None
+        Of the first quantity, if each arm erred by as much as what is promised of it allows; if that was asked.
+    repeatability_known : bool
+        Whether it is known what of the errors changes from point to point, all of it.
     """
 
     feature: Feature
     estimates: tuple[Estimate, ...]
     angles: FloatArray
+    at_limit: Estimate | None = None
+    repeatability_known: bool = True
 
     @property
     def n_arms(self) -> int:
@@ -152,7 +164,8 @@ class Fitness:
     ratio : float
         Tolerance over what the uncertainty takes of it: T / 2U, of one side T / U.
     left_mm : float
-        Width of the zone in which a measured value shows conformity: T - 2U, of one side T - U; zero or more.
+        Width of the zone in which a measured value shows conformity: T - 2U; zero or more. Where the zone has one side
+        T - U: parts that deviate by up to that are found to conform, and values up to that show it of any part.
     """
 
     answer: Answer
@@ -167,6 +180,7 @@ def measured_by(
     *,
     n_arms: int = 1000,
     seed: int = 0,
+    share_of_limit: Callable[[DrawnArm], float] | None = None,
     progress: Callable[[int, str], None] | None = None,
 ) -> Task:
     """Let many arms measure a feature of a perfect part.
@@ -180,6 +194,8 @@ def measured_by(
         Draws.
     seed : int
         Of arms, points and postures.
+    share_of_limit : callable, optional
+        How large a drawn arm's errors are, 1 for one at the limit of what is promised.
     progress : callable, optional
         Told the arms that are done.
 
@@ -195,25 +211,37 @@ def measured_by(
     ways = held(errors.arm, feature, WAYS, seed=seed)
     seeds = np.random.SeedSequence(seed).generate_state(n_arms, np.uint64)
     found = np.empty((3, n_arms, len(feature.quantities)))
+    shares = np.ones(n_arms)
     for i, seed_of_arm in enumerate(seeds.tolist()):
         drawn, angles = errors.draw(seed_of_arm), ways[i % len(ways)]
         of_arm = drawn.systematic(angles)
         of_points = drawn.random(angles, np.random.default_rng([6, seed_of_arm]))
         for row, off in zip(found, (of_arm + of_points, of_arm, of_points), strict=True):
             row[i] = feature.errors(feature.points + off)
+        if share_of_limit is not None:
+            shares[i] = share_of_limit(drawn)
         if progress is not None:
             progress(i + 1, "")
-    estimates = (Estimate(quantity, *found[:, :, j]) for j, quantity in enumerate(feature.quantities))
-    return Task(feature, tuple(estimates), ways)
+    estimates = tuple(_estimate(q, found[:, :, j], len(ways)) for j, q in enumerate(feature.quantities))
+    at_limit = None
+    if share_of_limit is not None:  # errors are small: those of a feature grow in proportion to the arm's
+        at_limit = _estimate(feature.quantities[0], found[:, :, 0] / shares, len(ways))
+    known = not (isinstance(errors, ModelErrors) and errors.repeatability_mm is None)
+    return Task(feature, estimates, ways, at_limit, known)
 
 
 def fitness(estimate: Estimate, tolerance_mm: float) -> Fitness:
     """Whether an arm is good enough to prove that parts keep a tolerance.
 
     By ISO 14253-1 a part is shown to conform where the measured value lies inside the tolerance zone by the expanded
-    uncertainty U (as recalled, see `truearm.verify.decision`): T - 2U is left of a zone of width T, T - U where the
-    zone has one side. Where at least four times as wide a zone as the uncertainty takes is given, the usual rule of
-    laboratories is kept and the answer is yes; where nothing is left, no.
+    uncertainty U (as recalled, see `truearm.verify.decision`): T - 2U is left of a zone of width T. Where at least four
+    times as wide a zone as the uncertainty takes is given, the usual rule of laboratories is kept and the answer is
+    yes; where nothing is left, no.
+
+    Deviations of form and direction are sizes of vectors, as ranges of residuals are, so by the triangle inequality a
+    measured one differs from the part's by no more than the errors' own, which U tells. The errors of a nearly perfect
+    part only add to it: then a value within T shows that the part conforms, and what U takes is from the part. With
+    nothing left, a perfect part too may be found outside.
 
     Parameters
     ----------
@@ -236,16 +264,25 @@ def fitness(estimate: Estimate, tolerance_mm: float) -> Fitness:
 
 def in_words(estimate: Estimate, fit: Fitness) -> str:
     """Whether the arm is good enough, in words."""
-    one_sided = estimate.quantity.is_form
-    zone = f"{fit.tolerance_mm:g} mm" if one_sided else f"+-{fit.tolerance_mm / 2:g} mm"
+    one_sided, wide = estimate.quantity.is_form, fit.tolerance_mm
+    zone = f"{wide:g} mm" if one_sided else f"+-{wide / 2:g} mm"
     taken = f"{'T / U' if one_sided else 'T / 2U'} = {fit.ratio:.1f}, U = {estimate.expanded_mm:.4f} mm"
-    left = f"{fit.left_mm:.4f} mm" if one_sided else f"+-{fit.left_mm / 2:.4f} mm"
-    opening = f"Good enough for {estimate.quantity.name} {zone}? "
-    if fit.answer.value == "yes":
-        return opening + f"Yes: {taken}; 4 is usual. Values within {left} show conformity (ISO 14253-1)."
-    if fit.answer.value == "no":
-        return opening + f"No: {taken}. No measured value would show conformity (ISO 14253-1)."
-    return opening + f"Only with guard bands: {taken}; 4 is usual. Values within {left} show conformity (ISO 14253-1)."
+    said = {Answer.YES: "Yes", Answer.NO: "No", Answer.GUARDED: "Only with guard bands"}[fit.answer]
+    usual = "" if fit.answer is Answer.NO else "; 4 is usual"
+    if not one_sided:
+        shows = f"Values within +-{fit.left_mm / 2:.4f} mm show" if fit.left_mm > 0 else "No measured value would show"
+        meant = f"{shows} conformity (ISO 14253-1)."
+    elif fit.left_mm > 0:
+        meant = (
+            f"Parts of up to {fit.left_mm:.4f} mm are found to conform. Values up to {fit.left_mm:.4f} mm show it of "
+            f"any part, up to {wide:g} mm of a nearly perfect one: to its {estimate.quantity.name} errors only add."
+        )
+    else:
+        meant = (
+            f"A perfect part may be found outside. Values up to {wide:g} mm show conformity of a nearly perfect part "
+            f"only: to its {estimate.quantity.name} errors only add."
+        )
+    return f"Good enough for {estimate.quantity.name} {zone}? {said}: {taken}{usual}. {meant}"
 
 
 def advice(found: Task) -> str:
@@ -254,6 +291,12 @@ def advice(found: Task) -> str:
     arm, point = estimate.u_of_arm_mm**2, estimate.u_of_points_mm**2
     if arm + point == 0:
         return "This arm has no errors."
+    if not found.repeatability_known:
+        return (
+            "Whether more points would help is not known: no repeatability tells what of the errors changes from point "
+            "to point. Take one point some ten times, the arm held the same way, and give the standard deviation of a "
+            "coordinate as repeatability."
+        )
     share = point / (arm + point)
     if estimate.quantity.is_form:
         return (
@@ -265,6 +308,20 @@ def advice(found: Task) -> str:
     better = (arm + point / 4) ** 0.5
     which = "Random errors dominate" if share > 1 - SMALL_SHARE else "The arm's own and random errors are alike"
     return f"{which}: four times the points would give about u = {better:.4f} mm."
+
+
+def _estimate(quantity: Quantity, found: FloatArray, n_ways: int) -> Estimate:
+    errors, of_arm, of_points = found
+    return Estimate(quantity, errors, of_arm, of_points, n_ways)
+
+
+def _spreads(drawn: FloatArray) -> FloatArray:
+    """Standard deviations (5,) of what `StandardErrors` holds, over resampled errors (m, n)."""
+    ordered = np.sort(drawn, axis=1)
+    ends = shortest_interval(ordered)
+    found = np.stack([ordered.mean(axis=1), ordered.std(axis=1, ddof=1), *ends, np.maximum(*np.abs(ends))])
+    spread: FloatArray = found.std(axis=1, ddof=1)
+    return spread
 
 
 def shortest_interval(ordered: FloatArray) -> tuple[FloatArray, FloatArray]:
