@@ -137,3 +137,15 @@ def test_a_refitted_model_states_the_same_of_a_task(tmp_path):
     # The new readings may say that more is unexplained, never less.
     assert before.field_std_mm <= after.field_std_mm < 1.2 * before.field_std_mm
     assert read.field_std_mm == after.field_std_mm
+
+
+def test_a_refit_without_directions_does_not_take_hysteresis_for_what_is_unexplained(hysteretic):
+    """It is in the uncertainty already, where directions are not given."""
+    virtual, model = hysteretic
+    readings = virtual.measure(poses(30, 18), seed=19).readings
+    new = refit(model, replace(readings, directions=None))
+    # The readings scatter by 0.1 mm, ten times what is unexplained; of 81 degrees of freedom 8 %, three times.
+    assert new.unexplained_std_ < 4 * model.unexplained_std_
+    met = virtual.measure(poses(200, 8), seed=9)
+    size, _ = judged(new, replace(met.readings, directions=None), met.true_tips)
+    assert size == pytest.approx(1.0, abs=0.25)

@@ -32,6 +32,7 @@ from truearm.arm.chain import Chain
 from truearm.identify.identification import UNKNOWN_STD, GroupFound, Identified, explained, without_unknowns
 from truearm.identify.noise import cut_square, huber_weights, mean_cut_square
 from truearm.identify.problem import Moved, SmallMotionProblem
+from truearm.identify.propagation import effects_of_directions
 from truearm.identify.references import Reference
 from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior, root_of
 from truearm.solve.threads import one_blas_thread
@@ -68,7 +69,7 @@ def identified_anew(
     chain : Chain
         Its chain, put roughly to where the new readings saw it.
     state : ArmState
-        Of the new readings.
+        Of the new readings. What directions of movement leave open that it does not know is noise of theirs.
     terms : sequence of Term
         Constant, in place of those that the fit has at the same places along the same directions. Their priors are
         about where these are now.
@@ -95,13 +96,15 @@ def identified_anew(
     problem = SmallMotionProblem(moved, state, tuple(reference for reference, _ in started))
     x = np.concatenate([merged.x, *(unknowns for _, unknowns in started)])
     sought = _Sought(problem, merged.anew, x, merged.prior_std[merged.anew])
-    x, residuals = _near(sought, x, unexplained_std**2, robust=robust)
+    undirected = (effects_of_directions(fit, state) ** 2).sum(axis=0).mean(axis=1)
+    stated = [reference.std**2 + undirected[reference.rows] for reference in problem.references]
+    x, residuals = _near(sought, x, stated, unexplained_std**2, robust=robust)
 
     root = root_of(merged.covariance)
     of_arm = [_arm_variance(moved, state.rows(reference.rows), x[:n], root) for reference in references]
     variance, converged, nothing = unexplained_std**2, False, np.zeros((0, n))
     for n_rounds in range(1, MOST_ROUNDS + 1):
-        weighed = _weighed(problem.references, residuals, variance, of_arm, robust=robust)
+        weighed = _weighed(stated, residuals, variance, of_arm, robust=robust)
         left, found = sought.at(x, weighed, nothing)
         x = x + left.step
         residuals = problem.residuals(x)
@@ -218,7 +221,9 @@ class _Sought:
         return sum(len(relations.residuals) for relations in found if relations is not None)
 
 
-def _near(sought: _Sought, x: FloatArray, variance: float, *, robust: bool) -> tuple[FloatArray, list[FloatArray]]:
+def _near(
+    sought: _Sought, x: FloatArray, stated: list[FloatArray], variance: float, *, robust: bool
+) -> tuple[FloatArray, list[FloatArray]]:
     """Bring `x` near the minimum: downhill, as if the arm were known exactly; and the residuals there."""
     problem = sought.problem
     residuals = problem.residuals(x)
@@ -226,7 +231,7 @@ def _near(sought: _Sought, x: FloatArray, variance: float, *, robust: bool) -> t
         # Residuals are large for another reason than noise as yet.
         typical = max([variance, *(float(np.median((r**2).mean(axis=0))) for r in residuals)])
         nothing = [np.zeros(r.shape[1]) for r in residuals]
-        weighed = _weighed(problem.references, residuals, typical, nothing, robust=robust)
+        weighed = _weighed(stated, residuals, typical, nothing, robust=robust)
         left, _ = sought.at(x, weighed, np.zeros((0, problem.moved.n_coefficients)))
         before = _cost(problem, x, weighed, residuals)
         for halvings in range(12):
@@ -246,19 +251,22 @@ def _cost(problem: SmallMotionProblem, x: FloatArray, weighed: _Weighed, residua
 
 
 def _weighed(
-    references: Sequence[Reference],
+    stated: list[FloatArray],
     residuals: list[FloatArray],
     variance: float,
     of_arm: list[FloatArray],
     *,
     robust: bool,
 ) -> _Weighed:
-    """Weights under a noise; residuals are far beside it and what the arm's uncertainty `of_arm` (m,) makes of them."""
+    """Weights under a noise and variances `stated` (k, m) besides.
+
+    Residuals are far beside these and what the arm's uncertainty `of_arm` (m,) makes of them.
+    """
     weights, trusts = [], []
     freedom = beyond = 0.0
-    for reference, residual, arm in zip(references, residuals, of_arm, strict=True):
+    for known, residual, arm in zip(stated, residuals, of_arm, strict=True):
         k, m = residual.shape
-        noise = reference.std**2 + variance
+        noise = known + variance
         trust = huber_weights(residual.T, (noise + arm).T) if robust else np.ones(m)
         weights.append(np.sqrt(trust / noise))
         trusts.append(trust)
