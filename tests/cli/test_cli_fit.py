@@ -95,8 +95,35 @@ def test_without_a_length_the_size_is_that_of_the_drawing_and_it_is_said(truearm
     )  # fmt: skip
     assert set(told["training"]) == {"seat_mean_mm", "seat_rms_mm", "seat_max_mm", "n_in_seats"}
     assert set(told) == {"model", "file", "fit_seconds", "training", "unexplained_std_mm"} | {
-        *("groups", "left_out", "identifiability", "outliers")
+        *("groups", "left_out", "identifiability", "outliers", "wrong_lengths", "too_few_on")
     }
+    assert told["wrong_lengths"] == told["too_few_on"] == []
+
+
+def test_a_wrong_length_is_refused_or_named_and_a_sphere_of_three_readings_left_out(truearm, shop, tmp_path):
+    lengths = pd.read_csv(shop / "lengths.csv")
+    lengths["length_mm"] *= 1.2
+    lengths.to_csv(tmp_path / "long.csv", index=False)
+    ran = fit(truearm, shop, "seats.csv", tmp_path / "m.truearm", "--lengths", tmp_path / "long.csv")
+    assert ran.code == 2
+    assert "as the arm as drawn has it" in ran.err
+    lengths["length_mm"] /= 1.2
+    assert len(lengths) > 2
+    lengths.loc[1, "length_mm"] += 2.0
+    lengths.to_csv(tmp_path / "one.csv", index=False)
+    readings = pd.read_csv(shop / "seats.csv", keep_default_na=False)
+    readings["sphere"] = ["ball"] * 3 + [""] * (len(readings) - 3)
+    readings.loc[:2, "seat"] = ""
+    readings.to_csv(tmp_path / "s.csv", index=False)
+    ran = truearm(
+        *("fit", tmp_path / "s.csv", "--arm", "gao2017", "--out", tmp_path / "m.truearm", "--model", "kinematic"),
+        *("--lengths", tmp_path / "one.csv"),
+    )
+    assert (ran.code, ran.err) == (0, "")
+    assert "left out: sphere ball, as 3 of its readings have no point and 4 find a sphere\n" in ran.out
+    (line,) = [line for line in ran.out.splitlines() if line.startswith("far off: length")]
+    a, b = lengths.loc[1, ["seat_a", "seat_b"]]
+    assert line.startswith(f"far off: length between seats {a} and {b}, stated ")
 
 
 def test_points_and_seats_together(truearm, shop, tmp_path):

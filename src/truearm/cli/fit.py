@@ -14,6 +14,7 @@ from truearm.cli.console import ArmName, Json, check_apart, note, progress, say,
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
+    from truearm.identify.outliers import WrongLength
     from truearm.models import Compensator, NominalModel
     from truearm.models.identified import IdentifiedModel
     from truearm.models.network import Member
@@ -130,7 +131,7 @@ def fit(
                 fitted = MODELS[model](nominal, free=parts)
                 fitted.fit_readings(readings, lengths=known, progress=tell, nominal=as_drawn)
             save_model(fitted, out)
-    _say_result(fitted, readings, table, out, with_lengths=known is not None, as_json=as_json)
+    _say_result(fitted, readings, table, out, lengths=known, as_json=as_json)
 
 
 class Kept:
@@ -284,7 +285,7 @@ def _say_result(
     table: tuple[Compared, ...],
     out: Path,
     *,
-    with_lengths: bool,
+    lengths: Lengths | None,
     as_json: bool,
 ) -> None:
     from dataclasses import asdict
@@ -293,6 +294,7 @@ def _say_result(
     from truearm.identify.outliers import outliers
     from truearm.models import MODELS, KinematicModel, NetworkModel, NominalModel
     from truearm.models.identified import IdentifiedModel
+    from truearm.models.relations import LEAST_ON, too_few_on
     from truearm.readings import compared_errors, seat_errors
 
     model = next(name for name, kind in MODELS.items() if type(fitted) is kind)
@@ -316,6 +318,8 @@ def _say_result(
             told["left_out"] = [left_out._asdict() for left_out in fitted.left_out_]
             told["identifiability"] = asdict(identifiability(fitted.fit_))
             told["outliers"] = [asdict(outlier) for outlier in outliers(fitted.fit_)]
+            told["wrong_lengths"] = [asdict(wrong) for wrong in _wrong_lengths(fitted, readings, lengths)]
+            told["too_few_on"] = [{"kind": k, "name": name, "readings": n} for k, name, n in too_few_on(readings)]
         say_json(told)
         return
     if table:
@@ -332,11 +336,16 @@ def _say_result(
         said = f"mean {scatter['seat_mean_mm']:.4f} mm, maximum {scatter['seat_max_mm']:.4f} mm"
         say(f"training error, distance of points from the mean of their seat: {said}")
     if isinstance(fitted, IdentifiedModel):
-        _say_identified(fitted, readings)
+        _say_identified(fitted, readings, lengths)
+        few = too_few_on(readings)
+        for kind, name, n in few[:MOST_NAMED]:
+            say(f"left out: {kind} {name}, as {n} of its readings have no point and {LEAST_ON[kind]} find a {kind}")
+        if len(few) > MOST_NAMED:
+            say(f"left out: {len(few) - MOST_NAMED} more (--json names all)")
     if fitted.session_frames_:
         first, *others = fitted.session_frames_
         say(f"A frame for each session: points are in that of {first}, those of {', '.join(others)} in their own.")
-    if errors is None and not with_lengths and readings.sphere_distance is None:
+    if errors is None and lengths is None and readings.sphere_distance is None:
         say("No point and no length is known: the arm's size stays as drawn.")
     if not getattr(fitted, "fit_", fitted.nominal_).converged:
         say("The fit has not settled: more readings, or poses more different from one another, may help.")
@@ -366,8 +375,17 @@ def _say_table(table: tuple[Compared, ...]) -> None:
     say_table(["held out [mm]", "mean +- its error", "95 %", "max", "parameters", ""], rows)
 
 
-def _say_identified(fitted: IdentifiedModel, readings: Readings) -> None:
-    """What the model cannot explain, which groups of terms it has, and readings far off."""
+def _wrong_lengths(fitted: IdentifiedModel, readings: Readings, lengths: Lengths | None) -> list[WrongLength]:
+    from truearm.identify.outliers import wrong_lengths
+    from truearm.models.frames import carried
+    from truearm.models.relations import references_of
+
+    readings = carried(readings, fitted.session_frames_)
+    return wrong_lengths(fitted.fit_, fitted.state(readings), references_of(readings, lengths))
+
+
+def _say_identified(fitted: IdentifiedModel, readings: Readings, lengths: Lengths | None) -> None:
+    """What the model cannot explain, which groups of terms it has, and readings and lengths far off."""
     from truearm.identify.identifiability import identifiability
     from truearm.identify.outliers import outliers
 
@@ -391,6 +409,14 @@ def _say_identified(fitted: IdentifiedModel, readings: Readings) -> None:
         say(f"far off: {readings.called(outlier.row)}, {outlier.error_mm:.3f} mm, {outlier.times:.0f} times the usual")
     if len(far) > MOST_NAMED:
         say(f"far off: {len(far) - MOST_NAMED} more readings (--json names all)")
+    wrong = _wrong_lengths(fitted, readings, lengths)
+    for one in wrong[:MOST_NAMED]:
+        say(
+            f"far off: {one.name}, stated {abs(one.error_mm):.3f} mm too {'long' if one.error_mm > 0 else 'short'} "
+            f"against all else, {one.times:.0f} standard deviations"
+        )
+    if len(wrong) > MOST_NAMED:
+        say(f"far off: {len(wrong) - MOST_NAMED} more lengths (--json names all)")
 
 
 def _facts(member: Member) -> dict[str, Any]:
