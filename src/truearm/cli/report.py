@@ -224,7 +224,9 @@ def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section
         ),
         *(
             identified.open_section(
-                model.left_out_, [one.constants for one in identifiability(model.fit_).untold], name=titles[name]
+                model.left_out_,
+                [(one.constants, one.known) for one in identifiability(model.fit_).untold],
+                name=titles[name],
             )
             for name, model in found.items()
         ),
