@@ -270,6 +270,10 @@ POINTS = {
         lambda text: text + "".join(again(text, ",1,150,1,", ",1,150,01,")),
         ["length 150, position 1: expected repeats 1 to 3, got 1, 1, 2, 3"],
     ),
+    "control characters": (
+        first("probing", ",1,,,", ",1\x1b]0;title\x07,,,"),
+        ["line 2, column 'position'", "expected plain text in one line, got the control character '\\x1b'"],
+    ),
     "raised repeat": (first("uni", ",1,A", ",²,A"), ["column 'repeat'", "expected a whole number", "got '²'"]),
     "far away": (scaled(1e280), ["line 2, column 'x_mm'", "expected a coordinate within 1e+06 mm"]),
     "odd end": (first("uni", ",A,", ",left,"), ["column 'end'", "expected A or B, got 'left'"]),

@@ -20,15 +20,15 @@ Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
 
 
-def _without_controls(text: str) -> str:
-    """Refuse what a terminal would obey instead of showing it, and what breaks a line."""
+def without_controls(text: str) -> str:
+    """Refuse what a terminal would obey instead of showing it, and what breaks a line; else give the text back."""
     for sign in text:
         if unicodedata.category(sign) in ("Cc", "Zl", "Zp"):
             raise InputError(f"expected plain text in one line, got the control character {sign!r}")
     return text
 
 
-Name = Annotated[str, Field(min_length=1, max_length=200, strict=True), AfterValidator(_without_controls)]
+Name = Annotated[str, Field(min_length=1, max_length=200, strict=True), AfterValidator(without_controls)]
 
 
 class Document(BaseModel):

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.readings.delimited import Sheet, read_columns, read_sheet, shown
+from truearm.verify.documents import without_controls
 from truearm.verify.orthogonal import FloatArray
 
 NameArray = npt.NDArray[np.str_]
@@ -208,6 +209,11 @@ def _groups(columns: _Columns, test: str) -> Iterator[Group]:
         if (cells == "").any():
             row = int(rows[np.argmax(cells == "")])
             raise columns.error(f"a point of test {test!r} needs {key!r}, got an empty cell", row, key)
+        for cell in np.unique(cells):
+            try:
+                without_controls(str(cell))
+            except InputError as error:
+                raise columns.error(error.problem, int(rows[np.argmax(cells == cell)]), key) from None
         if key == "repeat" and not np.char.isdecimal(cells).all():
             row = int(rows[np.argmin(np.char.isdecimal(cells))])
             raise columns.error(
