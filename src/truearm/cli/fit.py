@@ -400,7 +400,8 @@ def _say_identified(fitted: IdentifiedModel, readings: Readings, lengths: Length
         say(f"not offered: {left_out.name}, as {left_out.reason}")
     if len(fitted.left_out_) > MOST_NAMED:
         say(f"not offered: {len(fitted.left_out_) - MOST_NAMED} more (--json names all)")
-    untold = [one for one in identifiability(fitted.fit_).untold if one.ever]  # what no readings tell is no fault of these
+    # What no readings tell is no fault of these.
+    untold = [one for one in identifiability(fitted.fit_).untold if one.ever]
     if untold:
         more = f"; {len(untold) - 3} more (--json names all)" if len(untold) > 3 else ""
         say(f"not determined by these readings: {'; '.join(map(str, untold[:3]))}{more}")
