@@ -68,8 +68,8 @@ def test_offsets_of_the_last_link_and_a_free_tip_are_known_together_only(rng):
     assert frozenset({"J1 rotation about z", "base rotation about z"}) in named
     assert frozenset({"J1 shift along z", "base shift along z"}) in named
     # Theory says of six joints, base and tip: 45 constants, 27 combinations. The parallel axes 2, 3, 4 cost up to two.
-    assert len([untold for untold in found.untold if not untold.ever]) == 45 - 27
-    assert len([untold for untold in found.untold if untold.ever]) <= 2
+    assert 45 - 27 <= len([untold for untold in found.untold if not untold.ever]) <= 45 - 27 + 2
+    assert len(found.untold) <= 45 - 27 + 2
     assert found.determined["J6 shift along z"] < 0.01
 
 

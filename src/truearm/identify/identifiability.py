@@ -28,9 +28,10 @@ FloatArray = npt.NDArray[np.float64]
 
 # Above this share of the prior variance a combination is as good as unknown.
 UNTOLD = 0.5
-# Poses at which a combination moves the tip, or at none, and what rounding makes of none.
+# Poses of all kinds, at which a combination moves the tip, or at none. To move it by a smaller share than this of what
+# its members do, each alone, is not to move it: axes that the drawing has parallel or at right angles are not quite.
 POSES = 100
-STILL = 1e-10
+STILL = 2e-3
 # Partners that move the tip by a smaller share of what the combination's first constant does are not named.
 LEAST_SHARE = 0.2
 # A combination of more constants than this is named by its largest.
