@@ -173,7 +173,15 @@ def test_fit_tells_its_training_error_as_json_too(truearm, made, tmp_path):
     out = tmp_path / "k.truearm"
     arguments = ["fit", made / "train.csv", "--arm", "gao2017", "--model", "kinematic", "--out", out]
     told = json.loads(truearm(*arguments, "--json").out)
-    identified = {"unexplained_std_mm", "groups", "left_out", "identifiability", "outliers", "wrong_lengths", "too_few_on"}
+    identified = {
+        "unexplained_std_mm",
+        "groups",
+        "left_out",
+        "identifiability",
+        "outliers",
+        "wrong_lengths",
+        "too_few_on",
+    }
     assert set(told) == {"model", "file", "fit_seconds", "training"} | identified
     assert (told["model"], told["file"]) == ("kinematic", str(out))
     assert set(told["training"]) == ERROR_KEYS
