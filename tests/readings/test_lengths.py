@@ -159,7 +159,7 @@ def test_rows_of_an_artefact_that_differ_are_found(tmp_path, row, column, said):
         ("seat_a,seat_b,length,u_mm", "length", "unknown column 'length'"),
         ("seat_a,seat_a,length_mm,u_mm", "seat_a", "the column stands twice"),
         ("seat_a,seat_b,length_mm,", 4, "unknown column ''"),
-        ("seat_a;seat_b;length_mm;u_mm", "seat_a;seat_b;length_mm;u_mm", "unknown column"),
+        ("seat_a;seat_b;length_mm;u_mm", None, "expected columns separated by commas, got semicolons"),
     ],
 )
 def test_a_header_that_does_not_fit_is_refused(tmp_path, header, column, said):

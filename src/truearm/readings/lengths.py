@@ -226,6 +226,8 @@ class Lengths:
     def _unknown(self, name: str, row: int, column: str, known: list[str]) -> InputError:
         close = difflib.get_close_matches(name, known, n=1)
         hint = close[0] if close else "the names of seats as the session has them"
+        if hint.strip() == name.strip():
+            hint = f"{shown(hint)}: one of the two has a blank before or behind it"
         return self.error(f"the session has no seat {shown(name)}", row, column=column, hint=hint)
 
 
@@ -249,6 +251,14 @@ def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Len
     """
     path = Path(path)
     sheet = read_sheet(path)
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(sheet.names) == 1 and separator in sheet.names[0]:
+            raise InputError(
+                f"expected columns separated by commas, got {name}",
+                file=path,
+                line=1,
+                hint="save it with commas between the cells and points as decimal signs",
+            )
     wanted, further = (*ENDS, *NUMBERS), (ARTEFACT, PLACE, *EXPANSION)
     for i, name in enumerate(sheet.names):
         if name in sheet.names[:i]:
