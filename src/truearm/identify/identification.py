@@ -38,7 +38,7 @@ FloatArray = npt.NDArray[np.float64]
 
 MOST_ROUNDS = 24
 # Rounds of the evidence on one linearisation.
-SCALE_ROUNDS = 3
+SCALE_ROUNDS = 2
 # Scales stand still when none changes by a larger share; a scale is known to some tens of per cent at best.
 SETTLED_SCALES = 1e-2
 # Groups of fewer effective parameters have no say in that.
@@ -430,7 +430,7 @@ def _evidence(
     gram, right, size = left.gram, left.gram @ x[left.kept] - left.gradient, left.size
     of_kept = prior.of(left.kept)
     effective = np.zeros(len(prior.scale))
-    for _ in range(2 if prune else SCALE_ROUNDS):
+    for _ in range(SCALE_ROUNDS):
         known = marginals(gram, right, of_kept, size=size)
         scale, effective = updated_scales(of_kept, known, log_spread=LOG_SPREAD, least=LEAST_SCALE, most=MOST_SCALE)
         told = effective > LEAST_EFFECTIVE

@@ -44,7 +44,7 @@ GROUPS = 2
 # A site with more functions than this goes in pairs.
 MOST_NARROW = 24
 # Values of basis functions that are kept between evaluations, rather than computed again.
-KEPT_BYTES = 64 * 2**20
+KEPT_BYTES = 96 * 2**20
 
 
 @dataclass(frozen=True, eq=False)
@@ -432,7 +432,7 @@ class SmallMotionProblem:
         key = (which, piece.start)
         if key not in self._kept:
             values = self.moved.values(state)
-            if 8 * self.moved.n_coefficients * len(self.state) > KEPT_BYTES:
+            if 8 * self.moved.n_coefficients * CHUNK * (len(self._kept) + 1) > KEPT_BYTES:
                 return values
             self._kept[key] = values
         return self._kept[key]
