@@ -262,6 +262,7 @@ POINTS = {
         ["test 'uni', length 150, position 1, repeat 1: end A was at 20", "their mean tells nothing"],
     ),
     "a point warmer": (first("probing", ",20.0", ",25.0"), ["points of one group were taken at 20 and at 25 degC"]),
+    "fahrenheit": (lambda text: text.replace(",20.0", ",68.7"), ["in degC, got 68.7", "degrees Fahrenheit less 32"]),
     "kelvin": (lambda text: text.replace(",20.0", ",293.15"), ["column 'artefact_degC'", "in degC, got 293.15"]),
     "no group": (first("articulation", ",A,", ",,"), ["column 'group'", "needs 'group', got an empty cell"]),
     "odd repeat": (first("uni", ",1,A", ",one,A"), ["column 'repeat'", "expected a whole number", "got 'one'"]),

@@ -74,7 +74,7 @@ def test_probing_size_is_signed_and_the_worst_position_counts():
 def test_a_tip_is_taken_off_and_a_warm_ball_is_brought_to_20_degrees():
     warm = ball(15.0 * (1 + 1e-5 * 10) + 1.5, degC=30.0, tip_mm=3.0)
     assert p_size([warm], NO_LIMITS).value == pytest.approx(0, abs=1e-12)
-    as_it_is = Specification(name="a", source="b", measuring_range_mm=1, corrected_to_20_degC=False, limits={})
+    as_it_is = Specification(name="a", source="b", measuring_range_mm=1000, corrected_to_20_degC=False, limits={})
     assert p_size([warm], as_it_is).value == pytest.approx(30 * 1e-4, abs=1e-12)
     # 30 mm x 10 K x 1e-6 per K comes in with the correction and goes with it.
     assert [one.label for one in p_size([warm], NO_LIMITS).budget.contributions].count("expansion of the artefact") == 1

@@ -105,7 +105,8 @@ BAR = BALL.replace("spheres", "bars").replace("diameter_mm = 25.0004\nu_diameter
         (BALL.replace("25.0004", "inf"), "spheres[1].diameter_mm: input should be a finite number"),
         (BALL + "nominal_mm = 1\n", "calibrated 25.0004 mm, nominal 1 mm"),
         (BALL.replace("0.0002", "0.3"), "u_diameter_mm = 0.3 mm is more than a hundredth"),
-        (BALL.replace("0.0003", "0.3"), "form_mm = 0.3 mm is more than a hundredth"),
+        (BALL.replace("0.0003", "0.3"), "form_mm: expected millimetres, 0.2 at most"),
+        (BAR.replace("u_mm = 0.001", "u_mm = 0.4"), "u_mm = 0.4 mm is more than a hundredth of the calibrated 1000"),
         (BALL.replace("5.5e-6", "5.5"), "spheres[1].expansion_per_K: input should be less than or equal to 0.001"),
         (BALL.replace("0.5e-6", "0.5"), "u_expansion_per_K = 0.5 is larger than any expansion"),
         (BALL.replace("u_fixture_mm", "U_fixture_mm"), "unknown key spheres[1].U_fixture_mm. Try: one of name"),
@@ -171,6 +172,11 @@ def test_the_three_forms_of_a_limit():
         ('E_Uni = { B_um = 30 }\n"E_Uni:0" = { B_um = 30 }', "the limit of E_Uni stands twice"),
         ("E_Uni = { A_um = 30 }", "A_um and K_mm_per_um belong together"),
         ("E_Uni = {}", "got none of them"),
+        ("E_Uni = { B_um = 0.03 }", "limits.E_Uni: expected B_um in micrometres, got 0.03"),
+        (
+            "E_Uni = { A_um = 5, K_mm_per_um = 0.0125 }",
+            "millimetres of length for a micrometre, got 0.0125. Try: for L/80",
+        ),
         ("E_Uni = { B_um = 0 }", "limits.E_Uni.B_um: input should be greater than 0"),
         ("E_Uni = { B_mm = 0.03 }", "unknown key limits.E_Uni.B_mm"),
         ("E_Uni = 0.03", "limits.E_Uni: input should be a valid dictionary"),
@@ -182,6 +188,13 @@ def test_wrong_specifications_are_refused(tmp_path, limits, phrase):
     with pytest.raises(InputError) as refused:
         read_specification(path)
     assert phrase in str(refused.value)
+
+
+def test_a_measuring_range_in_metres_is_refused(tmp_path):
+    path = tmp_path / "mpe.toml"
+    path.write_text(MPE.replace("2500", "2.5") + "E_Uni = { B_um = 30 }\n")
+    with pytest.raises(InputError, match=r"measuring_range_mm: expected the diameter of the reach in mm, got 2\.5"):
+        read_specification(path)
 
 
 def test_hostile_files_are_refused(tmp_path):

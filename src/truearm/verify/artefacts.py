@@ -11,7 +11,7 @@ from math import inf, sqrt
 from pathlib import Path
 from typing import Annotated, Self, TypeVar
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
 from truearm.verify.decision import Contribution
@@ -19,6 +19,9 @@ from truearm.verify.documents import Document, Name, NotNegative, Positive, Real
 
 # Lengths are stated and compared at this temperature: ISO 1.
 REFERENCE_DEGC = 20.0
+# A larger form deviation or uncertainty is no calibrated artefact's, but in micrometres [mm].
+LARGEST_MM = 0.2
+IN_MM = "in mm: 0.5 micrometres are 0.0005"
 # A calibrated length further from its nominal one than this share is that of another artefact, or in another unit.
 NOMINAL_SHARE = 0.05
 
@@ -49,6 +52,13 @@ class Artefact(Document):
     form_mm: NotNegative
     u_form_mm: NotNegative = 0.0
     u_fixture_mm: NotNegative
+
+    @field_validator("form_mm", "u_form_mm", "u_fixture_mm")
+    @classmethod
+    def _in_mm(cls, given: float) -> float:
+        if given > LARGEST_MM:
+            raise InputError(f"expected millimetres, {LARGEST_MM:g} at most, got {given:g}", hint=IN_MM)
+        return given
 
     @model_validator(mode="after")
     def _dates_in_order(self) -> Self:
@@ -250,8 +260,9 @@ def _check_nominal(what: str, value: Real, nominal: Real | None) -> None:
 
 
 def _check_small(what: str, value: Real, u: Real, key: str) -> None:
-    if u > 0.01 * value:
+    if u > min(0.01 * value, LARGEST_MM):
         raise InputError(
-            f"{what}: {key} = {u:g} mm is more than a hundredth of the calibrated {value:g} mm",
-            hint="in mm: 0.5 micrometres are 0.0005",
+            f"{what}: {key} = {u:g} mm is more than a hundredth of the calibrated {value:g} mm, "
+            f"or more than {LARGEST_MM:g} mm",
+            hint=IN_MM,
         )

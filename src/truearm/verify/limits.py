@@ -30,6 +30,11 @@ SYMBOLS = (
     "Volumetric.2RMS",
 )
 
+# Less is in another unit: a limit of an arm [um], a K [mm/um] (1 is a millimetre a metre), a measuring range [mm].
+LEAST_UM = 0.5
+LEAST_K = 1.0
+LEAST_RANGE_MM = 100.0
+
 
 class Limit(Document):
     """A maximum permissible error or limit.
@@ -54,6 +59,16 @@ class Limit(Document):
             raise InputError("A_um and K_mm_per_um belong together", hint="B_um alone for a limit without a length")
         if self.A_um is None and self.B_um is None:
             raise InputError("expected B_um, or A_um and K_mm_per_um, or all three; got none of them")
+        for name, given in (("A_um", self.A_um), ("B_um", self.B_um)):
+            if given is not None and 0 < given < LEAST_UM:
+                raise InputError(
+                    f"expected {name} in micrometres, got {given:g}, which no arm keeps", hint="0.015 mm are 15"
+                )
+        if self.K_mm_per_um is not None and self.K_mm_per_um < LEAST_K:
+            raise InputError(
+                f"expected K_mm_per_um, millimetres of length for a micrometre, got {self.K_mm_per_um:g}",
+                hint="for L/80 it is 80; for 12.5 um a metre 80 too",
+            )
         return self
 
     def at(self, length_mm: float | None) -> float:
@@ -92,6 +107,13 @@ class Specification(Document):
     measuring_range_mm: Positive
     corrected_to_20_degC: bool = True
     limits: dict[str, Limit]
+
+    @field_validator("measuring_range_mm")
+    @classmethod
+    def _in_mm(cls, given: float) -> float:
+        if given < LEAST_RANGE_MM:
+            raise InputError(f"expected the diameter of the reach in mm, got {given:g}", hint="2.5 m are 2500")
+        return given
 
     @field_validator("limits")
     @classmethod

@@ -43,6 +43,8 @@ FARTHEST_MM = 1e6
 
 POINT = ("x_mm", "y_mm", "z_mm")
 TEMPERATURE, TIP = "artefact_degC", "tip_diameter_mm"
+# Nobody verifies an arm at other temperatures: they are of another scale [degC].
+COLDEST_DEGC, WARMEST_DEGC = 0.0, 45.0
 NEEDED = ("test", "artefact", "date", *POINT)
 OPTIONAL = ("position", "length", "repeat", "end", "group", TEMPERATURE, TIP)
 
@@ -261,12 +263,13 @@ def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int])
             TEMPERATURE,
             hint="fill in what the thermometer on the artefact showed",
         )
-    if (np.abs(degC) > 100).any():
-        row = rows[int(np.argmax(np.abs(degC) > 100))]
+    if (absurd := (degC < COLDEST_DEGC) | (degC > WARMEST_DEGC)).any():
+        row = rows[int(np.argmax(absurd))]
         raise columns.error(
             f"expected the temperature of the artefact in degC, got {columns.numbers[TEMPERATURE][row]:g}",
             row,
             TEMPERATURE,
+            hint="degrees Fahrenheit less 32, over 1.8, are degC",
         )
     tip = np.nan_to_num(columns.numbers[TIP][rows])
     if (tip != tip[0]).any() or tip[0] < 0:
