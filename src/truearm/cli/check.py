@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, SessionFile, check_apart, check_page, progress, say, say_json, say_table
+from truearm.cli.console import (
+    Json,
+    SessionFile,
+    check_apart,
+    check_page,
+    progress,
+    say,
+    say_json,
+    say_table,
+    versions,
+)
 
 if TYPE_CHECKING:
     import datetime
@@ -278,14 +288,9 @@ def _or_none(number: float) -> float | None:
 
 
 def _facts(fitted: Compensator, model: Path, history: Path) -> list[tuple[str, str]]:
-    import numpy
-    import scipy
-
-    from truearm import __version__
-
     return [
         ("model", f"{model.name}, {fitted.n_train_} training readings, SHA-256 of the file {_fingerprint(model)}"),
         ("arm", f"{fitted.arm.name}: {fitted.arm.title}. {fitted.arm.source}"),
         ("history", history.name),
-        ("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"),
+        versions(),
     ]

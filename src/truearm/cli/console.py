@@ -86,6 +86,16 @@ def check_page(page: Path, *inputs: Path) -> None:
     check_writable(page)
 
 
+def versions() -> tuple[str, str]:
+    """The row of a page that says which programs reckoned it."""
+    import numpy
+    import scipy
+
+    from truearm import __version__
+
+    return "versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"
+
+
 @contextmanager
 def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, str], None]]:
     """Show a progress bar and the time left on standard error while the block runs, if a person watches.

@@ -10,7 +10,7 @@ from zipfile import is_zipfile
 
 import typer
 
-from truearm.cli.console import Json, check_apart, progress, say, say_json, say_table
+from truearm.cli.console import Json, check_page, progress, say, say_json, say_table, versions
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
@@ -79,17 +79,13 @@ def plan(
     from truearm.errors import InputError
     from truearm.plan.proposal import STRATEGIES, Artefact, propose
     from truearm.plan.template import check_template_path, numbered_on, write_bar_lengths, write_template
-    from truearm.writing import check_writable
 
     check_template_path(out)
     lengths = out.with_name(f"{out.stem}-lengths.csv") if artefact == "bar" else None
     if lengths is not None:
         check_template_path(lengths)
     if page is not None:
-        if page.suffix not in (".html", ".htm"):
-            raise InputError(f"expected a file name that ends in .html, got {page.name!r}", file=page)
-        check_apart(page, Path(arm), *([] if taken is None else [taken]))
-        check_writable(page)
+        check_page(page, Path(arm), *([] if taken is None else [taken]))
     held = Artefact(artefact, seats or (0 if artefact == "tracker" else usual_seats(artefact, poses)), length)
     with progress("planning", total=len(STRATEGIES)) as tell:
         nominal, known, seats_before = _before(arm, noise=noise, terms=terms, taken=taken)
@@ -218,10 +214,6 @@ def _readings(session: Path, arm: Arm) -> Readings:
 
 def _facts(planned: Plan, name: str, *, taken: Path | None, seed: int) -> list[tuple[str, str]]:
     """What a page about a plan rests on."""
-    import numpy
-    import scipy
-
-    from truearm import __version__
     from truearm.plan.proposal import LENGTH_U_MM
 
     arm = planned.arm
@@ -235,7 +227,7 @@ def _facts(planned: Plan, name: str, *, taken: Path | None, seed: int) -> list[t
         ("groups of terms", groups),
         ("noise of a coordinate", f"{planned.known.noise_mm:.4g} mm"),
         ("seed", str(seed)),
-        ("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"),
+        versions(),
     ]
     if taken is not None:
         rows.insert(2, ("readings taken since", taken.name))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import check_apart, progress, say
+from truearm.cli.console import check_page, progress, say, versions
 
 if TYPE_CHECKING:
     from truearm.identify.joint_errors import JointError
@@ -46,7 +46,6 @@ def report(
     from truearm.errors import InputError
     from truearm.models.file import load_model
     from truearm.report.html import write_page
-    from truearm.writing import check_writable
 
     *paths, session = files
     if paths and all(is_zipfile(path) for path in files):
@@ -59,10 +58,7 @@ def report(
         raise InputError(
             "expected one or more model files, then a session file", hint="truearm report MODEL SESSION --out FILE"
         )
-    if out.suffix not in (".html", ".htm"):
-        raise InputError(f"expected a file name that ends in .html, got {out.name!r}", file=out)
-    check_apart(out, *files, *([] if lengths is None else [lengths]))
-    check_writable(out)
+    check_page(out, *files, *([] if lengths is None else [lengths]))
     with progress("drawing the report"):
         first, readings = load_with_reference(paths[0], session, purpose="compare with")
         # The others are of the same arm, or `compared` refuses them: the readings are checked once for all.
@@ -311,10 +307,6 @@ def remarks(model: Compensator, readings: Readings) -> list[str]:
 
 def facts(models: dict[str, Compensator], readings: Readings) -> list[tuple[str, str]]:
     """What a page about models rests on."""
-    import numpy
-    import scipy
-
-    from truearm import __version__
     from truearm.models.compensator import fingerprint
 
     rows = [
@@ -330,7 +322,7 @@ def facts(models: dict[str, Compensator], readings: Readings) -> list[tuple[str,
     rows.append(("fingerprint", "SHA-256 of all columns but notes, numbers in rad and mm as little-endian doubles"))
     arm = next(iter(models.values())).arm
     rows.append(("arm", f"{arm.name}: {arm.title}. {arm.source}"))
-    rows.append(("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"))
+    rows.append(versions())
     return rows
 
 

@@ -9,7 +9,7 @@ from zipfile import is_zipfile
 
 import typer
 
-from truearm.cli.console import Json, check_apart, progress, say, say_json, say_table
+from truearm.cli.console import Json, check_page, progress, say, say_json, say_table, versions
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
@@ -83,13 +83,9 @@ def task(
     from truearm.errors import InputError
     from truearm.tasks.specification_sheet import ConstrainedErrors, share_of_limit
     from truearm.tasks.task import fitness, measured_by
-    from truearm.writing import check_writable
 
     if report is not None:
-        if report.suffix not in (".html", ".htm"):
-            raise InputError(f"expected a file name that ends in .html, got {report.name!r}", file=report)
-        check_apart(report, *[Path(path) for path in (what, spec, arm) if path is not None])
-        check_writable(report)
+        check_page(report, *[Path(path) for path in (what, spec, arm) if path is not None])
     if tolerance is not None and not (isfinite(tolerance) and tolerance > 0):
         raise InputError(f"--tolerance expects a width above zero in mm, got {tolerance}", hint="0.1 for +-0.05 mm")
     errors, about = _errors(what, spec, arm, repeatability)
@@ -259,18 +255,13 @@ def _remarks(errors: ArmErrors, found: Task) -> list[str]:
 
 
 def _facts(errors: ArmErrors, about: str, found: Task, seed: int) -> list[tuple[str, str]]:
-    import numpy
-    import scipy
-
-    from truearm import __version__
-
     arm = errors.arm
     return [
         ("known of the arm", about),
         ("arm", f"{arm.name}: {arm.title}. {arm.source}"),
         ("arms drawn", f"{found.n_arms}, seed {seed}"),
         ("ways to hold the arm", str(len(found.angles))),
-        ("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"),
+        versions(),
     ]
 
 

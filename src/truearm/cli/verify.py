@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, check_page, say, say_json, say_table
+from truearm.cli.console import Json, check_page, say, say_json, say_table, versions
 
 if TYPE_CHECKING:
     from truearm.verify.decision import Row, Rule
@@ -195,16 +195,11 @@ def facts(*files: Path, plan: Plan) -> list[tuple[str, str]]:
     """What a page about a verification rests on."""
     from hashlib import sha256
 
-    import numpy
-    import scipy
-
-    from truearm import __version__
-
     return [
         ("plan", f"{plan.name}: {plan.standard}"),
         # What came through a pipe is gone by now.
         *((file.name, f"SHA-256 {sha256(file.read_bytes()).hexdigest()}") for file in files if file.is_file()),
-        ("versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"),
+        versions(),
     ]
 
 
