@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -40,3 +41,16 @@ def test_directions_that_are_not_given_are_said_once_with_what_they_add(truearm,
         assert "Not given" not in ran.out.replace(SAYS, "")
         std[name] = pd.read_csv(tmp_path / "p.csv")[["sx_mm", "sy_mm", "sz_mm"]].to_numpy()
     assert (std["none"] > std["all"]).all()
+
+
+def test_figures_for_machines_are_those_of_the_table(truearm, hysteretic, tmp_path):
+    asked = ["predict", hysteretic / "m.truearm", hysteretic / "none.csv", "--out", tmp_path / "p.csv"]
+    told, table = json.loads(truearm(*asked, "--json").out), pd.read_csv(tmp_path / "p.csv")
+    std, outside = table[["sx_mm", "sy_mm", "sz_mm"]].to_numpy(), table["outside_training"] == 1
+    assert told["file"] == str(tmp_path / "p.csv")
+    assert told["n_readings"] == len(table)
+    assert told["n_outside_training"] == outside.sum()
+    assert told["n_in_no_known_session"] == 0
+    assert told["median_u_mm"] == pytest.approx(np.median(std), abs=1e-6)  # mm, the table's digits
+    assert told["not_given_u_mm"].keys() == {"directions of movement"}
+    assert f"({told['not_given_u_mm']['directions of movement']:.4f} mm)" in truearm(*asked).out

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truearm.cli.console import check_apart, note, progress, say
+from truearm.cli.console import Json, check_apart, note, progress, say, say_json
 
 if TYPE_CHECKING:
     from truearm.models import Compensator
@@ -26,6 +26,7 @@ def predict(
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Table of points to write, .csv.")],
+    as_json: Json = False,
 ) -> None:
     """Compensate: turn joint angles into corrected coordinates.
 
@@ -52,20 +53,30 @@ def predict(
         outside = fitted.outside_training(readings.angles)
         not_given = fitted.not_given(readings) if isinstance(fitted, IdentifiedModel) else {}
         _write(out, readings, points, std, outside)
+    not_given_mm = {
+        name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in not_given.items()
+    }
+    elsewhere, n_elsewhere = _in_no_session(fitted, readings)
+    if as_json:
+        say_json(
+            {
+                "file": str(out),
+                "n_readings": len(points),
+                "median_u_mm": float(np.median(std)),
+                "not_given_u_mm": not_given_mm,
+                "n_outside_training": int(outside.sum()),
+                "median_u_outside_training_mm": float(np.median(std[outside])) if outside.any() else None,
+                "n_in_no_known_session": n_elsewhere,
+            }
+        )
+        return
     say(f"{out}: {len(points)} points, standard uncertainty of a coordinate {np.median(std):.4f} mm (median)")
-    if not_given:
-        sizes = [
-            f"{name} ({np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3):.4f} mm)"
-            for name, part in not_given.items()
-        ]
+    if not_given_mm:
+        sizes = [f"{name} ({size:.4f} mm)" for name, size in not_given_mm.items()]
         say(f"Not given at all readings, taken at the mean, which is in the uncertainty: {', '.join(sizes)}.")
-    if fitted.session_frames_:
-        first, *_ = fitted.session_frames_
-        named = np.full(len(points), "") if readings.session is None else readings.session
-        if n_unknown := int((~np.isin(named, list(fitted.session_frames_))).sum()):
-            say(
-                f"{n_unknown} readings are in no session that the model knows: their points are in the frame of {first}"
-            )
+    if n_elsewhere:
+        unknown = f"{n_elsewhere} readings are in no session that the model knows"
+        say(f"{unknown}: their points are in the frame of {elsewhere}")
     if outside.any():
         if isinstance(fitted, NetworkModel):
             advice = ": do not rely on them"
@@ -74,6 +85,17 @@ def predict(
         else:
             advice = ": errors may be larger there than it says"
         say(f"{int(outside.sum())} of {len(points)} readings have a joint away from the training angles{advice}.")
+
+
+def _in_no_session(fitted: Compensator, readings: Readings) -> tuple[str, int]:
+    """The session in whose frame readings of sessions that the model does not know are, and their number."""
+    import numpy as np
+
+    if not fitted.session_frames_:
+        return "", 0
+    first, *_ = fitted.session_frames_
+    named = np.full(len(readings), "") if readings.session is None else readings.session
+    return first, int((~np.isin(named, list(fitted.session_frames_))).sum())
 
 
 def _write(out: Path, readings: Readings, points: FloatArray, std: FloatArray, outside: BoolArray) -> None:
