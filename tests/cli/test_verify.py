@@ -240,6 +240,7 @@ POINTS = {
     "a length less": (without(",900,"), ["the plan wants 5 lengths, got 4"]),
     "a position more": (first_two(",7,150,", ",7,150,", ",8,150,"), ["wants 7 positions of length 150, got 8"]),
     "metres": (scaled(1e-3), ["measured 0.02499", "seem to be in metres: convert them to mm"]),
+    "centimetres": (scaled(0.1), ["measured 2.49", "seem to be in centimetres: convert them to mm"]),
     "inches": (scaled(1 / 25.4), ["measured 0.98", "seem to be in inches: convert them to mm"]),
     "unit in the head": (first_column("x_mm", "x_inch"), ["line 1, column 'x_inch'", "Try: x_mm: coordinates in mm"]),
     "no x": (first_column("x_mm", "note_x"), ["the column x_mm is missing"]),
@@ -279,7 +280,13 @@ POINTS = {
     "far away": (scaled(1e280), ["line 2, column 'x_mm'", "expected a coordinate within 1e+06 mm"]),
     "odd end": (first("uni", ",A,", ",left,"), ["column 'end'", "expected A or B, got 'left'"]),
     "text": (first("probing", ",20.0", ",warm"), ["line 2, column 'artefact_degC'", "a number, got 'warm'"]),
-    "semicolons": (lambda text: text.replace(",", ";"), ["unknown column"]),
+    "semicolons": (lambda text: text.replace(",", ";"), ["line 1: cells are separated by semicolons, expected commas"]),
+    "German semicolons": (
+        lambda text: text.replace(",", ";").replace(".", ","),
+        ["line 1: cells are separated by semicolons", "decimal commas by points, then semicolons by commas"],
+    ),
+    "tabs": (lambda text: text.replace(",", "\t"), ["line 1: cells are separated by tabs, expected commas"]),
+    "an empty row": (first("uni", "uni", ",,,,,,,,,,,\nuni"), ["expected numbers, got an empty row. Try: delete"]),
     "empty": (lambda text: "", ["empty file"]),
     "a sphere's place copied": (SECOND_SPHERE, ["position 2 has the same coordinates as position 1: a copy"]),
     "one place twice": (nudged(SECOND_SPHERE), ["position 1 and position 2 are", "mm apart: one place, not two"]),
@@ -314,6 +321,13 @@ def test_wrong_points_are_refused(truearm, bench, snapshot, what):
         assert phrase in ran.err, ran.err
     assert "truearm import" not in ran.err
     assert snapshot(bench) == left
+
+
+def test_empty_rows_at_the_end_are_no_points(truearm, bench):
+    path = Path("points.csv")
+    before = truearm(*options())
+    path.write_text(path.read_text() + ",,,,,,,,,,,\n\n,,,,,,,,,,,\n")
+    assert truearm(*options()) == before
 
 
 def test_points_of_one_group_are_of_one_day(truearm, bench):

@@ -195,6 +195,16 @@ def test_columns_that_are_not_there_are_refused(tmp_path, text, columns, said, h
     assert hint in (error.hint or "")
 
 
+def test_a_table_with_the_separator_left_out_is_told_which(tmp_path):
+    error = refusal(tmp_path, TRACKER, separator=",", decimal=".")
+    assert (error.line, error.problem) == (1, "cells are separated by semicolons, expected commas")
+    assert "--separator ';' --decimal ','" in error.hint
+
+
+def test_empty_rows_at_the_end_are_none(tmp_path):
+    assert len(read(tmp_path, "J1;J2\n1;2\n;\n;\n", TableColumns(["J1"]))) == 1
+
+
 def test_without_a_header_a_name_is_no_column(tmp_path):
     error = refusal(tmp_path, "1;2\n", TableColumns(["J1"]), header=False)
     assert "the columns are 1 .. 2" in error.problem

@@ -159,7 +159,8 @@ def test_rows_of_an_artefact_that_differ_are_found(tmp_path, row, column, said):
         ("seat_a,seat_b,length,u_mm", "length", "unknown column 'length'"),
         ("seat_a,seat_a,length_mm,u_mm", "seat_a", "the column stands twice"),
         ("seat_a,seat_b,length_mm,", 4, "unknown column ''"),
-        ("seat_a;seat_b;length_mm;u_mm", None, "expected columns separated by commas, got semicolons"),
+        ("seat_a;seat_b;length_mm;u_mm", None, "cells are separated by semicolons, expected commas"),
+        ("seat_a\tseat_b\tlength_mm\tu_mm", None, "cells are separated by tabs, expected commas"),
     ],
 )
 def test_a_header_that_does_not_fit_is_refused(tmp_path, header, column, said):
@@ -168,6 +169,21 @@ def test_a_header_that_does_not_fit_is_refused(tmp_path, header, column, said):
     assert (error.line, error.column) == (1, column)
     assert said in error.problem
     assert not column or "seat_a" in error.hint or "delete" in error.hint
+
+
+def test_what_only_sessions_can_be_done_with_is_not_advised(tmp_path):
+    for text in (b"seat_a;seat_b;length_mm;u_mm\nA;B;250,1;0,1\n", HEADER.encode() + b"A,b\xfcchse,1,1\n"):
+        with pytest.raises(InputError, match=r"commas|utf-8") as caught:
+            read_lengths(lengths_file(tmp_path, text))
+        assert "CSV UTF-8" in caught.value.hint
+        assert "import" not in caught.value.hint
+
+
+def test_empty_rows_are_skipped_at_the_end_alone(tmp_path):
+    found = read_lengths(lengths_file(tmp_path, HEADER + "A,B,250,0.1\n,,,\n,,,\n\n"))
+    assert found.length_mm.tolist() == [250.0]
+    error = refusal(tmp_path, ["A,B,250,0.1", ",,,", "A,C,250,0.1"])
+    assert (error.line, error.problem) == (3, "expected numbers, got an empty row")
 
 
 @pytest.mark.parametrize(

@@ -231,7 +231,7 @@ def test_a_wrong_number_of_joints_is_refused(tmp_path):
         ("-inf", "finite number, got '-inf'", "delete the reading"),
         ("1e999", "got '1e999'", ""),
         ("9" * 500, "9...'", ""),
-        ('"1,5"', "decimal '.', got '1,5'", "--decimal ','"),
+        ('"1,5"', "decimal '.', got '1,5'", "decimal points"),
     ],
 )
 @pytest.mark.parametrize("line", [2, 4])
@@ -329,7 +329,10 @@ def test_a_column_of_noughts_and_ones_is_read(tmp_path):
         ("1,2,3,4\n1,2,3,4,5", 2, "expected 5 values as in the line above, got 4"),
         ("1,2,3,4,5\n1,2,3,4,5,6", 3, "got 6"),
         ("1,2,3,4\n1,2,3,4,5,6", 2, "got 4"),
-        ("1,2,3,4,5\n\n1,2,3,4,5", 3, "empty line"),
+        ("1,2,3,4,5\n\n1,2,3,4,5", 3, "expected numbers, got an empty row"),
+        ("1,2,3,4,5\n,,,,\n1,2,3,4,5", 3, "expected numbers, got an empty row"),
+        ("1,2,3,4,5\n ,,\n1,2,3,4,5", 3, "expected numbers, got an empty row"),
+        (",,,,\n1,2,3,4,5", 2, "expected numbers, got an empty row"),
         ('1,2,3,4,5\n1,2,3,4,"5\n1,2,3,4,6"', 3, "line break inside quotes"),
         ("1,5,2,5,3,5,4,5,5,5", 2, "got 10"),
     ],
@@ -339,7 +342,10 @@ def test_ragged_rows_are_found(tmp_path, rows, line, said):
     assert error.line == line
     assert said in error.problem
     if "got 10" in said:
-        assert "--decimal ','" in error.hint
+        assert "decimal points" in error.hint
+    if "empty row" in said:
+        assert error.column is None
+        assert error.hint == "delete the row"
 
 
 @pytest.mark.parametrize(
@@ -348,6 +354,7 @@ def test_ragged_rows_are_found(tmp_path, rows, line, said):
         (b"", "empty file"),
         (b"\n\n", "empty file"),
         (HEADER.encode(), "at least one row"),
+        (HEADER.encode() + b",,,,\n,,,,\n", "at least one row"),
         (b"\n" + GOOD.encode(), "expected a header line"),
         (b"PK\x03\x04\x14\x00rest", "spreadsheet"),
         (b"\x1f\x8b\x08rest", "gzip"),
@@ -366,11 +373,22 @@ def test_text_that_is_not_utf8_is_found(tmp_path):
     assert "CSV UTF-8" in error.hint
 
 
-@pytest.mark.parametrize("separator", [";", "\t"])
-def test_foreign_separators_point_to_import(tmp_path, separator):
-    error = refusal(tmp_path, GOOD.replace(",", separator))
+@pytest.mark.parametrize(("separator", "name", "typed"), [(";", "semicolons", "';'"), ("\t", "tabs", "TAB")])
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_foreign_separators_are_named_with_what_to_do(tmp_path, separator, name, typed, decimal):
+    error = refusal(tmp_path, GOOD.replace(",", separator).replace(".", decimal))
     assert error.line == 1
-    assert "truearm import session.csv --separator" in error.hint
+    assert error.problem == f"cells are separated by {name}, expected commas"
+    assert f"{name} by commas" in error.hint
+    assert ("decimal commas by points" in error.hint) == (decimal == ",")
+    typed += " --decimal ','" if decimal == "," else ""
+    assert f"truearm import session.csv --separator {typed} --angles" in error.hint
+
+
+@pytest.mark.parametrize("end", [",,,,\n", ",,,,\r\n,,,,\r\n\r\n", " ,,\t,,\n\n,,,,", "\n\n"])
+def test_empty_rows_at_the_end_are_none(tmp_path, end):
+    readings = read_session(text_file(tmp_path, HEADER + "1,2,3,4,5\n1,3,,,\n" + end))
+    np.testing.assert_array_equal(readings.has_point, [True, False])
 
 
 def test_a_missing_file_a_folder_and_a_huge_file_are_refused(tmp_path, monkeypatch):

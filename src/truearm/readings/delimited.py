@@ -84,8 +84,9 @@ def read_sheet(
     encoding: str = "utf-8",
     header: bool = True,
     skip_lines: int = 0,
+    importable: bool = False,
 ) -> Sheet:
-    """Read delimited text whole and check its shape.
+    """Read delimited text whole and check its shape. Rows at the end in which every cell is empty are none.
 
     Parameters
     ----------
@@ -99,18 +100,21 @@ def read_sheet(
         Whether the first line names the columns.
     skip_lines : int
         Lines before the header (or before the first row) that are not part of the table.
+    importable : bool
+        Whether `truearm import` reads such tables, and messages may name it.
 
     Raises
     ------
     InputError
-        If the file is missing, too large, binary, or not in `encoding`, or a row has too many or too few cells.
+        If the file is missing, too large, binary, or not in `encoding`, its cells are separated by another sign, or a
+        row has too many or too few cells.
     """
     path = Path(path)
     _check_signs(separator, decimal)
-    data = _as_utf8(_bytes(path), path, encoding)
+    data = _as_utf8(_bytes(path), path, encoding, importable)
     lines_above = skip_lines + header
     above = data.split(b"\n", lines_above)[:lines_above]
-    rows = data[sum(len(line) + 1 for line in above) :]
+    rows = _without_empty_end(data[sum(len(line) + 1 for line in above) :], separator)
     if header and (len(above) <= skip_lines or not above[-1].strip()):
         raise InputError(
             "expected a header line with the names of the columns, got an empty line", file=path, line=lines_above
@@ -121,6 +125,8 @@ def read_sheet(
     cells = _split_line(head.decode(), separator, path, lines_above if header else lines_above + 1)
     names = tuple(cell.strip() for cell in cells) if header else tuple(str(i + 1) for i in range(len(cells)))
     sheet = Sheet(path, names, rows, lines_above + 1, separator, decimal)
+    if header:
+        _check_separator(sheet, importable)
     _check_shape(sheet)
     return sheet
 
@@ -257,7 +263,7 @@ def _bytes(path: Path) -> bytes:
     return data
 
 
-def _as_utf8(data: bytes, path: Path, encoding: str) -> bytes:
+def _as_utf8(data: bytes, path: Path, encoding: str, importable: bool) -> bytes:
     """Turn `data` into UTF-8 with plain line ends, no byte order mark and no empty lines at its end."""
     try:
         codec = codecs.lookup(encoding)
@@ -279,7 +285,8 @@ def _as_utf8(data: bytes, path: Path, encoding: str) -> bytes:
                 f"expected text in {name}, got bytes that are not",
                 file=path,
                 line=line,
-                hint="save it as 'CSV UTF-8', or give `truearm import` its --encoding (often cp1252)",
+                hint="save it as 'CSV UTF-8'"
+                + (", or give `truearm import` its --encoding (often cp1252)" if importable else ""),
             ) from None
     if b"\0" in data:
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
@@ -292,6 +299,12 @@ def _as_utf8(data: bytes, path: Path, encoding: str) -> bytes:
     return data + b"\n"
 
 
+def _without_empty_end(rows: bytes, separator: str) -> bytes:
+    """Rows up to the last that has anything in its cells: spreadsheets append some that have nothing."""
+    filled = len(rows.rstrip(b" \t\n" + separator.encode()))
+    return rows[: rows.find(b"\n", filled) + 1] if filled else b""
+
+
 def _split_line(line: str, separator: str, path: Path, number: int) -> list[str]:
     try:
         return next(csv.reader([line], delimiter=separator))
@@ -299,6 +312,23 @@ def _split_line(line: str, separator: str, path: Path, number: int) -> list[str]
         raise InputError(
             f"expected separated cells, got a line that cannot be split ({error})", file=path, line=number
         ) from None
+
+
+def _check_separator(sheet: Sheet, importable: bool) -> None:
+    """Refuse a table whose header is one piece that holds another separator."""
+    for separator, name, typed in ((";", "semicolons", "';'"), ("\t", "tabs", "TAB")):
+        if sheet.separator == "," and len(sheet.names) == 1 and separator in sheet.names[0]:
+            first, decimal = "", ""
+            if re.search(rb"\d,\d", sheet.rows):
+                first, decimal = "decimal commas by points, then ", " --decimal ','"
+            hint = (
+                f"in a text editor replace {first}{name} by commas; "
+                "or save it as 'CSV UTF-8 (comma delimited)' where Windows has the list separator ','"
+            )
+            if importable:
+                hint += f"; or truearm import {sheet.file.name} --separator {typed}{decimal} --angles .. --out SESSION"
+            problem = f"cells are separated by {name}, expected commas"
+            raise InputError(problem, file=sheet.file, line=sheet.first_line - 1, hint=hint)
 
 
 def _check_shape(sheet: Sheet) -> None:
@@ -321,10 +351,8 @@ def _check_shape(sheet: Sheet) -> None:
                 line=expected,
                 hint='take the line break out of the cell, or close the quotation mark (")',
             )
-        if not cells:
-            raise InputError(
-                "expected a reading, got an empty line", file=sheet.file, line=line, hint="delete the line"
-            )
+        if len(cells) != width and _is_empty(cells):
+            raise _empty_row(sheet, line)
         if len(cells) != width:
             raise _ragged(sheet, line, cells)
 
@@ -333,11 +361,20 @@ def _ragged(sheet: Sheet, line: int, cells: list[str]) -> InputError:
     width = len(sheet.names)
     hint = None
     if sheet.separator == "," and len(cells) > width:
-        hint = "if the file has decimal commas, `truearm import` reads it with --separator ';' --decimal ','"
+        hint = "write decimal points, not commas, and a name that holds a comma in quotation marks"
     elif len(cells) < width:
-        hint = "a separator or a value is missing; an empty line at the end must go"
+        hint = "a separator or a value is missing"
     problem = f"expected {width} values as in the line above, got {len(cells)}"
     return InputError(problem, file=sheet.file, line=line, hint=hint)
+
+
+def _is_empty(cells: Sequence[str]) -> bool:
+    return not any(cell.strip() for cell in cells)
+
+
+def _empty_row(sheet: Sheet, line: int) -> InputError:
+    # Left out in silence, it would hide that something is missing there.
+    return InputError("expected numbers, got an empty row", file=sheet.file, line=line, hint="delete the row")
 
 
 def _first_fault(sheet: Sheet, numbers: Sequence[int], optional: Sequence[int]) -> InputError:
@@ -365,6 +402,8 @@ def _fault_in(sheet: Sheet, numbers: Sequence[int], optional: Sequence[int]) -> 
                 continue
             cell = cells[i].strip(" \t")
             if not number.fullmatch(cell) or not np.isfinite(float(cell.replace(sheet.decimal, "."))):
+                if _is_empty(cells):
+                    return _empty_row(sheet, line)
                 problem, hint = _said_of(cells[i], sheet)
                 return InputError(problem, file=sheet.file, line=line, column=sheet.names[i], hint=hint)
     return None
@@ -388,6 +427,6 @@ def _said_of(cell: str, sheet: Sheet) -> tuple[str, str | None]:
         other = "," if sheet.decimal == "." else "."
         return (
             f"expected a number with decimal {sheet.decimal!r}, got {shown(text)}",
-            f"`truearm import` with --decimal '{other}'",
+            "write decimal points" if other == sheet.separator else f"--decimal '{other}'",
         )
     return f"expected a number, got {shown(text)}", None

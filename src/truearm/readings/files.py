@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.readings.columns import ANGLE, FACTOR, QUATERNION, TEMPERATURE, Columns, recognise, unit_of
-from truearm.readings.delimited import MAX_NAME, FloatArray, NameArray, Sheet, read_columns, read_sheet, shown
+from truearm.readings.delimited import MAX_NAME, FloatArray, NameArray, read_columns, read_sheet, shown
 from truearm.readings.readings import DIRECTION, NAMED, SPHERE_DISTANCE, Readings
 from truearm.writing import check_writable, whole_file
 
@@ -49,8 +49,7 @@ def read_session(path: str | Path, *, n_joints: int | None = None) -> Readings:
     path = Path(path)
     if _begins_as_parquet(path) or path.suffix in (".parquet", ".pq"):
         return _read_parquet(path, n_joints)
-    sheet = read_sheet(path)
-    _check_separator(sheet)
+    sheet = read_sheet(path, importable=True)
     columns = recognise(sheet.names, file=path, line=1, n_joints=n_joints)
     groups = ([sheet.names.index(c) for c in g] for g in (columns.numbers, columns.words, columns.optional))
     numbers, words = read_columns(sheet, *groups)
@@ -163,19 +162,6 @@ def _check_whole(names: Sequence[str], values: FloatArray, *, file: Path, first_
             column=names[int(np.argmax(missing[row]))],
             hint=f"fill it in, or leave {', '.join(names)} empty together",
         )
-
-
-def _check_separator(sheet: Sheet) -> None:
-    """Refuse a foreign table: its header is one piece that holds another separator."""
-    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
-        if len(sheet.names) == 1 and separator in sheet.names[0]:
-            typed = "';'" if separator == ";" else "$'\\t'"
-            raise InputError(
-                f"expected columns separated by commas, got {name}",
-                file=sheet.file,
-                line=1,
-                hint=f"truearm import {sheet.file.name} --separator {typed} --decimal ',' --angles ... --out SESSION",
-            )
 
 
 def _units(readings: Readings, prismatic: npt.ArrayLike | None, angle_unit: AngleUnit | None) -> list[str]:

@@ -251,14 +251,6 @@ def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Len
     """
     path = Path(path)
     sheet = read_sheet(path)
-    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
-        if len(sheet.names) == 1 and separator in sheet.names[0]:
-            raise InputError(
-                f"expected columns separated by commas, got {name}",
-                file=path,
-                line=1,
-                hint="save it with commas between the cells and points as decimal signs",
-            )
     wanted, further = (*ENDS, *NUMBERS), (ARTEFACT, PLACE, *EXPANSION)
     for i, name in enumerate(sheet.names):
         if name in sheet.names[:i]:

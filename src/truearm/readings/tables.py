@@ -162,7 +162,13 @@ def import_table(
         raise InputError("the session is given twice, by a column and by a name")
     scale.to_angles(np.zeros((1, len(columns.angles))))  # wrong numbers of signs or zeros before the file is read
     sheet = read_sheet(
-        path, separator=separator, decimal=decimal, encoding=encoding, header=header, skip_lines=skip_lines
+        path,
+        separator=separator,
+        decimal=decimal,
+        encoding=encoding,
+        header=header,
+        skip_lines=skip_lines,
+        importable=True,
     )
     temperature = () if columns.temperature is None else (columns.temperature,)
     groups = [[_index(sheet, c) for c in g] for g in (columns.angles, columns.points, columns.point_std, temperature)]

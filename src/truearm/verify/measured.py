@@ -134,15 +134,9 @@ def read_points(path: str | Path) -> Measured:
         If anything is not as the format demands: the file, the line and the column, and what to try.
     """
     path = Path(path)
-    try:
-        sheet = read_sheet(path)
-        _check_names(sheet)
-        columns = _columns(sheet)
-    except InputError as error:
-        if error.hint and "import" in error.hint:  # which is for session files
-            hint = "comma between cells, point as decimal sign"
-            raise InputError(error.problem, file=path, line=error.line, column=error.column, hint=hint) from None
-        raise
+    sheet = read_sheet(path)
+    _check_names(sheet)
+    columns = _columns(sheet)
     tests = {}
     for test in dict.fromkeys(columns.words["test"].tolist()):
         if test not in KEYS:

@@ -366,7 +366,7 @@ class _Evaluation:
         if abs(found - calibrated) <= SAME_SHARE * calibrated:
             return
         hint = "the artefact's name, and whether points are compensated or need tip_diameter_mm"
-        for unit, factor in (("inches", 25.4), ("metres", 1000.0)):
+        for unit, factor in (("inches", 25.4), ("centimetres", 10.0), ("metres", 1000.0)):
             if abs(found * factor - calibrated) <= SAME_SHARE * calibrated:
                 hint = f"the points seem to be in {unit}: convert them to mm"
         raise self.measured.error(
