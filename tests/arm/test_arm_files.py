@@ -297,15 +297,15 @@ def test_nothing_is_left_of_an_arm_that_has_no_table(tmp_path):
 # What it refuses
 
 BROKEN = {
-    "syntax": (GOOD + "x ==\n", r"line 25: not valid TOML"),
+    "syntax": (GOOD + "x ==\n", r"line 25: not valid TOML: .*Try: dates as 2026-01-15"),
     "key twice": (changed('name = "two"', 'name = "two"\nname = "three"'), "line 3: not valid TOML"),
     "nesting": ("a = " + "[" * 5000, "not valid TOML|nested too deeply"),
     "no name": (changed('name = "two"\n', ""), "the key name is missing"),
-    "empty name": (changed('"two"', '""'), "name: string should have at least 1 character"),
+    "empty name": (changed('"two"', '""'), "name: expected text that is not empty, got ''"),
     "no convention": (changed('convention = "dh"\n', ""), "the key convention is missing"),
-    "convention": (changed('"dh"', '"hayati"'), "convention: input should be 'dh' or 'mdh', got 'hayati'"),
+    "convention": (changed('"dh"', '"hayati"'), "convention: expected 'dh' or 'mdh', got 'hayati'"),
     "no joints": ('name = "x"\nconvention = "dh"\n', "the key joints is missing"),
-    "empty joints": ('name = "x"\nconvention = "dh"\njoints = []\n', "joints: list should have at least 1 item"),
+    "empty joints": ('name = "x"\nconvention = "dh"\njoints = []\n', "joints: expected 1 entries or more"),
     "unknown key": (changed("convention", 'colour = "red"\nconvention'), "unknown key colour. Try: one of name, title"),
     "unknown unit": (changed("a_mm = 400", "a_inch = 15.7"), r"unknown key joints\[1\].a_inch.* a_mm, a_m,"),
     "no unit": (changed("alpha_deg = 0", "alpha = 0"), r"unknown key joints\[2\].alpha"),
@@ -320,12 +320,18 @@ BROKEN = {
     ),
     "missing a": (changed("a_mm = 400\n", ""), r"joints\[1\]: the key a_mm or a_m is missing"),
     "missing alpha": (changed("alpha_deg = 0\n", ""), r"joints\[2\]: the key alpha_deg or alpha_rad is missing"),
-    "text": (changed("a_mm = 400", 'a_mm = "400"'), r"joints\[1\].a_mm: input should be a valid number, got '400'"),
-    "yes": (changed("a_mm = 400", "a_mm = true"), r"joints\[1\].a_mm: input should be a valid number"),
-    "nan": (changed("a_mm = 400", "a_mm = nan"), r"joints\[1\].a_mm: input should be a finite number"),
-    "inf": (changed("max_deg = 170", "max_deg = inf"), r"joints\[1\].max_deg: input should be a finite number"),
-    "tip of two": (changed("[0, 0, 50]", "[0, 50]"), "tip_mm: list should have at least 3 items"),
-    "type": (changed('"revolute"', '"hinge"'), r"joints\[1\].type: input should be 'revolute', 'prismatic' or 'fixed'"),
+    "text": (
+        changed("a_mm = 400", 'a_mm = "400"'),
+        r"joints\[1\].a_mm: expected a number, got '400'. Try: without quotes",
+    ),
+    "yes": (changed("a_mm = 400", "a_mm = true"), r"joints\[1\].a_mm: expected a number, got true"),
+    "nan": (changed("a_mm = 400", "a_mm = nan"), r"joints\[1\].a_mm: expected a finite number, got nan"),
+    "inf": (changed("max_deg = 170", "max_deg = inf"), r"joints\[1\].max_deg: expected a finite number, got inf"),
+    "tip of two": (changed("[0, 0, 50]", "[0, 50]"), "tip_mm: expected 3 entries or more"),
+    "type": (
+        changed('"revolute"', '"hinge"'),
+        r"joints\[1\].type: expected 'revolute', 'prismatic' or 'fixed', got 'hinge'",
+    ),
     "angle of a slide": (
         changed("min_mm = -5", "min_deg = -5"),
         r"joints\[2\]: a prismatic joint needs min_mm or min_m",
@@ -341,11 +347,14 @@ BROKEN = {
     "crossed limits": (changed("min_deg = -170", "min_deg = 175"), "lower limit of J1 must be below"),
     "pose outside": (changed("working_deg = 30", "working_deg = 171"), "working pose of J1 is outside its limits"),
     "one name twice": (changed('"slide"', '"J1"'), "different names"),
-    "gravity of two": (changed("convention", "gravity_in_base = [0, -1]\nconvention"), "gravity_in_base: list should"),
+    "gravity of two": (
+        changed("convention", "gravity_in_base = [0, -1]\nconvention"),
+        "gravity_in_base: expected 3 entries or more",
+    ),
     "no gravity": (changed("convention", "gravity_in_base = [0, 0, 0]\nconvention"), "gravity as a direction"),
     "mass below zero": (
         changed("a_mm = 400", "a_mm = 400\nmass_kg = -1\ncentre_of_mass_mm = [0, 0, 0]"),
-        r"joints\[1\].mass_kg: input should be greater than or equal to 0",
+        r"joints\[1\].mass_kg: expected 0 or more",
     ),
     "mass nowhere": (
         changed("a_mm = 400", "a_mm = 400\nmass_kg = 1"),

@@ -12,7 +12,7 @@ from made_up_outcome import DAY, TOLD, about, certificate, outcome
 from truearm.errors import InputError
 from truearm.export.about import About, plain, read_about, template
 from truearm.export.certificate import administrative
-from truearm.verify.documents import parsed
+from truearm.toml_documents import parsed
 
 
 def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_path):

@@ -7,8 +7,8 @@ import datetime
 import pytest
 
 from truearm.errors import InputError
+from truearm.toml_documents import parsed
 from truearm.verify.artefacts import Artefacts, read_artefacts
-from truearm.verify.documents import parsed
 from truearm.verify.limits import SYMBOLS, Specification, read_specification
 from truearm.verify.test_plan import PLANS, TESTS, Plan, load_plan, plan_text
 
@@ -42,9 +42,13 @@ def test_a_plan_of_ones_own(tmp_path):
 @pytest.mark.parametrize(
     ("before", "after", "phrase"),
     [
-        ("value = 25,", "value = 0,", "probing.points.value: input should be greater than or equal to 1, got 0"),
+        ("value = 25,", "value = 0,", "probing.points.value: expected 1 or more, got 0"),
         ("value = 25,", "value = 4,", "5 points or more of a sphere"),
-        ("value = 25,", 'value = "25",', "probing.points.value: input should be a valid integer, got '25'"),
+        (
+            "value = 25,",
+            'value = "25",',
+            "probing.points.value: expected a whole number, got '25'. Try: without quotes",
+        ),
         ("value = 25, confirmed = true, ", "value = 25, ", "the key probing.points.confirmed is missing"),
         ("\npoints =", "\npoint =", "unknown key probing.point. Try: one of required, clause, points"),
         ("[uni]", "[unidirectional]", "unknown key unidirectional. Try: one of name"),
@@ -100,14 +104,17 @@ BAR = BALL.replace("spheres", "bars").replace("diameter_mm = 25.0004\nu_diameter
         (BAR + LENGTH, "the length of 'ball' '1000' stands twice"),
         (BALL.replace("2027", "2025"), "which is not after its calibration"),
         (BALL.replace("date = 2026-01-15\n", ""), "the key spheres[1].date is missing"),
-        (BALL.replace("2026-01-15", '"spring"'), "spheres[1].date: input should be a valid date"),
-        (BALL.replace("25.0004", "-25"), "spheres[1].diameter_mm: input should be greater than 0"),
-        (BALL.replace("25.0004", "inf"), "spheres[1].diameter_mm: input should be a finite number"),
+        (
+            BALL.replace("2026-01-15", '"spring"'),
+            "spheres[1].date: expected a date as 2026-01-15, without a time and without quotes, got 'spring'",
+        ),
+        (BALL.replace("25.0004", "-25"), "spheres[1].diameter_mm: expected more than 0, got -25"),
+        (BALL.replace("25.0004", "inf"), "spheres[1].diameter_mm: expected a finite number, got inf"),
         (BALL + "nominal_mm = 1\n", "calibrated 25.0004 mm, nominal 1 mm"),
         (BALL.replace("0.0002", "0.3"), "u_diameter_mm = 0.3 mm is more than a hundredth"),
         (BALL.replace("0.0003", "0.3"), "form_mm: expected millimetres, 0.2 at most"),
         (BAR.replace("u_mm = 0.001", "u_mm = 0.4"), "u_mm = 0.4 mm is more than a hundredth of the calibrated 1000"),
-        (BALL.replace("5.5e-6", "5.5"), "spheres[1].expansion_per_K: input should be less than or equal to 0.001"),
+        (BALL.replace("5.5e-6", "5.5"), "spheres[1].expansion_per_K: expected 0.001 or less, got 5.5"),
         (BALL.replace("0.5e-6", "0.5"), "u_expansion_per_K = 0.5 is larger than any expansion"),
         (BALL.replace("u_fixture_mm", "U_fixture_mm"), "unknown key spheres[1].U_fixture_mm. Try: one of name"),
         (BAR.replace("u_mm = 0.001", "u_mm = 20"), "ball, 1000: u_mm = 20 mm"),
@@ -177,9 +184,9 @@ def test_the_three_forms_of_a_limit():
             "E_Uni = { A_um = 5, K_mm_per_um = 0.0125 }",
             "millimetres of length for a micrometre, got 0.0125. Try: for L/80",
         ),
-        ("E_Uni = { B_um = 0 }", "limits.E_Uni.B_um: input should be greater than 0"),
-        ("E_Uni = { B_mm = 0.03 }", "unknown key limits.E_Uni.B_mm"),
-        ("E_Uni = 0.03", "limits.E_Uni: input should be a valid dictionary"),
+        ("E_Uni = { B_um = 0 }", "limits.E_Uni.B_um: expected more than 0, got 0"),
+        ("E_Uni = { B_mm = 0.03 }", "unknown key limits.E_Uni.B_mm. Try: one of A_um, K_mm_per_um, B_um"),
+        ("E_Uni = 0.03", "limits.E_Uni: expected a table of A_um, K_mm_per_um, B_um, got 0.03"),
     ],
 )
 def test_wrong_specifications_are_refused(tmp_path, limits, phrase):

@@ -34,15 +34,13 @@ Every ``_mm`` may be ``_m`` and every ``_deg`` may be ``_rad``, but not both at 
 from __future__ import annotations
 
 import json
-import re
-import tomllib
 from collections.abc import Iterator
 from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from truearm.arm.arm import Arm
 from truearm.arm.bounded import read_bounded
@@ -61,6 +59,7 @@ from truearm.arm.frames import FloatArray, frame_from_xyz_rpy, xyz_rpy_of
 from truearm.arm.masses import LinkMasses, Lump, gathered
 from truearm.arm.urdf import read_urdf, write_urdf
 from truearm.errors import InputError
+from truearm.toml_documents import parsed
 from truearm.writing import whole_file
 
 MAX_BYTES = 1_000_000
@@ -190,7 +189,7 @@ def read_arm(path: str | Path) -> Arm:
     if path.suffix.lower() != ".toml":
         raise _wrong_suffix(path)
     try:
-        return _arm_of(_parsed(read_bounded(path, limit_bytes=MAX_BYTES)))
+        return _arm_of(parsed(read_bounded(path, limit_bytes=MAX_BYTES), _ArmFile))
     except InputError as error:
         raise error.in_file(path) from None
 
@@ -223,44 +222,6 @@ def write_arm(arm: Arm, path: str | Path, *, convention: Convention = "dh") -> N
 
 def _wrong_suffix(path: Path) -> InputError:
     return InputError(f"an arm file ends in .toml or .urdf, got {path.suffix!r}", file=path)
-
-
-def _parsed(content: bytes) -> _ArmFile:
-    try:
-        return _ArmFile.model_validate(tomllib.loads(content.decode("utf-8")))
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise InputError("expected UTF-8 text", line=line) from None
-    except tomllib.TOMLDecodeError as error:
-        message, line = str(error), None
-        if found := re.search(r" \(at line (\d+), column \d+\)$", message):
-            message, line = message[: found.start()], int(found[1])
-        raise InputError(f"not valid TOML: {message}", line=line) from None
-    except RecursionError:
-        raise InputError("not an arm file: its values are nested too deeply") from None
-    except ValidationError as error:
-        raise _input_error(error) from None
-    except ValueError as error:  # numbers of thousands of digits
-        raise InputError(f"not valid TOML: {error}") from None
-
-
-def _input_error(error: ValidationError) -> InputError:
-    """Say the first broken rule in one sentence with the key's path; joints are counted from 1."""
-    first = error.errors()[0]
-    path = ""
-    for part in first["loc"]:
-        path += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if path else part
-    if first["type"] == "missing":
-        return InputError(f"the key {path} is missing")
-    if first["type"] == "extra_forbidden":
-        table = str(first["loc"][0]) if len(first["loc"]) > 1 else ""
-        tables: dict[str, type[_Strict]] = {"joints": _Joint, "base": _Frame, "flange": _Frame}
-        known = tables.get(table, _ArmFile).model_fields
-        return InputError(f"unknown key {path}", hint=f"one of {', '.join(known)}")
-    if first["type"] == "value_error":
-        problem = first["ctx"]["error"].problem
-        return InputError(f"{path}: {problem}" if path else problem)
-    return InputError(f"{path}: {first['msg'][0].lower()}{first['msg'][1:]}, got {first['input']!r:.80}")
 
 
 def _arm_of(file: _ArmFile) -> Arm:

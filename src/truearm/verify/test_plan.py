@@ -14,7 +14,8 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from truearm.errors import InputError
-from truearm.verify.documents import Document, Name, NotNegative, Positive, parsed, read_document
+from truearm.toml_documents import parsed
+from truearm.verify.documents import Document, Name, NotNegative, Positive, read_document
 
 CHECK = "check against your copy of the standard"
 PLANS = ("iso10360-12", "asme-b89.4.22")
