@@ -156,7 +156,8 @@ def test_the_template_names_what_is_to_be_filled_in(truearm, bench):
         ("about.toml", "main_signer = true", "main_signer = false", "nobody signs it. Try: main_signer = true"),
         ("about.toml", "issued = 2026-11-05", "issued = 2026-11-02", "issued on 2026-11-02, before the last points"),
         ("about.toml", "received = 2026-11-02", "received = 2026-11-04", "the arm came on 2026-11-04, after points"),
-        ("about.toml", "issued = 2026-11-05", 'issued = "soon"', "issued: "),
+        ("about.toml", "issued = 2026-11-05", 'issued = "soon"', "issued: expected a date as 2026-01-15"),
+        ("about.toml", "issued = 2026-11-05", "issued = 2027-11-05", "issued: the date 2027-11-05 is in the future"),
         ("about.toml", 'serial_number = "10017"', "serial_number = 10017", "item.serial_number: "),
         ("about.toml", 'place = "laboratory"', 'place = "moon"', "place: "),
         ("about.toml", "[item]", "[arm]", "unknown key arm. Try: one of number"),
@@ -165,6 +166,7 @@ def test_the_template_names_what_is_to_be_filled_in(truearm, bench):
         ("artefacts.toml", "expires = 2028-01-15", "expires = 2025-01-15", "not after its calibration"),
         ("mpe.toml", "[limits]", "[limits]\nE_Tri = { B_um = 1 }", "unknown symbol 'E_Tri'"),
         ("points.csv", "2026-11-03", "2026-11-33", "expected a date, got '2026-11-33'"),
+        ("points.csv", "2026-11-03", "2027-11-03", "line 2, column 'date': the date 2027-11-03 is in the future"),
     ],
 )
 def test_wrong_files_are_refused_and_nothing_is_written(truearm, bench, snapshot, file, before, after, told):

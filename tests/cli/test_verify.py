@@ -250,7 +250,10 @@ POINTS = {
     "another standard's": (first("uni", "uni", "volumetric"), ["has no 'repeat'", "leave the cell empty"]),
     "unknown artefact": (lambda text: text.replace("ing,ball", "ing,bal"), ["has no sphere 'bal'", "Try: 'ball'"]),
     "unknown length": (lambda text: text.replace(",150,", ",160,"), ["'bar' has no length '160'", "Try: '150'"]),
-    "expired": (lambda text: text.replace("2026", "2029"), ["expired on 2028-01-15; points were taken on 2029-11-03"]),
+    "days to come": (
+        lambda text: text.replace("2026", "2027"),
+        ["line 2, column 'date': the date 2027-11-03 is in the future. Try: year, month, day"],
+    ),
     "too early": (lambda text: text.replace("2026", "2025"), ["calibrated on 2026-01-15, after points were taken"]),
     "no date": (first("uni", "2026-11-03", ""), ["column 'date'", "needs 'date', got an empty cell"]),
     "odd date": (

@@ -64,7 +64,7 @@ def outcome(rows=ROWS, *, rule="iso14253-1", degC=20.5, plan=None, plan_sha256=N
     """A verification with these rows."""
 
     def group(artefact, **keys):
-        return Group(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, 2)
+        return Group(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, (2,))
 
     groups = {
         "probing": (group("ball", position="1"),),

@@ -41,7 +41,7 @@ BUDGET = Budget((Contribution("calibration", 0.003, 4.0), Contribution("fixture"
 
 def outcome(rows, *, rule="iso14253-1", remarks=()):
     def group(artefact, degC, **keys):
-        return Group(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, 2)
+        return Group(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, (2,))
 
     measured = Measured(
         {

@@ -154,18 +154,17 @@ def _date(given: str | None) -> datetime.datetime:
     import datetime
 
     from truearm.errors import InputError
+    from truearm.verify.days import check_past, now
 
-    now = datetime.datetime.now().replace(microsecond=0)
     if given is None:
-        return now
+        return now()
     try:
         day = datetime.datetime.fromisoformat(given)
     except ValueError:
         raise InputError(f"expected a date, got {given!r:.80}", hint="--date 2026-11-03 or 2026-11-03T08:30") from None
     if day.tzinfo is not None:
         day = day.astimezone().replace(tzinfo=None)
-    if day > now + datetime.timedelta(days=1):
-        raise InputError(f"the date {given} is in the future", hint="year, month, day: 2026-11-03")
+    check_past(day)
     return day.replace(microsecond=0)
 
 

@@ -11,9 +11,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from truearm.errors import InputError
+from truearm.verify.days import check_past
 from truearm.verify.documents import Document, Real, read_document
 
 # What XML 1.0 cannot hold (its production 2), lone surrogates included.
@@ -126,6 +127,12 @@ class About(Document):
     customer: Contact
     persons: Annotated[tuple[Person, ...], Field(min_length=1, max_length=100)]
     conditions: Conditions
+
+    @field_validator("issued")
+    @classmethod
+    def _signed_by_now(cls, day: datetime.date) -> datetime.date:
+        check_past(day)
+        return day
 
     @model_validator(mode="after")
     def _signed_after_it_came(self) -> Self:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.readings.delimited import Sheet, read_columns, read_sheet, shown
+from truearm.verify.days import check_past
 from truearm.verify.documents import without_controls
 from truearm.verify.orthogonal import FloatArray
 
@@ -66,8 +67,8 @@ class Group:
         Diameter of the stylus tip where points are its centres; 0 where they are compensated.
     date : datetime.date
         The day it was measured.
-    line : int or None
-        Of its first point in the file, counted from 1; None of points that come from no file.
+    lines : tuple of int
+        Of its points in the file, counted from 1; empty of points that come from no file.
     """
 
     artefact: str
@@ -76,7 +77,12 @@ class Group:
     degC: float
     tip_mm: float
     date: datetime.date
-    line: int | None = None
+    lines: tuple[int, ...] = ()
+
+    @property
+    def line(self) -> int | None:
+        """Of its first point in the file."""
+        return self.lines[0] if self.lines else None
 
     @property
     def where(self) -> str:
@@ -249,6 +255,10 @@ def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int])
         raise columns.error(
             f"expected a date, got {shown(str(days[0]))}", rows[0], "date", hint="2026-03-31: year, month, day"
         ) from None
+    try:
+        check_past(day)
+    except InputError as error:
+        raise columns.error(error.problem, rows[0], "date", hint=error.hint) from None
     degC = columns.numbers[TEMPERATURE][rows]
     if test in SIZED and np.isnan(degC).any():
         raise columns.error(
@@ -291,5 +301,5 @@ def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int])
         degC=float(known.mean()) if len(known) else float("nan"),
         tip_mm=float(tip[0]),
         date=day,
-        line=columns.sheet.first_line + rows[0],
+        lines=tuple(columns.sheet.first_line + row for row in rows),
     )
