@@ -12,6 +12,7 @@ from truearm.models import MODELS
 from truearm.models.file import load_model
 
 LENGTHS = "seat_a,seat_b,length_mm,u_mm\n"
+STILL = "seat_a,seat_b,length_mm,u_mm,expansion_per_K,u_expansion_per_K\n"
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +28,8 @@ def shop(tmp_path_factory, truearm):
     mixed.loc[mixed["seat"] == "S4", reference] = np.nan
     mixed.to_csv(folder / "mixed.csv", index=False)
     centres = table.groupby("seat")[["x_mm", "y_mm", "z_mm"]].mean().to_numpy()
-    rows = [f"S1,S{i + 1},{np.linalg.norm(centres[0] - centres[i]):.4f},0.005\n" for i in (1, 2, 3)]
-    (folder / "lengths.csv").write_text(LENGTHS + "".join(rows))
+    rows = [f"S1,S{i + 1},{np.linalg.norm(centres[0] - centres[i]):.4f},0.005,0,0\n" for i in (1, 2, 3)]
+    (folder / "lengths.csv").write_text(STILL + "".join(rows))
     return folder
 
 

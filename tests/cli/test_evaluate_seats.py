@@ -186,3 +186,25 @@ def test_predictions_keep_every_name(truearm, folder, session, angles, tmp_path)
     assert set(given) <= set(table.columns)
     for name, words in given.items():
         assert table[name].tolist() == words.tolist()
+
+
+def test_warm_lengths(truearm, folder, session, angles, tmp_path):
+    """100 mm of steel at 30 degC are 100.0115 mm; without a temperature or a coefficient that is said."""
+    lengths, bare, warm = tmp_path / "lengths.csv", tmp_path / "bare.csv", np.full(8, 30.0)
+    lengths.write_text(
+        "seat_a,seat_b,length_mm,u_mm,expansion_per_K,u_expansion_per_K\nA,B,100,0.001,0.0000115,0.000001\n"
+    )
+    bare.write_text("seat_a,seat_b,length_mm,u_mm\nA,B,100,0.001\n")
+    found = {}
+    for name, file, more in (("warm", lengths, {"temperature_degC": warm}), ("bare", bare, {"temperature_degC": warm}),
+                             ("cold", lengths, {})):  # fmt: skip
+        path = session(angles[4:], seat=SEATS[4:], **more)
+        ran = truearm("evaluate", folder / "nominal.truearm", path, "--lengths", file, "--json")
+        found[name] = json.loads(ran.out)["lengths"][0]["length_error_mm"], ran.err
+    assert found["bare"][0] - found["warm"][0] == pytest.approx(0.0115, abs=1e-9)
+    assert found["cold"][0] == pytest.approx(found["bare"][0], abs=1e-9)
+    assert found["warm"][1] == ""
+    assert found["bare"][1].startswith(
+        "1 of 1 lengths are taken as at 20 degC; at the readings' 30.0 degC they differ by 0.0115 mm, if"
+    )
+    assert found["cold"][1] == "lengths are taken as at 20 degC: the session states no temperature\n"

@@ -98,3 +98,18 @@ def test_an_artefact_in_one_place_is_a_length_with_both_uncertainties():
 def test_what_is_said_of_an_artefact_must_agree(second, message):
     with pytest.raises(InputError, match=message):
         seats_of(np.arange(4), np.array(list("abcd")), [("a", "b", *CERTIFICATE), ("c", "d", *second)])
+
+
+def test_a_warm_place_is_longer_than_the_certificate():
+    """An unknown of 200.01 mm, grown by 1e-4 to 200.030001 mm, between seats 200.04 mm apart."""
+    reference = Seats(np.arange(2), np.arange(2), ("a", "b"), (Length(0, 1, *CERTIFICATE, 1.0001),))
+    x = np.array([0, 0, 0, 0, 200.04, 0, 200.01])
+    relations = reference.relations(x)
+    assert relations.residuals == pytest.approx([200.04 - 200.030001, 0.01], rel=2e-4)
+    for i, step in enumerate(1e-3 * np.eye(7)):  # the residual is quadratic: its difference quotient is exact
+        quotient = (reference.relations(x + step).residuals - reference.relations(x - step).residuals) / 2e-3
+        np.testing.assert_allclose(relations.by_unknown[:, i], quotient, atol=1e-9)
+    alone = Seats(np.arange(2), np.arange(2), ("a", "b"), (Length(0, 1, BAR_MM, U_MM, growth=1.0001),))
+    assert alone.relations(x[:6]).residuals == pytest.approx([200.04 - 200.02], rel=2e-4)
+    with pytest.raises(InputError, match="positive growth"):
+        Seats(np.arange(2), np.arange(2), ("a", "b"), (Length(0, 1, BAR_MM, U_MM, growth=0.0),))

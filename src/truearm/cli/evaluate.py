@@ -84,7 +84,7 @@ def _in_seats(points: FloatArray, readings: Readings, known: Lengths | None) -> 
     if several or (readings.points is None and known is None):
         found |= seat_errors(points, readings.seat)
     if known is not None:
-        errors = length_errors(points, readings.seat, known).tolist()
+        errors = length_errors(points, readings.seat, known, readings.temperature_degC).tolist()
         rows = {name: getattr(known, name).tolist() for name in ("seat_a", "seat_b", "length_mm", "u_mm")}
         rows["length_error_mm"] = errors
         found["lengths"] = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]

@@ -224,12 +224,36 @@ def lengths_of(path: Path, readings: Readings, used: Readings | None = None) -> 
     if len(known) < len(stated):
         left = len(stated) - len(known)
         note(f"{left} of {len(stated)} lengths are between seats that the session has not: left out")
+    _note_expansion(known, readings)
     if used is None or used.seat is None:
         return known
     within = known.within(used.seat.tolist())
     if left := len(known) - (0 if within is None else len(within)):
         note(f"{left} of {len(known)} lengths are left out: none of the readings used is in one of their seats")
     return within
+
+
+def _note_expansion(lengths: Lengths, readings: Readings) -> None:
+    """Tell of lengths that are taken as at 20 degC for want of a temperature or an expansion, where that matters."""
+    import numpy as np
+
+    from truearm.readings.expansion import REFERENCE_DEGC, STEEL_PER_K, growth_of
+
+    degC = readings.temperature_degC
+    if degC is None:
+        if lengths.expansion_per_K is not None:
+            note(f"lengths are taken as at {REFERENCE_DEGC:g} degC: the session states no temperature")
+        return
+    assert readings.seat is not None  # checked by the caller
+    growth = growth_of(lengths, readings.seat, degC)
+    steel = np.abs(lengths.length_mm * STEEL_PER_K * (degC.mean() - REFERENCE_DEGC))
+    unknown = ~growth.known & (steel > lengths.u_mm)
+    if unknown.any():
+        note(
+            f"{int(unknown.sum())} of {len(lengths)} lengths are taken as at {REFERENCE_DEGC:g} degC; at the readings' "
+            f"{degC.mean():.1f} degC they differ by {steel[unknown].max():.4f} mm, if they are of steel: columns "
+            "expansion_per_K and u_expansion_per_K of the lengths tell"
+        )
 
 
 def _fitted_as_drawn(arm: Arm, free: tuple[str, ...], readings: Readings, lengths: Lengths | None) -> NominalModel:

@@ -140,7 +140,10 @@ def seated(models: dict[str, Compensator], readings: Readings, known: Lengths | 
     of_lengths = {}
     rows: list[tuple[str, str, float, float]] = []
     if known is not None:
-        of_lengths = {name: length_errors(points, readings.seat, known) for name, points in predicted.items()}
+        of_lengths = {
+            name: length_errors(points, readings.seat, known, readings.temperature_degC)
+            for name, points in predicted.items()
+        }
         columns = (getattr(known, name).tolist() for name in ("seat_a", "seat_b", "length_mm", "u_mm"))
         rows = list(zip(*columns, strict=True))
     return Seated(

@@ -162,7 +162,7 @@ def _with_bars(nominal: Arm, strategy: str, n: int, *, seed: int, seats: int | N
 
 
 def _certificate(bars: int, bar_mm: float, *, seed: int) -> Lengths:
-    """What is stated of the bar's length, the same at all its places."""
+    """What is stated of the bar's length, the same at all its places; it does not grow."""
     import numpy as np
 
     from truearm.readings import Lengths
@@ -170,7 +170,13 @@ def _certificate(bars: int, bar_mm: float, *, seed: int) -> Lengths:
     stated = round(bar_mm + BAR_U_MM * np.random.default_rng([seed, *b"bar"]).standard_normal(), 4)
     ends = [np.array([f"B{place}{end}" for place in range(1, bars + 1)]) for end in "ab"]
     return Lengths(
-        ends[0], ends[1], np.full(bars, stated), np.full(bars, BAR_U_MM), artefact=np.full(bars, f"bar {bar_mm:g}")
+        ends[0],
+        ends[1],
+        np.full(bars, stated),
+        np.full(bars, BAR_U_MM),
+        artefact=np.full(bars, f"bar {bar_mm:g}"),
+        expansion_per_K=np.zeros(bars),
+        u_expansion_per_K=np.zeros(bars),
     )
 
 

@@ -198,6 +198,8 @@ class Length(NamedTuple):
         Whose length it is; lengths of one artefact are one and the same, with one error. Empty: of its own.
     place_std_mm : float
         Standard uncertainty of how it differs from place to place, on top [mm]; positive where there is an artefact.
+    growth : float
+        How many times as long it is in this place, by its temperature.
     """
 
     a: int
@@ -206,6 +208,7 @@ class Length(NamedTuple):
     std_mm: float
     artefact: str = ""
     place_std_mm: float = 0.0
+    growth: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +243,7 @@ class Seats:
     def __post_init__(self) -> None:
         _check_members(self.kind, self.rows, self.seat, self.names)
         certificates: dict[str, tuple[float, float]] = {}
-        for a, b, length, std, artefact, place_std in self.lengths:
+        for a, b, length, std, artefact, place_std, growth in self.lengths:
             if a == b:
                 raise InputError(f"a length from seat {self.names[a]!r} to itself says nothing")
             if not (np.isfinite(length) and length > 0 and np.isfinite(std) and std > 0):
@@ -248,6 +251,8 @@ class Seats:
                     f"expected a positive length and uncertainty between seats {self.names[a]!r} and "
                     f"{self.names[b]!r}, got {length} mm and {std} mm"
                 )
+            if not (np.isfinite(growth) and growth > 0):
+                raise InputError(f"expected a positive growth of the length of {length} mm, got {growth}")
             if not (np.isfinite(place_std) and (place_std > 0 or (place_std == 0 and not artefact))):
                 raise InputError(
                     f"expected a positive uncertainty of artefact {artefact!r} from place to place, got {place_std} mm"
@@ -297,7 +302,7 @@ class Seats:
         """Lengths between seats, as (d^2 - L^2) / 2 L, and what is stated of artefacts' lengths.
 
         An artefact's length is an unknown that all its places share, so that they together tell no more of it than its
-        certificate does.
+        certificate does. L is the length in its place: that of the certificate, times its growth.
         """
         if not self.lengths:
             return None
@@ -308,11 +313,11 @@ class Seats:
         by, values = np.zeros((n + len(number), len(unknowns))), np.empty((n + len(number), 2))
         for i, length in enumerate(self.lengths):
             apart = centres[length.b] - centres[length.a]
-            values[i] = np.linalg.norm(apart), length.length_mm
-            true = length.length_mm
+            true = length.length_mm * length.growth
+            values[i] = np.linalg.norm(apart), true
             if length.artefact:
-                true = unknowns[number[length.artefact]]
-                by[i, number[length.artefact]] = -true / length.length_mm
+                true = unknowns[number[length.artefact]] * length.growth
+                by[i, number[length.artefact]] = -true * length.growth / length.length_mm
             # (d^2 - L^2) / 2 L is d - L near its zero, and smooth where the seats fall together.
             residuals[i] = (apart @ apart - true**2) / (2 * length.length_mm)
             by[i, 3 * length.a :][:3] = -apart / length.length_mm
@@ -334,8 +339,8 @@ def _identity(m: int) -> FloatArray:
     return np.broadcast_to(np.eye(3)[:, :, None], (3, 3, m))
 
 
-StatedLength = tuple[str, str, float, float] | tuple[str, str, float, float, str, float]
-"""``(seat_a, seat_b, length_mm, u_mm)``, and ``artefact, u_place_mm`` besides."""
+StatedLength = tuple[str, str, float, float] | tuple[str, str, float, float, str, float, float]
+"""``(seat_a, seat_b, length_mm, u_mm)``, and ``artefact, u_place_mm, growth`` besides."""
 
 
 def seats_of(rows: IntArray, names: npt.NDArray[np.str_], lengths: Sequence[StatedLength] = ()) -> Seats:

@@ -17,6 +17,7 @@ from truearm.identify.outliers import relations_told
 from truearm.identify.poses import Orientations, turned_roughly
 from truearm.identify.references import FloatArray, IntArray, Points, Reference, Seats, StatedLength, seats_of
 from truearm.identify.surfaces import Lines, Planes, Spheres, lines_of, planes_of, spheres_of
+from truearm.readings.expansion import growth_of
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import NameArray, Readings
 from truearm.terms import ArmState, Term
@@ -61,6 +62,7 @@ def state_of(
 def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference]:
     """References of the readings, one of a kind.
 
+    Lengths are as long as they are at the temperature of the readings in their seats, where their expansion is known.
     A seat with one reading, or one pose again and again, and no known length says nothing and is left out; so are
     lengths between other seats, and surfaces of fewer readings without a point than it takes to find them (see
     `too_few_on`).
@@ -84,7 +86,7 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
     held = np.flatnonzero(seat != "") if seat is not None else np.zeros(0, dtype=np.intp)
     if len(held):
         assert seat is not None
-        between = _between(lengths, seat[held])
+        between = _between(lengths, readings, held)
         ends = [name for row in between for name in row[:2]]
         held = held[np.isin(seat[held], np.array([*_in_poses(readings, held), *ends], dtype=seat.dtype))]
         if len(held):
@@ -94,9 +96,10 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
         "plane": planes_of,
         "line": lines_of,
     }
+    too_few = too_few_on(readings)
     for kind, made in surfaces.items():
         touched = _touched(readings, kind)
-        few = [name for one, name, _ in too_few_on(readings) if one == kind]
+        few = [name for one, name, _ in too_few if one == kind]
         names = getattr(readings, kind)
         touched = touched[~np.isin(names[touched], few)] if len(touched) else touched
         if len(touched):
@@ -255,10 +258,17 @@ def _radii(readings: Readings, rows: IntArray) -> list[tuple[str, float, float]]
     return [(str(name), *readings.sphere_distance[known[i]].tolist()) for name, i in zip(names, first, strict=True)]
 
 
-def _between(lengths: Lengths | None, seat: NameArray) -> list[StatedLength]:
-    """The lengths whose two seats are among those of the readings."""
+def _between(lengths: Lengths | None, readings: Readings, held: IntArray) -> list[StatedLength]:
+    """The lengths whose two seats are among those of readings `held`, as long as they are at their temperature."""
+    assert readings.seat is not None
+    seat, degC = readings.seat[held], readings.temperature_degC
     here = None if lengths is None else lengths.within(seat.tolist())
     if here is None:
         return []
-    names = ("seat_a", "seat_b", "length_mm", "u_mm", "artefact", "u_place_mm")
-    return list(zip(*(getattr(here, name).tolist() for name in names), strict=True))
+    growth = growth_of(here, seat, None if degC is None else degC[held])
+    # Thermometer and coefficient err alike wherever an artefact stands; of its places the farthest from 20 degC counts.
+    grown = np.hypot(growth.u_temperature, growth.u_expansion)
+    of_artefact = np.array([grown[here.artefact == name].max() for name in here.artefact])
+    u_mm = np.hypot(here.u_mm, here.length_mm * np.where(here.artefact == "", grown, of_artefact))
+    columns = (here.seat_a, here.seat_b, here.length_mm, u_mm, here.artefact, here.u_place_mm, growth.factor)
+    return list(zip(*(column.tolist() for column in columns), strict=True))
