@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import math
 import re
@@ -195,6 +196,19 @@ def copied(test, columns, source, targets):
     return change
 
 
+def moved(test, columns, told, *, by_mm, ends="AB"):
+    """The points of a test that have `told` in some columns, moved along x."""
+
+    def change(text):
+        rows = [line.split(",") for line in text.splitlines()]
+        for row in rows:
+            if row[0] == test and tuple(row[i] for i in columns) == told and row[6] in ends:
+                row[8] = repr(float(row[8]) + by_mm)
+        return "\n".join(",".join(row) for row in rows) + "\n"
+
+    return change
+
+
 def on_a_cap(text):
     """The points of the first position of the probing test within 20 deg of the pole."""
     rows = [line.split(",") for line in text.splitlines()]
@@ -231,14 +245,20 @@ def first_column(name, after):
 
 POINTS = {
     "no probing": (without("probing"), ["points of test 'probing' are missing", "Try: measure them"]),
-    "no position 2": (without("probing,ball,2026-11-03,2"), ["line 2", "the plan wants 2 positions, got 1"]),
+    "no position 2": (
+        without("probing,ball,2026-11-03,2"),
+        ["line 2", "the plan wants 2 positions, got 1: '1'. Try: measure"],
+    ),
     "a point less": (one_less("probing"), ["the plan wants 25 points at position 1, got 24"]),
-    "a group less": (without(",,,,D,"), ["the plan wants 5 groups at position 1, got 4"]),
+    "a group less": (without(",,,,D,"), ["the plan wants 5 groups at position 1, got 4: 'A', 'B', 'C', 'E'."]),
     "group of four": (one_less(",,,,B,"), ["the plan wants 5 points at position 1, group B, got 4"]),
     "a repeat less": (without(",3,450,2,"), ["length 450, position 3: expected repeats 1 to 3, got 1, 3"]),
     "an end less": (one_less(",1,B,"), ["length 150, position 1, repeat 1: end B is missing"]),
-    "a length less": (without(",900,"), ["the plan wants 5 lengths, got 4"]),
-    "a position more": (first_two(",7,150,", ",7,150,", ",8,150,"), ["wants 7 positions of length 150, got 8"]),
+    "a length less": (without(",900,"), ["the plan wants 5 lengths, got 4: 'bar 150', 'bar 450', 'bar 1300'"]),
+    "a position more": (
+        first_two(",7,150,", ",7,150,", ",8,150,"),
+        ["wants 7 positions of length 150, got 8: '1', '2', '3'", "or change the plan"],
+    ),
     "metres": (scaled(1e-3), ["measured 0.02499", "seem to be in metres: convert them to mm"]),
     "centimetres": (scaled(0.1), ["measured 2.49", "seem to be in centimetres: convert them to mm"]),
     "inches": (scaled(1 / 25.4), ["measured 0.98", "seem to be in inches: convert them to mm"]),
@@ -303,6 +323,10 @@ POINTS = {
         copied("articulation", (3, 7), ("1", "A"), [("1", "D")]),
         ["position 1, group D has the same coordinates as position 1, group A: a copy"],
     ),
+    "a run elsewhere": (
+        moved("uni", (3, 4, 5), ("4", "450", "2"), by_mm=80.0),
+        ["length 450, position 4, repeat 2: an end is 80 mm from where it was in the first run there", "Try: the bar"],
+    ),
     "points on a cap": (on_a_cap, ["test 'probing', position 1: the points lie so close together on the ball"]),
     "flat": (lambda text: re.sub(r"(?m)^(probing.*,)[^,]*(,20.0)$", r"\g<1>0.0\2", text), ["in one plane"]),
 }
@@ -331,6 +355,107 @@ def test_empty_rows_at_the_end_are_no_points(truearm, bench):
     before = truearm(*options())
     path.write_text(path.read_text() + ",,,,,,,,,,,\n\n,,,,,,,,,,,\n")
     assert truearm(*options()) == before
+
+
+SLIPS = {
+    "a length": (
+        "artefacts.toml",
+        lambda text: text.replace("length_mm = 450.002", "length_mm = 470.002"),
+        (
+            r"E_Uni, 450: -20\.00\d\d mm is 95\d times the limit, which no arm makes, and all that was measured "
+            r".*: check length_mm = 470\.002 of 'bar', and the names of its lengths in the points"
+        ),
+    ),
+    "an end": (
+        "points.csv",
+        moved("uni", (3, 4, 5), ("4", "900", "2"), by_mm=20.0, ends="B"),
+        r"E_Uni, 900: .* which no arm makes: check length 900, position 4, repeat 2 \(line \d+\)",
+    ),
+    "the diameter": (
+        "artefacts.toml",
+        lambda text: text.replace("diameter_mm = 25.0004", "diameter_mm = 25.4004"),
+        r"P_Size\.Sph\.1x25: -0\.40\d\d mm is 27 times the limit, which no arm makes: check diameter_mm of 'ball', .*",
+    ),
+    "a point of a ball": (
+        "points.csv",
+        lambda text: text.replace(*off(text, 10, 3.0)),
+        (
+            r"test 'probing', position 1: the point of line 10 alone is 1\.7 mm off the sphere of the others, whose form "
+            r"is 0\.00\d\d mm: measure the position again"
+        ),
+    ),
+    "a group": (
+        "points.csv",
+        moved("articulation", (3, 7), ("2", "C"), by_mm=3.0, ends=("",)),
+        (
+            r"test 'articulation', position 2, group C \(line \d+\): its sphere alone lies apart, 2\.4 mm from the mean "
+            r"of all groups: measure the group again"
+        ),
+    ),
+}
+
+
+def off(text, line, by_mm):
+    """A line of the file, and the same with x so far off."""
+    whole = text.splitlines()[line - 1]
+    cells = whole.split(",")
+    return whole, ",".join([*cells[:8], repr(float(cells[8]) + by_mm), *cells[9:]])
+
+
+@pytest.mark.parametrize("what", SLIPS)
+def test_what_no_arm_does_is_told_beside_the_verdict(truearm, bench, what):
+    file, change, told = SLIPS[what]
+    good = json.loads(truearm(*options(), "--json").out)
+    path = Path(file)
+    path.write_text(change(path.read_text()))
+    ran = truearm(*options(), "--json", "--report", "page.html")
+    found = json.loads(ran.out)
+    assert (ran.code, found["verdict"]) == (1, "not conform"), ran
+    (slip,) = [remark for remark in found["remarks"] if remark not in good["remarks"]]
+    assert re.fullmatch(told, slip), slip
+    assert slip in truearm(*options()).out
+    assert html.escape(slip[1:]).replace("&#x27;", "&#39;") in Path("page.html").read_text()
+
+
+def test_single_points_in_a_seat_and_lengths_of_the_other_standard(truearm, bench):
+    """A seat's point 2 mm off; and a length of the bar that was calibrated otherwise."""
+    made = Made().asme().text()
+    line = next(i for i, row in enumerate(made.splitlines(), 1) if row.startswith("single_point")) + 4
+    Path("points.csv").write_text(made.replace(*off(made, line, 2.0)))
+    Path("artefacts.toml").write_text(ARTEFACTS.replace("length_mm = 900.003", "length_mm = 909.003"))
+    found = json.loads(truearm(*options("asme-b89.4.22"), "--json").out)
+    seat, length = found["remarks"][:2]
+    assert seat == (
+        f"test 'single_point', position near: the point of line {line} alone is 1.8 mm from the mean of all points: "
+        f"measure the position again"
+    )
+    assert re.match(r"Volumetric\.Max, 900: -9\.00\d\d mm is 180 times .*: check length_mm = 909\.003 of 'bar'", length)
+
+
+def test_an_arm_out_of_adjustment_is_no_slip(truearm, bench):
+    """Ten times its noise, 0.5 mm in a metre: not conform, and nothing is suspected."""
+    good = json.loads(truearm(*options(), "--json").out)["remarks"]
+    Path("points.csv").write_text(Made(noise_mm=0.05, too_large=1e-4, away_mm=0.2).iso().text())
+    found = json.loads(truearm(*options(), "--json").out)
+    assert {row["verdict"] for row in found["rows"]} >= {"not conform"}
+    assert found["remarks"] == good
+
+
+def test_ends_the_other_way_round_in_a_run_are_told_and_change_nothing(truearm, bench):
+    good = truearm(*options())
+    swap = {"A": "B", "B": "A"}
+    rows = [line.split(",") for line in Path("points.csv").read_text().splitlines()]
+    for row in rows:
+        if (row[3], row[4], row[5]) == ("4", "450", "2"):
+            row[6] = swap[row[6]]
+    Path("points.csv").write_text("\n".join(",".join(row) for row in rows) + "\n")
+    ran = truearm(*options())
+    (told,) = set(ran.out.splitlines()) - set(good.out.splitlines())
+    assert ran.code == 0
+    assert told == (
+        "test 'uni': ends A and B are the other way round than in the first run, which leaves the length as it is: "
+        "length 450, position 4, repeat 2"
+    )
 
 
 def test_points_of_one_group_are_of_one_day(truearm, bench):

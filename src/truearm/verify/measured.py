@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import datetime
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,8 +46,16 @@ POINT = ("x_mm", "y_mm", "z_mm")
 TEMPERATURE, TIP = "artefact_degC", "tip_diameter_mm"
 # Nobody verifies an arm at other temperatures: they are of another scale [degC].
 COLDEST_DEGC, WARMEST_DEGC = 0.0, 45.0
+# Names that are listed in a message; of more, how many.
+MOST_NAMED = 12
 NEEDED = ("test", "artefact", "date", *POINT)
 OPTIONAL = ("position", "length", "repeat", "end", "group", TEMPERATURE, TIP)
+
+
+def named(names: Sequence[str], separator: str = ", ") -> str:
+    """List names, the first of them if they are many."""
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return separator.join(names[:MOST_NAMED]) + more
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.verify import asme_b89_4_22, iso10360_12
+from truearm.readings.delimited import shown
+from truearm.verify import asme_b89_4_22, iso10360_12, slips
 from truearm.verify.artefacts import Artefact, Artefacts
 from truearm.verify.decision import SIMPLE_RATIO, Row, Rule, Verdict, overall, simple_applies
 from truearm.verify.limits import SYMBOLS, Specification
 from truearm.verify.measurands import LengthMeasured, SphereMeasured, check_spread
-from truearm.verify.measured import ENDS, KEYS, MOST_K_APART, Group, Measured
+from truearm.verify.measured import ENDS, KEYS, MOST_K_APART, Group, Measured, named
 from truearm.verify.orthogonal import FloatArray
 from truearm.verify.test_plan import (
     CHECK,
@@ -34,6 +35,8 @@ A = TypeVar("A", bound=Artefact)
 SAME_SHARE = 0.05
 # Two positions of a seat, or of both ends of a bar, that are nearer than this are one [mm]: chosen here.
 SAME_PLACE_MM = 10.0
+# Runs of a length at one position whose ends are farther apart are of two places [mm]: a ball or face is smaller.
+MOVED_MM = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +49,8 @@ class Verification:
     verdict : Verdict
         Conform only where every row with a limit is.
     remarks : tuple of str
-        What was not tested, limits of the specification included, and which numbers of the plan are recalled.
+        What looks like a slip and not like an arm; what was not tested, limits of the specification included; and which
+        numbers of the plan are recalled.
     """
 
     rows: tuple[Row, ...]
@@ -93,7 +97,7 @@ def verify(
             hint=f"under [limits], one of {', '.join(SYMBOLS)}",
         )
     remarks += _remarks(rows, plan, specification, rule, measured.tests)
-    return Verification(tuple(rows), verdict, tuple(remarks))
+    return Verification(tuple(rows), verdict, (*evaluation.remarks, *remarks))
 
 
 def _remarks(
@@ -136,6 +140,7 @@ class _Evaluation:
     artefacts: Artefacts
     specification: Specification
     rule: Rule
+    remarks: list[str] = field(default_factory=list)
 
     def rows_of(self, name: str, test: PlannedTest) -> list[Row]:
         """The rows of one test."""
@@ -145,17 +150,21 @@ class _Evaluation:
             spheres = [self._sphere(name, group, test) for group in groups]
             self._no_copies(name, [[group] for group in groups])
             self._apart(name, groups, _middles(spheres), spheres[0].sphere.diameter_mm)
-            return [
-                iso10360_12.p_size(spheres, self.specification, rule=self.rule),
-                iso10360_12.p_form(spheres, self.specification, rule=self.rule),
-            ]
+            size = iso10360_12.p_size(spheres, self.specification, rule=self.rule)
+            form = iso10360_12.p_form(spheres, self.specification, rule=self.rule)
+            if _outside([size, form]):
+                self.remarks.extend(slips.on_spheres(name, groups, spheres, size))
+            return [size, form]
         if isinstance(test, Articulation):
             return self._articulation(name, groups, test)
         if isinstance(test, EffectiveDiameter):
             self._count(name, groups, "repeat", test.repeats.value)
             spheres = [self._sphere(name, group, test) for group in groups]
             self._no_copies(name, [[group] for group in groups])
-            return [asme_b89_4_22.effective_diameter(spheres, self.specification, rule=self.rule)]
+            size = asme_b89_4_22.effective_diameter(spheres, self.specification, rule=self.rule)
+            if _outside([size]):
+                self.remarks.extend(slips.on_spheres(name, groups, spheres, size))
+            return [size]
         if isinstance(test, SinglePoint):
             return self._single_point(name, groups, test)
         if isinstance(test, LengthTest):
@@ -165,12 +174,12 @@ class _Evaluation:
 
     def _articulation(self, name: str, groups: Sequence[Group], test: Articulation) -> list[Row]:
         positions = _split(groups, "position")
-        self._expect(name, groups[0], "positions", len(positions), test.positions.value)
+        self._expect(name, groups[0], "positions", positions, test.positions.value)
         found = []
         for position, members in positions.items():
             self._one_artefact(name, members)
             what = f"groups at position {position}"
-            self._expect(name, members[0], what, len(_split(members, "group")), test.groups.value)
+            self._expect(name, members[0], what, _split(members, "group"), test.groups.value)
             spheres = [self._sphere(name, group, test, where=f"position {position}") for group in members]
             reach = spheres[0].sphere.diameter_mm
             for group, one in zip(members, spheres, strict=True):
@@ -186,7 +195,11 @@ class _Evaluation:
         self._no_copies(name, [[group] for group in groups])
         firsts = [members[0] for members in positions.values()]
         self._apart(name, firsts, _middles([one[0] for one in found]), found[0][0].sphere.diameter_mm)
-        return iso10360_12.l_dia(found, self.specification, rule=self.rule)
+        rows = iso10360_12.l_dia(found, self.specification, rule=self.rule)
+        if _outside(rows):
+            for members, spheres in zip(positions.values(), found, strict=True):
+                self.remarks.extend(slips.in_groups(name, members, spheres))
+        return rows
 
     def _single_point(self, name: str, groups: Sequence[Group], test: SinglePoint) -> list[Row]:
         self._count(name, groups, "position", test.positions.value)
@@ -197,17 +210,21 @@ class _Evaluation:
             seats.append(asme_b89_4_22.Seated(seat, group.points, group.where))
         self._no_copies(name, [[group] for group in groups])
         self._apart(name, groups, np.array([[group.points.mean(axis=0)] for group in groups]), SAME_PLACE_MM)
-        return asme_b89_4_22.single_point(seats, self.specification, rule=self.rule)
+        rows = asme_b89_4_22.single_point(seats, self.specification, rule=self.rule)
+        if _outside(rows):
+            self.remarks.extend(slips.in_seats(name, groups))
+        return rows
 
     def _lengths(self, name: str, groups: Sequence[Group], test: LengthTest) -> list[Row]:
         repeats, positions = test.repeats.value, test.positions.value
-        lengths = self._pairs(name, groups)
+        pairs = self._pairs(name, groups)
+        lengths = [one for one, _ in pairs]
         by_length = _split(groups, "artefact", "length")
-        self._expect(name, groups[0], "lengths", len(by_length), test.lengths.value)
+        self._expect(name, groups[0], "lengths", by_length, test.lengths.value)
         for members in by_length.values():
             what = f"positions of length {members[0].keys['length']}"
             by_position = _split(members, "position")
-            self._expect(name, members[0], what, len(by_position), positions)
+            self._expect(name, members[0], what, by_position, positions)
             for at in by_position.values():
                 runs = sorted(int(str(repeat)) for repeat in _split(at, "repeat"))
                 whole = list(range(1, repeats + 1))
@@ -219,6 +236,7 @@ class _Evaluation:
                         at[0],
                     )
         self._bars_apart(name, groups)
+        self._bars_stay(name, pairs)
         longest = max(one.length.length_mm for one in lengths)
         needed = test.longest_share.value * self.specification.measuring_range_mm
         if longest < needed:
@@ -229,16 +247,27 @@ class _Evaluation:
                 hint="a longer bar, or longest_share in the plan as your copy of the standard has it",
             )
         evaluate = iso10360_12.e_uni if name == "uni" else iso10360_12.e_bi
-        return evaluate(
+        rows = evaluate(
             lengths, self.specification, repeats=repeats, tolerated_sets=test.tolerated_sets.value, rule=self.rule
         )
+        if _outside(rows):
+            self._slips_in_lengths("E_Uni" if name == "uni" else "E_Bi", pairs, opposite=name == "bi")
+        return rows
 
     def _volumetric(self, name: str, groups: Sequence[Group], test: Volumetric) -> list[Row]:
-        lengths = self._pairs(name, groups)
-        self._expect(name, groups[0], "lengths", len(_split(groups, "artefact", "length")), test.lengths.value)
-        self._expect(name, groups[0], "measured lengths", len(lengths), test.positions.value)
+        pairs = self._pairs(name, groups)
+        self._expect(name, groups[0], "lengths", _split(groups, "artefact", "length"), test.lengths.value)
+        self._expect(name, groups[0], "measured lengths", len(pairs), test.positions.value)
         self._bars_apart(name, groups)
-        return asme_b89_4_22.volumetric(lengths, self.specification, rule=self.rule)
+        rows = asme_b89_4_22.volumetric([one for one, _ in pairs], self.specification, rule=self.rule)
+        if _outside(rows):
+            self._slips_in_lengths("Volumetric.Max", pairs, opposite=False)
+        return rows
+
+    def _slips_in_lengths(self, symbol: str, pairs: Sequence[tuple[LengthMeasured, Group]], *, opposite: bool) -> None:
+        corrected = self.specification.corrected_to_20_degC
+        errors = [one.error(opposite=opposite, corrected=corrected) for one, _ in pairs]
+        self.remarks.extend(slips.in_lengths(symbol, pairs, errors, self.specification))
 
     def _sphere(
         self, name: str, group: Group, test: Probing | Articulation | EffectiveDiameter, where: str = ""
@@ -265,8 +294,8 @@ class _Evaluation:
         self._plausible(name, group, diameter, sphere.diameter_mm)
         return found
 
-    def _pairs(self, name: str, groups: Sequence[Group]) -> list[LengthMeasured]:
-        """Lengths from the groups of their ends."""
+    def _pairs(self, name: str, groups: Sequence[Group]) -> list[tuple[LengthMeasured, Group]]:
+        """Lengths from the groups of their ends, each with the group of end A."""
         found, taken = [], []
         for members in _split(groups, "artefact", *(key for key in KEYS[name] if key != "end")).values():
             ends = {group.keys["end"]: group for group in members}
@@ -303,7 +332,7 @@ class _Evaluation:
             if start.tip_mm != end.tip_mm:
                 raise self.measured.error(f"test {name!r}, {start.where}: the ends have different tip diameters", end)
             self._plausible(name, start, distance, one.length.length_mm)
-            found.append(one)
+            found.append((one, start))
             taken.append((start, end))
         self._no_copies(name, taken)
         return found
@@ -319,6 +348,28 @@ class _Evaluation:
                 ]
             )
             self._apart(name, [at[0] for at in positions], places, SAME_PLACE_MM)
+
+    def _bars_stay(self, name: str, pairs: Sequence[tuple[LengthMeasured, Group]]) -> None:
+        """Check that a length lies where it lay from run to run; runs with its ends the other way round are told."""
+        firsts: dict[tuple[str, str, str], FloatArray] = {}
+        turned = []
+        for one, group in pairs:
+            ends = np.array([one.start.mean(axis=0), one.end.mean(axis=0)])
+            first = firsts.setdefault((one.bar.name, one.length.name, one.position), ends)
+            away, away_turned = (float(np.linalg.norm(some - first, axis=1).max()) for some in (ends, ends[::-1]))
+            if min(away, away_turned) > MOVED_MM:
+                raise self.measured.error(
+                    f"test {name!r}, {group.where}: an end is {away:.4g} mm from where it was in the first run there",
+                    group,
+                    hint="the bar stays in place for all runs of a position: check the position, and x, y and z",
+                )
+            if away > MOVED_MM:
+                turned.append(group.where)
+        if turned:
+            self.remarks.append(
+                f"test {name!r}: ends A and B are the other way round than in the first run, which leaves the length "
+                f"as it is: {named(turned, '; ')}"
+            )
 
     def _no_copies(self, name: str, taken: Iterable[Sequence[Group]]) -> None:
         """Check that no two things measured are bit for bit the same: noise does not repeat so often.
@@ -380,7 +431,7 @@ class _Evaluation:
 
     def _count(self, name: str, groups: Sequence[Group], key: str, planned: int) -> None:
         """Each position or repeat once, as many as planned."""
-        self._expect(name, groups[0], f"{key}s", len(_split(groups, key)), planned)
+        self._expect(name, groups[0], f"{key}s", _split(groups, key), planned)
         for members in _split(groups, key).values():
             self._one_artefact(name, members)
 
@@ -391,13 +442,25 @@ class _Evaluation:
                     f"test {name!r}, {group.where}: points on {members[0].artefact!r} and on {group.artefact!r}", group
                 )
 
-    def _expect(self, name: str, group: Group, what: str, found: int, planned: int) -> None:
-        if found != planned:
-            raise self.measured.error(
-                f"test {name!r}: the plan wants {planned} {what}, got {found}",
-                group,
-                hint="measure what is missing" if found < planned else "take out what is too much, or change the plan",
-            )
+    def _expect(
+        self, name: str, group: Group, what: str, found: int | Collection[str | tuple[str, ...]], planned: int
+    ) -> None:
+        """Check a number, or how many names there are, which are told."""
+        n = found if isinstance(found, int) else len(found)
+        if n == planned:
+            return
+        told = [] if isinstance(found, int) else [one if isinstance(one, str) else " ".join(one) for one in found]
+        hint = "measure what is missing" if n < planned else "take out what is too much"
+        raise self.measured.error(
+            f"test {name!r}: the plan wants {planned} {what}, got {n}"
+            + (f": {named([shown(one) for one in told])}" if told else ""),
+            group,
+            hint=f"{hint}, or change the plan (truearm verify --print-plan) if it is so agreed",
+        )
+
+
+def _outside(rows: Iterable[Row]) -> bool:
+    return any(row.verdict not in (Verdict.CONFORM, None) for row in rows)
 
 
 def _middles(spheres: Sequence[SphereMeasured]) -> FloatArray:

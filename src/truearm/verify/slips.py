@@ -1,0 +1,132 @@
+"""Slips of measuring or typing: what no arm does, said beside a verdict that it may have made.
+
+The verdict stays, as nobody can know. A length or size far beyond its limit is told with the number to check; a point,
+or a group of points, that is alone in the wrong is told with its line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from truearm.verify.circumscribed import circumscribed_sphere
+from truearm.verify.decision import Row
+from truearm.verify.limits import Specification
+from truearm.verify.measurands import LengthMeasured, SphereMeasured
+from truearm.verify.measured import Group, named
+from truearm.verify.orthogonal import FloatArray
+from truearm.verify.sphere import fit_sphere
+
+# Chosen here: an arm out of adjustment misses its limits by some times; 20 times 0.02 to 0.05 mm, 0.4 to 1 mm, is what
+# a mistyped number or another artefact makes.
+FAR_BEYOND = 20.0
+# A point is alone in the wrong if the others scatter so much less without it. Of simulated spheres of 9 points with
+# equal noise fewer than 1 in 1000 had such a point; none of 25 points, of 10 in a seat or of 5 centres came near.
+ALONE = 0.1
+# Fewer points of a ball leave less than two to spare without one, and agree whatever they are; so do three places.
+LEAST_ON_BALL, LEAST_PLACES = 7, 4
+
+
+def on_spheres(test: str, groups: Sequence[Group], spheres: Sequence[SphereMeasured], size: Row) -> Iterator[str]:
+    """Single points off a ball; or else a size, the row `size`, that no arm measures."""
+    clean = True
+    for group, one in zip(groups, spheres, strict=True):
+        away = np.abs(np.linalg.norm(one.points - one.fit.centre, axis=1) - one.fit.radius_mm)
+        i = _alone(one.points, away, lambda some: fit_sphere(some).form_mm, least=LEAST_ON_BALL)
+        if i is not None:
+            clean = False
+            rest = fit_sphere(np.delete(one.points, i, axis=0))
+            off = abs(float(np.linalg.norm(one.points[i] - rest.centre)) - rest.radius_mm)
+            yield (
+                f"test {test!r}, {group.where}: {_point(group, i)} alone is {off:.2g} mm off the sphere of the others, "
+                f"whose form is {rest.form_mm:.4f} mm: measure the position again"
+            )
+    if clean and size.limit is not None and abs(size.value) > FAR_BEYOND * size.limit:
+        yield (
+            f"{_beyond(size.label, size.value, size.limit)}: check diameter_mm of {spheres[0].sphere.name!r}, and "
+            f"whether the points are compensated or need tip_diameter_mm"
+        )
+
+
+def in_groups(test: str, groups: Sequence[Group], spheres: Sequence[SphereMeasured]) -> Iterator[str]:
+    """A group of an articulation whose sphere lies apart from those of all others at its position."""
+    centres = np.array([one.fit.centre for one in spheres])
+    away = _from_mean(centres)
+    i = _alone(centres, away, lambda some: circumscribed_sphere(some).diameter_mm, least=LEAST_PLACES)
+    if i is not None:
+        yield (
+            f"test {test!r}, {groups[i].where}{_at(groups[i])}: its sphere alone lies apart, {away[i]:.2g} mm from the "
+            f"mean of all groups: measure the group again"
+        )
+
+
+def in_seats(test: str, groups: Sequence[Group]) -> Iterator[str]:
+    """Single points away from the others in a seat."""
+    for group in groups:
+        away = _from_mean(group.points)
+        i = _alone(group.points, away, lambda some: float(_from_mean(some).max()), least=LEAST_PLACES)
+        if i is not None:
+            yield (
+                f"test {test!r}, {group.where}: {_point(group, i)} alone is {away[i]:.2g} mm from the mean of all "
+                f"points: measure the position again"
+            )
+
+
+def in_lengths(
+    symbol: str, pairs: Sequence[tuple[LengthMeasured, Group]], errors: Sequence[float], specification: Specification
+) -> Iterator[str]:
+    """Lengths that are so wrong that no arm measured them.
+
+    Parameters
+    ----------
+    symbol : str
+        Whose limit it is.
+    pairs : sequence of (LengthMeasured, Group)
+        What was measured, with the points of end A.
+    errors : sequence of float
+        Measured less calibrated [mm].
+    specification : Specification
+    """
+    by_length: dict[tuple[str, str], list[int]] = {}
+    for i, (one, _) in enumerate(pairs):
+        by_length.setdefault((one.bar.name, one.length.name), []).append(i)
+    for members in by_length.values():
+        bar, length = pairs[members[0]][0].bar, pairs[members[0]][0].length
+        limit = specification.limit(symbol, length.length_mm)
+        if limit is None or not (far := [i for i in members if abs(errors[i]) > FAR_BEYOND * limit]):
+            continue
+        said = _beyond(f"{symbol}, {length.name}", max((errors[i] for i in far), key=abs), limit)
+        if len(far) == len(members):
+            yield (
+                f"{said}, and all that was measured of it is as far off: check length_mm = {length.length_mm:.10g} of "
+                f"{bar.name!r}, and the names of its lengths in the points"
+            )
+        else:
+            yield f"{said}: check {named([f'{pairs[i][1].where}{_at(pairs[i][1])}' for i in far], '; ')}"
+
+
+def _beyond(label: str, value: float, limit: float) -> str:
+    return f"{label}: {value:+.4f} mm is {abs(value) / limit:.0f} times the limit, which no arm makes"
+
+
+def _alone(points: FloatArray, away: FloatArray, spread: Callable[[FloatArray], float], *, least: int) -> int | None:
+    """Which of points (n, 3) is in the wrong, the farthest one by `away` (n,), if the others agree without it."""
+    i = int(away.argmax())
+    if len(points) >= least and spread(np.delete(points, i, axis=0)) <= ALONE * spread(points):
+        return i
+    return None
+
+
+def _from_mean(points: FloatArray) -> FloatArray:
+    """Distances (n,) of points from their mean [mm]."""
+    return np.asarray(np.linalg.norm(points - points.mean(axis=0), axis=1))
+
+
+def _point(group: Group, i: int) -> str:
+    """A point of a group by its line in the file, or by its number."""
+    return f"the point of line {group.lines[i]}" if group.lines else f"point {i + 1}"
+
+
+def _at(group: Group) -> str:
+    return "" if group.line is None else f" (line {group.line})"
