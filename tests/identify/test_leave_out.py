@@ -58,6 +58,19 @@ def known_noise(monkeypatch):
     monkeypatch.setattr("truearm.identify.identification.unexplained_variance", lambda *_, **__: NOISE**2)
 
 
+def test_what_was_identified_can_be_taken_up_again(drawn):
+    """By its parameters, where the problem has the same residuals, and by its weights."""
+    rows = np.arange(100)
+    fit = identified(drawn, rows)
+    problem, _ = started(fit.moved, ArmState(drawn[0].chain, drawn[1]), references_of(drawn, rows))
+    for part, residuals in zip(fit.references, problem.residuals(fit.parameters), strict=True):
+        np.testing.assert_array_equal(part.residuals, residuals)
+        # Whitened: one, less what parameters take up of it, a twentieth of points and a quarter of seats.
+        assert 0.6 < np.mean((part.weights * part.residuals) ** 2) < 1
+        # Residuals of a reading that is trusted by a quarter count half.
+        np.testing.assert_allclose(replace(part, trust=part.trust / 4).weights, part.weights / 2, rtol=1e-15)
+
+
 @pytest.mark.usefixtures("known_noise")
 @pytest.mark.parametrize("per_group", [1, 6, 30])
 @pytest.mark.parametrize("with_std", [False, True])

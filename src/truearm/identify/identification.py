@@ -114,6 +114,11 @@ class Explained:
     artefact: npt.NDArray[np.intp]
     unknowns: dict[str, float]
 
+    @property
+    def weights(self) -> FloatArray:
+        """(k, m) what residuals are multiplied with: square roots of trust over variance [1/mm]."""
+        return np.asarray(np.sqrt(self.trust / (self.std**2 + self.noise_std**2)))
+
 
 @dataclass(frozen=True, eq=False)
 class Identified:
@@ -149,6 +154,11 @@ class Identified:
     def chain(self) -> Chain:
         """The chain with the constant terms composed; those that depend on the arm's state are left out."""
         return self.moved.with_constants(self.coefficients)
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The coefficients and after them the references' unknowns, as `SmallMotionProblem` takes them."""
+        return np.concatenate([self.coefficients, *(list(part.unknowns.values()) for part in self.references)])
 
     def tips(self, state: ArmState) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""

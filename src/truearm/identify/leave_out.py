@@ -167,9 +167,8 @@ class _Minimum:
     @classmethod
     def of(cls, fit: Identified, state: ArmState, references: Sequence[Reference]) -> _Minimum:
         problem, _ = started(fit.moved, state, references)
-        x = np.concatenate([fit.coefficients, *(list(part.unknowns.values()) for part in fit.references)])
+        x, weights = fit.parameters, [part.weights for part in fit.references]
         p, u = len(fit.coefficients), len(x) - len(fit.coefficients)
-        weights = [np.sqrt(part.trust / (part.std**2 + part.noise_std**2)) for part in fit.references]
         slope, root_of_gone, of_shared = np.zeros((0, p)), csr_array((0, 0)), np.zeros((0, 0))
         place, is_linked = np.zeros(u, dtype=np.intp), np.zeros(u, dtype=bool)
         if u:

@@ -162,22 +162,20 @@ def relations_told(
     """
     if all(_is_silent(reference) for reference in stated):
         return None
-    own = [np.array(list(part.unknowns.values())) for part in fit.references]
-    x = np.concatenate([fit.coefficients, *own])
-    n = len(fit.coefficients)
+    x, n = fit.parameters, len(fit.coefficients)
     problem, _ = started(fit.moved, state, references)
-    weights = [np.sqrt(part.trust / (part.std**2 + part.noise_std**2)) for part in fit.references]
     names: list[str] = []
     residuals, std, by, values = [], [], [], []
     with one_blas_thread():
-        parts, whole = linearised(problem, x, weights)
+        parts, whole = linearised(problem, x, [part.weights for part in fit.references])
         left = without_unknowns(parts, whole, x)
         prior_std = np.concatenate([fit.prior_std, np.full(len(left.kept) - n, UNKNOWN_STD)])
         prior = GroupedPrior(prior_std, np.zeros(len(prior_std), np.intp), np.ones(1), np.zeros(1, bool))
         found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior, size=left.size)
     # The iterations end within a part of all uncertainty, and what relations alone hold is seldom known to that.
     step = left.step(found.x - x[left.kept])
-    for i, (reference, unknowns) in enumerate(zip(stated, own, strict=True)):
+    for i, reference in enumerate(stated):
+        unknowns = x[problem.unknowns_of(i)]
         # Unknowns of relations alone stand last; they are as stated where the arm was identified without them.
         tips = problem.moved.tips(state.rows(reference.rows), fit.coefficients).T
         beside = reference.started(tips)[1][len(unknowns) :]

@@ -7,6 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self, overload
 
@@ -25,7 +26,7 @@ from truearm.models.relations import check_sizes, placed, references_of, state_o
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
-from truearm.terms import constants
+from truearm.terms import ArmState, Term, constants
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -311,14 +312,28 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     def _fit_nominal(self, readings: Readings, lengths: Lengths | None) -> Identified:
         """The nominal chain with base and tip, as far as they are free, fitted to the readings."""
         terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
-        terms += [*tool_terms(self.arm_, readings), *frame_terms(self.arm_.chain, self.session_frames_)]
         state, references = state_of(self.arm_, readings), references_of(readings, lengths)
+        as_drawn = partial(self._identified, readings, state, terms)
+        check_sizes(readings, lengths, references, as_drawn, state)
+        return as_drawn(references)
 
-        def found(references: Sequence[Reference]) -> Identified:
-            return identify(placed(self.arm_, readings, self.free_), state, terms, references, robust=self.robust)
-
-        check_sizes(readings, lengths, references, found, state)
-        return found(references)
+    def _identified(
+        self,
+        readings: Readings,
+        state: ArmState,
+        terms: Sequence[Term],
+        references: Sequence[Reference],
+        progress: Callable[[int, str], None] | None = None,
+    ) -> Identified:
+        """Terms, and beside them those of the tool and of the sessions' frames, identified from references."""
+        return identify(
+            placed(self.arm_, readings, self.free_),
+            state,
+            [*terms, *tool_terms(self.arm_, readings), *frame_terms(self.arm_.chain, self.session_frames_)],
+            references,
+            robust=self.robust,
+            progress=progress,
+        )
 
     def _same_nominal(self, other: Compensator) -> Identified:
         """The nominal fit of another model, if it is what this one would find."""

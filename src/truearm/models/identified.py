@@ -6,20 +6,18 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.identify.birge_ratio import birge_ratio
 from truearm.identify.calibration import unexplained_variance_of
-from truearm.identify.identification import Identified, identify
 from truearm.identify.leave_out import leave_groups_out
 from truearm.identify.propagation import effects_of_directions, half_difference
-from truearm.identify.references import Reference
 from truearm.identify.variance_function import VarianceFunction, variance_function_of
 from truearm.models.compensator import MIN_ROWS, Compensator
-from truearm.models.frames import frame_terms
-from truearm.models.relations import placed, references_of, state_of, tool_terms
+from truearm.models.relations import references_of, state_of
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
 from truearm.terms import ArmState, Constant, LeftOut, Term
@@ -58,6 +56,9 @@ class IdentifiedModel(Compensator):
         Marks of the readings from which base and tip were identified anew (`truearm.models.refit`); none by `fit`.
     """
 
+    # Whether its terms are those of the nominal arm, which every model has beside its own.
+    _is_nominal: ClassVar[bool] = False
+
     @abstractmethod
     def _terms(self, state: ArmState) -> tuple[list[Term], list[LeftOut]]:
         """The terms offered, with the free parts `free_`, and those that the readings cannot show."""
@@ -83,28 +84,13 @@ class IdentifiedModel(Compensator):
         if not readings.has_point.any():
             terms = [term for term in terms if not _places_the_frame(term)]
         references = references_of(readings, lengths)
-        self.fit_ = self._found(readings, state, terms, references, progress)
+        self.fit_ = (
+            self.nominal_ if self._is_nominal else self._identified(readings, state, terms, references, progress)
+        )
         self.left_out_ = tuple(left_out)
         self.held_out_ = leave_groups_out(self.fit_, state, references, groups_of(readings, self.session_frames_))
         self._size_unexplained(readings.angles)
         self.widening_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.unexplained_std_)
-
-    def _found(
-        self,
-        readings: Readings,
-        state: ArmState,
-        terms: list[Term],
-        references: list[Reference],
-        progress: Callable[[int, str], None],
-    ) -> Identified:
-        return identify(
-            placed(self.arm_, readings, self.free_),
-            state,
-            [*terms, *tool_terms(self.arm_, readings), *frame_terms(state.chain, self.session_frames_)],
-            references,
-            robust=self.robust,
-            progress=progress,
-        )
 
     def _size_unexplained(self, angles: FloatArray) -> None:
         noise_variance = self.fit_.references[0].noise_std ** 2

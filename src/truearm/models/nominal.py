@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import ClassVar
 
 from truearm.arm.arm import Arm
-from truearm.identify.identification import Identified
-from truearm.identify.references import Reference
 from truearm.models.identified import IdentifiedModel
-from truearm.readings.readings import Readings
 from truearm.terms import ArmState, LeftOut, Term, constants
 
 
@@ -23,21 +20,11 @@ class NominalModel(IdentifiedModel):
         flange) are unknown. With none, points are in the arm's own base frame and the tip is as drawn.
     """
 
+    _is_nominal: ClassVar[bool] = True
+
     def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip")) -> None:
         self.arm = arm
         self.free = free
 
     def _terms(self, state: ArmState) -> tuple[list[Term], list[LeftOut]]:
         return constants(state.chain, free=self.free_, angle_std=0.0, length_std=0.0), []
-
-    def _found(
-        self,
-        readings: Readings,
-        state: ArmState,
-        terms: list[Term],
-        references: list[Reference],
-        progress: Callable[[int, str], None],
-    ) -> Identified:
-        """What every model has beside its own, to compare with."""
-        del readings, state, terms, references, progress
-        return self.nominal_
