@@ -32,7 +32,7 @@ def evaluate(
     the mean of the points predicted there; the distance between two such means with the length that is known. Readings
     from which truearm refit took base and tip are left out.
     """
-    from truearm.cli.fit import lengths_of
+    from truearm.cli.fit import lengths_of, note_expansion
     from truearm.cli.predict import check_reference, load_for, without_served
     from truearm.cli.report import remarks
     from truearm.models import NominalModel
@@ -44,6 +44,7 @@ def evaluate(
         whole = readings
         readings, n_served = without_served([fitted], whole)
         known = None if lengths is None else lengths_of(lengths, whole, readings)
+        note_expansion(known, readings)
         check_sessions(readings, known, own_frame="base" not in fitted.free)
     predicted = {"nominal": fitted.predict_nominal_readings(readings), "model": fitted.predict_readings(readings)}
     in_seats = {name: _in_seats(points, readings, known) for name, points in predicted.items()}

@@ -104,6 +104,7 @@ def fit(
         readings = read_session(session, n_joints=nominal.n_joints)
         _check(readings, nominal, relations=network is None, constants=model in ("kinematic", "physical"))
         known = None if lengths is None else lengths_of(lengths, readings)
+        note_expansion(known, readings)
         if "base" in parts:
             check_spread(readings, nominal)
         as_drawn = _fitted_as_drawn(nominal, parts, readings, known)
@@ -224,7 +225,6 @@ def lengths_of(path: Path, readings: Readings, used: Readings | None = None) -> 
     if len(known) < len(stated):
         left = len(stated) - len(known)
         note(f"{left} of {len(stated)} lengths are between seats that the session has not: left out")
-    _note_expansion(known, readings)
     if used is None or used.seat is None:
         return known
     within = known.within(used.seat.tolist())
@@ -233,12 +233,14 @@ def lengths_of(path: Path, readings: Readings, used: Readings | None = None) -> 
     return within
 
 
-def _note_expansion(lengths: Lengths, readings: Readings) -> None:
+def note_expansion(lengths: Lengths | None, readings: Readings) -> None:
     """Tell of lengths that are taken as at 20 degC for want of a temperature or an expansion, where that matters."""
     import numpy as np
 
     from truearm.readings.expansion import REFERENCE_DEGC, STEEL_PER_K, growth_of
 
+    if lengths is None:
+        return
     degC = readings.temperature_degC
     if degC is None:
         if lengths.expansion_per_K is not None:

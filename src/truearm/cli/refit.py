@@ -39,7 +39,7 @@ def refit(
 
     import numpy as np
 
-    from truearm.cli.fit import free_parts, lengths_of, nominal_miss
+    from truearm.cli.fit import free_parts, lengths_of, nominal_miss, note_expansion
     from truearm.cli.predict import check_reference, load_for
     from truearm.errors import InputError
     from truearm.identify.outliers import outliers
@@ -61,6 +61,7 @@ def refit(
         which = np.arange(len(readings)) if rows is None else spread_rows(readings, rows, seed=seed)
         taken = readings.rows(which)
         between = None if lengths is None else lengths_of(lengths, readings, taken)
+        note_expansion(between, taken)
     with progress(f"refitting {model.name}") as tell:
         new = refitted(known, taken, free=parts, lengths=between, progress=tell)
         assert isinstance(known, IdentifiedModel)  # a network was refused

@@ -41,7 +41,7 @@ def report(
     """
     from zipfile import is_zipfile
 
-    from truearm.cli.fit import lengths_of
+    from truearm.cli.fit import lengths_of, note_expansion
     from truearm.cli.predict import load_with_reference, without_served
     from truearm.errors import InputError
     from truearm.models.file import load_model
@@ -72,6 +72,7 @@ def report(
                 hint="truearm evaluate MODEL SESSION --lengths LENGTHS",
             )
         known = None if lengths is None else lengths_of(lengths, whole, readings)
+        note_expansion(known, readings)
         write_page(_page(models, readings, known, session, title), out)
     if n_served:
         say(f"{n_served} readings served to refit a model and are left out")
