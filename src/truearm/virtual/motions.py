@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.chain import CHUNK, Chain
+from truearm.arm.masses import LinkMasses
 from truearm.terms import gravity_loads, growth_motions, harmonics
 from truearm.virtual.state import State
 from truearm.virtual.systematic import BEARING_ORDERS, ENCODER_ORDERS, OWN_AXIS, Systematic
@@ -25,51 +28,95 @@ def true_tips(chain: Chain, systematic: Systematic, angles: FloatArray, state: S
 
 
 def motions(chain: Chain, systematic: Systematic, angles: FloatArray, state: State) -> FloatArray:
-    """Motions at every place, (n, n_places, 6) [rad, mm]. Classes at one place add up before they are composed."""
-    out = np.zeros((chain.n_places, 6, len(angles)))  # by component, as the chain works
-    out += systematic.constants[:, :, None]
-    joints = out[1:-1]
-    _encoders(joints, systematic, angles)
-    _bearings(joints, systematic, angles)
-    _gravity(joints, chain, systematic, angles)
-    _temperature(out[:-1], chain, systematic, state)
-    out[-1, 3:] += systematic.tip_mm_per_N * state.force_in_flange_N.T
-    _history(joints, systematic, angles, state)
-    return out.transpose(2, 0, 1)
+    """Motions at every place, (n, n_places, 6) [rad, mm]."""
+    functions = MotionFunctions(
+        chain=chain,
+        angles=angles,
+        state=state,
+        masses=systematic.masses,
+        gravity_in_base=systematic.gravity_in_base,
+        cage_ratio=systematic.cage_ratio,
+    )
+    return functions.motions(systematic)
 
 
-def _encoders(joints: FloatArray, systematic: Systematic, angles: FloatArray) -> None:
-    if systematic.encoder.any():
-        joints[:, OWN_AXIS] += np.einsum("njkc,jkc->jn", harmonics(angles, ENCODER_ORDERS), systematic.encoder)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MotionFunctions:
+    """What the coefficients of an arm's errors multiply, at given angles in a given state.
 
+    The arms of one drawing share them. A function is evaluated when the first arm has coefficients for it.
 
-def _bearings(joints: FloatArray, systematic: Systematic, angles: FloatArray) -> None:
-    if systematic.bearing.any():
-        n_joints = len(joints)
-        basis = harmonics(angles, BEARING_ORDERS).transpose(1, 0, 2, 3).reshape(n_joints, len(angles), -1)
-        joints += (basis @ systematic.bearing.reshape(n_joints, -1, 6)).transpose(0, 2, 1)
+    Attributes
+    ----------
+    chain : Chain
+        The drawing.
+    angles : (n, n_joints) array
+        [rad].
+    state : State
+        Of n readings.
+    masses : LinkMasses
+    gravity_in_base : (3,) array
+        [m/s^2].
+    cage_ratio : float
+        Turns of a ball cage in a turn of its joint.
+    """
 
+    chain: Chain
+    angles: FloatArray
+    state: State
+    masses: LinkMasses
+    gravity_in_base: FloatArray
+    cage_ratio: float
 
-def _gravity(joints: FloatArray, chain: Chain, systematic: Systematic, angles: FloatArray) -> None:
-    if systematic.load_to_motion.any():
-        found = gravity_loads(chain, angles, systematic.masses, gravity_in_base=systematic.gravity_in_base)
-        loads = np.concatenate(found, axis=2)
-        joints += systematic.load_to_motion @ loads.transpose(1, 2, 0)
+    def motions(self, systematic: Systematic) -> FloatArray:
+        """Motions of an arm, (n, n_places, 6) [rad, mm]. Classes at one place add up before they are composed."""
+        out = np.zeros((self.chain.n_places, 6, len(self.angles)))  # by component, as the chain works
+        out += systematic.constants[:, :, None]
+        joints = out[1:-1]
+        if systematic.encoder.any():
+            joints[:, OWN_AXIS] += (systematic.encoder.reshape(len(joints), 1, -1) @ self._encoder)[:, 0]
+        if systematic.bearing.any():
+            joints += systematic.bearing.reshape(len(joints), -1, 6).transpose(0, 2, 1) @ self._bearing
+        if systematic.load_to_motion.any():
+            joints += systematic.load_to_motion @ self._loads
+        if systematic.expansion_per_K.any():
+            out[:-1, 3:] += systematic.expansion_per_K[:, None, None] * self._growth
+        out[-1, 3:] += systematic.tip_mm_per_N * self.state.force_in_flange_N.T
+        # What is no function of the angles alone: hysteresis and the ball cages.
+        joints[:, OWN_AXIS] += systematic.hysteresis[:, None] * self.state.direction.T
+        if systematic.cage.any():
+            joints += systematic.cage.transpose(0, 2, 1) @ self._cage
+        return out.transpose(2, 0, 1)
 
+    # Poses last.
 
-def _temperature(links: FloatArray, chain: Chain, systematic: Systematic, state: State) -> None:
-    if systematic.expansion_per_K.any():
-        growth = growth_motions(chain, state.link_temperature_degC).transpose(1, 2, 0)
-        links[:, 3:] += systematic.expansion_per_K[:, None, None] * growth
+    @cached_property
+    def _encoder(self) -> FloatArray:
+        return self._harmonics(self.angles, ENCODER_ORDERS)
 
+    @cached_property
+    def _bearing(self) -> FloatArray:
+        return self._harmonics(self.angles, BEARING_ORDERS)
 
-def _history(joints: FloatArray, systematic: Systematic, angles: FloatArray, state: State) -> None:
-    """Add what is no function of the angles alone: hysteresis and the ball cages."""
-    joints[:, OWN_AXIS] += systematic.hysteresis[:, None] * state.direction.T
-    if systematic.cage.any():
-        cage_angle = systematic.cage_ratio * angles + state.cage_phase
-        basis = harmonics(cage_angle, [1])[:, :, 0].transpose(1, 0, 2)
-        joints += (basis @ systematic.cage).transpose(0, 2, 1)
+    @cached_property
+    def _cage(self) -> FloatArray:
+        return self._harmonics(self.cage_ratio * self.angles + self.state.cage_phase, (1,))
+
+    @cached_property
+    def _loads(self) -> FloatArray:
+        """(n_joints, 6, n) torque [N m], then force [N]."""
+        found = gravity_loads(self.chain, self.angles, self.masses, gravity_in_base=self.gravity_in_base)
+        return np.ascontiguousarray(np.concatenate(found, axis=2).transpose(1, 2, 0))
+
+    @cached_property
+    def _growth(self) -> FloatArray:
+        """(n_joints + 1, 3, n) [mm K]."""
+        return np.ascontiguousarray(growth_motions(self.chain, self.state.link_temperature_degC).transpose(1, 2, 0))
+
+    def _harmonics(self, angles: FloatArray, orders: tuple[int, ...]) -> FloatArray:
+        """(n_joints, 2 n_orders, n) cosine and sine of each order."""
+        found = harmonics(angles.T, orders)
+        return np.ascontiguousarray(found.reshape(*found.shape[:2], -1).transpose(0, 2, 1))
 
 
 def _chunks(n: int) -> Iterator[slice]:

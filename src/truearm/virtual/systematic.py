@@ -88,14 +88,14 @@ def draw_systematic(arm: Arm, preset: Preset, *, seed: int) -> Systematic:
             tilt_std=preset.bearing_tilt_std_arcsec * ARCSEC,
             runout_std=preset.bearing_runout_std_um * 1e-3,
         )
-    masses = uniform_links(chain, kg_per_m=preset.link_kg_per_m) if arm.masses is None else arm.masses
+    masses = masses_of(arm, preset)
     temperature = _stream(seed, "temperature")
     return Systematic(
         constants=draw_constants(chain, preset, _stream(seed, "geometry")),
         encoder=_encoder(n, preset, _stream(seed, "encoder")),
         bearing=bearing,
         masses=masses,
-        gravity_in_base=STANDARD_GRAVITY * arm.gravity_direction,
+        gravity_in_base=gravity_of(arm),
         load_to_motion=_load_to_motion(chain, preset, masses, _stream(seed, "stiffness")),
         expansion_per_K=preset.expansion_per_K + preset.expansion_spread_per_K * temperature.standard_normal(n + 1),
         lag_s=preset.lag_s * temperature.uniform(0.5, 1.5, n + 1),
@@ -109,6 +109,16 @@ def draw_systematic(arm: Arm, preset: Preset, *, seed: int) -> Systematic:
         ),
         cage_ratio=preset.cage_ratio,
     )
+
+
+def masses_of(arm: Arm, preset: Preset) -> LinkMasses:
+    """Give the arm's own masses where they are known, else straight links of the preset's weight."""
+    return uniform_links(arm.chain, kg_per_m=preset.link_kg_per_m) if arm.masses is None else arm.masses
+
+
+def gravity_of(arm: Arm) -> FloatArray:
+    """Give the acceleration of free fall along the axes of the arm's base, (3,) [m/s^2]."""
+    return STANDARD_GRAVITY * arm.gravity_direction
 
 
 def draw_constants(chain: Chain, preset: Preset, stream: np.random.Generator) -> FloatArray:
