@@ -15,7 +15,7 @@ from truearm.arm.catalogue import load
 from truearm.errors import InputError
 from truearm.poses.measuring import inner_limits
 from truearm.tasks.errors import PresetErrors
-from truearm.tasks.standard_test import measured_by, outcomes, pose, share_of_all, simulated, verdicts
+from truearm.tasks.standard_test import distributions, measured_by, pose, share_of_all, simulated, verdicts
 from truearm.verify.artefacts import Artefacts
 from truearm.verify.decision import Verdict
 from truearm.verify.example import example_artefacts, example_specification
@@ -240,7 +240,7 @@ def test_arms_are_told_by_the_seed_and_no_two_seeds_share_one():
 # Outcomes ------------------------------------------------------------------------------------------------------------
 
 
-def test_outcomes_are_quantiles_and_shares_over_the_arms():
+def test_distributions_are_quantiles_and_shares_over_the_arms():
     found = taken(MadeUp(noise_mm=0.006), n_arms=21)
     told = []
     simulated(
@@ -254,7 +254,7 @@ def test_outcomes_are_quantiles_and_shares_over_the_arms():
         progress=told.append,
     )
     assert told == [1, 2, 3]
-    shown = outcomes(found)
+    shown = distributions(found)
     assert [one.label for one in shown] == [row.label for row in found[0].rows]
     size = np.sort(np.abs([one.rows[0].value for one in found]))
     assert (shown[0].median, shown[0].high) == pytest.approx((size[10], size[19]))  # of 21: the 11th and the 20th
@@ -262,7 +262,7 @@ def test_outcomes_are_quantiles_and_shares_over_the_arms():
     for one in shown:
         assert one.conform + one.not_conform + one.undecided == (0 if one.limit is None else pytest.approx(1))
     assert sum(verdicts(found).values()) == pytest.approx(1)
-    labels = [one.label for one in outcomes(taken(MadeUp(), name="asme-b89.4.22"))]
+    labels = [one.label for one in distributions(taken(MadeUp(), name="asme-b89.4.22"))]
     assert labels.count("SPAT.Max, position 1") == 1
     assert len(set(labels)) == len(labels)
 

@@ -12,7 +12,7 @@ from truearm.cli.console import progress, say, say_json, say_table
 if TYPE_CHECKING:
     from truearm.arm.arm import Arm
     from truearm.tasks.errors import ArmErrors
-    from truearm.tasks.standard_test import Outcome, PosedTest
+    from truearm.tasks.standard_test import PosedTest, RowDistribution
     from truearm.verify.artefacts import Artefacts
     from truearm.verify.decision import Rule
     from truearm.verify.limits import Specification
@@ -35,7 +35,7 @@ def simulate_test(
     as_json: bool,
 ) -> None:
     """Take a test with virtual arms of a preset or a model, and print what they would pass."""
-    from truearm.tasks.standard_test import outcomes, share_of_all, simulated, verdicts
+    from truearm.tasks.standard_test import distributions, share_of_all, simulated, verdicts
     from truearm.verify.decision import Verdict
     from truearm.verify.test_plan import load_plan
 
@@ -58,7 +58,7 @@ def simulate_test(
     shares = verdicts(found)
     conform = sum(one.verdict is Verdict.CONFORM for one in found)
     low, high = share_of_all(conform, n_arms)
-    rows = outcomes(found)
+    rows = distributions(found)
     if as_json:
         say_json(
             {
@@ -164,7 +164,7 @@ def _errors(what: str, arm: str | None) -> ArmErrors:
     return ModelErrors(load_model(what))
 
 
-def _say_rows(rows: Sequence[Outcome], whole: Sequence[float]) -> None:
+def _say_rows(rows: Sequence[RowDistribution], whole: Sequence[float]) -> None:
     cells = []
     for row in rows:
         digits = ".4f" if row.unit == "mm" else "g"  # else a count

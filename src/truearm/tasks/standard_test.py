@@ -299,8 +299,8 @@ def _all(artefacts: Artefacts) -> tuple[CalibratedSphere | CalibratedBar | Seat,
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """One row of the test over all virtual arms.
+class RowDistribution:
+    """How one row of the test is distributed over the virtual arms.
 
     Attributes
     ----------
@@ -323,10 +323,12 @@ class Outcome:
     undecided: float
 
 
-def outcomes(found: Sequence[Verification]) -> tuple[Outcome, ...]:
+def distributions(found: Sequence[Verification]) -> tuple[RowDistribution, ...]:
     """The rows of a test over the arms that took it."""
     labels = Counter(row.label for row in found[0].rows)
-    return tuple(_outcome(rows, labels[rows[0].label] > 1) for rows in zip(*(one.rows for one in found), strict=True))
+    return tuple(
+        _distribution(rows, labels[rows[0].label] > 1) for rows in zip(*(one.rows for one in found), strict=True)
+    )
 
 
 def verdicts(found: Sequence[Verification]) -> Mapping[Verdict, float]:
@@ -354,13 +356,13 @@ def share_of_all(count: int, n: int) -> tuple[float, float]:
     return low, float(beta.ppf(0.975, count + 1, n - count)) if count < n else 1.0
 
 
-def _outcome(rows: Sequence[Row], at_places: bool) -> Outcome:
+def _distribution(rows: Sequence[Row], at_places: bool) -> RowDistribution:
     sizes = np.abs([row.value for row in rows])
     conform, not_conform, undecided = (
         sum(row.verdict is verdict for row in rows) / len(rows)
         for verdict in (Verdict.CONFORM, Verdict.NOT_CONFORM, Verdict.UNDECIDED)
     )
-    return Outcome(
+    return RowDistribution(
         f"{rows[0].label}, {rows[0].where}" if at_places else rows[0].label,
         rows[0].unit,
         float(np.median(sizes)),
