@@ -6,6 +6,7 @@ import html
 import json
 import math
 import re
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -380,16 +381,16 @@ SLIPS = {
         "points.csv",
         lambda text: text.replace(*off(text, 10, 3.0)),
         (
-            r"test 'probing', position 1: the point of line 10 alone is 1\.7 mm off the sphere of the others, whose form "
-            r"is 0\.00\d\d mm: measure the position again"
+            r"test 'probing', position 1: the point of line 10 alone is 1\.7 mm off the sphere of the others, whose "
+            r"form is 0\.00\d\d mm: measure the position again"
         ),
     ),
     "a group": (
         "points.csv",
         moved("articulation", (3, 7), ("2", "C"), by_mm=3.0, ends=("",)),
         (
-            r"test 'articulation', position 2, group C \(line \d+\): its sphere alone lies apart, 2\.4 mm from the mean "
-            r"of all groups: measure the group again"
+            r"test 'articulation', position 2, group C \(line \d+\): its sphere alone lies apart, 2\.4 mm from the "
+            r"mean of all groups: measure the group again"
         ),
     ),
 }
@@ -594,6 +595,11 @@ def test_the_page_stands_beside_the_verdict_or_not_at_all(truearm, bench, snapsh
     assert "measuring arm 2.5 m: not conform" in html
     for label in ("P_Size.Sph.1x25", "E_Uni, 1700", "fixture", "K-102", "check against your copy of the standard"):
         assert label in html
+    assert "SHA-256" in html
+    Path("my-plan.toml").write_text(plan_text("iso10360-12"))
+    assert truearm(*options("my-plan.toml"), "--report", "page.html").code == 1
+    for file in ("my-plan.toml", "points.csv", "artefacts.toml", "mpe.toml"):
+        assert f"SHA-256 {sha256(Path(file).read_bytes()).hexdigest()}" in Path("page.html").read_text()
     before = snapshot(bench)
     for page in ("points.csv", "page.pdf", "away/page.html"):
         ran = truearm(*options(), "--report", page)

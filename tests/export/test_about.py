@@ -24,6 +24,9 @@ def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_pat
     with pytest.raises(InputError, match="is missing|is empty") as refused:
         read_about(tmp_path / "about.toml")
     assert refused.value.file == tmp_path / "about.toml"
+    empty = re.findall(r'^(\w+) = ""', text, flags=re.M)
+    assert refused.value.problem.endswith(": it is empty")
+    assert len(refused.value.problem.partition(":")[0].split(", ")) == len(empty) == 14
     filled = re.sub(r'^country = ""', 'country = "DE"', text.replace("# temp", "temp"), flags=re.M)
     filled = re.sub(r'^(\w+) = ""', r'\1 = "x"', filled, flags=re.M)
     assert parsed(filled.encode(), About).place == "laboratory"

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from hashlib import file_digest, sha256
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,7 +63,7 @@ def certificate(
     if html is not None:
         check_page(html, *inputs, out)
 
-    from truearm.cli.verify import facts
+    from truearm.cli.verify import digests, facts, files_of
     from truearm.export.certificate import administrative, certificate_of, check_uncertainties
     from truearm.export.dcc import write_dcc
     from truearm.report.html import write_page
@@ -73,17 +72,17 @@ def certificate(
     from truearm.verify.limits import read_specification
     from truearm.verify.measured import read_points
     from truearm.verify.outcome import Outcome
-    from truearm.verify.test_plan import PLANS, load_plan
+    from truearm.verify.test_plan import load_plan
     from truearm.verify.verification import verify
 
-    files = inputs[1:] if plan in PLANS else inputs
-    digests = _digests(files)
+    files = files_of(plan, *inputs[1:])
+    known = digests(files)
     told = read_about(about)
     rule: Rule = "simple" if simple else "iso14253-1"
     planned, specification = load_plan(plan), read_specification(mpe)
     measured, certified = read_points(points), read_artefacts(artefacts)
     found = verify(measured, plan=planned, artefacts=certified, specification=specification, rule=rule)
-    outcome = Outcome(found, measured, planned, certified, specification, rule, digests.get(Path(plan)))
+    outcome = Outcome(found, measured, planned, certified, specification, rule, known.get(Path(plan)))
     try:
         check_uncertainties(outcome)
     except InputError as error:
@@ -92,9 +91,9 @@ def certificate(
         stated = certificate_of(told, outcome, decision=decided(outcome).split("\n\n"), rule=rule_in_words(rule))
     except InputError as error:
         raise error.in_file(about) from None
-    now = _digests(files)
+    now = digests(files)
     for file in files:
-        if now.get(file) != digests.get(file):
+        if now.get(file) != known.get(file):
             raise InputError("the file changed while it was read", file=file, hint="the same command again")
     if html is None:
         write_dcc(stated, out)
@@ -102,21 +101,12 @@ def certificate(
         # Both are written before one of them stands, the certificate first: no page of one that is not there.
         with whole_file(html) as page_beside, whole_file(out) as beside:
             write_dcc(stated, beside)
-            known = [
-                (out.name, f"the same for machines, SHA-256 {sha256(beside.read_bytes()).hexdigest()}"),
-                *((file.name, f"SHA-256 {digest}") for file, digest in digests.items()),
-                *facts(plan=planned),
-            ]
-            page = certificate_page(outcome, number=told.number, stated=administrative(stated), facts=known)
+            same = f"the same for machines, SHA-256 {sha256(beside.read_bytes()).hexdigest()}"
+            page = certificate_page(
+                outcome,
+                number=told.number,
+                stated=administrative(stated),
+                facts=[(out.name, same), *facts(known, plan=planned)],
+            )
             write_page(page, page_beside)
     say(f"{out}: certificate {told.number}, {found.verdict.value}")
-
-
-def _digests(files: Sequence[Path]) -> dict[Path, str]:
-    """SHA-256 of the files that can be read more than once: what comes through a pipe is gone after that."""
-    found = {}
-    for file in files:
-        if file.is_file():
-            with file.open("rb") as stream:
-                found[file] = file_digest(stream, "sha256").hexdigest()
-    return found

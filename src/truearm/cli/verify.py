@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from math import isinf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -150,6 +151,8 @@ def _judge(
 
     if report is not None:
         check_page(report, Path(plan), points, artefacts, mpe)
+    read = files_of(plan, points, artefacts, mpe)
+    known = {} if report is None else digests(read)
     planned, specification = load_plan(plan), read_specification(mpe)
     measured, certified = read_points(points), read_artefacts(artefacts)
     found = verified(measured, plan=planned, artefacts=certified, specification=specification, rule=rule)
@@ -158,8 +161,8 @@ def _judge(
         from truearm.report.verification import verification_page
         from truearm.verify.outcome import Outcome
 
-        outcome = Outcome(found, measured, planned, certified, specification, rule)
-        write_page(verification_page(outcome, facts=facts(points, artefacts, mpe, plan=planned)), report)
+        outcome = Outcome(found, measured, planned, certified, specification, rule, known.get(Path(plan)))
+        write_page(verification_page(outcome, facts=facts(known, plan=planned)), report)
     if as_json:
         say_json(
             {
@@ -191,14 +194,30 @@ def _judge(
     raise typer.Exit(CODES[found.verdict.value])
 
 
-def facts(*files: Path, plan: Plan) -> list[tuple[str, str]]:
-    """What a page about a verification rests on."""
-    from hashlib import sha256
+def files_of(plan: str, *others: Path) -> tuple[Path, ...]:
+    """The files that are read: the plan's, unless it comes with the program, and the others."""
+    from truearm.verify.test_plan import PLANS
 
+    return others if plan in PLANS else (Path(plan), *others)
+
+
+def digests(files: Sequence[Path]) -> dict[Path, str]:
+    """SHA-256 of the files that can be read more than once: what comes through a pipe is gone after that."""
+    from hashlib import file_digest
+
+    found = {}
+    for file in files:
+        if file.is_file():
+            with file.open("rb") as stream:
+                found[file] = file_digest(stream, "sha256").hexdigest()
+    return found
+
+
+def facts(known: Mapping[Path, str], *, plan: Plan) -> list[tuple[str, str]]:
+    """What a page about a verification rests on: the plan, the files with their SHA-256, the program."""
     return [
         ("plan", f"{plan.name}: {plan.standard}"),
-        # What came through a pipe is gone by now.
-        *((file.name, f"SHA-256 {sha256(file.read_bytes()).hexdigest()}") for file in files if file.is_file()),
+        *((file.name, f"SHA-256 {digest}") for file, digest in known.items()),
         versions(),
     ]
 

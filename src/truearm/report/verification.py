@@ -272,7 +272,7 @@ def _values(outcome: Outcome) -> Section:
         "Values against limits",
         f"U is the expanded uncertainty of the test value, from artefact and set-up, for a level of {LEVEL_TEXT}; "
         "the arm's own errors are what is tested and are not in it. A limit is one of the value's magnitude. Values "
-        f"are shown to the last digit of U, limits in full. {_UNROUNDED}",
+        f"are shown to the last digit of U, limits in full, to the nanometre. {_UNROUNDED}",
         figures=(limits_figure(outcome.judged, rule=outcome.rule),),
         tables=(Table(columns, tuple(cells), "Test values, their uncertainties and limits."),),
     )
@@ -372,8 +372,8 @@ def _told(rows: Sequence[decision.Row]) -> str:
 
 
 def _in_full(limit: float) -> float:
-    """The uncertainty to whose digits a limit stands with all of its own: up to twelve, which leaves rounding out."""
-    exponent = Decimal(f"{limit:.12g}").as_tuple().exponent
+    """The uncertainty to whose digits a limit stands with all of its own, to the nanometre: A + L/K has more."""
+    exponent = Decimal(f"{limit:.6f}").normalize().as_tuple().exponent
     assert isinstance(exponent, int)
     return float(10.0 ** (1 + min(exponent, 0)))
 

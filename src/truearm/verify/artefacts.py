@@ -26,7 +26,23 @@ IN_MM = "in mm: 0.5 micrometres are 0.0005"
 NOMINAL_SHARE = 0.05
 
 
-class Artefact(Document):
+class _WithUncertainties(Document):
+    """A table whose uncertainties are standard ones: an expanded one is no unknown key but a trap."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _standard_uncertainties(cls, given: object) -> object:
+        for key in given if isinstance(given, dict) else ():
+            small = "u" + str(key)[1:]
+            if str(key).startswith("U") and small in cls.model_fields:
+                raise InputError(
+                    f"unknown key {key}",
+                    hint=f"{small}, the standard uncertainty (k = 1): half of a certificate's U for k = 2",
+                )
+        return given
+
+
+class Artefact(_WithUncertainties):
     """What every artefact's entry has.
 
     Attributes
@@ -156,7 +172,7 @@ class CalibratedSphere(_Expanding):
         return self
 
 
-class CalibratedLength(Document):
+class CalibratedLength(_WithUncertainties):
     """A length of a bar: between two balls' centres, or two faces, at 20 degC."""
 
     name: Name

@@ -13,8 +13,9 @@ standards say of places was recalled and not read:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import floor
 
 import numpy as np
 
@@ -198,7 +199,7 @@ def chosen_lengths(
     if len(pool) < n:
         raise InputError(
             f"test {name!r} needs {n} calibrated lengths, the file of artefacts has {len(pool)}",
-            hint="add them under [[bars]]",
+            hint="add them under [[bars]]" + (f", or {_fewer(name, test, pool, measuring_range_mm)}" if pool else ""),
         )
     longest = pool[-1][1].length_mm
     if isinstance(test, LengthTest):
@@ -217,6 +218,20 @@ def chosen_lengths(
         free = [i for i in range(len(pool)) if i not in taken]
         taken.append(min(free, key=lambda i: abs(pool[i][1].length_mm - want)))
     return tuple(pool[i] for i in sorted(taken))
+
+
+def _fewer(
+    name: str,
+    test: LengthTest | Volumetric,
+    pool: Sequence[tuple[CalibratedBar, CalibratedLength]],
+    measuring_range_mm: float,
+) -> str:
+    """What a plan says that makes do with the lengths there are."""
+    changed = [f"{name}.lengths = {len(pool)}"]
+    share = floor(100 * pool[-1][1].length_mm / measuring_range_mm) / 100
+    if isinstance(test, LengthTest) and share < test.longest_share.value:
+        changed.append(f"{name}.longest_share = {share:g}")
+    return f"agree on a plan with {' and '.join(changed)} (truearm verify --print-plan writes one to edit)"
 
 
 def line(position: int, longest_mm: float, reach_mm: float, shoulder_mm: float) -> tuple[FloatArray, FloatArray]:

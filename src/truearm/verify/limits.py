@@ -115,6 +115,18 @@ class Specification(Document):
             raise InputError(f"expected the diameter of the reach in mm, got {given:g}", hint="2.5 m are 2500")
         return given
 
+    @field_validator("limits", mode="before")
+    @classmethod
+    def _in_quotes(cls, limits: object) -> object:
+        """To TOML a symbol with a dot is a table in a table, unless it stands in quotes."""
+        for key, table in limits.items() if isinstance(limits, dict) else ():
+            symbol = str(key)
+            while inner := [(k, t) for k, t in table.items() if isinstance(t, dict)] if isinstance(table, dict) else []:
+                symbol, table = f"{symbol}.{inner[0][0]}", inner[0][1]
+            if symbol != key:
+                raise InputError(f"{symbol:.80} stands without quotes", hint=f'"{symbol:.80}" = {{ .. }}')
+        return limits
+
     @field_validator("limits")
     @classmethod
     def _known_symbols(cls, limits: dict[str, Limit]) -> dict[str, Limit]:

@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
 from truearm.toml_documents import parsed
@@ -50,6 +50,13 @@ class Share(_Sourced):
     """A share of a length; 0.66 is 66 %."""
 
     value: NotNegative
+
+    @field_validator("value")
+    @classmethod
+    def _at_most_whole(cls, given: float) -> float:
+        if given > 1:
+            raise InputError(f"expected a share of 1 or less, got {given:g}", hint="0.66 is 66 %")
+        return given
 
 
 class PlannedTest(Document):
