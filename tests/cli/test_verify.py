@@ -265,6 +265,10 @@ POINTS = {
     "inches": (scaled(1 / 25.4), ["measured 0.98", "seem to be in inches: convert them to mm"]),
     "unit in the head": (first_column("x_mm", "x_inch"), ["line 1, column 'x_inch'", "Try: x_mm: coordinates in mm"]),
     "no x": (first_column("x_mm", "note_x"), ["the column x_mm is missing"]),
+    "empty column": (
+        lambda text: text.replace("\n", ",\n"),
+        ["line 1, column 13: the column has no name", "delete the"],
+    ),
     "unknown column": (first_column("group", "gruppe"), ["unknown column 'gruppe'", "Try: test, artefact"]),
     "column twice": (first_column("repeat", "length"), ["column 'length'", "stands twice"]),
     "unknown test": (first("uni", "uni", "unit"), ["column 'test'", "unknown test 'unit'", "Try: uni"]),

@@ -158,7 +158,7 @@ def test_rows_of_an_artefact_that_differ_are_found(tmp_path, row, column, said):
         ("seat_a,seat_b,length_m,u_mm", "length_m", "unknown column 'length_m'"),
         ("seat_a,seat_b,length,u_mm", "length", "unknown column 'length'"),
         ("seat_a,seat_a,length_mm,u_mm", "seat_a", "the column stands twice"),
-        ("seat_a,seat_b,length_mm,", 4, "unknown column ''"),
+        ("seat_a,seat_b,length_mm,", 4, "the column has no name"),
         ("seat_a;seat_b;length_mm;u_mm", None, "cells are separated by semicolons, expected commas"),
         ("seat_a\tseat_b\tlength_mm\tu_mm", None, "cells are separated by tabs, expected commas"),
     ],

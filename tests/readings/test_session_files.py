@@ -200,7 +200,7 @@ def test_remarks_are_left_alone(tmp_path):
         ("q1_deg,x_mm,x_m,y_mm,z_mm", "x_mm and x_m are the same quantity"),
         ("q1_deg,q2_deg,direction_2", "for each of 2 joints, direction_1 .. direction_2, got direction_2"),
         ("q1_deg,direction_1,direction_2", "for each of 1 joints, direction_1 .. direction_1, got direction_1, dir"),
-        ("q1_deg,", "column 2 has no name"),
+        ("q1_deg,", "the column has no name"),
     ],
 )
 def test_a_header_that_does_not_fit_is_refused(tmp_path, header, said):

@@ -66,7 +66,8 @@ def recognise(names: Sequence[str], *, file: Path, line: int | None, n_joints: i
     """
     for i, name in enumerate(names):
         if not name:
-            raise InputError(f"column {i + 1} has no name", file=file, line=line, column=i + 1)
+            hint = "delete the column, or let its name start with 'note'"
+            raise InputError("the column has no name", file=file, line=line, column=i + 1, hint=hint)
         if name in names[:i]:
             raise InputError("the column stands twice", file=file, line=line, column=name, hint="delete one of the two")
     angles: dict[int, str] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -129,6 +129,38 @@ def read_sheet(
         _check_separator(sheet, importable)
     _check_shape(sheet)
     return sheet
+
+
+def check_names(
+    sheet: Sheet, needed: Sequence[str], optional: Sequence[str], *, meant: Callable[[str], str | None] | None = None
+) -> None:
+    """Check that a header has the columns `needed`, and none twice or beside these, those `optional` and notes.
+
+    Parameters
+    ----------
+    sheet : Sheet
+    needed, optional : sequence of str
+    meant : callable, optional
+        What to try in place of an unknown column; where it says nothing, or by default, all that are known.
+
+    Raises
+    ------
+    InputError
+        For the first column at fault.
+    """
+    line, known = sheet.first_line - 1, (*needed, *optional)
+    for i, name in enumerate(sheet.names):
+        if not name:
+            hint = "delete the column, or let its name start with 'note'"
+            raise InputError("the column has no name", file=sheet.file, line=line, column=i + 1, hint=hint)
+        if name in sheet.names[:i]:
+            hint = "delete one of the two"
+            raise InputError("the column stands twice", file=sheet.file, line=line, column=name, hint=hint)
+        if name not in known and not name.startswith("note"):
+            hint = (meant(name) if meant else None) or ", ".join(known)
+            raise InputError(f"unknown column {shown(name)}", file=sheet.file, line=line, column=name, hint=hint)
+    if missing := [name for name in needed if name not in sheet.names]:
+        raise InputError(f"the column {missing[0]} is missing", file=sheet.file, line=line, hint=", ".join(needed))
 
 
 def read_columns(

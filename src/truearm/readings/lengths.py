@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.delimited import read_columns, read_sheet, shown
+from truearm.readings.delimited import check_names, read_columns, read_sheet, shown
 from truearm.readings.readings import FloatArray, NameArray
 from truearm.writing import whole_file
 
@@ -252,19 +252,7 @@ def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Len
     path = Path(path)
     sheet = read_sheet(path)
     wanted, further = (*ENDS, *NUMBERS), (ARTEFACT, PLACE, *EXPANSION)
-    for i, name in enumerate(sheet.names):
-        if name in sheet.names[:i]:
-            raise InputError("the column stands twice", file=path, line=1, column=name, hint="delete one of the two")
-        if name not in (*wanted, *further) and not name.startswith("note"):
-            raise InputError(
-                f"unknown column {shown(name)}",
-                file=path,
-                line=1,
-                column=name or i + 1,
-                hint=", ".join((*wanted, *further)),
-            )
-    if missing := [name for name in wanted if name not in sheet.names]:
-        raise InputError(f"the column {missing[0]} is missing", file=path, line=1, hint=", ".join(wanted))
+    check_names(sheet, wanted, further)
     at = {name: sheet.names.index(name) for name in (*wanted, *further) if name in sheet.names}
     numeric = [name for name in (*NUMBERS, PLACE, *EXPANSION) if name in at]
     numbers, names = read_columns(

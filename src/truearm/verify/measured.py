@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.readings.delimited import Sheet, read_columns, read_sheet, shown
+from truearm.readings.delimited import Sheet, check_names, read_columns, read_sheet, shown
 from truearm.verify.days import check_past
 from truearm.verify.documents import without_controls
 from truearm.verify.orthogonal import FloatArray
@@ -149,7 +149,7 @@ def read_points(path: str | Path) -> Measured:
     """
     path = Path(path)
     sheet = read_sheet(path)
-    _check_names(sheet)
+    check_names(sheet, NEEDED, OPTIONAL, meant=_in_mm)
     columns = _columns(sheet)
     tests = {}
     for test in dict.fromkeys(columns.words["test"].tolist()):
@@ -177,19 +177,10 @@ class _Columns:
         return InputError(problem, file=self.sheet.file, line=self.sheet.first_line + row, column=column, hint=hint)
 
 
-def _check_names(sheet: Sheet) -> None:
-    known = (*NEEDED, *OPTIONAL)
-    for i, name in enumerate(sheet.names):
-        if name in sheet.names[:i]:
-            raise InputError("the column stands twice", file=sheet.file, line=1, column=name, hint="delete one of them")
-        if name not in known and not name.startswith("note"):
-            hint = ", ".join(known)
-            if name[:1] in "xyz" and name[1:2] in ("", "_"):
-                hint = f"{name[0]}_mm: coordinates in mm; convert others first"
-            raise InputError(f"unknown column {shown(name)}", file=sheet.file, line=1, column=name or i + 1, hint=hint)
-    for name in NEEDED:
-        if name not in sheet.names:
-            raise InputError(f"the column {name} is missing", file=sheet.file, line=1, hint=", ".join(NEEDED))
+def _in_mm(column: str) -> str | None:
+    """The name that a coordinate in another unit, or in none, should have."""
+    is_coordinate = column[:1] in ("x", "y", "z") and column[1:2] in ("", "_")
+    return f"{column[0]}_mm: coordinates in mm; convert others first" if is_coordinate else None
 
 
 def _columns(sheet: Sheet) -> _Columns:
