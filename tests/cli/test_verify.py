@@ -574,6 +574,39 @@ def test_the_files_of_the_page_are_those_of_the_run():
         assert cells[0] in ("test", *KEYS)
 
 
+def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
+    """The two lines of the page in the plan, a bar of one length: refused before, laid out and judged after."""
+    before, after = (shown.partition("\n") for shown in blocks("console one bar"))
+    lines = ARTEFACTS.splitlines(keepends=True)
+    lengths = [line for line in lines if line.startswith('  { name = "')]
+    Path("mine.toml").write_text("".join(line for line in lines if line not in lengths or '"900"' in line))
+    ran = truearm(*before[0].removeprefix("$ truearm ").split())
+    assert (ran.code, ran.err) == (2, before[2])
+    plan = plan_text("iso10360-12").replace(
+        "Articulated arm with tactile probe, after ISO 10360-12", "Articulated arm, one ball bar"
+    )
+    head, _, uni = plan.partition("[uni]")
+    for line in blocks("toml one bar")[0].splitlines():
+        uni = re.sub(rf"(?m)^{line.split(' = ')[0]} = .*$", line, uni, count=1)
+    Path("my-plan.toml").write_text(f"{head}[uni]{uni}")
+    ran = truearm(*after[0].removeprefix("$ truearm ").split())
+    assert (ran.code, ran.out) == (0, after[2]), ran
+    points = Path("points.csv").read_text()
+    Path("points.csv").write_text(
+        "".join(row for row in points.splitlines(keepends=True) if "uni," not in row or ",900," in row)
+    )
+    assert (
+        "the plan wants 5 lengths, got 1: 'bar 900'. Try: measure what is missing, or change" in truearm(*options()).err
+    )
+    ran = truearm(*(option.replace("artefacts.toml", "mine.toml") for option in options("my-plan.toml")))
+    assert ran.code == 0, ran
+    assert "E_Uni, 900" in ran.out
+    assert "lengths = 1, positions = 7, repeats = 3, longest_share = 0.36" in ran.out
+    ran = truearm("verify", "--sheet", "asme-b89.4.22", "--out", "sheet.html", "--artefacts", "mine.toml")
+    assert "'volumetric' needs 2 calibrated lengths, the file of artefacts has 1" in ran.err
+    assert "a plan with volumetric.lengths = 1 (truearm" in ran.err
+
+
 def test_the_page_names_every_column_and_what_tells_groups_apart():
     text = PAGE.read_text(encoding="utf-8")
     for name in (*NEEDED, *OPTIONAL):

@@ -1,7 +1,7 @@
 """Slips of measuring or typing: what no arm does, said beside a verdict that it may have made.
 
 The verdict stays, as nobody can know. A length or size far beyond its limit is told with the number to check; a point,
-or a group of points, that is alone in the wrong is told with its line.
+or a group of points, that is alone in the wrong with its line. So all groups are those of a file.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ FAR_BEYOND = 20.0
 # A point is alone in the wrong if the others scatter so much less without it. Of simulated spheres of 9 points with
 # equal noise fewer than 1 in 1000 had such a point; none of 25 points, of 10 in a seat or of 5 centres came near.
 ALONE = 0.1
+# What is nearer disturbs nobody [mm]: numbers without noise would have outliers of rounding.
+LEAST_MM = 0.001
 # Fewer points of a ball leave less than two to spare without one, and agree whatever they are; so do three places.
 LEAST_ON_BALL, LEAST_PLACES = 7, 4
 
@@ -39,8 +41,8 @@ def on_spheres(test: str, groups: Sequence[Group], spheres: Sequence[SphereMeasu
             rest = fit_sphere(np.delete(one.points, i, axis=0))
             off = abs(float(np.linalg.norm(one.points[i] - rest.centre)) - rest.radius_mm)
             yield (
-                f"test {test!r}, {group.where}: {_point(group, i)} alone is {off:.2g} mm off the sphere of the others, "
-                f"whose form is {rest.form_mm:.4f} mm: measure the position again"
+                f"test {test!r}, {group.where}: the point of line {group.lines[i]} alone is {off:.2g} mm off the "
+                f"sphere of the others, whose form is {rest.form_mm:.4f} mm: measure the position again"
             )
     if clean and size.limit is not None and abs(size.value) > FAR_BEYOND * size.limit:
         yield (
@@ -56,8 +58,8 @@ def in_groups(test: str, groups: Sequence[Group], spheres: Sequence[SphereMeasur
     i = _alone(centres, away, lambda some: circumscribed_sphere(some).diameter_mm, least=LEAST_PLACES)
     if i is not None:
         yield (
-            f"test {test!r}, {groups[i].where}{_at(groups[i])}: its sphere alone lies apart, {away[i]:.2g} mm from the "
-            f"mean of all groups: measure the group again"
+            f"test {test!r}, {groups[i].where} (line {groups[i].line}): its sphere alone lies apart, {away[i]:.2g} mm "
+            f"from the mean of all groups: measure the group again"
         )
 
 
@@ -68,8 +70,8 @@ def in_seats(test: str, groups: Sequence[Group]) -> Iterator[str]:
         i = _alone(group.points, away, lambda some: float(_from_mean(some).max()), least=LEAST_PLACES)
         if i is not None:
             yield (
-                f"test {test!r}, {group.where}: {_point(group, i)} alone is {away[i]:.2g} mm from the mean of all "
-                f"points: measure the position again"
+                f"test {test!r}, {group.where}: the point of line {group.lines[i]} alone is {away[i]:.2g} mm from the "
+                f"mean of all points: measure the position again"
             )
 
 
@@ -103,7 +105,7 @@ def in_lengths(
                 f"{bar.name!r}, and the names of its lengths in the points"
             )
         else:
-            yield f"{said}: check {named([f'{pairs[i][1].where}{_at(pairs[i][1])}' for i in far], '; ')}"
+            yield f"{said}: check {named([f'{pairs[i][1].where} (line {pairs[i][1].line})' for i in far], '; ')}"
 
 
 def _beyond(label: str, value: float, limit: float) -> str:
@@ -113,7 +115,7 @@ def _beyond(label: str, value: float, limit: float) -> str:
 def _alone(points: FloatArray, away: FloatArray, spread: Callable[[FloatArray], float], *, least: int) -> int | None:
     """Which of points (n, 3) is in the wrong, the farthest one by `away` (n,), if the others agree without it."""
     i = int(away.argmax())
-    if len(points) >= least and spread(np.delete(points, i, axis=0)) <= ALONE * spread(points):
+    if len(points) >= least and away[i] > LEAST_MM and spread(np.delete(points, i, axis=0)) <= ALONE * spread(points):
         return i
     return None
 
@@ -121,12 +123,3 @@ def _alone(points: FloatArray, away: FloatArray, spread: Callable[[FloatArray], 
 def _from_mean(points: FloatArray) -> FloatArray:
     """Distances (n,) of points from their mean [mm]."""
     return np.asarray(np.linalg.norm(points - points.mean(axis=0), axis=1))
-
-
-def _point(group: Group, i: int) -> str:
-    """A point of a group by its line in the file, or by its number."""
-    return f"the point of line {group.lines[i]}" if group.lines else f"point {i + 1}"
-
-
-def _at(group: Group) -> str:
-    return "" if group.line is None else f" (line {group.line})"

@@ -152,7 +152,7 @@ class _Evaluation:
             self._apart(name, groups, _middles(spheres), spheres[0].sphere.diameter_mm)
             size = iso10360_12.p_size(spheres, self.specification, rule=self.rule)
             form = iso10360_12.p_form(spheres, self.specification, rule=self.rule)
-            if _outside([size, form]):
+            if self._suspect([size, form]):
                 self.remarks.extend(slips.on_spheres(name, groups, spheres, size))
             return [size, form]
         if isinstance(test, Articulation):
@@ -162,7 +162,7 @@ class _Evaluation:
             spheres = [self._sphere(name, group, test) for group in groups]
             self._no_copies(name, [[group] for group in groups])
             size = asme_b89_4_22.effective_diameter(spheres, self.specification, rule=self.rule)
-            if _outside([size]):
+            if self._suspect([size]):
                 self.remarks.extend(slips.on_spheres(name, groups, spheres, size))
             return [size]
         if isinstance(test, SinglePoint):
@@ -196,7 +196,7 @@ class _Evaluation:
         firsts = [members[0] for members in positions.values()]
         self._apart(name, firsts, _middles([one[0] for one in found]), found[0][0].sphere.diameter_mm)
         rows = iso10360_12.l_dia(found, self.specification, rule=self.rule)
-        if _outside(rows):
+        if self._suspect(rows):
             for members, spheres in zip(positions.values(), found, strict=True):
                 self.remarks.extend(slips.in_groups(name, members, spheres))
         return rows
@@ -211,7 +211,7 @@ class _Evaluation:
         self._no_copies(name, [[group] for group in groups])
         self._apart(name, groups, np.array([[group.points.mean(axis=0)] for group in groups]), SAME_PLACE_MM)
         rows = asme_b89_4_22.single_point(seats, self.specification, rule=self.rule)
-        if _outside(rows):
+        if self._suspect(rows):
             self.remarks.extend(slips.in_seats(name, groups))
         return rows
 
@@ -250,7 +250,7 @@ class _Evaluation:
         rows = evaluate(
             lengths, self.specification, repeats=repeats, tolerated_sets=test.tolerated_sets.value, rule=self.rule
         )
-        if _outside(rows):
+        if self._suspect(rows):
             self._slips_in_lengths("E_Uni" if name == "uni" else "E_Bi", pairs, opposite=name == "bi")
         return rows
 
@@ -260,9 +260,13 @@ class _Evaluation:
         self._expect(name, groups[0], "measured lengths", len(pairs), test.positions.value)
         self._bars_apart(name, groups)
         rows = asme_b89_4_22.volumetric([one for one, _ in pairs], self.specification, rule=self.rule)
-        if _outside(rows):
+        if self._suspect(rows):
             self._slips_in_lengths("Volumetric.Max", pairs, opposite=False)
         return rows
+
+    def _suspect(self, rows: Iterable[Row]) -> bool:
+        """Whether to look for slips: something does not conform, and people measured it."""
+        return self.measured.file is not None and any(row.verdict not in (Verdict.CONFORM, None) for row in rows)
 
     def _slips_in_lengths(self, symbol: str, pairs: Sequence[tuple[LengthMeasured, Group]], *, opposite: bool) -> None:
         corrected = self.specification.corrected_to_20_degC
@@ -351,6 +355,8 @@ class _Evaluation:
 
     def _bars_stay(self, name: str, pairs: Sequence[tuple[LengthMeasured, Group]]) -> None:
         """Check that a length lies where it lay from run to run; runs with its ends the other way round are told."""
+        if self.measured.file is None:  # laid out by a program
+            return
         firsts: dict[tuple[str, str, str], FloatArray] = {}
         turned = []
         for one, group in pairs:
@@ -457,10 +463,6 @@ class _Evaluation:
             group,
             hint=f"{hint}, or change the plan (truearm verify --print-plan) if it is so agreed",
         )
-
-
-def _outside(rows: Iterable[Row]) -> bool:
-    return any(row.verdict not in (Verdict.CONFORM, None) for row in rows)
 
 
 def _middles(spheres: Sequence[SphereMeasured]) -> FloatArray:
