@@ -142,11 +142,73 @@ def test_a_session_that_is_in_the_history_is_recognised(truearm, folder):
     assert "in the history already" in truearm(*arguments(26)).out
 
 
-def test_another_model_starts_another_baseline(truearm, folder):
+def test_another_model_starts_another_baseline_and_says_which_checks_are_not_compared(truearm, folder):
     poses = virtual().measure(session(1).angles, seed=3).readings
-    save_model(KinematicModel(virtual().nominal, free=()).fit_readings(poses), "arm.truearm")
-    found = json.loads(truearm(*arguments(26, "--json")).out)
+    save_model(KinematicModel(virtual().nominal, free=()).fit_readings(poses), "new.truearm")
+    asked = ("check", "new.truearm", *arguments(26)[2:])
+    ran = truearm(*asked, "--report", "new.html")
+    said = re.search(
+        r"\na new model: 26 checks of arm.truearm in this history, not compared; the charts of the last one, of "
+        r'2026-01-26, said "recalibrate: yes, since check (\d+) of 2026-01-\d\d"\nrecalibrate: not enough',
+        ran.out,
+    )
+    assert said
+    assert ran.code == 3
+    assert "A new model: 26 checks of arm.truearm in this history" in Path("new.html").read_text()
+    found = json.loads(truearm(*asked, "--json").out)
     assert (found["n_checks"], found["recalibrate"]) == (1, "not enough checks yet")
+    (other,) = found["other_models"]
+    assert {**other, "model": ""} == {
+        "model": "",
+        "name": "arm.truearm",
+        "n_checks": 26,
+        "last": "2026-01-26",
+        "recalibrate": "yes",
+    }
+    # Back to the first one by mistake: its 27th check is not the one after its 26th.
+    write_session(session(27), "day27.csv")
+    assert "\n1 check of new.truearm in this history" in truearm(*arguments(27)).out
+    write_session(session(28), "day28.csv")
+    assert "new.truearm" not in truearm(*arguments(28)).out
+
+
+def test_a_model_of_another_arm_is_no_recalibration(truearm, folder, snapshot):
+    arm = replace(virtual().nominal, name="another")
+    poses = virtual().measure(session(1).angles, seed=3).readings
+    save_model(KinematicModel(arm, free=()).fit_readings(poses), "other.truearm")
+    before = snapshot(folder)
+    ran = truearm("check", "other.truearm", *arguments(26)[2:])
+    assert (ran.code, ran.out) == (2, "")
+    assert f"arm.sqlite: the checks in this history are of arm '{ARM}', the model is of arm 'another'" in ran.err
+    assert snapshot(folder) == before
+
+
+def test_one_check_beyond_the_limits_asks_for_another(truearm, folder):
+    """A blow that moves the elbow's zero by a minute of arc, after ten quiet checks."""
+    Path("arm.sqlite").unlink()
+    model, history = load_model("arm.truearm"), History("arm.sqlite")
+    whose = hashlib.sha256(Path("arm.truearm").read_bytes()).hexdigest()
+    for day in range(1, 11):
+        readings = read_session(f"day{day:02}.csv")
+        values = interim_values(
+            model.predict_readings(readings), std_mm=np.full(len(readings), 0.01), seat=readings.seat
+        )
+        history.append(Check(datetime.datetime(2026, 1, day), whose, fingerprint(readings), 20.0, values))
+    for day, code, end in (
+        (
+            11,
+            3,
+            "recalibrate: not by one check alone; clean the artefacts, see that they are tight, and check once more",
+        ),
+        (12, 1, "recalibrate: yes, since check 11 of 2026-01-11"),
+    ):
+        write_session(session(day, creep_arcsec=60.0), f"day{day}.csv")
+        ran = truearm("check", "arm.truearm", f"day{day}.csv", "--history", "arm.sqlite", "--date", f"2026-01-{day}")
+        assert (ran.code, ran.out.splitlines()[-1]) == (code, end)
+        assert ("in check 11 alone" in ran.out) == (day == 11)
+    page = ["--report", "page.html", "--json"]
+    found = json.loads(truearm(*arguments(12)[:3], "--history", "arm.sqlite", *page).out)
+    assert (found["recalibrate"], found["since"]["check"]) == ("yes", 11)
 
 
 def test_limits_of_the_specification_are_asked_from_the_first_check_on(truearm, folder):
@@ -156,8 +218,11 @@ def test_limits_of_the_specification_are_asked_from_the_first_check_on(truearm, 
     assert "0.0320" in ran.out  # 20 um + 600 mm / 50
     Path("mpe.toml").write_text(MPE.replace("B_um = 80", "B_um = 10"))
     ran = truearm(*arguments(1, "--mpe", "mpe.toml"))
+    assert ran.code == 3
+    assert re.search(r"seat cone, SPAT.2s: 0.0\d+ mm is over the limit of 0.0100 mm in check 1 alone\n", ran.out)
+    assert "check once more" in ran.out
+    ran = truearm(*arguments(2, "--mpe", "mpe.toml"))
     assert ran.code == 1
-    assert "seat cone, SPAT.2s: +0.0" in ran.out
     assert ran.out.endswith("recalibrate: yes\n")
 
 

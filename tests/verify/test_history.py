@@ -167,6 +167,78 @@ def test_what_could_not_be_read_again_is_not_written(filled, changed):
     assert filled.read_bytes() == before
 
 
+def test_other_models_are_named_and_what_their_charts_said(filled):
+    history = History(filled)
+    assert history.others(MODEL, arm="gao2017") == ()
+    assert history.append(check(4, model=OTHER), name="new.truearm", arm="gao2017")
+    assert history.append(check(5, model=OTHER), name="renamed.truearm", arm="gao2017")
+    (other,) = history.others(MODEL, arm="gao2017")
+    assert (other.name, other.arm, [one.date.day for one in other.checks]) == ("new.truearm", "gao2017", [4, 5])
+    assert other.told.startswith("2 checks of new.truearm in this history, not compared; the charts of the last one")
+    assert other.told.endswith(
+        '2026-01-05 08:30, said "recalibrate: not enough checks yet, 1 before this one, 10 are needed"'
+    )
+    (unnamed,) = history.others(OTHER, arm="gao2017")  # its checks were added without names
+    assert unnamed.told.startswith("3 checks of another model (SHA-256 aaaaaaaaaaaa..)")
+    assert history.append(check(6, model="c" * 64), name="un\nprintable", arm="gao2017")
+    assert [one.name for one in history.others(MODEL, arm="gao2017")] == ["", "new.truearm"]  # the last one first
+
+
+def test_a_model_of_another_arm_is_refused(filled):
+    history = History(filled)
+    assert history.append(check(4, model=OTHER), name="new.truearm", arm="gao2017")
+    with pytest.raises(InputError, match="are of arm 'gao2017', the model is of arm 'measuring7'"):
+        history.others(MODEL, arm="measuring7")
+
+
+def test_a_history_of_version_1_is_read_and_becomes_one_of_version_2_with_its_next_check(filled):
+    execute(filled, "DROP TABLE models", "PRAGMA user_version = 1")
+    history = History(filled)
+    assert len(history.checks(MODEL)) == 3
+    assert history.others(OTHER, arm="gao2017")[0].name == ""
+    assert not history.append(check(3))
+    assert history.append(check(4), name="arm.truearm", arm="gao2017")
+    with closing(sqlite3.connect(filled)) as database:
+        assert database.execute("PRAGMA user_version").fetchone() == (VERSION,)
+    (other,) = History(filled).others(OTHER, arm="gao2017")
+    assert (other.name, len(other.checks)) == ("arm.truearm", 4)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    ["DELETE FROM models", "UPDATE models SET name = zeroblob(9)", "UPDATE models SET arm = char(27) || '[2J'"],
+)
+def test_names_that_no_model_has_are_refused(filled, statement):
+    execute(filled, statement)
+    with pytest.raises(InputError, match="damaged"):
+        History(filled).others(OTHER, arm="gao2017")
+
+
+def test_a_folder_in_which_nothing_can_be_made_is_named(path, monkeypatch):
+    """The superuser may write everywhere, the system refuses all the same; no name of a file in between."""
+
+    def refused(*_, **__):
+        raise PermissionError(13, "Permission denied", str(path.with_name(".history-x8r")))
+
+    history = History(path)
+    monkeypatch.setattr(truearm.verify.history.tempfile, "mkdtemp", refused)
+    with pytest.raises(TruearmError) as raised:
+        history.append(check())
+    where = f"no file can be written in the folder {path.parent.resolve()} (Permission denied)"
+    assert str(raised.value) == f"{path}: the history cannot be made: {where}"
+    assert not path.exists()
+
+
+def test_a_folder_that_may_not_be_written_is_refused_before_any_work(path, filled, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda where, mode: mode != os.W_OK)
+    with pytest.raises(InputError, match="no permission to write in the folder"):
+        History(path.with_name("new.sqlite"))
+    history = History(filled)
+    assert len(history.checks(MODEL)) == 3
+    with pytest.raises(InputError, match="protected"):
+        history.append(check(4))
+
+
 def test_statistics_of_a_databases_tools_do_no_harm(filled):
     execute(filled, "ANALYZE")
     assert len(History(filled).checks(MODEL)) == 3
@@ -201,7 +273,9 @@ def test_other_files_are_refused_and_left_alone(path, filled):
 @pytest.mark.parametrize(
     ("statement", "phrase"),
     [
-        ("PRAGMA user_version = 99", "version 1 or older, got version 99"),
+        ("PRAGMA user_version = 99", "version 2 or older, got version 99"),
+        ("PRAGMA user_version = 1", "tables are not those"),
+        ("PRAGMA user_version = 0", "tables are not those"),
         ("PRAGMA application_id = 0", "another program's"),
         ("DROP TABLE test_values", "tables are not those"),
         ("CREATE TRIGGER t AFTER INSERT ON checks BEGIN DELETE FROM checks; END", "tables are not those"),

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from truearm.errors import InputError
 from truearm.readings import Lengths
 from truearm.verify.control_chart import NEEDED
-from truearm.verify.interim import ARTEFACT_U_K, Check, Recalibrate, Value, assess, interim_values, told
+from truearm.verify.interim import ARTEFACT_U_K, Check, Recalibrate, Value, assess, in_words, interim_values, told
 from truearm.verify.limits import Specification
 
 POLES = np.concatenate([np.eye(3), -np.eye(3)])
@@ -166,10 +166,33 @@ def test_it_takes_ten_checks_to_say_no(rng):
         assess([])
 
 
-def test_a_blow_is_seen_though_there_are_few_checks(rng):
-    found = assess(checks_of(np.r_[0.001 * rng.standard_normal(6), 0.2]))
+def test_a_blow_is_seen_though_there_are_few_checks_and_one_more_is_asked_for(rng):
+    steady = 0.001 * rng.standard_normal(6)
+    checks = checks_of(np.r_[steady, 0.2])
+    found = assess(checks)
+    assert (found.recalibrate, found.since) == (Recalibrate.AGAIN, None)
+    assert found.reasons == ("length A to B, length error: beyond the limits of its chart in check 7 alone",)
+    assert "check once more" in in_words(found, checks)
+    checks = checks_of(np.r_[steady, 0.2, 0.21])
+    found = assess(checks)
     assert (found.recalibrate, found.since) == (Recalibrate.YES, 6)
-    assert "beyond the limits of its chart since check 7" in found.reasons[0]
+    assert found.reasons[0].endswith("check 7")
+    assert in_words(found, checks) == "recalibrate: yes, since check 7 of 2026-01-07"
+    found = assess(checks_of(np.r_[steady, 0.2, steady[0]]))
+    assert (found.recalibrate, found.reasons) == (Recalibrate.NOT_ENOUGH, ())
+
+
+def test_a_single_value_beyond_its_limits_does_not_date_a_change_of_another_chart():
+    """The length has jumped; the seat is dirty in the last check."""
+    steady = 0.001 * np.resize([1, -1, 0.5, -0.5], 30)
+    scatters = 0.02 + np.where(np.arange(30) < 29, steady, 0.1)
+    found = assess(checks_of(np.where(np.arange(30) < 15, steady, steady + 0.02), scatters))
+    assert (found.recalibrate, found.since) == (Recalibrate.YES, 15)
+    assert found.reasons[1].endswith("beyond the limits of its chart in check 30 alone")
+    left_out = [*checks_of(steady, scatters), checks_of([0.0])[0]]
+    found = assess(left_out)
+    assert found.recalibrate is Recalibrate.AGAIN
+    assert found.reasons[0].endswith("in check 30 alone, measured last in check 30")
 
 
 def test_since_is_the_first_check_of_the_earliest_change(rng):
@@ -207,7 +230,7 @@ def test_a_change_that_was_found_stands_until_its_artefact_is_retired(rng):
     assert assess(seat_only).reasons[0].endswith(", measured last in check 30")
     assert not assess(seat_only).trends[-1].current
     assert assess(seat_only, retired=["B"]).recalibrate is Recalibrate.NO
-    over = [*checks_of([0.05], [0.02]), replace(checks[1], values=checks[1].values[1:])]
+    over = [*checks_of([0.05, 0.05], [0.02, 0.02]), replace(checks[1], values=checks[1].values[1:])]
     assert assess(over, limited(E_Uni=10)).recalibrate is Recalibrate.YES
     renamed = [*checks, *checks_of([0.0], artefact="A2 to B2")]
     assert assess(renamed).recalibrate is Recalibrate.YES
@@ -258,12 +281,18 @@ def test_what_was_said_of_a_check_does_not_change_with_those_after_it(seed, n, m
             assert (later.chart.signalled, later.chart.changed) == (trend.chart.signalled, trend.chart.changed)
 
 
-def test_a_value_over_its_limit_says_yes_at_once_beyond_the_artefacts_uncertainty():
+def test_a_value_over_its_limit_beyond_the_artefacts_uncertainty_says_yes_the_second_time():
     """ISO 14253-1: 0.0125 mm with U = 2 x 0.001 mm is over 0.010, but not proved over 0.011."""
     checks = checks_of([-0.0125])
     over = assess(checks, limited(E_Uni=10))
-    assert (over.recalibrate, over.since) == (Recalibrate.YES, None)
-    assert "over the limit of 0.0100 mm" in over.reasons[0]
+    assert (over.recalibrate, over.since) == (Recalibrate.AGAIN, None)
+    assert over.reasons[0].endswith("-0.0125 mm is over the limit of 0.0100 mm in check 1 alone")
+    twice = assess(checks_of([-0.0125, -0.0126]), limited(E_Uni=10))
+    assert (twice.recalibrate, twice.since) == (Recalibrate.YES, None)
+    assert twice.reasons[0].endswith("-0.0126 mm is over the limit of 0.0100 mm")
+    assert assess(checks_of([-0.0125, 0.0]), limited(E_Uni=10)).recalibrate is Recalibrate.NOT_ENOUGH
+    scatter = assess(checks_of([0.0], [0.02]), limited(**{"SPAT.Max": 10})).reasons[0]
+    assert scatter.startswith("seat cone, SPAT.Max: 0.0200 mm is over")  # no sign: it is never negative
     assert assess(checks, limited(E_Uni=11)).recalibrate is Recalibrate.NOT_ENOUGH
     stricter = {"E_Uni": 30, "Volumetric.Max": 10}
     assert assess(checks, limited(**stricter)).trends[0].limit_mm == 0.010

@@ -25,9 +25,10 @@ if TYPE_CHECKING:
     from truearm.models import Compensator
     from truearm.models.compensator import BoolArray
     from truearm.readings import Readings
+    from truearm.verify.history import OtherModel
     from truearm.verify.interim import Assessment, Check, Trend, Value
 
-CODES = {"no": 0, "yes": 1, "not enough checks yet": 3}
+CODES = {"no": 0, "yes": 1, "check once more": 3, "not enough checks yet": 3}
 
 
 def check(
@@ -57,8 +58,10 @@ def check(
     A few readings in a seat, in both seats of a bar, on a sphere. Scatter, error of the length, form and diameter are
     added to the history and charted: is it time to recalibrate, and since when? What was found on an artefact stands
     while it is left out. A session that is in the history already is not added again; the last one is completed if it
-    comes with more, such as --lengths. Exit code 0: no need; 1: recalibrate; 3: not enough checks to say.
+    comes with more, such as --lengths. Exit code 0: no need; 1: recalibrate; 3: check once more, or not enough checks
+    to say.
     """
+    from truearm.models.compensator import fingerprint
     from truearm.verify.history import History
     from truearm.verify.interim import Check, assess
     from truearm.verify.limits import read_specification
@@ -71,43 +74,45 @@ def check(
     specification = None if mpe is None else read_specification(mpe)
     kept = History(history)
     with progress(f"checking {session.name}"):
-        fitted, readings, print_of_readings = _readings(model, session)
-        print_of_model = _fingerprint(model)
-        new = Check(day, print_of_model, print_of_readings, _temperature(readings), _values(fitted, readings, lengths))
-        n_before, checks = len(kept.checks(print_of_model)), kept.joined(new)
+        fitted, readings = _readings(model, session)
+        values, whose, name = _values(fitted, readings, lengths), _fingerprint(model), fitted.arm.name
+        new = Check(day, whose, fingerprint(readings), _temperature(readings), values)
+        others = kept.others(whose, arm=name)
+        n_before, checks = len(kept.checks(whose)), kept.joined(new)
         found = assess(checks, specification, retired=retired or ())  # what it refuses is not added
-        added = kept.append(new)
+        added = kept.append(new, name=model.name, arm=name)
         completed = added and len(checks) == n_before
+        changed = _of_other_models(others, checks)
         if report is not None:
             from truearm.report.drift import drift_page
             from truearm.report.html import write_page
 
-            write_page(drift_page(checks, found, arm=fitted.arm.name, facts=_facts(fitted, model, history)), report)
+            facts = _facts(fitted, model, history)
+            write_page(drift_page(checks, found, arm=name, remarks=changed, facts=facts), report)
     if as_json:
-        say_json({"added": added and not completed, "completed": completed, **_for_machines(checks, found)})
+        told = {"added": added and not completed, "completed": completed, **_for_machines(checks, found)}
+        say_json({**told, "other_models": [_of_another(one) for one in others]})
     else:
         if completed:
             say("this session is in the history already and is completed")
         elif not added:
             say("this session is in the history already and is not added again")
-        _tell(checks, found, model=model, outside=fitted.outside_training(readings.angles))
+        _tell(checks, found, changed, model=model, outside=fitted.outside_training(readings.angles))
         if report is not None:
             say(f"{report}: the trend charts")
     raise typer.Exit(CODES[found.recalibrate.value])
 
 
-def _readings(model: Path, session: Path) -> tuple[Compensator, Readings, str]:
+def _readings(model: Path, session: Path) -> tuple[Compensator, Readings]:
     from truearm.cli.predict import load_for
-    from truearm.models.compensator import fingerprint
 
     fitted, readings = load_for(model, session)
-    found = fingerprint(readings)
     if fitted.learned_from(readings):
         raise readings.error(
             "these are the readings that the model learned from, and they agree with it whatever the arm does",
             hint="readings taken since",
         )
-    return fitted, readings, found
+    return fitted, readings
 
 
 def _values(fitted: Compensator, readings: Readings, lengths: Path | None) -> tuple[Value, ...]:
@@ -168,15 +173,23 @@ def _date(given: str | None) -> datetime.datetime:
     return day.replace(microsecond=0)
 
 
+def _of_other_models(others: tuple[OtherModel, ...], checks: tuple[Check, ...]) -> list[str]:
+    """What other models' checks said, while this one is new or after checks with another one."""
+    from truearm.verify.control_chart import NEEDED
+
+    if not others or (len(checks) > NEEDED and checks[-2].date > others[0].checks[-1].date):
+        return []
+    return [f"{'a new model: ' if len(checks) == 1 else ''}{one.told}" for one in others]
+
+
 def _when(one: Check) -> str:
     from truearm.verify.interim import told
 
     return told(one.date)
 
 
-def _tell(checks: tuple[Check, ...], found: Assessment, *, model: Path, outside: BoolArray) -> None:
-    from truearm.verify.control_chart import NEEDED
-    from truearm.verify.interim import Recalibrate
+def _tell(checks: tuple[Check, ...], found: Assessment, changed: list[str], *, model: Path, outside: BoolArray) -> None:
+    from truearm.verify.interim import in_words
 
     last = checks[-1]
     warm = "" if last.temperature_degC is None else f", {last.temperature_degC:.1f} degC"
@@ -196,17 +209,8 @@ def _tell(checks: tuple[Check, ...], found: Assessment, *, model: Path, outside:
         say(f"drift: the larger cumulative sum, in standard deviations; above {interval:.2f} it tells of a change")
     if outside.any():
         say(f"{int(outside.sum())} of {len(outside)} readings have a joint away from the training angles.")
-    for remark in (*found.reasons, *found.remarks):
+    for remark in (*found.reasons, *found.remarks, *changed, in_words(found, checks)):
         say(remark)
-    if found.recalibrate is Recalibrate.YES:
-        since = "" if found.since is None else f", since check {found.since + 1} of {_when(checks[found.since])}"
-        say(f"recalibrate: yes{since}")
-        if found.since == len(checks) - 1:
-            say("One check alone: clean the artefacts, see that they are tight, and check once more.")
-    elif found.recalibrate is Recalibrate.NO:
-        say("recalibrate: no")
-    else:
-        say(f"recalibrate: not enough checks yet, {found.n_before} before this one, {NEEDED} are needed")
 
 
 def _cells(trend: Trend) -> list[str]:
@@ -280,6 +284,18 @@ def _of_trend(trend: Trend) -> dict[str, Any]:
             "changed_since_check": None if trend.since is None else trend.since + 1,
         }
     return row
+
+
+def _of_another(model: OtherModel) -> dict[str, Any]:
+    from truearm.verify.interim import assess
+
+    return {
+        "model": model.model,
+        "name": model.name or None,
+        "n_checks": len(model.checks),
+        "last": _when(model.checks[-1]),
+        "recalibrate": assess(model.checks).recalibrate.value,
+    }
 
 
 def _or_none(number: float) -> float | None:

@@ -93,7 +93,7 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     Exit code 0: done; 2: wrong input, or the system refuses (one message on standard error); 70: a fault of this
     program, with its traceback on standard error; 130: interrupted; 141: the reader of the results went early
     (| head). 1 and 3 are verdicts, never faults: from `verify`: not conform, undecided; from `task`: not good enough,
-    only with guard bands; from `check`: recalibrate, not enough checks yet.
+    only with guard bands; from `check`: recalibrate, and check once more or not enough checks yet.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     try:

@@ -22,7 +22,14 @@ _FEW = 5
 _MOST_ROWS = 60
 
 
-def drift_page(checks: Sequence[Check], found: Assessment, *, arm: str, facts: Sequence[tuple[str, str]] = ()) -> Page:
+def drift_page(
+    checks: Sequence[Check],
+    found: Assessment,
+    *,
+    arm: str,
+    remarks: Sequence[str] = (),
+    facts: Sequence[tuple[str, str]] = (),
+) -> Page:
     """Lay out what a history says of an arm.
 
     Parameters
@@ -33,6 +40,8 @@ def drift_page(checks: Sequence[Check], found: Assessment, *, arm: str, facts: S
         Of these checks.
     arm : str
         Its name.
+    remarks : sequence of str
+        On checks with other models.
     facts : sequence of (str, str)
         What the page rests on.
     """
@@ -45,17 +54,17 @@ def drift_page(checks: Sequence[Check], found: Assessment, *, arm: str, facts: S
         title=f"{arm}: interim checks",
         subtitle=f"{counted(len(checks), 'check')}, {first} to {last}." if len(checks) > 1 else f"One check, {first}.",
         summary=tuple(rows),
-        sections=drift_sections(checks, found),
+        sections=drift_sections(checks, found, remarks),
         facts=tuple(facts),
     )
 
 
-def drift_sections(checks: Sequence[Check], found: Assessment) -> tuple[Section, ...]:
+def drift_sections(checks: Sequence[Check], found: Assessment, remarks: Sequence[str] = ()) -> tuple[Section, ...]:
     """Sections: the answer with the last check's values, the charts, how it is judged, and the checks one by one."""
     return (
         Section(
             "Is it time to recalibrate?",
-            _answer(checks, found),
+            _answer(checks, found, remarks),
             tables=(_last_table([trend for trend in found.trends if trend.current]),),
         ),
         *([Section("Trends", figures=figures)] if (figures := _figures(checks, found)) else []),
@@ -74,6 +83,8 @@ _JUDGED = (
     "when it began is where a jump or a drift fits the values best, and of a slow drift known only roughly. Limits and "
     "sums are set by the number of charts that the history has at each check, so that, of an arm that has not changed, "
     "one check in 370 is beyond the limits of some chart, and some sum comes above its line once in 370 checks.\n\n"
+    "A value that is beyond its limits, or over that of the specification, in one check alone may be dirt in a seat, "
+    "and asks for one more check; two in a row say to recalibrate, as a sum above its line does.\n\n"
     f"With fewer than {NEEDED} checks before, values are taken to scatter at least as the model expects, and that "
     "nothing has changed is not said. These checks take fewer points than the tests of the standards and replace none "
     "of them."
@@ -121,18 +132,21 @@ def temperature_figure(checks: Sequence[Check]) -> Figure:
     )
 
 
-def _answer(checks: Sequence[Check], found: Assessment) -> str:
+def _answer(checks: Sequence[Check], found: Assessment, remarks: Sequence[str]) -> str:
     if found.recalibrate is Recalibrate.NO:
         head = "No. Nothing that the last check measured has changed since the first checks by more than they scatter."
     elif found.recalibrate is Recalibrate.NOT_ENOUGH:
         head = f"Not enough checks yet to say: {found.n_before} before the last one, and each value needs {NEEDED}."
+    elif found.recalibrate is Recalibrate.AGAIN:
+        head = (
+            "Not by one check alone: it may have been made with dirt in a seat. Clean the artefacts, see that they are "
+            "tight, and check once more."
+        )
     elif found.since is None:
-        head = "Yes: a value is over its limit in the specification."
+        head = "Yes: a value is over its limit in the specification, and was at the check before."
     else:
         head = f"Yes. Something has changed since check {found.since + 1} of {told(checks[found.since].date)}."
-        if found.since == len(checks) - 1:
-            head += " One check alone may have been made with dirt in a seat: clean the artefacts and check once more."
-    said = [f"{capitalised(phrase)}." for phrase in (*found.reasons, *found.remarks)]
+    said = [f"{capitalised(phrase)}." for phrase in (*found.reasons, *found.remarks, *remarks)]
     return "\n\n".join([head, *said])
 
 

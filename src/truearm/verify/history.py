@@ -1,9 +1,11 @@
 """The history of an arm's interim checks: one SQLite file, to which checks are added and from which none is taken.
 
-Only the last one of a model may still be completed, by values that were left out of its session.
+Only the last one of a model may still be completed, by values that were left out of its session. A history is of one
+arm; checks of other models of it are kept beside and not compared, since each model has its own errors.
 
 The file says what it is: its application id and its version stand in its header (``PRAGMA application_id``,
 ``PRAGMA user_version``; https://www.sqlite.org/pragma.html). A check and its values are added in one transaction.
+Version 2 added the names of models and their arms; a file of version 1 becomes one of version 2 with its next check.
 """
 
 from __future__ import annotations
@@ -16,17 +18,17 @@ import sqlite3
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from truearm.errors import InputError, TruearmError
-from truearm.verify.interim import QUANTITIES, Check, Value, told
+from truearm.verify.interim import QUANTITIES, Check, Value, assess, in_words, told
 from truearm.writing import check_writable
 
 # "tArm", as the four bytes of SQLite's header have it.
 APPLICATION_ID = int.from_bytes(b"tArm", "big")
-VERSION = 1
+VERSION = 2
 # A check has some ten values of a hundred bytes: room for ten years of a check an hour.
 MAX_BYTES = 256 * 2**20
 MOST_NAME = 1000
@@ -53,13 +55,49 @@ _TABLES = (
     PRIMARY KEY (check_id, number),
     UNIQUE (check_id, quantity, artefact)
 )""",
+    """CREATE TABLE models (
+    model TEXT PRIMARY KEY,
+    name TEXT NOT NULL,
+    arm TEXT NOT NULL
+)""",
 )
+_TABLES_OF_VERSION_1 = _TABLES[:2]
 # What ANALYZE of a database's tools adds.
 _STATISTICS = {
     "CREATE TABLE sqlite_stat1(tbl,idx,stat)",
     "CREATE TABLE sqlite_stat4(tbl,idx,neq,nlt,ndlt,sample)",
 }
 _FINGERPRINT = re.compile("[0-9a-f]{64}")
+
+
+@dataclass(frozen=True)
+class OtherModel:
+    """A model of which a history has checks that are not compared.
+
+    Attributes
+    ----------
+    model : str
+        Its fingerprint.
+    name, arm : str
+        Of its file and of its arm; empty where the history does not say.
+    checks : tuple of Check
+        One or more, in their order.
+    """
+
+    model: str
+    name: str
+    arm: str
+    checks: tuple[Check, ...]
+
+    @property
+    def told(self) -> str:
+        """How many checks it has, and what their charts said last, in words."""
+        n, last = len(self.checks), self.checks[-1]
+        name = self.name or f"another model (SHA-256 {self.model[:12]}..)"
+        return (
+            f"{n} {'check' if n == 1 else 'checks'} of {name} in this history, not compared; "
+            f'the charts of the last one, of {told(last.date)}, said "{in_words(assess(self.checks), self.checks)}"'
+        )
 
 
 class History:
@@ -103,6 +141,39 @@ class History:
         with self._opened() as database:
             return self._read(database, model)
 
+    def others(self, model: str, *, arm: str) -> tuple[OtherModel, ...]:
+        """Other models than this that the history has checks of, the one that was used last first.
+
+        Parameters
+        ----------
+        model : str
+            A fingerprint.
+        arm : str
+            Name of its arm.
+
+        Raises
+        ------
+        InputError
+            If they are models of another arm, or the file is damaged.
+        """
+        if not self.path.exists():
+            return ()
+        with self._opened() as database:
+            found = [
+                OtherModel(other, *self._names(database, other), self._read(database, other))
+                for (other,) in database.execute(
+                    "SELECT model FROM checks WHERE model != ? GROUP BY model ORDER BY max(id) DESC", (model,)
+                ).fetchall()
+            ]
+        for one in found:
+            if one.arm and one.arm != arm:
+                raise InputError(
+                    f"the checks in this history are of arm {one.arm!r}, the model is of arm {arm!r}",
+                    file=self.path,
+                    hint="the model file; or --history with another name: checks of two arms are never compared",
+                )
+        return tuple(found)
+
     def joined(self, check: Check) -> tuple[Check, ...]:
         """The checks of its model as they are once a check is added; the history stays as it is.
 
@@ -117,8 +188,15 @@ class History:
         """
         return self._with(self.checks(check.model), check)
 
-    def append(self, check: Check) -> bool:
+    def append(self, check: Check, *, name: str = "", arm: str = "") -> bool:
         """Add a check, or complete the last one, whole or not at all: see `joined`.
+
+        Parameters
+        ----------
+        check : Check
+        name, arm : str
+            Of the model's file and of its arm: kept with the first check of a model. A name that cannot be printed is
+            left out.
 
         Returns
         -------
@@ -151,8 +229,22 @@ class History:
                         which,
                     )
                     database.execute("DELETE FROM checks WHERE model = ? AND session = ?", which)
+                if _pragma(database, "user_version") == 1:
+                    database.execute(_TABLES[-1])
+                    database.execute(f"PRAGMA user_version = {VERSION}")
+                names = (text if _is_name(text) else "" for text in (name, arm))
+                database.execute("INSERT OR IGNORE INTO models VALUES (?, ?, ?)", (check.model, *names))
                 _insert(database, found[-1])
         return True
+
+    def _names(self, database: sqlite3.Connection, model: str) -> tuple[str, str]:
+        """Names of a model's file and arm; empty where they are not known."""
+        if _pragma(database, "user_version") == 1:
+            return "", ""
+        row = database.execute("SELECT name, arm FROM models WHERE model = ?", (model,)).fetchone()
+        if row is None or not all(map(_is_name, row)):
+            raise self._damaged(f"a model is not as truearm writes it: {row!r:.200}")
+        return row[0], row[1]
 
     def _read(self, database: sqlite3.Connection, model: str) -> tuple[Check, ...]:
         rows = database.execute(
@@ -203,7 +295,10 @@ class History:
                     with suppress(FileExistsError), target.open("xb") as file:
                         file.write(made.read_bytes())
         except (OSError, sqlite3.Error) as error:
-            raise TruearmError(f"{self.path}: the history cannot be made ({error})") from error
+            why = getattr(error, "strerror", None) or error
+            raise TruearmError(
+                f"{self.path}: the history cannot be made: no file can be written in the folder {target.parent} ({why})"
+            ) from error
 
     def _check_size(self) -> None:
         if self.path.is_dir():
@@ -242,7 +337,7 @@ class History:
             )
         # Statements that the file brings along (triggers, views) would be run with ours.
         made = {row[0] for row in database.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")}
-        if version != VERSION or made - _STATISTICS != set(_TABLES):
+        if version < 1 or made - _STATISTICS != set(_TABLES_OF_VERSION_1 if version == 1 else _TABLES):
             raise self._damaged("its tables are not those of a history")
         sound = _pragma(database, "quick_check(1)")
         if sound != "ok":
@@ -254,7 +349,8 @@ class History:
             day = datetime.datetime.fromisoformat(date)
         except (TypeError, ValueError):
             raise self._damaged(f"expected a date, got {date!r:.80}") from None
-        if day.tzinfo is not None or not isinstance(session, str) or not _FINGERPRINT.fullmatch(session):
+        prints = all(isinstance(one, str) and _FINGERPRINT.fullmatch(one) for one in (model, session))
+        if day.tzinfo is not None or not prints:
             raise self._damaged(f"the check of {date!r:.80} is not as truearm writes it")
         found = Check(day, model, session, degC, values)
         if fault := _fault(found):
@@ -322,6 +418,10 @@ def _create(path: Path) -> None:
 
 def _pragma(database: sqlite3.Connection, name: str) -> Any:
     return database.execute(f"PRAGMA {name}").fetchone()[0]
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and len(value) <= MOST_NAME and value.isprintable()
 
 
 def _is_number(value: object) -> bool:

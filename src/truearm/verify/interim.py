@@ -325,6 +325,7 @@ class Recalibrate(StrEnum):
 
     YES = "yes"
     NO = "no"
+    AGAIN = "check once more"
     NOT_ENOUGH = "not enough checks yet"
 
 
@@ -346,6 +347,8 @@ class Trend:
         What the specification permits; None where it says nothing.
     over_limit : bool
         Whether the last value is over that limit beyond its uncertainty.
+    over_before : bool
+        Whether the value before it was too.
     """
 
     latest: Value
@@ -354,12 +357,28 @@ class Trend:
     chart: ControlChart | None
     limit_mm: float | None
     over_limit: bool
+    over_before: bool
 
     @property
     def since(self) -> int | None:
         """The first check of the change that stands; None where nothing has changed."""
         changed = None if self.chart is None else self.chart.since
         return None if changed is None else int(self.checks[changed])
+
+    @property
+    def beyond_alone(self) -> bool:
+        """Whether the last value alone is beyond the limits of its chart: it may be dirt in a seat."""
+        return self.chart is not None and self.chart.changed is None and self.since == int(self.checks[-1])
+
+    @property
+    def asks(self) -> bool:
+        """Whether the last value asks for a check, to recalibrate or for another one."""
+        return self.since is not None or self.over_limit
+
+    @property
+    def certain(self) -> bool:
+        """Whether more than the last value says to recalibrate."""
+        return (self.since is not None and not self.beyond_alone) or (self.over_limit and self.over_before)
 
     @property
     def enough(self) -> bool:
@@ -375,9 +394,9 @@ class Assessment:
     ----------
     recalibrate : Recalibrate
     since : int or None
-        The check with which the change began, counted from 0; None where there is none.
+        The check with which the change began, counted from 0; None where there is none, or none that is certain.
     reasons : tuple of str
-        Why to recalibrate.
+        Why to recalibrate, or to check once more.
     remarks : tuple of str
         What could not be said.
     n_before : int
@@ -399,9 +418,11 @@ def assess(
 ) -> Assessment:
     """Say whether the arm has changed since the first checks.
 
-    The answer is yes if a chart tells of a change (`truearm.verify.control_chart`), or if a value is over its limit in
-    the specification by more than the uncertainty of the artefact (ISO 14253-1), in the last check or, of what it left
-    out, when that was measured last; else no, if every chart of the last check has enough checks before.
+    The answer is yes if a chart tells of a change (`truearm.verify.control_chart`), by its cumulative sum or by two
+    values or more in a row beyond its limits, or if the last two values are over their limit in the specification by
+    more than the uncertainty of the artefact (ISO 14253-1); of what the last check left out, those measured last. It
+    is to check once more if that is so of the last value alone, which may be dirt in a seat. Else no, if every chart of
+    the last check has enough checks before.
 
     Parameters
     ----------
@@ -438,23 +459,32 @@ def assess(
         if not any(by_key[series[key][-1]][key].has(name) for name in retired)
     )
     current = [trend for trend in trends if trend.current and trend.chart is not None]
-    began = [trend.since for trend in trends if trend.since is not None]
-    over = [trend for trend in trends if trend.over_limit]
-    if began or over:
+    began = [trend.since for trend in trends if trend.since is not None and not trend.beyond_alone]
+    if any(trend.certain for trend in trends):
         answer = Recalibrate.YES
+    elif any(trend.asks for trend in trends):
+        answer = Recalibrate.AGAIN
     elif current and all(trend.enough for trend in current):
         answer = Recalibrate.NO
     else:
         answer = Recalibrate.NOT_ENOUGH
     reasons = [_reason(trend, trend.since) for trend in trends if trend.since is not None]
-    for trend in over:
-        reasons.append(
-            f"{trend.latest.label}: {trend.latest.value_mm:+.4f} mm is over the limit of {trend.limit_mm:.4f} mm"
-            f"{_when_last(trend)}"
-        )
+    reasons += [_over(trend) for trend in trends if trend.over_limit]
     n_before = min((int(trend.chart.n_before[-1]) for trend in current if trend.chart is not None), default=0)
     remarks = (*_remarks(trends), *_not_compared(trends, specification))
     return Assessment(answer, min(began) if began else None, tuple(reasons), remarks, n_before, trends)
+
+
+def in_words(found: Assessment, checks: Sequence[Check]) -> str:
+    """The answer of a history of these checks in a line."""
+    if found.recalibrate is Recalibrate.YES:
+        since = "" if found.since is None else f", since check {found.since + 1} of {told(checks[found.since].date)}"
+        return f"recalibrate: yes{since}"
+    if found.recalibrate is Recalibrate.AGAIN:
+        return "recalibrate: not by one check alone; clean the artefacts, see that they are tight, and check once more"
+    if found.recalibrate is Recalibrate.NO:
+        return "recalibrate: no"
+    return f"recalibrate: not enough checks yet, {found.n_before} before this one, {NEEDED} are needed"
 
 
 def _check_retired(retired: Collection[str], checks: Sequence[Check]) -> None:
@@ -484,13 +514,20 @@ def _trend(
             scale=quantity.scale,
             upper_only=quantity.scale,
         )
-    limit, over = None, False
-    if specification is not None and _comparable(latest, specification):
-        stated = [specification.limit(symbol, latest.length_mm) for symbol in quantity.symbols]
-        limit = min((one for one in stated if one is not None), default=None)
-        # k = 2
-        over = limit is not None and decide(latest.value_mm, 2 * latest.u_artefact_mm, limit) is Verdict.NOT_CONFORM
-    return Trend(latest, at[-1] == len(rules) - 1, np.array(at), chart, limit, over)
+    limit, over = _against(latest, specification)
+    over_before = len(values) > 1 and _against(values[-2], specification)[1]
+    return Trend(latest, at[-1] == len(rules) - 1, np.array(at), chart, limit, over, over_before)
+
+
+def _against(value: Value, specification: Specification | None) -> tuple[float | None, bool]:
+    """What the specification permits [mm], and whether a value is over that beyond its uncertainty."""
+    if specification is None or not _comparable(value, specification):
+        return None, False
+    stated = [specification.limit(symbol, value.length_mm) for symbol in QUANTITIES[value.quantity].symbols]
+    limit = min((one for one in stated if one is not None), default=None)
+    # k = 2
+    over = limit is not None and decide(value.value_mm, 2 * value.u_artefact_mm, limit) is Verdict.NOT_CONFORM
+    return limit, over
 
 
 def _comparable(value: Value, specification: Specification) -> bool:
@@ -502,6 +539,8 @@ def _comparable(value: Value, specification: Specification) -> bool:
 
 def _reason(trend: Trend, since: int) -> str:
     assert trend.chart is not None
+    if trend.beyond_alone:
+        return f"{trend.latest.label}: beyond the limits of its chart in check {since + 1} alone{_when_last(trend)}"
     if trend.chart.changed is None:
         what = "beyond the limits of its chart since"
     elif trend.chart.gradual:
@@ -509,6 +548,15 @@ def _reason(trend: Trend, since: int) -> str:
     else:
         what = "a jump at about"
     return f"{trend.latest.label}: {what} check {since + 1}{_when_last(trend)}"
+
+
+def _over(trend: Trend) -> str:
+    sign = "" if QUANTITIES[trend.latest.quantity].scale else "+"
+    alone = "" if trend.over_before else f" in check {trend.checks[-1] + 1} alone"
+    return (
+        f"{trend.latest.label}: {trend.latest.value_mm:{sign}.4f} mm is over the limit of {trend.limit_mm:.4f} mm"
+        f"{alone}{_when_last(trend)}"
+    )
 
 
 def _when_last(trend: Trend) -> str:
@@ -520,7 +568,7 @@ def _remarks(trends: Sequence[Trend]) -> tuple[str, ...]:
     remarks = []
     some_enough = any(trend.enough for trend in trends)
     for trend in trends:
-        if trend.chart is None or trend.since is not None or trend.over_limit:
+        if trend.chart is None or trend.asks:
             continue
         n = f"{trend.chart.n_before[-1]} of {NEEDED} checks before"
         if not trend.current:
