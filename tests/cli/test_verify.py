@@ -374,7 +374,7 @@ SLIPS = {
     "an end": (
         "points.csv",
         moved("uni", (3, 4, 5), ("4", "900", "2"), by_mm=20.0, ends="B"),
-        r"E_Uni, 900: .* which no arm makes: check length 900, position 4, repeat 2 \(line \d+\)",
+        r"E_Uni, 900: .* which no arm makes: check length 900, position 4, repeat 2 \(line \d+\), and that .*",
     ),
     "the diameter": (
         "artefacts.toml",
@@ -444,6 +444,19 @@ def test_an_arm_out_of_adjustment_is_no_slip(truearm, bench):
     found = json.loads(truearm(*options(), "--json").out)
     assert {row["verdict"] for row in found["rows"]} >= {"not conform"}
     assert found["remarks"] == good
+
+
+def test_points_that_are_all_the_same_have_no_stray_one(truearm, bench):
+    """Seats of an arm without noise: the one whose point is 2 mm off is told, the others scatter by nothing at all."""
+    plan = plan_text("asme-b89.4.22")
+    head, _, rest = plan.partition("[effective_diameter]")
+    Path("own.toml").write_text(head + "[single_point]" + rest.partition("[single_point]")[2].partition("[volum")[0])
+    rows = Made(noise_mm=0.0).asme().text().splitlines(keepends=True)
+    text = "".join(row for row in rows if row.startswith(("test", "single_point")))
+    Path("points.csv").write_text(text.replace(*off(text, 15, 2.0), 1))
+    found = json.loads(truearm(*options("own.toml"), "--json").out)
+    (told,) = [remark for remark in found["remarks"] if "alone" in remark]
+    assert told.startswith("test 'single_point', position middle: the point of line")
 
 
 def test_ends_the_other_way_round_in_a_run_are_told_and_change_nothing(truearm, bench):

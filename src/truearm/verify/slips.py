@@ -24,7 +24,7 @@ FAR_BEYOND = 20.0
 # A point is alone in the wrong if the others scatter so much less without it. Of simulated spheres of 9 points with
 # equal noise fewer than 1 in 1000 had such a point; none of 25 points, of 10 in a seat or of 5 centres came near.
 ALONE = 0.1
-# What is nearer disturbs nobody [mm]: numbers without noise would have outliers of rounding.
+# What is nearer disturbs nobody [mm]; points that are all the same would each be one.
 LEAST_MM = 0.001
 # Fewer points of a ball leave less than two to spare without one, and agree whatever they are; so do three places.
 LEAST_ON_BALL, LEAST_PLACES = 7, 4
@@ -105,7 +105,10 @@ def in_lengths(
                 f"{bar.name!r}, and the names of its lengths in the points"
             )
         else:
-            yield f"{said}: check {named([f'{pairs[i][1].where} (line {pairs[i][1].line})' for i in far], '; ')}"
+            runs = named([f"{pairs[i][1].where} (line {pairs[i][1].line})" for i in far], "; ")
+            lone = any(len(end) == 1 for i in far for end in (pairs[i][0].start, pairs[i][0].end))
+            ends = ", and that ends of one point are seats or middles of balls, not points on them" if lone else ""
+            yield f"{said}: check {runs}{ends}"
 
 
 def _beyond(label: str, value: float, limit: float) -> str:
