@@ -70,6 +70,8 @@ def test_a_model_takes_the_test_too(truearm, made):
         (["--simulate", "shop", "--points", "points.csv"], "expected one of --points, --simulate"),
         (["--points", "points.csv"], "--points needs --plan and --artefacts and --mpe as well"),
         (["--simulate", "shopp"], "a preset or a model file to simulate, got 'shopp'"),
+        (["--simulate", "ur10"], "got the arm 'ur10'. Try: --simulate shop --arm ur10"),
+        (["--simulate", "mine.urdf"], "got the arm 'mine.urdf'. Try: --simulate shop --arm mine.urdf"),
         (["--simulate", "shop", "--report", "page.html"], "--report does nothing with --simulate"),
         (["--simulate", "shop", "--arm", "panda2"], "there is no arm 'panda2'"),
         (["--simulate", "shop", "--plan", "iso"], "there is no plan 'iso'"),
@@ -91,7 +93,9 @@ def test_an_arm_too_short_for_the_limits_is_told_its_reach(truearm, tmp_path):
     ran = truearm("verify", "--simulate", "shop", "--plan", "asme-b89.4.22", "--mpe", mpe)
     assert ran.code == 2
     assert "does not reach" in ran.err
+    assert "; volumetric, position 2 4 " in ran.err
     assert "add up to 1291 mm" in ran.err
+    assert "without --mpe" in ran.err
 
 
 def test_the_page_shows_what_the_program_prints(truearm):

@@ -132,11 +132,16 @@ def test_poses_are_those_of_the_seed():
 
 def test_what_is_not_reached_is_named():
     far = layout_of(load_plan("iso10360-12"), example_artefacts(4000.0), 4000.0)
-    with pytest.raises(
-        InputError, match=r"does not reach \d+ of 310 points: probing, .*beyond the arm's links"
-    ) as refused:
+    with pytest.raises(InputError) as refused:
         pose(far, ARM, seed=0)
+    links = "beyond the arm's links"
+    beyond = sum(np.linalg.norm(one.points - [0, 0, 320], axis=1).max() > 1290 for one in far if one.test == "uni")
+    assert refused.value.problem.endswith(
+        f"does not reach {50 + beyond} of 310 points: probing, position 2: {links} (25 x); "
+        f"articulation, position 2: {links} (25 x); uni, all 7 positions: {links} ({beyond} x)"
+    )
     assert "1291 mm" in refused.value.hint
+    assert "a plan of your own (--print-plan) without these places" in refused.value.hint
     # Within the length of the links, but stretched out to the last and touched from beyond.
     stretched = next(one for one in far if one.test == "uni")
     out = np.array([1.0, 0.0, 0.0])
@@ -147,8 +152,20 @@ def test_what_is_not_reached_is_named():
         pose([beyond], ARM, seed=0)
     seat = next(one for one in far if one.test == "probing")
     seat = replace(seat, test="single_point", at=seat.at * 0.01, points=seat.points[:2] * 0.01)
-    with pytest.raises(InputError, match="single_point, position 1: too few postures"):
-        pose([seat], ARM, seed=0)
+    with pytest.raises(InputError, match="does not reach 2 of 3 points: single_point, position 1: too few postures"):
+        pose([seat, replace(stretched, points=np.array([[700.0, 0.0, 320.0]]), approach=-out[None])], ARM, seed=0)
+
+
+def test_lengths_and_groups_are_named_where_others_of_them_are_reached():
+    layout = [one for one in posed().placements if one.test != "probing"]
+    far = {("length", "1700"), ("group", "C")}
+    away = [replace(one, points=one.points + [3000.0, 0, 0]) if far & set(one.keys.items()) else one for one in layout]
+    with pytest.raises(InputError) as refused:
+        pose(away, ARM, seed=0)
+    assert refused.value.problem.endswith(
+        "articulation, all 2 positions, group C: beyond the arm's links (10 x); "
+        "uni, all 7 positions, length 1700: beyond the arm's links (42 x)"
+    )
 
 
 # Errors --------------------------------------------------------------------------------------------------------------

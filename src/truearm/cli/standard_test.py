@@ -113,10 +113,12 @@ def _prepared(
     links add up to in which all points are reached.
     """
     from truearm.errors import InputError
+    from truearm.poses.measuring import needs_five_turning_joints
     from truearm.poses.workspace import stance
     from truearm.tasks.standard_test import pose
     from truearm.verify.layout import layout_of
 
+    needs_five_turning_joints(arm)
     stands = stance(arm)
     for share in SHARES:
         whole = 2 * share * stands.reach_mm
@@ -126,8 +128,11 @@ def _prepared(
         layout = layout_of(plan, certified, specification.measuring_range_mm, shoulder_mm=shoulder)
         try:
             return specification, certified, pose(layout, arm, seed=seed)
-        except InputError:
-            if mpe is not None or share == SHARES[-1] or stands.reach_mm == 0:
+        except InputError as error:
+            if mpe is not None:
+                hint = f"{error.hint}; without --mpe, a range that the arm reaches is looked for"
+                raise InputError(error.problem, hint=hint) from None
+            if share == SHARES[-1] or stands.reach_mm == 0:
                 raise
     raise AssertionError("the last share is returned or raised")
 
@@ -146,7 +151,7 @@ def given_or_example(
 
 
 def _errors(what: str, arm: str | None) -> ArmErrors:
-    from truearm.arm.catalogue import arm_from
+    from truearm.arm.catalogue import arm_from, names
     from truearm.errors import InputError
     from truearm.models.file import load_model
     from truearm.tasks.errors import ModelErrors, PresetErrors
@@ -154,6 +159,10 @@ def _errors(what: str, arm: str | None) -> ArmErrors:
 
     if what in PRESETS:
         return PresetErrors(arm_from(arm or ARM), PRESETS[what])
+    if what in names() or Path(what).suffix.lower() in (".toml", ".urdf"):
+        raise InputError(
+            f"expected a preset or a model file to simulate, got the arm {what!r}", hint=f"--simulate shop --arm {what}"
+        )
     if not Path(what).exists():
         raise InputError(
             f"expected a preset or a model file to simulate, got {what!r}",

@@ -94,24 +94,47 @@ def pose(layout: Sequence[Placement], arm: Arm, *, seed: int) -> PosedTest:
     stands = stance(arm)
     points = np.concatenate([one.points for one in layout])
     beyond = np.linalg.norm(points - stands.shoulder_in_base, axis=1) > stands.reach_mm
-    reasons = dict(Counter(f"{layout[i].where}: beyond the arm's links" for i in placement[beyond]))
-    if not reasons:
+    missed = Counter((int(i), "beyond the arm's links") for i in placement[beyond])
+    if not missed:
         for i in np.flatnonzero(~free):
             found = _in_seat(layout[i], arm, rng)
             if found is None:
-                reasons[f"{layout[i].where}: too few postures"] = len(layout[i].points)
+                missed[int(i), "too few postures"] = len(layout[i].points)
             else:
                 angles[placement == i] = found
-        reasons |= _posed(layout, arm, angles, placement, free[placement], rng)
-    if reasons:
+        missed += _posed(layout, arm, angles, placement, free[placement], rng)
+    if missed:
         raise InputError(
-            f"arm {arm.name!r} does not reach {sum(reasons.values())} of {len(placement)} points: "
-            + "; ".join(f"{where} ({count} x)" if count > 1 else where for where, count in list(reasons.items())[:3])
-            + ("; .." if len(reasons) > 3 else ""),
-            hint=f"a measuring range that is the arm's: the links from its shoulder on add up to "
-            f"{stands.reach_mm:.0f} mm, twice that is the most",
+            f"arm {arm.name!r} does not reach {missed.total()} of {len(placement)} points: {_told(layout, missed)}",
+            hint=f"a smaller measuring range (the links from its shoulder on add up to {stands.reach_mm:.0f} mm, "
+            "twice that is the most), or a plan of your own (--print-plan) without these places: fewer positions, or "
+            "required = false",
         )
     return PosedTest(arm, layout, angles, placement)
+
+
+def _told(layout: Sequence[Placement], missed: Mapping[tuple[int, str], int]) -> str:
+    """Which tests are out of reach, at which positions and why; lengths and groups where others are reached."""
+    out = []
+    for test in dict.fromkeys(one.test for one in layout):
+        why: Counter[str] = Counter()
+        for (i, reason), count in missed.items():
+            if layout[i].test == test:
+                why[reason] += count
+        if not why:
+            continue
+        words = [test]
+        for key in ("position", "length", "group"):
+            planned = dict.fromkeys(one.keys[key] for one in layout if one.test == test and key in one.keys)
+            those = {layout[i].keys.get(key) for i, _ in missed if layout[i].test == test}
+            named = [value for value in planned if value in those]
+            if len(named) == 1 or len(named) < len(planned):
+                words.append(f"{key} {' '.join(named)}")
+            elif planned and key == "position":
+                words.append(f"all {len(planned)} positions")
+        reasons = [f"{reason} ({count} x)" if count > 1 else reason for reason, count in why.items()]
+        out.append(f"{', '.join(words)}: {', '.join(reasons)}")
+    return "; ".join(out)
 
 
 def _in_seat(one: Placement, arm: Arm, rng: np.random.Generator) -> FloatArray | None:
@@ -138,10 +161,10 @@ def _posed(
     placement: npt.NDArray[np.intp],
     free: npt.NDArray[np.bool_],
     rng: np.random.Generator,
-) -> dict[str, int]:
-    """Fill in angles row by row; which points are left, by place and reason, with their number."""
+) -> Counter[tuple[int, str]]:
+    """Fill in angles row by row; which points are left, by placement and reason, with their number."""
     if not free.any():
-        return {}
+        return Counter()
     points = np.concatenate([one.points for one in layout])
     approach = np.concatenate([one.approach for one in layout])
     middles = np.stack([one.at for one in layout])
@@ -169,8 +192,8 @@ def _posed(
                 spread[i], angles[placement == i] = range_of_group, found[placement[rows] == i]
         first = got & np.isnan(angles[rows, 0])
         angles[rows[first]] = found[first]
-    left = np.flatnonzero(np.isnan(angles[:, 0]))
-    return dict(Counter(f"{layout[placement[row]].where}: {why[row]}" for row in left))
+    left = np.flatnonzero(free & np.isnan(angles[:, 0]))
+    return Counter((int(placement[row]), str(why[row])) for row in left)
 
 
 def simulated(
