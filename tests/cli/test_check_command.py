@@ -18,6 +18,7 @@ from truearm.models import KinematicModel
 from truearm.models.compensator import fingerprint
 from truearm.models.file import load_model, save_model
 from truearm.readings import Readings, read_lengths, read_session, write_session
+from truearm.verify import history as truearm_history
 from truearm.verify.history import History
 from truearm.verify.interim import Check, Recalibrate, assess, interim_values
 
@@ -301,6 +302,27 @@ def test_the_page_has_the_charts_and_the_answer(folder):
     for phrase in ("seat cone, SPAT.2s", "a drift since about check", "cumulative", "Temperature of the checks"):
         assert phrase in html
     assert html.count("<svg") == 7  # six charts and the temperature
+
+
+@pytest.mark.parametrize("where", ["truearm.verify.history._insert", "truearm.verify.history._create"])
+def test_a_check_that_is_interrupted_is_not_added(truearm, folder, snapshot, monkeypatch, where):
+    """While it is written, or while its history is made."""
+    if where.endswith("_create"):
+        Path("arm.sqlite").unlink()
+    before = snapshot(folder)
+
+    def interrupted(database, *check):
+        if check:
+            insert(database, *check)
+        raise KeyboardInterrupt
+
+    insert = truearm_history._insert
+    monkeypatch.setattr(where, interrupted)
+    write_session(session(27), "day27.csv")
+    ran = truearm(*arguments(27, "--report", "page.html"))
+    assert (ran.code, ran.out, ran.err) == (130, "", "truearm: interrupted\n")
+    Path("day27.csv").unlink()
+    assert snapshot(folder) == before
 
 
 # Refusals ------------------------------------------------------------------------------------------------------------

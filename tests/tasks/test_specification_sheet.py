@@ -53,6 +53,15 @@ def test_the_worst_result_of_a_drawn_arm_is_near_its_limit(both):
     assert both.draw(3).factor == drawn[3].factor
 
 
+def test_what_drawn_arms_share_leaves_their_errors_as_they_are(both):
+    """Expansion, session, cages and tip of each draw are its own: rounding of coordinates of a metre, 1e-12 mm."""
+    for seed in range(8):
+        drawn = both.draw(seed).drawn
+        expected = drawn.systematic(both.posed.angles)
+        assert np.abs(expected).max() > 1e-3
+        assert np.abs(both._at_tests.systematic(drawn) - expected).max() < 1e-11
+
+
 def test_test_results_to_first_order_are_those_of_the_shapes(both):
     """The same points by the fits of the verification: 2e-5 mm, the square of an error of 0.02 mm over a radius."""
     rng = np.random.default_rng(1)

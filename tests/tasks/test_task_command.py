@@ -2,11 +2,14 @@
 
 import json
 import re
+from contextlib import contextmanager
 
 import pytest
 import typer
 
 from truearm.arm.catalogue import load
+from truearm.cli import task as command
+from truearm.cli.main import run
 from truearm.cli.task import CODES, task
 from truearm.errors import InputError
 from truearm.models import KinematicModel, NominalModel
@@ -152,6 +155,8 @@ def test_a_page_of_a_form(tmp_path):
         (("shop",), {"length": 300.0, "tolerance": -1.0}, "above zero"),
         (("shop",), {"length": 300.0, "repeatability": 0.01}, "is for a model"),
         (("shop",), {"length": 300.0, "arms": 10}, "arms to draw"),
+        (("shop",), {"length": 0.5}, "1 mm or more, got 0.5. Try: in mm"),
+        (("shop",), {"length": 500.0, "at": ["0.6,0,0.3"]}, "does not reach .* Try: its place in mm"),
         (("shop",), {"length": 9000.0}, "does not reach"),
         (("shop",), {"length": 300.0, "arm": "nowhere"}, "nowhere"),
     ],
@@ -159,6 +164,45 @@ def test_a_page_of_a_form(tmp_path):
 def test_wrong_wishes_are_refused(args, options, said):
     with pytest.raises(InputError, match=said):
         ran(*args, **options)
+
+
+@pytest.mark.parametrize(
+    ("option", "typed", "said"),
+    [
+        ("--tolerance", "0,2", "expected its width in mm with a decimal point, 0.2 for +-0.1 mm, got '0,2'"),
+        ("--tolerance", "+-0.1", "expected its width in mm with a decimal point, 0.2 for +-0.1 mm, got '+-0.1'"),
+        ("--length", "500,5", "expected a number in mm with a decimal point, as 0.2, got '500,5'"),
+        ("--repeatability", "5um", "expected a number in mm with a decimal point, as 0.2, got '5um'"),
+    ],
+)
+def test_numbers_that_are_typed_in_another_way_are_told_how(capsys, option, typed, said):
+    with pytest.raises(SystemExit) as ended:
+        run(["task", "shop", option, typed])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == f"truearm: Invalid value for '{option}': {said}. Try: truearm task --help\n"
+
+
+def test_the_bar_shows_through_all_of_it(monkeypatch, tmp_path, capsys):
+    """Also while the poses of a specification's tests are found and the page is drawn."""
+    seen = []
+
+    @contextmanager
+    def bar(what, total):
+        seen.append(f"{what}, {total}")
+        yield lambda done, note: None
+        seen.append("end")
+
+    def noted(name, function):
+        monkeypatch.setattr(name, lambda *args, **named: (seen.append(function.__name__), function(*args, **named))[1])
+
+    import truearm.report.html
+
+    monkeypatch.setattr(command, "progress", bar)
+    noted("truearm.cli.task._errors", command._errors)
+    noted("truearm.report.html.write_page", truearm.report.html.write_page)
+    ran("shop", length=300.0, report=tmp_path / "page.html")
+    assert seen == ["measuring a length, 100", "_errors", "write_page", "end"]
+    assert "page.html" in capsys.readouterr().out
 
 
 def test_a_page_must_have_a_page_s_name_and_be_none_of_the_files_read(tmp_path):

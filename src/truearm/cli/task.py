@@ -17,9 +17,27 @@ if TYPE_CHECKING:
     from truearm.tasks.features import Feature
     from truearm.tasks.task import Estimate, Fitness, Task
 
+
 CODES = {"yes": 0, "no": 1, "only with guard bands": 3}
 # The generic measuring arm, of a size with the presets.
 ARM = "measuring7"
+
+
+def millimetres(text: str) -> float:
+    """A number of an option, in mm."""
+    return _number(text, "a number in mm with a decimal point, as 0.2")
+
+
+def width(text: str) -> float:
+    """The width of a tolerance [mm]."""
+    return _number(text, "its width in mm with a decimal point, 0.2 for +-0.1 mm")
+
+
+def _number(text: str, expected: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(f"expected {expected}, got {text!r}") from None
 
 
 def task(
@@ -30,9 +48,13 @@ def task(
     feature: Annotated[
         Literal["length", "sphere", "plane", "circle"], typer.Option("--feature", help="What is measured.")
     ] = "length",
-    length: Annotated[float | None, typer.Option("--length", help="Of a length [mm].")] = None,
-    diameter: Annotated[float | None, typer.Option("--diameter", help="Of a ball or bore [mm].")] = None,
-    size: Annotated[float | None, typer.Option("--size", help="Of a square plate, its side [mm].")] = None,
+    length: Annotated[float | None, typer.Option("--length", parser=millimetres, help="Of a length [mm].")] = None,
+    diameter: Annotated[
+        float | None, typer.Option("--diameter", parser=millimetres, help="Of a ball or bore [mm].")
+    ] = None,
+    size: Annotated[
+        float | None, typer.Option("--size", parser=millimetres, help="Of a square plate, its side [mm].")
+    ] = None,
     at: Annotated[
         list[str] | None,
         typer.Option(
@@ -49,7 +71,8 @@ def task(
         int | None, typer.Option("--points", help="In all: 25, of a length 2, half of them at each end.")
     ] = None,
     tolerance: Annotated[
-        float | None, typer.Option("--tolerance", help="Width of the tolerance zone [mm]: 0.1 for +-0.05 mm.")
+        float | None,
+        typer.Option("--tolerance", parser=width, help="Width of the tolerance zone [mm]: 0.1 for +-0.05 mm."),
     ] = None,
     spec: Annotated[
         Path | None, typer.Option("--spec", help="An arm's specification instead: the limits it promises, .toml.")
@@ -62,6 +85,7 @@ def task(
         float | None,
         typer.Option(
             "--repeatability",
+            parser=millimetres,
             help="Of a model: measured standard deviation of a coordinate, the point taken again in the same pose "
             "[mm]; else nothing counts as random, and means of many points are stated too uncertain.",
         ),
@@ -81,37 +105,38 @@ def task(
     Exit code with --tolerance, 0: good enough; 1: not; 3: only with guard bands. Without, 0.
     """
     from truearm.errors import InputError
-    from truearm.tasks.specification_sheet import ConstrainedErrors, share_of_limit
-    from truearm.tasks.task import fitness, measured_by
 
     if report is not None:
         check_page(report, *[Path(path) for path in (what, spec, arm) if path is not None])
     if tolerance is not None and not (isfinite(tolerance) and tolerance > 0):
         raise InputError(f"--tolerance expects a width above zero in mm, got {tolerance}", hint="0.1 for +-0.05 mm")
-    errors, about = _errors(what, spec, arm, repeatability)
-    measured = _feature(
-        feature,
-        errors.arm,
-        sizes={"length": length, "diameter": diameter, "size": size},
-        at=at,
-        along=along,
-        points=points,
-    )
-    with progress(f"measuring a {measured.name}", total=arms) as tell:
+    with progress(f"measuring a {feature}", total=arms) as tell:
+        from truearm.tasks.specification_sheet import ConstrainedErrors, share_of_limit
+        from truearm.tasks.task import fitness, measured_by
+
+        errors, about = _errors(what, spec, arm, repeatability)
+        measured = _feature(
+            feature,
+            errors.arm,
+            sizes={"length": length, "diameter": diameter, "size": size},
+            at=at,
+            along=along,
+            points=points,
+        )
         share = share_of_limit if isinstance(errors, ConstrainedErrors) else None
         found = measured_by(errors, measured, n_arms=arms, seed=seed, share_of_limit=share, progress=tell)
-    fit = None if tolerance is None else fitness(found.estimates[0], tolerance)
-    remarks = [*_remarks(errors, found), *assumptions(errors)]
-    if found.at_limit is not None:
-        remarks.append(
-            f"Of arms that just keep the limits, U = {found.at_limit.expanded_mm:.4f} mm: to buy by, take it."
-        )
-    if report is not None:
-        from truearm.report.html import write_page
-        from truearm.report.task import task_page
+        fit = None if tolerance is None else fitness(found.estimates[0], tolerance)
+        remarks = [*_remarks(errors, found), *assumptions(errors)]
+        if found.at_limit is not None:
+            remarks.append(
+                f"Of arms that just keep the limits, U = {found.at_limit.expanded_mm:.4f} mm: to buy by, take it."
+            )
+        if report is not None:
+            from truearm.report.html import write_page
+            from truearm.report.task import task_page
 
-        facts = _facts(errors, about, found, seed)
-        write_page(task_page(found, fit, about=about, remarks=remarks, facts=facts), report)
+            facts = _facts(errors, about, found, seed)
+            write_page(task_page(found, fit, about=about, remarks=remarks, facts=facts), report)
     if as_json:
         say_json(_result(found, fit, about, remarks, errors))
     else:

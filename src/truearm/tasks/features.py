@@ -17,6 +17,8 @@ from truearm.verify.sphere import fit_sphere
 FloatArray = npt.NDArray[np.float64]
 
 UP = np.array([0.0, 0.0, 1.0])
+# No arm's tip is smaller; a size below was meant in metres.
+LEAST_MM = 1.0
 MOST_POINTS = 1000
 # One more than the shape has parameters, so that its form deviation means something.
 LEAST_POINTS = {"length": 2, "sphere": 5, "plane": 4, "circle": 5}
@@ -82,9 +84,7 @@ def length(ends: npt.ArrayLike, *, points: int = 2) -> Feature:
     placed = np.asarray(ends, dtype=float)
     if placed.shape != (2, 3) or not np.isfinite(placed).all():
         raise InputError(f"expected the two ends of a length, (2, 3) in mm, got shape {placed.shape}")
-    nominal = float(np.linalg.norm(placed[1] - placed[0]))
-    if not nominal > 0:
-        raise InputError("expected a length above zero, got two ends in one place")
+    nominal = _size(float(np.linalg.norm(placed[1] - placed[0])), "distance of the two ends")
     n = _checked(points, "length")
     if n % 2:
         raise InputError(f"expected an even number of points for a length, half of them at each end, got {n}")
@@ -206,8 +206,10 @@ def _place(at: npt.ArrayLike) -> FloatArray:
 
 
 def _size(size_mm: float, what: str) -> float:
-    if not 0 < size_mm < np.inf:
-        raise InputError(f"expected a {what} above zero in mm, got {size_mm}")
+    if not LEAST_MM <= size_mm < np.inf:
+        raise InputError(
+            f"expected a {what} of {LEAST_MM:g} mm or more, got {size_mm:g}", hint="in mm: half a metre is 500"
+        )
     return float(size_mm)
 
 

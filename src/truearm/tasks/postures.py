@@ -20,6 +20,8 @@ FloatArray = npt.NDArray[np.float64]
 # one measurement by N(0, 10 deg) and within 10 deg more.
 _SWING_RAD, _LEAN_RAD = np.radians(35.0), np.radians(30.0)
 _SWING_OF_POINT_RAD, _LEAN_OF_POINT_RAD = np.radians(10.0), np.radians(10.0)
+# Of coordinates that are all smaller, the hint is that they are in metres.
+_METRES = 5.0
 _ROUNDS = 6  # of holding the feature in as many ways as are wanted
 _TRIES = 3  # of a point, before its way of holding is given up
 
@@ -76,9 +78,11 @@ def held(arm: Arm, feature: Feature, n: int, *, seed: int) -> FloatArray:
             break
     ways_found = np.concatenate(found)
     if not len(ways_found):
+        hint = f"a place about {0.6 * where.reach_mm:.0f} mm in front of the shoulder, or another direction"
+        if np.abs(feature.points.mean(axis=0)).max() < _METRES:
+            hint = "its place in mm: 600,0,300, not 0.6,0,0.3"
         raise InputError(
-            f"arm {arm.name!r} does not reach all of the {feature.name} in any posture: {told(rejected)}",
-            hint=f"a place about {0.6 * where.reach_mm:.0f} mm in front of the shoulder, or another direction",
+            f"arm {arm.name!r} does not reach all of the {feature.name} in any posture: {told(rejected)}", hint=hint
         )
     return ways_found
 

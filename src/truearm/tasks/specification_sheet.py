@@ -40,12 +40,16 @@ from truearm.errors import InputError
 from truearm.poses.workspace import stance
 from truearm.tasks.errors import DrawnArm, DrawnPreset, PresetErrors
 from truearm.tasks.standard_test import PosedTest, pose
+from truearm.terms import REFERENCE_TEMPERATURE_DEGC
 from truearm.verify.artefacts import Artefacts
 from truearm.verify.circumscribed import circumscribed_sphere
 from truearm.verify.layout import ZONES, Placement, layout_of
 from truearm.verify.limits import Specification
 from truearm.verify.test_plan import Plan, load_plan
+from truearm.virtual.motions import MotionFunctions
 from truearm.virtual.presets import SHOP, Preset
+from truearm.virtual.state import at_rest, mean_hand_force
+from truearm.virtual.systematic import gravity_of, masses_of
 
 FloatArray = npt.NDArray[np.float64]
 # From errors (n, 3) [mm] at the poses of the tests to results over their limits, by symbol.
@@ -140,8 +144,7 @@ class ConstrainedErrors:
         nearest: tuple[float, DrawnPreset, dict[str, float]] | None = None
         for _ in range(TRIES):
             drawn = PresetErrors(self.arm, _drawn_preset(rng)).draw(int(rng.integers(2**62)))
-            angles = self.posed.angles
-            found = self.results(drawn.systematic(angles) + drawn.random(angles, rng))
+            found = self.results(self._at_tests.systematic(drawn) + drawn.random(self.posed.angles, rng))
             even = min(found.values()) / max(found.values())
             if nearest is None or even > nearest[0]:
                 nearest = even, drawn, found
@@ -151,6 +154,10 @@ class ConstrainedErrors:
         _, drawn, found = nearest
         factor = share / max(found.values())
         return DrawnFromSheet(drawn, factor, {symbol: factor * ratio for symbol, ratio in found.items()})
+
+    @cached_property
+    def _at_tests(self) -> _AtTests:
+        return _AtTests.of(self.arm, self.posed.angles)
 
     @cached_property
     def _judges(self) -> list[Judge]:
@@ -275,6 +282,57 @@ def share_of_limit(drawn: DrawnArm) -> float:
     """The worst result of an arm drawn from a sheet over its limit: 1 for an arm that just keeps the sheet."""
     assert isinstance(drawn, DrawnFromSheet)
     return max(drawn.results.values())
+
+
+@dataclass(frozen=True, eq=False)
+class _AtTests:
+    """What all drawn arms share at the poses of the tests: most of the work of their systematic errors.
+
+    They differ from the preset ``shop`` in none of what the functions depend on (`CLASSES`). The functions are those of
+    an arm a kelvin above the reference temperature, with its ball cages at zero.
+
+    Attributes
+    ----------
+    arm : Arm
+    functions : MotionFunctions
+    tips : (n, 3) array
+        Of the nominal arm [mm].
+    by_tip : (n, 3) array
+        Their derivatives by `force_N` times the compliance of the tip [N].
+    """
+
+    arm: Arm
+    functions: MotionFunctions
+    tips: FloatArray
+    by_tip: FloatArray
+
+    @classmethod
+    def of(cls, arm: Arm, angles: FloatArray) -> _AtTests:
+        force_N = mean_hand_force(SHOP)
+        functions = MotionFunctions(
+            chain=arm.chain,
+            angles=angles,
+            state=at_rest(arm.chain, len(angles), temperature_degC=REFERENCE_TEMPERATURE_DEGC + 1).with_force(force_N),
+            masses=masses_of(arm, SHOP),
+            gravity_in_base=gravity_of(arm),
+            cage_ratio=SHOP.cage_ratio,
+        )
+        small = arm.chain.small_motions(angles)
+        return cls(arm, functions, small.tip_in_base, np.einsum("nkc,k->nc", small.by_motion[:, -1, 3:], force_N))
+
+    def systematic(self, drawn: DrawnPreset) -> FloatArray:
+        """Errors (n, 3) [mm] as `DrawnPreset.systematic` has them, to rounding."""
+        own, session = drawn.virtual.systematic, drawn.session
+        cosine, sine = np.cos(session.cage_phase)[:, None], np.sin(session.cage_phase)[:, None]
+        at_cos, at_sin = own.cage[:, 0], own.cage[:, 1]
+        in_session = replace(
+            own,
+            expansion_per_K=own.expansion_per_K * (session.link_temperature_degC[0] - REFERENCE_TEMPERATURE_DEGC),
+            # a cos(x + p) + b sin(x + p), sorted by cos x and sin x
+            cage=np.stack([cosine * at_cos + sine * at_sin, cosine * at_sin - sine * at_cos], axis=1),
+        )
+        true = self.arm.chain.tip_in_base(self.functions.angles, self.functions.motions(in_session))
+        return self.tips + own.tip_mm_per_N * self.by_tip - true
 
 
 @dataclass(frozen=True, eq=False)

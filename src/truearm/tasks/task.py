@@ -222,10 +222,14 @@ def measured_by(
             shares[i] = share_of_limit(drawn)
         if progress is not None:
             progress(i + 1, "")
-    estimates = tuple(_estimate(q, found[:, :, j], len(ways)) for j, q in enumerate(feature.quantities))
+    estimates = tuple(
+        Estimate(quantity, found[0, :, j], found[1, :, j], found[2, :, j], len(ways))
+        for j, quantity in enumerate(feature.quantities)
+    )
     at_limit = None
     if share_of_limit is not None:  # errors are small: those of a feature grow in proportion to the arm's
-        at_limit = _estimate(feature.quantities[0], found[:, :, 0] / shares, len(ways))
+        scaled = found[:, :, 0] / shares
+        at_limit = Estimate(feature.quantities[0], scaled[0], scaled[1], scaled[2], len(ways))
     known = not (isinstance(errors, ModelErrors) and errors.repeatability_mm is None)
     return Task(feature, estimates, ways, at_limit, known)
 
@@ -308,11 +312,6 @@ def advice(found: Task) -> str:
     better = (arm + point / 4) ** 0.5
     which = "Random errors dominate" if share > 1 - SMALL_SHARE else "The arm's own and random errors are alike"
     return f"{which}: four times the points would give about u = {better:.4f} mm."
-
-
-def _estimate(quantity: Quantity, found: FloatArray, n_ways: int) -> Estimate:
-    errors, of_arm, of_points = found
-    return Estimate(quantity, errors, of_arm, of_points, n_ways)
 
 
 def _spreads(drawn: FloatArray) -> FloatArray:
