@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from truearm.arm.catalogue import load
+from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.models import KinematicModel, NetworkModel
 from truearm.poses.measuring import measuring
 from truearm.readings.readings import Readings
 from truearm.tasks import errors
-from truearm.tasks.errors import ORDER, ModelErrors, PoseField, PresetErrors
+from truearm.tasks.errors import ORDER, SHARE_OF_JOINTS, ModelErrors, PoseField, PresetErrors, unit_movements
 from truearm.virtual import VirtualArm, load_preset
 from truearm.virtual.presets import PERFECT, SHOP, Preset
 from truearm.virtual.systematic import ARCSEC
@@ -90,6 +91,7 @@ def test_draws_from_a_model_have_its_covariance(model):
     drawn = np.array([known.draw(seed).systematic(POSES) for seed in range(600)])
     of_parameters, unexplained = model.covariance_parts(Readings(POSES))
     share = known.share(POSES)[:, 0] ** 2
+    assert (known.movements(POSES) ** 2).sum(axis=(1, 2)) / 3 == pytest.approx(share * known.field_std_mm**2, rel=1e-9)
     of_terms = known.widening**2 * np.trace(of_parameters, axis1=1, axis2=2) / 3
     expected = of_terms + share * known.field_std_mm**2
     found = (drawn**2).mean(axis=(0, 2))
@@ -97,6 +99,14 @@ def test_draws_from_a_model_have_its_covariance(model):
     assert found.mean() == pytest.approx(expected.mean(), rel=0.1)
     total = known.field_std_mm**2 + known.random_std_mm**2
     assert share * total == pytest.approx(unexplained[:, 0, 0], rel=1e-9)
+    # Where joints move the tip most and least, the mean over the poses.
+    M = known.movements(POSES)
+    own, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", M, M))
+    of_parameters = known.R_base_reference @ of_parameters @ known.R_base_reference.T
+    along = known.widening**2 * np.einsum("nia,nij,nja->na", axes, of_parameters, axes) + own
+    found = (np.einsum("nia,mni->mna", axes, drawn) ** 2).mean(axis=(0, 1))
+    assert found == pytest.approx(along.mean(axis=0), rel=0.1)
+    assert own[:, 2].mean() > 1.5 * own[:, 0].mean()
 
 
 def test_the_posterior_is_widened_to_what_readings_held_out_show(model):
@@ -182,10 +192,57 @@ def test_a_field_has_its_size_and_its_correlation():
     """exp(-16 (1 - cos d)) between two poses that differ by d in one joint; over a full turn it is the same again."""
     d = 0.2
     pose = np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]])
-    poses = np.concatenate([pose, pose + [d, 0, 0, 0, 0, 0], pose + [0, 0, 2 * np.pi, 0, 0, 0]])
+    poses = np.concatenate([pose, pose + [d, 0, 0, 0, 0, 0], pose + [0, 0, 2 * np.pi, 0, 0, 0], pose])
     rng = np.random.default_rng(1)
-    drawn = np.array([PoseField.draw(ARM.chain, 0.01, ORDER, rng).at(poses) for _ in range(1500)])
-    near, beyond, turned = drawn[:, 0].ravel(), drawn[:, 1].ravel(), drawn[:, 2].ravel()
-    assert near.std() == pytest.approx(0.01, rel=0.05)  # 4500 numbers: 1.1 % a standard deviation
+    drawn = np.array([PoseField.draw(ARM.chain, 3, ORDER, rng).at(poses) for _ in range(1500)])
+    near, beyond, turned, again = (drawn[:, i].ravel() for i in range(4))
+    assert near.std() == pytest.approx(1.0, rel=0.05)  # 4500 numbers: 1.1 % a standard deviation
     assert np.corrcoef(near, beyond)[0, 1] == pytest.approx(np.exp(-16 * (1 - np.cos(d))), abs=0.04)
-    assert np.abs(near - turned).max() < 1e-12
+    assert np.abs(near - turned).max() < 1e-10
+    assert np.abs(near - again).max() < 1e-12  # of waves of order 1: rounding
+
+
+def test_a_joint_that_turns_moves_the_tip_across_its_lever():
+    """By hand: tip 100 mm from the axis z, at right angles to it the joint's part, three times a coordinate's own."""
+    chain = Chain(np.stack([np.eye(4), np.eye(4)]), [100.0, 0.0, 20.0])
+    by_joint, *even = unit_movements(chain, np.array([[0.0]]))[0]
+    assert by_joint == pytest.approx([0.0, np.sqrt(3 * SHARE_OF_JOINTS), 0.0], abs=1e-12)
+    assert np.array(even) == pytest.approx(np.sqrt(1 - SHARE_OF_JOINTS) * np.eye(3), abs=1e-12)
+    quarter = unit_movements(chain, np.array([[np.pi / 2]]))[0, 0]
+    assert quarter == pytest.approx([-np.sqrt(3 * SHARE_OF_JOINTS), 0.0, 0.0], abs=1e-12)
+
+
+def test_joints_share_by_their_levers_and_sliding_ones_by_the_reach():
+    """Turning about z, tip 300 mm away along x, then sliding along z: a third of the reach counts as a radian."""
+    outward = np.eye(4)
+    outward[0, 3] = 300.0
+    chain = Chain(np.stack([np.eye(4), outward, np.eye(4)]), np.zeros(3), np.array([False, True]))
+    assert chain.reach == 300.0
+    turning, sliding, *_ = unit_movements(chain, np.zeros((1, 2)))[0] / np.sqrt(3 * SHARE_OF_JOINTS)
+    assert turning == pytest.approx([0.0, 3 / np.sqrt(10), 0.0])
+    assert sliding == pytest.approx([0.0, 0.0, 1 / np.sqrt(10)])
+
+
+def test_a_tip_that_no_joint_moves_has_finite_errors():
+    chain = Chain(np.stack([np.eye(4), np.eye(4)]), [0.0, 0.0, 20.0])
+    assert unit_movements(chain, np.zeros((1, 1)))[0, 0] == pytest.approx(np.zeros(3))
+
+
+def test_joints_parts_of_an_arm_are_as_its_chain_s_derivatives():
+    joints = unit_movements(ARM.chain, POSES)[:, :-3]
+    J = ARM.chain.small_motions(POSES).by_motion[:, 1:-1, 2]
+    times = np.linalg.norm(joints, axis=(1, 2)) / np.linalg.norm(J, axis=(1, 2))
+    assert joints == pytest.approx(times[:, None, None] * J, abs=1e-12)
+    assert (joints**2).sum(axis=(1, 2)) == pytest.approx(np.full(len(POSES), 3 * SHARE_OF_JOINTS))
+
+
+def test_near_poses_err_alike_and_far_ones_do_not(model):
+    known = ModelErrors(model)
+    pose = POSES[:1]
+    poses = np.concatenate([pose, pose, pose + 0.003, POSES[1:2]])
+    drawn = [known.draw(seed) for seed in range(200)]
+    errs = np.array([np.einsum("nki,nk->ni", known.movements(poses), one.field.at(poses)) for one in drawn])
+    assert np.abs(errs[:, 0] - errs[:, 1]).max() < 1e-12  # mm, rounding
+    # 1 - exp(-49 * 6 * 0.003^2 / 2) is 0.13 %: the difference is 5 % of a standard deviation.
+    assert np.sqrt(((errs[:, 0] - errs[:, 2]) ** 2).mean() / (errs[:, 0] ** 2).mean()) == pytest.approx(0.05, abs=0.02)
+    assert np.sqrt(((errs[:, 0] - errs[:, 3]) ** 2).mean() / (errs[:, 0] ** 2).mean()) > 1

@@ -70,8 +70,8 @@ def test_intervals_of_two_points_hold_what_they_say(identified, length):
         (length_at(MIDDLE, ACROSS, 500.0, points=40), 0.6),
         (sphere(MIDDLE, 25.0), 0.75),
         (plane(MIDDLE, UP, 200.0), 0.75),
-        # What a model leaves open is alike in all directions; along this plate's normal arms err less than that.
-        (plane(MIDDLE, np.cross(ACROSS, UP), 200.0), 0.6),
+        # Towards the arm joints hardly move a tip: drawn alike in all directions, this was stated a third too large.
+        (plane(MIDDLE, np.cross(ACROSS, UP), 200.0), 0.8),
     ],
     ids=["length of 40 points", "ball", "plate lying", "plate facing"],
 )
