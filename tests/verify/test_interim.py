@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.readings import Lengths
+from truearm.readings.expansion import ARTEFACT_U_K
 from truearm.verify.control_chart import NEEDED
-from truearm.verify.interim import ARTEFACT_U_K, Check, Recalibrate, Value, assess, in_words, interim_values, told
+from truearm.verify.interim import Check, Recalibrate, Value, assess, in_words, interim_values, told
 from truearm.verify.limits import Specification
 
 POLES = np.concatenate([np.eye(3), -np.eye(3)])

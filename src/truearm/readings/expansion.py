@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import BoolArray, FloatArray, NameArray
@@ -13,9 +14,9 @@ REFERENCE_DEGC = 20.0
 """Temperature at which lengths are stated (ISO 1)."""
 
 ARTEFACT_U_K = 0.5
-"""Standard uncertainty of an artefact's temperature, where the session states the arm's and the two lie together [K].
+"""Standard uncertainty by which an artefact has not the temperature that the session states [K].
 
-Chosen: half a degree or so remains between things that lie in one room for hours (it is told wherever it counts).
+That is the arm's. An artefact that lay beside it for some hours is taken to be within a kelvin of it.
 """
 
 STEEL_PER_K = 1.15e-5
@@ -44,8 +45,19 @@ class Growth:
     u_expansion: FloatArray
 
 
+def growth_at(lengths: Lengths, temperature_degC: npt.ArrayLike) -> Growth:
+    """How much longer lengths are at temperatures (m,) of their artefacts [degC], or at one of all; NaN: not known."""
+    m = len(lengths)
+    warmer = np.broadcast_to(np.asarray(temperature_degC, dtype=float) - REFERENCE_DEGC, m)
+    if lengths.expansion_per_K is None or lengths.u_expansion_per_K is None:
+        return Growth(np.zeros(m, dtype=bool), np.ones(m), np.zeros(m), np.zeros(m))
+    known = np.isfinite(lengths.expansion_per_K) & np.isfinite(warmer)
+    expansion, u_expansion, warmer = np.where(known, [lengths.expansion_per_K, lengths.u_expansion_per_K, warmer], 0.0)
+    return Growth(known, 1 + expansion * warmer, np.abs(expansion) * ARTEFACT_U_K, u_expansion * np.abs(warmer))
+
+
 def growth_of(lengths: Lengths, seat: NameArray, temperature_degC: FloatArray | None) -> Growth:
-    """How much longer lengths are at the temperature of the readings in their two seats.
+    """How much longer lengths are at the mean temperature of the readings in their two seats.
 
     Parameters
     ----------
@@ -56,13 +68,7 @@ def growth_of(lengths: Lengths, seat: NameArray, temperature_degC: FloatArray | 
     temperature_degC : (n,) array or None
         Temperature at each reading.
     """
-    m = len(lengths)
-    known, warmer = np.zeros(m, dtype=bool), np.zeros(m)
-    if lengths.expansion_per_K is None or lengths.u_expansion_per_K is None or temperature_degC is None:
-        return Growth(known, np.ones(m), np.zeros(m), np.zeros(m))
-    known = np.isfinite(lengths.expansion_per_K)
-    for i in np.flatnonzero(known):
-        here = (seat == lengths.seat_a[i]) | (seat == lengths.seat_b[i])
-        warmer[i] = temperature_degC[here].mean() - REFERENCE_DEGC
-    expansion, u_expansion = np.where(known, [lengths.expansion_per_K, lengths.u_expansion_per_K], 0.0)
-    return Growth(known, 1 + expansion * warmer, np.abs(expansion) * ARTEFACT_U_K, u_expansion * np.abs(warmer))
+    if lengths.expansion_per_K is None or temperature_degC is None:
+        return growth_at(lengths, np.nan)
+    ends = zip(lengths.seat_a, lengths.seat_b, strict=True)
+    return growth_at(lengths, [temperature_degC[(seat == a) | (seat == b)].mean() for a, b in ends])

@@ -9,12 +9,13 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
+from truearm.readings.expansion import ARTEFACT_U_K
 from truearm.report.canvas import FAINT, INK, LIMIT, Figure, drawing_rules, listed, panel, short
 from truearm.report.page import Cell, Column, Page, Row, Section, Table
 from truearm.report.quantities import Rounded
 from truearm.report.wording import capitalised, counted
 from truearm.verify.control_chart import NEEDED, ControlChart
-from truearm.verify.interim import ARTEFACT_U_K, Assessment, Check, Recalibrate, Trend, told
+from truearm.verify.interim import Assessment, Check, Recalibrate, Trend, told
 
 _NAVY, _ORANGE = "#12407a", "#d9730d"
 # Limits from fewer values before are too wide to be drawn.

@@ -38,9 +38,9 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.poses.workspace import stance
+from truearm.readings.expansion import REFERENCE_DEGC
 from truearm.tasks.errors import DrawnArm, DrawnPreset, PresetErrors
 from truearm.tasks.standard_test import PosedTest, pose
-from truearm.terms import REFERENCE_TEMPERATURE_DEGC
 from truearm.verify.artefacts import Artefacts
 from truearm.verify.circumscribed import circumscribed_sphere
 from truearm.verify.layout import ZONES, Placement, layout_of
@@ -312,7 +312,7 @@ class _AtTests:
         functions = MotionFunctions(
             chain=arm.chain,
             angles=angles,
-            state=at_rest(arm.chain, len(angles), temperature_degC=REFERENCE_TEMPERATURE_DEGC + 1).with_force(force_N),
+            state=at_rest(arm.chain, len(angles), temperature_degC=REFERENCE_DEGC + 1).with_force(force_N),
             masses=masses_of(arm, SHOP),
             gravity_in_base=gravity_of(arm),
             cage_ratio=SHOP.cage_ratio,
@@ -327,7 +327,7 @@ class _AtTests:
         at_cos, at_sin = own.cage[:, 0], own.cage[:, 1]
         in_session = replace(
             own,
-            expansion_per_K=own.expansion_per_K * (session.link_temperature_degC[0] - REFERENCE_TEMPERATURE_DEGC),
+            expansion_per_K=own.expansion_per_K * (session.link_temperature_degC[0] - REFERENCE_DEGC),
             # a cos(x + p) + b sin(x + p), sorted by cos x and sin x
             cage=np.stack([cosine * at_cos + sine * at_sin, cosine * at_sin - sine * at_cos], axis=1),
         )

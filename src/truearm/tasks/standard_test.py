@@ -19,8 +19,9 @@ from truearm.errors import InputError
 from truearm.poses.measuring import inner_limits, needs_five_turning_joints, postures, reach
 from truearm.poses.seat import most_different
 from truearm.poses.workspace import azimuth_of, stance, within_cone
+from truearm.readings.expansion import REFERENCE_DEGC
 from truearm.tasks.errors import ArmErrors, DrawnArm
-from truearm.verify.artefacts import REFERENCE_DEGC, Artefacts, CalibratedBar, CalibratedSphere, Seat
+from truearm.verify.artefacts import Artefacts, CalibratedBar, CalibratedSphere, Seat
 from truearm.verify.decision import Row, Rule, Verdict
 from truearm.verify.layout import Placement
 from truearm.verify.limits import Specification

@@ -30,12 +30,11 @@ from truearm.terms.gravity import GravityLoads, gravity_loads, gravity_torques, 
 from truearm.terms.joint import directions, harmonics
 from truearm.terms.state import ArmState
 from truearm.terms.term import Term
-from truearm.terms.thermal import REFERENCE_TEMPERATURE_DEGC, growth_motions, link_vectors
+from truearm.terms.thermal import growth_motions, link_vectors
 
 __all__ = [
     "FREE_BASE",
     "FREE_TIP",
-    "REFERENCE_TEMPERATURE_DEGC",
     "ArmState",
     "Basis",
     "Column",

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.readings.expansion import REFERENCE_DEGC
 from truearm.terms.state import ArmState
-from truearm.terms.thermal import REFERENCE_TEMPERATURE_DEGC
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -243,7 +243,7 @@ class Temperature(Basis):
             raise InputError(f"expected a link from 0 to {state.chain.n_joints}, got {self.link}")
         temperature = state.temperature_degC
         own = temperature if temperature.ndim == 1 else temperature[:, self.link]
-        return np.asarray(own - REFERENCE_TEMPERATURE_DEGC)[None]
+        return np.asarray(own - REFERENCE_DEGC)[None]
 
 
 @registered

@@ -7,11 +7,9 @@ import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
+from truearm.readings.expansion import REFERENCE_DEGC
 
 FloatArray = npt.NDArray[np.float64]
-
-REFERENCE_TEMPERATURE_DEGC = 20.0
-"""Temperature at which lengths are stated (ISO 1)."""
 
 
 def link_vectors(chain: Chain) -> FloatArray:
@@ -59,4 +57,4 @@ def growth_motions(chain: Chain, temperature_degC: npt.ArrayLike) -> FloatArray:
         temperature = temperature[:, None]
     if temperature.ndim != 2 or temperature.shape[1] not in (1, n_links):
         raise InputError(f"expected temperatures of shape (n,) or (n, {n_links}), got {temperature.shape}")
-    return (temperature - REFERENCE_TEMPERATURE_DEGC)[:, :, None] * link_vectors(chain)
+    return (temperature - REFERENCE_DEGC)[:, :, None] * link_vectors(chain)

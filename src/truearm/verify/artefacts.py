@@ -14,11 +14,10 @@ from typing import Annotated, Self, TypeVar
 from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
+from truearm.readings.expansion import REFERENCE_DEGC
 from truearm.verify.decision import Contribution
 from truearm.verify.documents import Document, Name, NotNegative, Positive, Real, read_document
 
-# Lengths are stated and compared at this temperature: ISO 1.
-REFERENCE_DEGC = 20.0
 # A larger form deviation or uncertainty is no calibrated artefact's, but in micrometres [mm].
 LARGEST_MM = 0.2
 IN_MM = "in mm: 0.5 micrometres are 0.0005"

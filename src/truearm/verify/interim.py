@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.readings.expansion import growth_at
 from truearm.readings.lengths import Lengths
-from truearm.verify.artefacts import REFERENCE_DEGC
 from truearm.verify.control_chart import NEEDED, ControlChart, Rules, control_chart, rules_for
 from truearm.verify.decision import Verdict, decide
 from truearm.verify.limits import Specification
@@ -31,12 +31,6 @@ FARTHEST_IN_SEAT_MM = 10.0
 SAME_SHARE = 0.05
 # Five tell form and diameter of a sphere.
 LEAST_ON_SPHERE = 5
-
-ARTEFACT_U_K = 0.5
-"""Standard uncertainty by which an artefact has not the temperature that the session states [K].
-
-That is the arm's. An artefact that lay beside it for some hours is taken to be within a kelvin of it.
-"""
 
 
 @dataclass(frozen=True)
@@ -180,7 +174,7 @@ def interim_values(
         Known ones between the seats.
     temperature_degC : float, optional
         Of arm and artefacts. A length whose thermal expansion is known is corrected from it to 20 degC, with
-        `ARTEFACT_U_K`; others are as they are.
+        the uncertainty of `truearm.readings.expansion.ARTEFACT_U_K`; others are as they are.
 
     Returns
     -------
@@ -261,12 +255,12 @@ def _of_lengths(
     """
     values = []
     names = ("seat_a", "seat_b", "length_mm", "u_mm", "u_place_mm")
-    unknown = np.full(len(lengths), np.nan)
-    expansions = (
-        (unknown if known is None else known).tolist() for known in (lengths.expansion_per_K, lengths.u_expansion_per_K)
-    )
-    columns = (*(getattr(lengths, name).tolist() for name in names), *expansions)
-    for a, b, known, u, u_place, expansion, u_expansion in zip(*columns, strict=True):
+    growth = growth_at(lengths, np.nan if degC is None else degC)
+    u_growth = (lengths.length_mm * u for u in (growth.u_temperature, growth.u_expansion))
+    columns = (*(getattr(lengths, name) for name in names), growth.known, growth.factor, *u_growth)
+    for a, b, known, u, u_place, at_reference, factor, u_warm, u_expansion in zip(
+        *(column.tolist() for column in columns), strict=True
+    ):
         rows = seats[a], seats[b]
         found = float(np.linalg.norm(points[rows[0]].mean(axis=0) - points[rows[1]].mean(axis=0)))
         if abs(found - known) > SAME_SHARE * known:
@@ -274,19 +268,20 @@ def _of_lengths(
                 f"seats {a!r} and {b!r} are {found:.5g} mm apart where {known:.5g} mm is known: it is another length",
                 hint="the names of the seats in the session and in the file of lengths",
             )
-        scatter = float(np.sqrt(sum((std[each] ** 2).mean() / len(each) for each in rows) + u_place**2))
-        u_artefact = float(np.hypot(u, u_place))
+        # As of a bar's certificate: the artefact's temperature, new each time, and its expansion (GUM H.1.3).
+        scatter = float(np.sqrt(sum((std[each] ** 2).mean() / len(each) for each in rows) + u_place**2 + u_warm**2))
+        u_artefact = float(np.linalg.norm([u, u_place, u_warm, u_expansion]))
         n = sum(len(each) for each in rows)
-        at_reference = degC is not None and np.isfinite(expansion)
-        if degC is not None and at_reference:
-            warmer = degC - REFERENCE_DEGC
-            found /= 1 + expansion * warmer
-            # As of a bar's certificate: the artefact's temperature, new each time, and its expansion (GUM H.1.3).
-            u_warm = known * abs(expansion) * ARTEFACT_U_K
-            scatter = float(np.hypot(scatter, u_warm))
-            u_artefact = float(np.hypot(u_artefact, np.hypot(u_warm, known * warmer * u_expansion)))
         values.append(
-            Value("length error", f"{a} to {b}", found - known, scatter, u_artefact, n, known if at_reference else None)
+            Value(
+                "length error",
+                f"{a} to {b}",
+                found / factor - known,
+                scatter,
+                u_artefact,
+                n,
+                known if at_reference else None,
+            )
         )
     return values
 

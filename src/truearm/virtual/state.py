@@ -11,7 +11,7 @@ from scipy.special import dawsn
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.terms import REFERENCE_TEMPERATURE_DEGC
+from truearm.readings.expansion import REFERENCE_DEGC
 from truearm.virtual.presets import Preset
 
 FloatArray = npt.NDArray[np.float64]
@@ -52,7 +52,7 @@ class State:
         return replace(self, force_in_flange_N=np.broadcast_to(force_in_flange_N, self.force_in_flange_N.shape))
 
 
-def at_rest(chain: Chain, n: int, *, temperature_degC: float = REFERENCE_TEMPERATURE_DEGC) -> State:
+def at_rest(chain: Chain, n: int, *, temperature_degC: float = REFERENCE_DEGC) -> State:
     """State of n readings with no force, no direction of movement and links of one temperature."""
     return State(
         np.zeros((n, chain.n_joints)),
