@@ -15,7 +15,7 @@ from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.plan.candidates import Candidates
 from truearm.plan.proposal import LENGTH_U_MM
-from truearm.readings.lengths import ARTEFACT, ENDS, NUMBERS
+from truearm.readings.lengths import ARTEFACT, ENDS, EXPANSION, NUMBERS
 from truearm.writing import check_writable, whole_file
 
 NameArray = npt.NDArray[np.str_]
@@ -88,12 +88,12 @@ def write_bar_lengths(poses: Candidates, path: str | Path) -> None:
         As `check_template_path`.
     """
     check_template_path(path)
-    note = "as planned; put in length and standard uncertainty from the bar's certificate"
+    note = "as planned; put in length and standard uncertainty from the bar's certificate, and its expansion if known"
     with whole_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow((*ENDS, *NUMBERS, ARTEFACT, "note"))
-        for ends in bars(poses):
-            writer.writerow((*ends, f"{poses.length_mm:g}", f"{LENGTH_U_MM:g}", f"bar {poses.length_mm:g}", note))
+        writer.writerow((*ENDS, *NUMBERS, ARTEFACT, *EXPANSION, "note"))
+        stated = f"{poses.length_mm:g}", f"{LENGTH_U_MM:g}", f"bar {poses.length_mm:g}", "", "", note
+        writer.writerows((*ends, *stated) for ends in bars(poses))
 
 
 def bars(poses: Candidates) -> list[tuple[str, str]]:
