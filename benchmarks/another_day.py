@@ -25,27 +25,26 @@ from truearm.virtual import VirtualArm, load_preset
 DAYS = (1, 2, 4)
 MODELS: dict[str, type[IdentifiedModel]] = {"kinematic": KinematicModel, "physical": PhysicalModel}
 TESTED = 600
-# Days are numbered, and none is the same in two arms.
+# Days are numbered from 0, and none is the same in two arms.
+SEEDS_A_DAY = 100_000
 LAST_DAY = 999
 
 
 def taken(virtual: VirtualArm, n_readings: int, n_days: int) -> Readings:
     """Readings of some days in one set-up."""
     angles = np.array_split(measuring(virtual.nominal, n_readings, seed=virtual.seed).angles, n_days)
-    days = [
-        virtual.measure(poses, seed=1000 * virtual.seed + day).readings for day, poses in enumerate(angles, start=1)
-    ]
+    seed = virtual.seed
+    days = [virtual.measure(poses, seed=seed + SEEDS_A_DAY * day).readings for day, poses in enumerate(angles)]
     names = ("angles", "points", "point_std", "temperature_degC", "directions")
     return Readings(**{name: np.concatenate([getattr(day, name) for day in days]) for name in names})
 
 
 def on_another_day(model: IdentifiedModel, virtual: VirtualArm) -> dict[str, float]:
     """Root mean square error and stated standard uncertainty of a coordinate [mm], and the share within 95 %."""
-    angles = measuring(virtual.nominal, TESTED, seed=1000 * virtual.seed + LAST_DAY).angles
+    seed = virtual.seed + SEEDS_A_DAY * LAST_DAY
+    angles = measuring(virtual.nominal, TESTED, seed=seed).angles
     angles = angles[~model.outside_training(angles)]
-    day = virtual.measure(
-        angles, seed=1000 * virtual.seed + LAST_DAY, temperature_degC=model.temperature_degC_, reference=False
-    )
+    day = virtual.measure(angles, seed=seed, temperature_degC=model.temperature_degC_, reference=False)
     points, covariance = model.predict_readings(replace(day.readings, directions=None), return_cov=True)
     off, std = points - day.true_tips, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     return {

@@ -1,15 +1,16 @@
 """Whether task uncertainties hold what they say: 95 % intervals of features against true errors of virtual arms.
 
-    python benchmarks/task_uncertainty.py [--arms 500] [--readings 80] [--preset shop] [--model kinematic] [--jobs 2]
-        [--json]
+    python benchmarks/task_uncertainty.py [--arms 500] [--readings 80] [--preset shop] [--model kinematic] [--days 1]
+        [--jobs 2] [--json]
 
-Each virtual arm is measured at random poses of a person, with a reference point at each, and identified. The model then
-states the uncertainty (`truearm.tasks`, 1000 drawn arms) of lengths of two points, 50 mm and 1 m, of a length of forty
-points, a ball, a plate that lies and one that faces the arm; no repeatability is given. The virtual arm measures each
-in 40 ways of holding it, at the mean temperature of its readings, and its model, which is not told from which side its
-joints came, compensates. Counted is how often the error lies in the interval, and how often it is no larger than U: of
-a form, which errors make too large, that is what a decision rests on. The latter also of those ways alone of which less
-than a fifth of the poses are away from what the model learned from; of others the program says that it may be worse.
+Each virtual arm is measured at random poses of a person, with a reference point at each, on one day or several (see
+another_day.py), and identified. The model then states the uncertainty (`truearm.tasks`, 1000 drawn arms) of lengths of
+two points, 50 mm and 1 m, of a length of forty points, a ball, a plate that lies and one that faces the arm; no
+repeatability is given. On a day of its own the virtual arm measures each in 40 ways of holding it, at the mean
+temperature of its readings, and its model, which is not told from which side its joints came, compensates. Counted is
+how often the error lies in the interval, and how often it is no larger than U: of a form, which errors make too large,
+that is what a decision rests on. The latter also of those ways alone of which less than a fifth of the poses are away
+from what the model learned from; of others the program says that it may be worse.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from another_day import taken
 from machine import Target, arguments_of, say_json, say_machine, say_table, say_targets
 from truearm.arm import load
 from truearm.models import MODELS
 from truearm.models.compensator import Compensator
 from truearm.models.identified import IdentifiedModel
-from truearm.poses.measuring import measuring
 from truearm.tasks.errors import ModelErrors
 from truearm.tasks.features import UP, Feature, length_at, plane, sphere
 from truearm.tasks.postures import held, middle_of
@@ -52,10 +53,11 @@ def main() -> None:
     parser.add_argument("--arm", default="gao2017")
     parser.add_argument("--preset", default="shop")
     parser.add_argument("--model", default="kinematic", choices=["kinematic", "physical"])
+    parser.add_argument("--days", type=int, default=1, help="days on which they are taken, 1 by default")
     parser.add_argument("--jobs", type=int, default=2, help="arms at once, 2 by default")
     options = parser.parse_args()
     begun = time.perf_counter()
-    trial = Trial(options.arm, options.preset, options.readings, options.model)
+    trial = Trial(options.arm, options.preset, options.readings, options.days, options.model)
     seeds = range(options.first, options.first + options.arms)
     with ProcessPoolExecutor(options.jobs) as pool:
         found = list(pool.map(trial.on_one_arm, seeds))
@@ -68,8 +70,8 @@ def main() -> None:
         return
     say_machine()
     print(
-        f"{options.arms} arms {options.arm}, preset {options.preset}, {options.readings} readings each, model "
-        f"{options.model}, {time.perf_counter() - begun:.0f} s; shares with their standard errors between arms"
+        f"{options.arms} arms {options.arm}, preset {options.preset}, {options.readings} readings each, days {options.days}, "
+        f"model {options.model}, {time.perf_counter() - begun:.0f} s; shares with their standard errors between arms"
     )
     columns = [
         "feature",
@@ -91,14 +93,14 @@ class Trial:
     arm: str
     preset: str
     n_readings: int
+    n_days: int
     model: str
 
     def on_one_arm(self, seed: int) -> dict[str, FloatArray]:
         """Measure and identify one arm; a row of numbers for each feature."""
         arm = load(self.arm)
         virtual = VirtualArm.draw(arm, load_preset(self.preset), seed=seed)
-        readings = virtual.measure(measuring(arm, self.n_readings, seed=seed).angles, seed=seed).readings
-        model = MODELS[self.model](arm).fit_readings(readings)
+        model = MODELS[self.model](arm).fit_readings(taken(virtual, self.n_readings, self.n_days))
         found = {}
         for name, (feature, ways) in measured_on(self.arm).items():
             true = true_errors(virtual, model, feature, ways, seed=SEED_OF_WAYS + seed)
