@@ -70,8 +70,8 @@ def main() -> None:
         return
     say_machine()
     print(
-        f"{options.arms} arms {options.arm}, preset {options.preset}, {options.readings} readings each, days {options.days}, "
-        f"model {options.model}, {time.perf_counter() - begun:.0f} s; shares with their standard errors between arms"
+        f"{options.arms} arms {options.arm}, preset {options.preset}, {options.readings} readings each, "
+        f"days {options.days}, model {options.model}, {time.perf_counter() - begun:.0f} s; shares with their standard errors between arms"
     )
     columns = [
         "feature",
