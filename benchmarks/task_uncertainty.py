@@ -71,7 +71,8 @@ def main() -> None:
     say_machine()
     print(
         f"{options.arms} arms {options.arm}, preset {options.preset}, {options.readings} readings each, "
-        f"days {options.days}, model {options.model}, {time.perf_counter() - begun:.0f} s; shares with their standard errors between arms"
+        f"days {options.days}, model {options.model}, {time.perf_counter() - begun:.0f} s; "
+        "shares with their standard errors between arms"
     )
     columns = [
         "feature",
