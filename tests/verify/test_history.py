@@ -204,9 +204,22 @@ def test_a_history_of_version_1_is_read_and_becomes_one_of_version_2_with_its_ne
     assert (other.name, len(other.checks)) == ("arm.truearm", 4)
 
 
+def test_a_history_of_version_1_with_two_models_goes_on(filled):
+    """Of the model that has no check since, no name is known, and of the other one its next check tells."""
+    assert History(filled).append(check(4, model=OTHER))
+    execute(filled, "DROP TABLE models", "PRAGMA user_version = 1")
+    assert History(filled).append(check(5, model=OTHER), name="new.truearm", arm="gao2017")
+    (old,) = History(filled).others(OTHER, arm="gao2017")
+    assert (old.name, old.arm, len(old.checks)) == ("", "", 3)
+    assert History(filled).append(check(6, model=OTHER), name="new.truearm", arm="gao2017")
+    assert History(filled).append(check(7), name="old.truearm", arm="gao2017")
+    (old,) = History(filled).others(OTHER, arm="gao2017")
+    assert (old.name, old.arm, len(old.checks)) == ("old.truearm", "gao2017", 4)
+
+
 @pytest.mark.parametrize(
     "statement",
-    ["DELETE FROM models", "UPDATE models SET name = zeroblob(9)", "UPDATE models SET arm = char(27) || '[2J'"],
+    ["UPDATE models SET name = zeroblob(9)", "UPDATE models SET arm = char(27) || '[2J'"],
 )
 def test_names_that_no_model_has_are_refused(filled, statement):
     execute(filled, statement)

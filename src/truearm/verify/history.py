@@ -238,11 +238,13 @@ class History:
         return True
 
     def _names(self, database: sqlite3.Connection, model: str) -> tuple[str, str]:
-        """Names of a model's file and arm; empty where they are not known."""
+        """Names of a model's file and arm; empty where they are not known: all its checks are of version 1."""
         if _pragma(database, "user_version") == 1:
             return "", ""
         row = database.execute("SELECT name, arm FROM models WHERE model = ?", (model,)).fetchone()
-        if row is None or not all(map(_is_name, row)):
+        if row is None:
+            return "", ""
+        if not all(map(_is_name, row)):
             raise self._damaged(f"a model is not as truearm writes it: {row!r:.200}")
         return row[0], row[1]
 
