@@ -184,11 +184,44 @@ def test_other_models_are_named_and_what_their_charts_said(filled):
     assert [one.name for one in history.others(MODEL, arm="gao2017")] == ["", "new.truearm"]  # the last one first
 
 
-def test_a_model_of_another_arm_is_refused(filled):
-    history = History(filled)
+def test_a_model_of_another_arm_is_refused(path):
+    history = History(path)
     assert history.append(check(4, model=OTHER), name="new.truearm", arm="gao2017")
     with pytest.raises(InputError, match="are of arm 'gao2017', the model is of arm 'measuring7'"):
         history.others(MODEL, arm="measuring7")
+
+
+def test_of_two_arms_that_begin_a_history_at_once_one_has_it(path, monkeypatch):
+    """The other one makes the file while this one does; what it added stays, and can be read."""
+    made = truearm.verify.history._create
+
+    def meanwhile(beside):
+        made(beside)
+        monkeypatch.setattr(truearm.verify.history, "_create", made)
+        assert History(path).append(check(1, model=OTHER), arm="gao2017")
+
+    monkeypatch.setattr(truearm.verify.history, "_create", meanwhile)
+    history = History(path)
+    assert history.others(MODEL, arm="measuring7") == ()
+    with pytest.raises(InputError, match="are of arm 'gao2017', the model is of arm 'measuring7'"):
+        history.append(check(2), arm="measuring7")
+    assert history.checks(MODEL) == ()
+    assert history.others(OTHER, arm="gao2017") == ()
+    assert history.append(check(2, model=OTHER), arm="gao2017")
+
+
+def test_a_history_of_version_1_with_two_arms_is_of_both(path):
+    """Such a file permitted it: both go on, and each with a new model; a third arm is refused once all are named."""
+    history = History(path)
+    assert history.append(check(1))
+    assert history.append(check(2, model=OTHER))
+    execute(path, "DROP TABLE models", "PRAGMA user_version = 1")
+    for day, model, arm in ((3, MODEL, "gao2017"), (4, OTHER, "measuring7"), (5, "c" * 64, "gao2017")):
+        history.others(model, arm=arm)
+        assert history.append(check(day, model=model), arm=arm)
+    for refused in (lambda: history.others("d" * 64, arm="ur5"), lambda: history.append(check(6), arm="ur5")):
+        with pytest.raises(InputError, match="are of arm 'gao2017', 'measuring7', the model is of arm 'ur5'"):
+            refused()
 
 
 def test_a_history_of_version_1_is_read_and_becomes_one_of_version_2_with_its_next_check(filled):

@@ -154,25 +154,18 @@ class History:
         Raises
         ------
         InputError
-            If they are models of another arm, or the file is damaged.
+            If all checks of the history are of models of other arms, or the file is damaged.
         """
         if not self.path.exists():
             return ()
         with self._opened() as database:
-            found = [
+            self._check_arm(database, arm)
+            return tuple(
                 OtherModel(other, *self._names(database, other), self._read(database, other))
                 for (other,) in database.execute(
                     "SELECT model FROM checks WHERE model != ? GROUP BY model ORDER BY max(id) DESC", (model,)
                 ).fetchall()
-            ]
-        for one in found:
-            if one.arm and one.arm != arm:
-                raise InputError(
-                    f"the checks in this history are of arm {one.arm!r}, the model is of arm {arm!r}",
-                    file=self.path,
-                    hint="the model file; or --history with another name: checks of two arms are never compared",
-                )
-        return tuple(found)
+            )
 
     def joined(self, check: Check) -> tuple[Check, ...]:
         """The checks of its model as they are once a check is added; the history stays as it is.
@@ -196,7 +189,7 @@ class History:
         check : Check
         name, arm : str
             Of the model's file and of its arm: kept with the first check of a model. A name that cannot be printed is
-            left out.
+            left out. With the name of an arm, the check is refused by a history of another one.
 
         Returns
         -------
@@ -206,7 +199,7 @@ class History:
         Raises
         ------
         InputError
-            As `joined`, or if the file cannot be written.
+            As `joined`, if the history is of another arm, or if the file cannot be written.
         """
         known = self.checks(check.model)
         if self._with(known, check) == known:
@@ -221,6 +214,8 @@ class History:
                 found = self._with(known, check)
                 if found == known:
                     return False
+                if arm:
+                    self._check_arm(database, arm)
                 if len(found) == len(known):
                     which = (check.model, check.session)
                     database.execute(
@@ -236,6 +231,18 @@ class History:
                 database.execute("INSERT OR IGNORE INTO models VALUES (?, ?, ?)", (check.model, *names))
                 _insert(database, found[-1])
         return True
+
+    def _check_arm(self, database: sqlite3.Connection, arm: str) -> None:
+        """Refuse an arm that the history is not of; where it does not say so of every model, it may be of that one."""
+        models = database.execute("SELECT DISTINCT model FROM checks").fetchall()
+        arms = {self._names(database, model)[1] for (model,) in models}
+        if arms and arms.isdisjoint(("", arm)):
+            raise InputError(
+                f"the checks in this history are of arm {', '.join(map(repr, sorted(arms)))}, "
+                f"the model is of arm {arm!r}",
+                file=self.path,
+                hint="the model file; or --history with another name: checks of two arms are never compared",
+            )
 
     def _names(self, database: sqlite3.Connection, model: str) -> tuple[str, str]:
         """Names of a model's file and arm; empty where they are not known: all its checks are of version 1."""
