@@ -180,6 +180,16 @@ def test_an_unknown_column_is_refused_with_the_name_that_was_meant(tmp_path, hea
     assert said in error.hint
 
 
+@pytest.mark.parametrize("name", ["q9{}_deg", "q9{}", "direction_9{}", "dir_9{}", "q1{}_deg"])
+def test_a_joint_number_of_any_length_is_an_unknown_column(tmp_path, name):
+    """`int` takes 4300 digits, and no arm has a thousand joints."""
+    for digits in ("000", "0" * 5000):
+        column = name.format(digits)
+        error = refusal(tmp_path, f"q1_deg,{column}\n1,2\n")
+        assert error.problem.startswith("unknown column")
+        assert column not in error.hint
+
+
 def test_remarks_are_left_alone(tmp_path):
     assert read_session(text_file(tmp_path, "q1_deg,note,note_operator\n1,hot day,Ada\n")).n_joints == 1
 

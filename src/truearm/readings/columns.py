@@ -19,9 +19,10 @@ TEMPERATURE = "temperature_degC"
 # To the units of the house: rad and mm.
 FACTOR = {"deg": np.pi / 180, "rad": 1.0, "mm": 1.0, "m": 1000.0}
 
-ANGLE = re.compile(r"q([1-9]\d*)_(deg|rad|mm)")
+# No arm has a thousand joints, and `int` takes 4300 digits at most.
+ANGLE = re.compile(r"q([1-9]\d{0,2})_(deg|rad|mm)")
 QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
-_DIRECTION = re.compile(DIRECTION + r"([1-9]\d*)")
+_DIRECTION = re.compile(DIRECTION + r"([1-9]\d{0,2})")
 _POINT = re.compile(r"(s?[xyz])_(mm|m)")
 _Key = TypeVar("_Key", int, str)
 
@@ -190,14 +191,14 @@ def _unknown(name: str) -> tuple[str]:
 def _instead(name: str) -> str:
     """Find the name that was probably meant."""
     plain = name.lower().replace(" ", "_").strip("_")
-    if match := re.fullmatch(r"(?:q|j|joint|theta|angle|axis|a)_?0*(\d+)(?:\D.*)?", plain):
+    if match := re.fullmatch(r"(?:q|j|joint|theta|angle|axis|a)_?0*(\d{1,3})(?:\D.*)?", plain):
         q = f"q{int(match[1]) or 1}"
         return f"{q}_deg or {q}_rad ({q}_mm for a sliding joint): units stand in the names"
     if match := re.fullmatch(r"(?:q|quat|quaternion)_?([wxyz])", plain):
         return f"quat_{match[1]}: the orientation as a unit quaternion, w first"
     if re.match(r"(load|torque|tau|moment|current)s?_?\d*(_|$)", plain):
         return "load_1_Nm or the like: loads of joints have names of letters, digits and _ that start with load_"
-    if match := re.fullmatch(r"dir(?:ection)?s?_?(?:of_)?(?:q|j|joint)?_?0*(\d+)", plain):
+    if match := re.fullmatch(r"dir(?:ection)?s?_?(?:of_)?(?:q|j|joint)?_?0*(\d{1,3})", plain):
         return f"{DIRECTION}{int(match[1]) or 1}: the sign of the joint's last movement, -1, 0 or 1"
     if match := re.fullmatch(r"(s|u|std|sigma)?_?([xyz])(?:_.*)?", plain):
         axis = ("s" if match[1] else "") + match[2]
