@@ -1,5 +1,7 @@
 """The constrained draw of geometry, taken to first order and along chords, is that of exact motions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +10,7 @@ from scipy.optimize import brentq
 
 from truearm.arm.catalogue import load
 from truearm.virtual import PRESETS, State, VirtualArm
-from truearm.virtual.constrained import TESTS, box_sample, to_mean
+from truearm.virtual.constrained import TESTS, _test_of, box_sample, to_mean
 from truearm.virtual.motions import MotionFunctions, motions
 from truearm.virtual.systematic import draw_constants, draw_systematic, geometry_stream
 
@@ -46,11 +48,17 @@ def test_the_draw_kept_is_one_of_the_stream_at_the_scale_that_a_root_finder_give
 
 
 def test_an_arm_is_that_of_its_seed_whatever_was_drawn_before():
-    first = VirtualArm.draw(load("gao2017"), RESEARCH, seed=1)
-    VirtualArm.draw(load("ur5"), RESEARCH, seed=1)
-    again = VirtualArm.draw(load("gao2017"), RESEARCH, seed=1)
-    assert (again.systematic.constants == first.systematic.constants).all()
-    assert (VirtualArm.draw(load("gao2017"), RESEARCH, seed=2).systematic.constants != again.systematic.constants).any()
+    """What is kept from draw to draw serves the same drawing and preset again, and no other, to the last bit."""
+    arm, warm = load("gao2017"), replace(RESEARCH, temperature_degC=RESEARCH.temperature_degC + 10)
+    draws = [(arm, RESEARCH, 1), (arm, RESEARCH, 2), (arm, RESEARCH, 1), (arm, warm, 1), (load("ur5"), warm, 1)]
+    _test_of.cache_clear()
+    kept = [VirtualArm.draw(nominal, preset, seed=seed).systematic.constants for nominal, preset, seed in draws]
+    assert (_test_of.cache_info().hits, _test_of.cache_info().misses) == (2, 3)
+    for (nominal, preset, seed), constants in zip(draws, kept, strict=True):
+        _test_of.cache_clear()
+        np.testing.assert_array_equal(VirtualArm.draw(nominal, preset, seed=seed).systematic.constants, constants)
+    assert (kept[1] != kept[0]).any()
+    assert (kept[3] != kept[0]).any()
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.99), st.integers(1, 4))
