@@ -19,6 +19,7 @@ from truearm.cli.main import VERBS, make_app
 
 HOUSE = Path(truearm.__file__).parent
 CHECKOUT = Path(__file__).resolve().parents[1]
+PAGES = ["README.md", *sorted(f"docs/{page.name}" for page in (CHECKOUT / "docs").glob("*.md"))]
 SOURCES = sorted(HOUSE.rglob("*.py"))
 MODULES = sorted(
     info.name for info in pkgutil.walk_packages(truearm.__path__, "truearm.") if info.name != "truearm.__main__"
@@ -147,9 +148,9 @@ def options() -> dict[str, set[str]]:
     return found
 
 
-@pytest.mark.parametrize("page", ["README.md", *sorted(p.name for p in (CHECKOUT / "docs").glob("*.md"))])
+@pytest.mark.parametrize("page", PAGES)
 def test_every_command_of_a_page_can_be_typed(page, options):
-    text = readable(CHECKOUT / page if page == "README.md" else CHECKOUT / "docs" / page)
+    text = readable(CHECKOUT / page)
     for words in [*commands_of(text), *inline_commands_of(text)]:
         if words[:1] in (["--version"], ["--help"]) or not words:
             continue
@@ -179,3 +180,9 @@ truearm-demo is not a command
 """
     assert commands_of(page) == [["demo", "--quick"], ["fit", "a.csv", "--arm", "ur5", "--out", "b c"]]
     assert inline_commands_of(page) == [["arms"], ["fetch", "ur5", "--out", "a.csv"]]
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_heading_stands_once_in_a_page(page):
+    headings = re.findall(r"^#+ .*$", re.sub(r"^```.*?^```$", "", readable(CHECKOUT / page), flags=re.M | re.S), re.M)
+    assert len(set(headings)) == len(headings), headings

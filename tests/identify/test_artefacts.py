@@ -100,16 +100,47 @@ def test_what_is_said_of_an_artefact_must_agree(second, message):
         seats_of(np.arange(4), np.array(list("abcd")), [("a", "b", *CERTIFICATE), ("c", "d", *second)])
 
 
-def test_a_warm_place_is_longer_than_the_certificate():
-    """An unknown of 200.01 mm, grown by 1e-4 to 200.030001 mm, between seats 200.04 mm apart."""
-    reference = Seats(np.arange(2), np.arange(2), ("a", "b"), (Length(0, 1, *CERTIFICATE, 1.0001),))
-    x = np.array([0, 0, 0, 0, 200.04, 0, 200.01])
+@pytest.mark.parametrize("name", ["", "bar", "bar {}"])
+def test_the_scale_is_never_known_better_than_the_growth_of_the_material(name):
+    """Of bars of their own, of one bar in eight places, of a plate with a name for each length: 10 um per metre."""
+    state, names, ends = bars_read(8, np.random.default_rng(4))
+    terms = constants(state.chain, free=("tip",))
+    stated = [(a, b, BAR_MM, 1e-4, name.format(i), 1e-4, 1.0, "steel", 1e-5) for i, (a, b) in enumerate(ends)]
+    found = identify(state.chain, state, terms, [seats_of(np.arange(len(names)), names, stated)], robust=False)
+    assert 1e-5 * (1 - 1e-6) <= scale_std(found, state) < 1.1e-5
+    error = found.references[0].unknowns["error of the growth of steel [mm/m]"]
+    assert error == pytest.approx(0.0, abs=1e-3)  # a tenth of its uncertainty: nothing else tells it
+
+
+@pytest.mark.parametrize(("artefact", "certified"), [("bar", 200.01), ("", BAR_MM)])
+@pytest.mark.parametrize("error_mm_per_m", [0.0, 0.05])
+def test_a_warm_place_is_longer_than_the_certificate(artefact, certified, error_mm_per_m):
+    """Seats 200.04 mm apart, and lengths grown by a ten thousandth and an error of what."""
+    length = Length(0, 1, BAR_MM, U_MM, artefact, 1e-4, 1.0001, "steel", 2e-5)
+    reference = Seats(np.arange(2), np.arange(2), ("a", "b"), (length,))
+    assert reference.unknowns[-1] == "error of the growth of steel [mm/m]"
+    x = np.array([0, 0, 0, 0, 200.04, 0, *([certified] if artefact else []), error_mm_per_m])
     relations = reference.relations(x)
-    assert relations.residuals == pytest.approx([200.04 - 200.030001, 0.01], rel=2e-4)
-    for i, step in enumerate(1e-3 * np.eye(7)):  # the residual is quadratic: its difference quotient is exact
+    there = certified * (1.0001 + 1e-3 * error_mm_per_m)
+    expected = [200.04 - there, *([certified - BAR_MM] if artefact else []), error_mm_per_m]
+    assert relations.residuals == pytest.approx(expected, rel=3e-4, abs=1e-12)
+    assert relations.std[-1] == pytest.approx(0.02)  # mm/m
+    for i in range(len(x)):  # products of unknowns are at most of the fourth order, which a thousandth hardly sees
+        step = 1e-3 * np.eye(len(x))[i]
         quotient = (reference.relations(x + step).residuals - reference.relations(x - step).residuals) / 2e-3
-        np.testing.assert_allclose(relations.by_unknown[:, i], quotient, atol=1e-9)
-    alone = Seats(np.arange(2), np.arange(2), ("a", "b"), (Length(0, 1, BAR_MM, U_MM, growth=1.0001),))
-    assert alone.relations(x[:6]).residuals == pytest.approx([200.04 - 200.02], rel=2e-4)
-    with pytest.raises(InputError, match="positive growth"):
-        Seats(np.arange(2), np.arange(2), ("a", "b"), (Length(0, 1, BAR_MM, U_MM, growth=0.0),))
+        np.testing.assert_allclose(relations.by_unknown[:, i], quotient, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("growth", "message"),
+    [
+        ((0.0, "", 0.0), "positive growth"),
+        ((1.0, "steel", 0.0), "uncertainty of the growth"),
+        ((1.0, "", 1e-5), "uncertainty of the growth"),
+        ((1.0, "steel", 2e-5), "several"),
+    ],
+)
+def test_what_is_said_of_a_growth_must_agree(growth, message):
+    lengths = (Length(0, 1, *CERTIFICATE, 1.0, "steel", 1e-5), Length(1, 2, *CERTIFICATE, *growth))
+    with pytest.raises(InputError, match=message):
+        Seats(np.arange(3), np.arange(3), tuple("abc"), lengths)

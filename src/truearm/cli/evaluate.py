@@ -32,7 +32,7 @@ def evaluate(
     the mean of the points predicted there; the distance between two such means with the length that is known. Readings
     from which truearm refit took base and tip are left out.
     """
-    from truearm.cli.fit import lengths_of, note_expansion
+    from truearm.cli.fit import as_measured, lengths_of
     from truearm.cli.predict import check_reference, load_for, without_served
     from truearm.cli.report import remarks
     from truearm.models import NominalModel
@@ -44,8 +44,8 @@ def evaluate(
         whole = readings
         readings, n_served = without_served([fitted], whole)
         known = None if lengths is None else lengths_of(lengths, whole, readings)
-        note_expansion(known, readings)
         check_sessions(readings, known, own_frame="base" not in fitted.free)
+        known = as_measured(known, readings)
     predicted = {"nominal": fitted.predict_nominal_readings(readings), "model": fitted.predict_readings(readings)}
     in_seats = {name: _in_seats(points, readings, known) for name, points in predicted.items()}
     errors = None
@@ -85,7 +85,7 @@ def _in_seats(points: FloatArray, readings: Readings, known: Lengths | None) -> 
     if several or (readings.points is None and known is None):
         found |= seat_errors(points, readings.seat)
     if known is not None:
-        errors = length_errors(points, readings.seat, known, readings.temperature_degC).tolist()
+        errors = length_errors(points, readings.seat, known).tolist()
         rows = {name: getattr(known, name).tolist() for name in ("seat_a", "seat_b", "length_mm", "u_mm")}
         rows["length_error_mm"] = errors
         found["lengths"] = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]

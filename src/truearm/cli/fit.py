@@ -233,6 +233,16 @@ def lengths_of(path: Path, readings: Readings, used: Readings | None = None) -> 
     return within
 
 
+def as_measured(lengths: Lengths | None, readings: Readings) -> Lengths | None:
+    """Lengths as they are at the temperature of the readings, told where that is not known."""
+    from truearm.readings.expansion import as_they_are
+
+    note_expansion(lengths, readings)
+    if lengths is None or readings.seat is None:
+        return None
+    return as_they_are(lengths, readings.seat, readings.temperature_degC)
+
+
 def note_expansion(lengths: Lengths | None, readings: Readings) -> None:
     """Tell of lengths that are taken as at 20 degC for want of a temperature or an expansion, where that matters."""
     import numpy as np

@@ -41,7 +41,7 @@ def report(
     """
     from zipfile import is_zipfile
 
-    from truearm.cli.fit import lengths_of, note_expansion
+    from truearm.cli.fit import as_measured, lengths_of
     from truearm.cli.predict import load_with_reference, without_served
     from truearm.errors import InputError
     from truearm.models.file import load_model
@@ -71,8 +71,7 @@ def report(
                 file=lengths,
                 hint="truearm evaluate MODEL SESSION --lengths LENGTHS",
             )
-        known = None if lengths is None else lengths_of(lengths, whole, readings)
-        note_expansion(known, readings)
+        known = as_measured(None if lengths is None else lengths_of(lengths, whole, readings), readings)
         write_page(_page(models, readings, known, session, title), out)
     if n_served:
         say(f"{n_served} readings served to refit a model and are left out")
@@ -141,10 +140,7 @@ def seated(models: dict[str, Compensator], readings: Readings, known: Lengths | 
     of_lengths = {}
     rows: list[tuple[str, str, float, float]] = []
     if known is not None:
-        of_lengths = {
-            name: length_errors(points, readings.seat, known, readings.temperature_degC)
-            for name, points in predicted.items()
-        }
+        of_lengths = {name: length_errors(points, readings.seat, known) for name, points in predicted.items()}
         columns = (getattr(known, name).tolist() for name in ("seat_a", "seat_b", "length_mm", "u_mm"))
         rows = list(zip(*columns, strict=True))
     return Seated(

@@ -185,6 +185,10 @@ class Points:
         del unknowns
 
 
+# An error of a growth is an unknown in mm/m, which is about as large as the other unknowns.
+MM_PER_M = 1e-3
+
+
 class Length(NamedTuple):
     """A known length between seats a and b.
 
@@ -200,6 +204,10 @@ class Length(NamedTuple):
         Standard uncertainty of how it differs from place to place, on top [mm]; positive where there is an artefact.
     growth : float
         How many times as long it is in this place, by its temperature.
+    material : str
+        Of what it is; the growths of one material have one error. Empty: it does not grow.
+    growth_std : float
+        Standard uncertainty of the growth; positive where there is a material, and one for all of it.
     """
 
     a: int
@@ -209,6 +217,8 @@ class Length(NamedTuple):
     artefact: str = ""
     place_std_mm: float = 0.0
     growth: float = 1.0
+    material: str = ""
+    growth_std: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +253,8 @@ class Seats:
     def __post_init__(self) -> None:
         _check_members(self.kind, self.rows, self.seat, self.names)
         certificates: dict[str, tuple[float, float]] = {}
-        for a, b, length, std, artefact, place_std, growth in self.lengths:
+        growths: dict[str, float] = {}
+        for a, b, length, std, artefact, place_std, growth, material, growth_std in self.lengths:
             if a == b:
                 raise InputError(f"a length from seat {self.names[a]!r} to itself says nothing")
             if not (np.isfinite(length) and length > 0 and np.isfinite(std) and std > 0):
@@ -253,6 +264,10 @@ class Seats:
                 )
             if not (np.isfinite(growth) and growth > 0):
                 raise InputError(f"expected a positive growth of the length of {length} mm, got {growth}")
+            if not (np.isfinite(growth_std) and (growth_std > 0) == bool(material) and growth_std >= 0):
+                raise InputError(f"expected a positive uncertainty of the growth of {material!r}, got {growth_std}")
+            if material and growths.setdefault(material, growth_std) != growth_std:
+                raise InputError(f"expected one uncertainty of the growth of {material!r}, got several")
             if not (np.isfinite(place_std) and (place_std > 0 or (place_std == 0 and not artefact))):
                 raise InputError(
                     f"expected a positive uncertainty of artefact {artefact!r} from place to place, got {place_std} mm"
@@ -267,14 +282,20 @@ class Seats:
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Coordinates of the seats, then lengths of the artefacts."""
+        """Coordinates of the seats, lengths of the artefacts, errors of growths."""
         seats = [f"{axis} of seat {name} [mm]" for name in self.names for axis in "xyz"]
-        return (*seats, *(f"length of artefact {name} [mm]" for name in self._artefacts))
+        lengths = (f"length of artefact {name} [mm]" for name in self._artefacts)
+        return (*seats, *lengths, *(f"error of the growth of {name} [mm/m]" for name in self._materials))
 
     @property
     def _artefacts(self) -> dict[str, Length]:
         """One length of each."""
         return {length.artefact: length for length in self.lengths if length.artefact}
+
+    @property
+    def _materials(self) -> dict[str, float]:
+        """Standard uncertainty of the growth of each."""
+        return {length.material: length.growth_std for length in self.lengths if length.material}
 
     def started(self, tips: FloatArray) -> tuple[Self, FloatArray]:
         """The means of the tips in each seat, and the artefacts as stated."""
@@ -283,7 +304,7 @@ class Seats:
             raise InputError(f"seat {self.names[int(np.argmin(count))]!r} has no reading")
         centres = np.stack([np.bincount(self.seat, tip, minlength=len(self.names)) for tip in tips], axis=1)
         stated = [length.length_mm for length in self._artefacts.values()]
-        return self, np.concatenate([(centres / count[:, None]).ravel(), stated])
+        return self, np.concatenate([(centres / count[:, None]).ravel(), stated, np.zeros(len(self._materials))])
 
     def linearised(
         self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
@@ -299,36 +320,49 @@ class Seats:
         )
 
     def relations(self, unknowns: FloatArray) -> Relations | None:
-        """Lengths between seats, as (d^2 - L^2) / 2 L, and what is stated of artefacts' lengths.
+        """Lengths between seats, as (d^2 - L^2) / 2 L, and what is stated of artefacts' lengths and of growths.
 
         An artefact's length is an unknown that all its places share, so that they together tell no more of it than its
-        certificate does. L is the length in its place: that of the certificate, times its growth.
+        certificate does; so is the error of how a material grew, which its lengths share. L is the length in its
+        place: that of the certificate, times its growth. Values are given as at 20 degC.
         """
         if not self.lengths:
             return None
         centres, first = self._centres(unknowns), 3 * len(self.names)
-        number = {name: first + i for i, name in enumerate(self._artefacts)}
+        shared = [*self._artefacts, *self._materials]
+        artefacts = {name: first + i for i, name in enumerate(self._artefacts)}
+        materials = {name: first + len(artefacts) + i for i, name in enumerate(self._materials)}
         n = len(self.lengths)
-        residuals, std = np.empty(n + len(number)), np.empty(n + len(number))
-        by, values = np.zeros((n + len(number), len(unknowns))), np.empty((n + len(number), 2))
+        residuals, std = np.empty(n + len(shared)), np.empty(n + len(shared))
+        by, values = np.zeros((n + len(shared), len(unknowns))), np.empty((n + len(shared), 2))
         for i, length in enumerate(self.lengths):
             apart = centres[length.b] - centres[length.a]
-            true = length.length_mm * length.growth
-            values[i] = np.linalg.norm(apart), true
+            certified, growth = length.length_mm, length.growth
             if length.artefact:
-                true = unknowns[number[length.artefact]] * length.growth
-                by[i, number[length.artefact]] = -true * length.growth / length.length_mm
+                certified = unknowns[artefacts[length.artefact]]
+            if length.material:
+                growth += MM_PER_M * unknowns[materials[length.material]]
+            true = certified * growth
+            if length.artefact:
+                by[i, artefacts[length.artefact]] = -true * growth / length.length_mm
+            if length.material:
+                by[i, materials[length.material]] = -true * certified * MM_PER_M / length.length_mm
             # (d^2 - L^2) / 2 L is d - L near its zero, and smooth where the seats fall together.
             residuals[i] = (apart @ apart - true**2) / (2 * length.length_mm)
             by[i, 3 * length.a :][:3] = -apart / length.length_mm
             by[i, 3 * length.b :][:3] = apart / length.length_mm
             std[i] = length.place_std_mm if length.artefact else np.hypot(length.std_mm, length.place_std_mm)
-        for i, (name, length) in enumerate(self._artefacts.items(), start=n):
-            residuals[i], std[i] = unknowns[number[name]] - length.length_mm, length.std_mm
-            by[i, number[name]] = 1.0
-            values[i] = unknowns[number[name]], length.length_mm
-        between = [f"length between seats {self.names[one.a]} and {self.names[one.b]}" for one in self.lengths]
-        return Relations(residuals, by, std, (*between, *(f"length of artefact {name}" for name in number)), values)
+            values[i] = np.linalg.norm(apart) / growth, length.length_mm
+        stated = [(length.length_mm, length.std_mm) for length in self._artefacts.values()]
+        stated += [(0.0, growth_std / MM_PER_M) for growth_std in self._materials.values()]
+        for i, (value, u) in enumerate(stated):
+            residuals[n + i], std[n + i] = unknowns[first + i] - value, u
+            by[n + i, first + i] = 1.0
+            values[n + i] = unknowns[first + i], value
+        names = [f"length between seats {self.names[one.a]} and {self.names[one.b]}" for one in self.lengths]
+        names += [f"length of artefact {name}" for name in artefacts]
+        names += [f"growth of {name}, in a metre" for name in materials]
+        return Relations(residuals, by, std, tuple(names), values)
 
     def _centres(self, unknowns: FloatArray) -> FloatArray:
         """(n_seats, 3) [mm]."""
@@ -339,8 +373,8 @@ def _identity(m: int) -> FloatArray:
     return np.broadcast_to(np.eye(3)[:, :, None], (3, 3, m))
 
 
-StatedLength = tuple[str, str, float, float] | tuple[str, str, float, float, str, float, float]
-"""``(seat_a, seat_b, length_mm, u_mm)``, and ``artefact, u_place_mm, growth`` besides."""
+StatedLength = tuple[str, str, float, float] | tuple[str, str, float, float, str, float, float, str, float]
+"""``(seat_a, seat_b, length_mm, u_mm)``, and the rest of a `Length` besides."""
 
 
 def seats_of(rows: IntArray, names: npt.NDArray[np.str_], lengths: Sequence[StatedLength] = ()) -> Seats:

@@ -266,9 +266,10 @@ def _between(lengths: Lengths | None, readings: Readings, held: IntArray) -> lis
     if here is None:
         return []
     growth = growth_of(here, seat, None if degC is None else degC[held])
-    # Thermometer and coefficient err alike wherever an artefact stands; of its places the farthest from 20 degC counts.
-    grown = np.hypot(growth.u_temperature, growth.u_expansion)
-    of_artefact = np.array([grown[here.artefact == name].max() for name in here.artefact])
-    u_mm = np.hypot(here.u_mm, here.length_mm * np.where(here.artefact == "", grown, of_artefact))
-    columns = (here.seat_a, here.seat_b, here.length_mm, u_mm, here.artefact, here.u_place_mm, growth.factor)
-    return list(zip(*(column.tolist() for column in columns), strict=True))
+    # Thermometer and coefficient err alike wherever a thing of that material stands; the least known place counts.
+    expansion = np.full(len(here), np.nan) if here.expansion_per_K is None else here.expansion_per_K
+    growth_std = np.array([growth.u[expansion == one].max(initial=0.0) for one in expansion])
+    material = [f"lengths of {one:g} per K" if u else "" for one, u in zip(expansion, growth_std, strict=True)]
+    names = ("seat_a", "seat_b", "length_mm", "u_mm", "artefact", "u_place_mm")
+    columns = [getattr(here, name).tolist() for name in names]
+    return list(zip(*columns, growth.factor.tolist(), material, growth_std.tolist(), strict=True))

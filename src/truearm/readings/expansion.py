@@ -19,6 +19,12 @@ ARTEFACT_U_K = 0.5
 That is the arm's. An artefact that lay beside it for some hours is taken to be within a kelvin of it.
 """
 
+UNSTATED_U_K = 3.0
+"""The same where the session states no temperature, and 20 degC are taken [K]: rooms of 15 to 25 degC, rectangular."""
+
+COLDEST_DEGC, WARMEST_DEGC = 0.0, 45.0
+"""Nobody measures with calibrated artefacts at other temperatures: such numbers are of another scale [degC]."""
+
 STEEL_PER_K = 1.15e-5
 """Thermal expansion of steel [1/K], of which most artefacts are."""
 
@@ -34,7 +40,7 @@ class Growth:
     factor : (m,) array
         ``1 + alpha (T - 20 degC)``.
     u_temperature : (m,) array
-        Its standard uncertainty from the artefact's temperature, which is not quite that at the readings.
+        Its standard uncertainty from the artefact's temperature; 0 where no expansion is known.
     u_expansion : (m,) array
         Its standard uncertainty from the coefficient (GUM H.1.3).
     """
@@ -44,20 +50,45 @@ class Growth:
     u_temperature: FloatArray
     u_expansion: FloatArray
 
+    @property
+    def u(self) -> FloatArray:
+        """(m,) standard uncertainties of the factors."""
+        return np.hypot(self.u_temperature, self.u_expansion)
 
-def growth_at(lengths: Lengths, temperature_degC: npt.ArrayLike) -> Growth:
-    """How much longer lengths are at temperatures (m,) of their artefacts [degC], or at one of all; NaN: not known."""
+
+def growth_at(
+    lengths: Lengths, temperature_degC: npt.ArrayLike, u_temperature_K: npt.ArrayLike = ARTEFACT_U_K
+) -> Growth:
+    """How much longer lengths are at temperatures (m,) of their artefacts [degC], or at one of all; NaN: not known.
+
+    Raises
+    ------
+    InputError
+        If a temperature of a length whose expansion is known is that of no workshop.
+    """
     m = len(lengths)
-    warmer = np.broadcast_to(np.asarray(temperature_degC, dtype=float) - REFERENCE_DEGC, m)
+    degC = np.broadcast_to(np.asarray(temperature_degC, dtype=float), m)
     if lengths.expansion_per_K is None or lengths.u_expansion_per_K is None:
         return Growth(np.zeros(m, dtype=bool), np.ones(m), np.zeros(m), np.zeros(m))
-    known = np.isfinite(lengths.expansion_per_K) & np.isfinite(warmer)
-    expansion, u_expansion, warmer = np.where(known, [lengths.expansion_per_K, lengths.u_expansion_per_K, warmer], 0.0)
-    return Growth(known, 1 + expansion * warmer, np.abs(expansion) * ARTEFACT_U_K, u_expansion * np.abs(warmer))
+    expands = np.isfinite(lengths.expansion_per_K)
+    known = expands & np.isfinite(degC)
+    if (wrong := known & ((degC < COLDEST_DEGC) | (degC > WARMEST_DEGC))).any():
+        row = int(np.argmax(wrong))
+        raise lengths.error(
+            f"expected the readings in its seats at {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {degC[row]:.6g}",
+            row,
+            hint="temperature_degC of the session in degC, not in K (less 273.15) or degrees Fahrenheit",
+        )
+    expansion, u_expansion = np.where(expands, [lengths.expansion_per_K, lengths.u_expansion_per_K], 0.0)
+    warmer = np.where(known, degC - REFERENCE_DEGC, 0.0)
+    u_K = np.where(known, u_temperature_K, UNSTATED_U_K)
+    return Growth(known, 1 + expansion * warmer, np.abs(expansion) * u_K, u_expansion * np.abs(warmer))
 
 
 def growth_of(lengths: Lengths, seat: NameArray, temperature_degC: FloatArray | None) -> Growth:
-    """How much longer lengths are at the mean temperature of the readings in their two seats.
+    """How much longer lengths are at the temperature of the readings in their two seats.
+
+    An artefact is taken to be as warm as the mean of its two ends, half their difference uncertain.
 
     Parameters
     ----------
@@ -67,8 +98,27 @@ def growth_of(lengths: Lengths, seat: NameArray, temperature_degC: FloatArray | 
         The seat of each reading; empty where there is none.
     temperature_degC : (n,) array or None
         Temperature at each reading.
+
+    Raises
+    ------
+    InputError
+        As `growth_at`.
     """
     if lengths.expansion_per_K is None or temperature_degC is None:
         return growth_at(lengths, np.nan)
-    ends = zip(lengths.seat_a, lengths.seat_b, strict=True)
-    return growth_at(lengths, [temperature_degC[(seat == a) | (seat == b)].mean() for a, b in ends])
+    ends = np.array(
+        [[temperature_degC[seat == name].mean() for name in names] for names in (lengths.seat_a, lengths.seat_b)]
+    )
+    return growth_at(lengths, ends.mean(axis=0), np.hypot(ARTEFACT_U_K, np.abs(ends[0] - ends[1]) / 2))
+
+
+def as_they_are(lengths: Lengths, seat: NameArray, temperature_degC: FloatArray | None) -> Lengths:
+    """Lengths as long, and as uncertain, as they are at the temperature of the readings in their seats."""
+    growth = growth_of(lengths, seat, temperature_degC)
+    return Lengths(
+        lengths.seat_a,
+        lengths.seat_b,
+        lengths.length_mm * growth.factor,
+        np.hypot(lengths.u_mm, lengths.length_mm * growth.u),
+        u_place_mm=lengths.u_place_mm,
+    )

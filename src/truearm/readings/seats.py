@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.readings.expansion import growth_of
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import FloatArray, NameArray
 
@@ -77,10 +76,8 @@ def seat_errors(points: npt.ArrayLike, seat: npt.ArrayLike) -> SeatErrors:
     )
 
 
-def length_errors(
-    points: npt.ArrayLike, seat: npt.ArrayLike, lengths: Lengths, temperature_degC: FloatArray | None = None
-) -> FloatArray:
-    """Distance between the mean points of two seats, less the known length between them as long as it is there.
+def length_errors(points: npt.ArrayLike, seat: npt.ArrayLike, lengths: Lengths) -> FloatArray:
+    """Distance between the mean points of two seats, less the known length between them.
 
     Parameters
     ----------
@@ -90,9 +87,6 @@ def length_errors(
         The seat of each; empty where there is none. Here a seat with one reading serves too.
     lengths : Lengths
         The known lengths; those between other seats are refused (`Lengths.between` selects).
-    temperature_degC : (n,) array, optional
-        Temperature at each reading: lengths whose expansion is known are taken as long as they are at that of the
-        readings in their seats, others as at 20 degC.
 
     Returns
     -------
@@ -110,8 +104,7 @@ def length_errors(
         row = int(np.argmin(np.isin(lengths.seat_a, names)))
         raise lengths.error(f"the readings have no seat {str(lengths.seat_a[row])!r}", row, column="seat_a")
     a, b = (np.searchsorted(names, ends) for ends in (lengths.seat_a, lengths.seat_b))
-    growth = growth_of(lengths, seat, temperature_degC)
-    return np.asarray(np.linalg.norm(means[a] - means[b], axis=1) - lengths.length_mm * growth.factor)
+    return np.asarray(np.linalg.norm(means[a] - means[b], axis=1) - lengths.length_mm)
 
 
 def _checked(points: npt.ArrayLike, seat: npt.ArrayLike) -> tuple[FloatArray, NameArray]:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.readings.delimited import Sheet, check_names, read_columns, read_sheet, shown
+from truearm.readings.expansion import COLDEST_DEGC, WARMEST_DEGC
 from truearm.verify.days import check_past
 from truearm.verify.documents import without_controls
 from truearm.verify.orthogonal import FloatArray
@@ -44,8 +45,6 @@ FARTHEST_MM = 1e6
 
 POINT = ("x_mm", "y_mm", "z_mm")
 TEMPERATURE, TIP = "artefact_degC", "tip_diameter_mm"
-# Nobody verifies an arm at other temperatures: they are of another scale [degC].
-COLDEST_DEGC, WARMEST_DEGC = 0.0, 45.0
 # Names that are listed in a message; of more, how many.
 MOST_NAMED = 12
 NEEDED = ("test", "artefact", "date", *POINT)
