@@ -150,7 +150,7 @@ def test_another_model_starts_another_baseline_and_says_which_checks_are_not_com
     ran = truearm(*asked, "--report", "new.html")
     said = re.search(
         r"\na new model: 26 checks of arm.truearm in this history, not compared; the charts of the last one, of "
-        r'2026-01-26, said "recalibrate: yes, since check (\d+) of 2026-01-\d\d"\nrecalibrate: not enough',
+        r'2026-01-26, say "recalibrate: yes, since check (\d+) of 2026-01-\d\d"\nrecalibrate: not enough',
         ran.out,
     )
     assert said
@@ -171,6 +171,26 @@ def test_another_model_starts_another_baseline_and_says_which_checks_are_not_com
     assert "\n1 check of new.truearm in this history" in truearm(*arguments(27)).out
     write_session(session(28), "day28.csv")
     assert "new.truearm" not in truearm(*arguments(28)).out
+
+
+def test_what_was_retired_before_a_new_model_is_not_asked_of_the_old_one(truearm, folder):
+    """Cone, bar and sphere were put away, two of them after a change; no check of the new model has them."""
+    poses = virtual().measure(session(1).angles, seed=3).readings
+    save_model(KinematicModel(virtual().nominal, free=()).fit_readings(poses), "new.truearm")
+    for day, model in ((27, "arm.truearm"), (28, "new.truearm")):
+        write_session(session(day).rows(session(day).seat == "bar B"), f"part{day}.csv")
+        asked = ("check", model, f"part{day}.csv", "--history", "arm.sqlite", "--date", f"2026-01-{day}")
+        ran = truearm(*asked)
+    assert 'of 2026-01-27, say "recalibrate: yes, since check' in ran.out
+    gone = ("--retired", "cone", "--retired", "bar A", "--retired", "ball", "--mpe", "mpe.toml")
+    ran = truearm(*asked, *gone, "--report", "page.html")
+    assert 'of 2026-01-27, say "recalibrate: no"' in ran.out
+    assert re.search("2026-01-27, say .{1,6}recalibrate: no", Path("page.html").read_text())
+    assert json.loads(truearm(*asked, *gone, "--json").out)["other_models"][0]["recalibrate"] == "no"
+    Path("mpe.toml").write_text(MPE.replace("B_um = 80", "B_um = 1"))
+    assert 'of 2026-01-27, say "recalibrate: yes"' in truearm(*asked, *gone).out
+    ran = truearm(*asked, "--retired", "nowhere")
+    assert (ran.code, "no check has the retired 'nowhere'" in ran.err) == (2, True)
 
 
 def test_a_model_of_another_arm_is_no_recalibration(truearm, folder, snapshot):

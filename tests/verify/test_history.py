@@ -11,12 +11,14 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import truearm.verify.history
 from truearm.errors import InputError, TruearmError
 from truearm.verify.history import APPLICATION_ID, VERSION, History
-from truearm.verify.interim import Check, Value
+from truearm.verify.interim import Check, Recalibrate, Value
+from truearm.verify.limits import Specification
 
 MODEL, OTHER = "a" * 64, "b" * 64
 VALUES = (
@@ -174,14 +176,30 @@ def test_other_models_are_named_and_what_their_charts_said(filled):
     assert history.append(check(5, model=OTHER), name="renamed.truearm", arm="gao2017")
     (other,) = history.others(MODEL, arm="gao2017")
     assert (other.name, other.arm, [one.date.day for one in other.checks]) == ("new.truearm", "gao2017", [4, 5])
-    assert other.told.startswith("2 checks of new.truearm in this history, not compared; the charts of the last one")
-    assert other.told.endswith(
-        '2026-01-05 08:30, said "recalibrate: not enough checks yet, 1 before this one, 10 are needed"'
+    words = other.told(other.assessed())
+    assert words.startswith("2 checks of new.truearm in this history, not compared; the charts of the last one")
+    assert words.endswith(
+        '2026-01-05 08:30, say "recalibrate: not enough checks yet, 1 before this one, 10 are needed"'
     )
     (unnamed,) = history.others(OTHER, arm="gao2017")  # its checks were added without names
-    assert unnamed.told.startswith("3 checks of another model (SHA-256 aaaaaaaaaaaa..)")
+    assert unnamed.told(unnamed.assessed()).startswith("3 checks of another model (SHA-256 aaaaaaaaaaaa..)")
     assert history.append(check(6, model="c" * 64), name="un\nprintable", arm="gao2017")
     assert [one.name for one in history.others(MODEL, arm="gao2017")] == ["", "new.truearm"]  # the last one first
+
+
+def test_another_models_charts_are_told_without_what_was_retired_and_with_the_specification(path):
+    """A cone whose scatter rose tenfold at check 12 and was replaced; ten checks with the cone that was not."""
+    history, steady = History(path), 0.01 + 0.0005 * np.resize([1.0, -1.0, 0.5, -0.5], 16)
+    for day in range(1, 16):
+        good = Value("SPAT.2s", "second cone", steady[day], 0.0005, 0.0, 10)
+        worn = replace(good, artefact="cone", value_mm=steady[day] if day < 12 else 0.1)
+        history.append(check(day, model=OTHER, values=(good, worn)[: 2 if day < 14 else 1]))
+    (other,) = history.others(MODEL, arm="gao2017")
+    assert other.told(other.assessed()).endswith('say "recalibrate: yes, since check 12 of 2026-01-12 08:30"')
+    known = ["cone", "nowhere", "second cone"]  # the last one is in its last check
+    assert other.told(other.assessed(retired=known)).endswith('say "recalibrate: no"')
+    strict = Specification(name="arm", source="sheet", measuring_range_mm=2000, limits={"SPAT.2s": {"B_um": 1}})
+    assert other.assessed(strict, retired=["cone"]).recalibrate is Recalibrate.YES
 
 
 def test_a_model_of_another_arm_is_refused(path):

@@ -79,10 +79,12 @@ def check(
         new = Check(day, whose, fingerprint(readings), _temperature(readings), values)
         others = kept.others(whose, arm=name)
         n_before, checks = len(kept.checks(whose)), kept.joined(new)
-        found = assess(checks, specification, retired=retired or ())  # what it refuses is not added
+        gone = retired or []
+        found = assess(checks, specification, retired=_gone(gone, checks, others))  # what it refuses is not added
+        before = [(one, one.assessed(specification, retired=gone)) for one in others]
         added = kept.append(new, name=model.name, arm=name)
         completed = added and len(checks) == n_before
-        changed = _of_other_models(others, checks)
+        changed = _of_other_models(before, checks)
         if report is not None:
             from truearm.report.drift import drift_page
             from truearm.report.html import write_page
@@ -91,7 +93,7 @@ def check(
             write_page(drift_page(checks, found, arm=name, remarks=changed, facts=facts), report)
     if as_json:
         told = {"added": added and not completed, "completed": completed, **_for_machines(checks, found)}
-        say_json({**told, "other_models": [_of_another(one) for one in others]})
+        say_json({**told, "other_models": [_of_another(*one) for one in before]})
     else:
         if completed:
             say("this session is in the history already and is completed")
@@ -173,13 +175,21 @@ def _date(given: str | None) -> datetime.datetime:
     return day.replace(microsecond=0)
 
 
-def _of_other_models(others: tuple[OtherModel, ...], checks: tuple[Check, ...]) -> list[str]:
-    """What other models' checks said, while this one is new or after checks with another one."""
+def _gone(retired: list[str], checks: tuple[Check, ...], others: tuple[OtherModel, ...]) -> list[str]:
+    """Artefacts that are retired, but for those that only checks of other models have: retired before this one."""
+    from truearm.verify.interim import was_measured
+
+    elsewhere = [check for one in others for check in one.checks]
+    return [name for name in retired if was_measured(name, checks) or not was_measured(name, elsewhere)]
+
+
+def _of_other_models(others: list[tuple[OtherModel, Assessment]], checks: tuple[Check, ...]) -> list[str]:
+    """What other models' checks say, while this one is new or after checks with another one."""
     from truearm.verify.control_chart import NEEDED
 
-    if not others or (len(checks) > NEEDED and checks[-2].date > others[0].checks[-1].date):
+    if not others or (len(checks) > NEEDED and checks[-2].date > others[0][0].checks[-1].date):
         return []
-    return [f"{'a new model: ' if len(checks) == 1 else ''}{one.told}" for one in others]
+    return [f"{'a new model: ' if len(checks) == 1 else ''}{one.told(found)}" for one, found in others]
 
 
 def _when(one: Check) -> str:
@@ -286,15 +296,13 @@ def _of_trend(trend: Trend) -> dict[str, Any]:
     return row
 
 
-def _of_another(model: OtherModel) -> dict[str, Any]:
-    from truearm.verify.interim import assess
-
+def _of_another(model: OtherModel, found: Assessment) -> dict[str, Any]:
     return {
         "model": model.model,
         "name": model.name or None,
         "n_checks": len(model.checks),
         "last": _when(model.checks[-1]),
-        "recalibrate": assess(model.checks).recalibrate.value,
+        "recalibrate": found.recalibrate.value,
     }
 
 

@@ -16,14 +16,15 @@ import os
 import re
 import sqlite3
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from truearm.errors import InputError, TruearmError
-from truearm.verify.interim import QUANTITIES, Check, Value, assess, in_words, told
+from truearm.verify.interim import QUANTITIES, Assessment, Check, Value, assess, in_words, told, was_measured
+from truearm.verify.limits import Specification
 from truearm.writing import check_writable
 
 # "tArm", as the four bytes of SQLite's header have it.
@@ -89,14 +90,20 @@ class OtherModel:
     arm: str
     checks: tuple[Check, ...]
 
-    @property
-    def told(self) -> str:
-        """How many checks it has, and what their charts said last, in words."""
+    def assessed(self, specification: Specification | None = None, *, retired: Collection[str] = ()) -> Assessment:
+        """What its charts say, as `assess`; of the artefacts that are retired, without those that it had left out."""
+        gone = [
+            name for name in retired if was_measured(name, self.checks) and not was_measured(name, self.checks[-1:])
+        ]
+        return assess(self.checks, specification, retired=gone)
+
+    def told(self, found: Assessment) -> str:
+        """How many checks it has, and what their charts say, in words."""
         n, last = len(self.checks), self.checks[-1]
         name = self.name or f"another model (SHA-256 {self.model[:12]}..)"
         return (
             f"{n} {'check' if n == 1 else 'checks'} of {name} in this history, not compared; "
-            f'the charts of the last one, of {told(last.date)}, said "{in_words(assess(self.checks), self.checks)}"'
+            f'the charts of the last one, of {told(last.date)}, say "{in_words(found, self.checks)}"'
         )
 
 

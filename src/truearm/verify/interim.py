@@ -482,14 +482,19 @@ def in_words(found: Assessment, checks: Sequence[Check]) -> str:
     return f"recalibrate: not enough checks yet, {found.n_before} before this one, {NEEDED} are needed"
 
 
+def was_measured(artefact: str, checks: Sequence[Check]) -> bool:
+    """Whether a check has a value of an artefact; of a length, of one of its seats."""
+    return any(value.has(artefact) for check in checks for value in check.values)
+
+
 def _check_retired(retired: Collection[str], checks: Sequence[Check]) -> None:
     for name in retired:
-        if any(value.has(name) for value in checks[-1].values):
+        if was_measured(name, checks[-1:]):
             raise InputError(
                 f"{name!r} is retired, and is in the last check",
                 hint="an artefact that is mended or replaced gets another name in the session",
             )
-        if not any(value.has(name) for check in checks for value in check.values):
+        if not was_measured(name, checks):
             known = dict.fromkeys(value.artefact for check in checks for value in check.values)
             raise InputError(f"no check has the retired {name!r:.80}", hint=", ".join(known)[:200])
 
