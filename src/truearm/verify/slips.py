@@ -21,13 +21,15 @@ from truearm.verify.sphere import fit_sphere
 # Chosen here: an arm out of adjustment misses its limits by some times; 20 times 0.02 to 0.05 mm, 0.4 to 1 mm, is what
 # a mistyped number or another artefact makes.
 FAR_BEYOND = 20.0
-# A point is alone in the wrong if the others scatter so much less without it. Of simulated spheres of 9 points with
-# equal noise fewer than 1 in 1000 had such a point; none of 25 points, of 10 in a seat or of 5 centres came near.
+# A point is alone in the wrong if the others scatter so much less without it.
 ALONE = 0.1
 # What is nearer disturbs nobody [mm]; points that are all the same would each be one.
 LEAST_MM = 0.001
-# Fewer points of a ball leave less than two to spare without one, and agree whatever they are; so do three places.
-LEAST_ON_BALL, LEAST_PLACES = 7, 4
+# With equal noise few points agree without one by chance. Of so many points fewer than 1 in 1000 simulated groups had a
+# point alone in the wrong: 0.5 in 1000 balls of 9 points (of 8: 3.3), 0.6 in 1000 seats of 6 whose points scatter along
+# one line and a fiftieth as far across it (of 5: 3.6), 0.2 in 1000 of 5 groups whose centres scatter a tenth as far
+# across (a fiftieth: 1.5; of 4 and a fiftieth: 15). Of 5 seats or groups that scatter alike in all directions none.
+LEAST_ON_BALL, LEAST_IN_SEAT, LEAST_GROUPS = 9, 6, 5
 
 
 def on_spheres(test: str, groups: Sequence[Group], spheres: Sequence[SphereMeasured], size: Row) -> Iterator[str]:
@@ -55,7 +57,7 @@ def in_groups(test: str, groups: Sequence[Group], spheres: Sequence[SphereMeasur
     """A group of an articulation whose sphere lies apart from those of all others at its position."""
     centres = np.array([one.fit.centre for one in spheres])
     away = _from_mean(centres)
-    i = _alone(centres, away, lambda some: circumscribed_sphere(some).diameter_mm, least=LEAST_PLACES)
+    i = _alone(centres, away, lambda some: circumscribed_sphere(some).diameter_mm, least=LEAST_GROUPS)
     if i is not None:
         yield (
             f"test {test!r}, {groups[i].where} (line {groups[i].line}): its sphere alone lies apart, {away[i]:.2g} mm "
@@ -67,7 +69,7 @@ def in_seats(test: str, groups: Sequence[Group]) -> Iterator[str]:
     """Single points away from the others in a seat."""
     for group in groups:
         away = _from_mean(group.points)
-        i = _alone(group.points, away, lambda some: float(_from_mean(some).max()), least=LEAST_PLACES)
+        i = _alone(group.points, away, lambda some: float(_from_mean(some).max()), least=LEAST_IN_SEAT)
         if i is not None:
             yield (
                 f"test {test!r}, {group.where}: the point of line {group.lines[i]} alone is {away[i]:.2g} mm from the "
