@@ -420,14 +420,7 @@ def pattern_figure(patterns: Mapping[int, Placement]) -> Figure:
     with drawing_rules():
         panels = []
         for number, one in patterns.items():
-            drawing = Drawing(figsize=(3.2, 3.2))
-            FigureCanvasAgg(drawing)
-            axes = drawing.add_axes((0.02, 0.02, 0.96, 0.88))
-            axes.set_aspect("equal")
-            axes.set_xlim(-1.25, 1.25)
-            axes.set_ylim(-1.25, 1.25)
-            axes.set_axis_off()
-            axes.add_patch(Circle((0, 0), 1, facecolor="#eef2f7", edgecolor=LIMIT, linewidth=0.8, zorder=1))
+            drawing, axes = _ball(3.2, across=(-1.25, 1.25), up=(-1.25, 1.25))
             for i, (x, y, _) in enumerate(one.normals, start=1):
                 axes.plot(x, y, "o", color=_NAVY, markersize=4, zorder=3)
                 axes.annotate(str(i), (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7.5, zorder=4)
@@ -447,15 +440,8 @@ def groups_figure(groups: Mapping[str, FloatArray]) -> Figure:
     with drawing_rules():
         panels = []
         for view in (_ABOVE, _SIDE):
-            drawing = Drawing(figsize=(3.2, 3.0))
-            FigureCanvasAgg(drawing)
-            axes = drawing.add_axes((0.02, 0.02, 0.96, 0.88))
-            axes.set_aspect("equal")
-            axes.set_xlim(-4.3, 4.1)
             low, high = (-1.9, 4.6) if view == _SIDE else (-4.0, 4.0)
-            axes.set_ylim(low, high)
-            axes.set_axis_off()
-            axes.add_patch(Circle((0, 0), 1, facecolor="#eef2f7", edgecolor=LIMIT, linewidth=0.8, zorder=3))
+            drawing, axes = _ball(3.0, across=(-4.3, 4.1), up=(low, high))
             if view == _SIDE:
                 axes.plot([0, 0], [-1.0, -1.9], color=LIMIT, linewidth=2.5, zorder=1)
             marks: dict[tuple[float, float], list[str]] = {}
@@ -504,6 +490,17 @@ def _space(sheet: Sheet, width_in: float, height_in: float, *, view: _View) -> t
     _disc(axes, sheet, view=view)
     across, up = (f"{_AXES[i]} [mm]" for i in view)
     axes.set(xlabel=across, ylabel=up, title=_VIEWS[view])
+    return drawing, axes
+
+
+def _ball(height_in: float, *, across: tuple[float, float], up: tuple[float, float]) -> tuple[Drawing, Axes]:
+    """Axes with a ball of radius 1 about the origin, and nothing else."""
+    drawing = Drawing(figsize=(3.2, height_in))
+    FigureCanvasAgg(drawing)
+    axes = drawing.add_axes((0.02, 0.02, 0.96, 0.88))
+    axes.set(aspect="equal", xlim=across, ylim=up)
+    axes.set_axis_off()
+    axes.add_patch(Circle((0, 0), 1, facecolor="#eef2f7", edgecolor=LIMIT, linewidth=0.8, zorder=3))
     return drawing, axes
 
 
