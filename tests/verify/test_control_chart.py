@@ -185,6 +185,17 @@ def test_a_single_value_far_off_tells_only_while_it_is_the_last(rng):
     assert chart(np.r_[values[:21], 41.0]).since == 20
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_values_far_off_to_either_side_are_single_ones(side):
+    """Dirt in one seat of a bar, then in the other: the last one stands alone, until the next is on its side."""
+    steady, far = np.resize([1.0, -1.0, 0.5, -0.5], 20), 40.0 * side
+    for tail, since in (([far, -far], 21), ([far, far, -far], 22), ([far, -far, -far], 21), ([far, far], 20)):
+        one = chart(np.r_[steady, tail], rules=rules_for(8))
+        assert one.beyond[20:].all()
+        assert (one.since, one.changed) == (since, None)
+    assert chart(np.r_[steady, far, -far, 0.0], rules=rules_for(8)).since is None
+
+
 @pytest.mark.parametrize("begins", [3, 7, 10])
 def test_what_fits_exactly_is_dated_exactly(begins):
     rows = np.arange(14)

@@ -300,6 +300,22 @@ def test_a_value_over_its_limit_beyond_the_artefacts_uncertainty_says_yes_the_se
     assert assess(checks, limited(**{"SPAT.2s": 1})).trends[0].limit_mm is None
 
 
+def test_an_error_that_is_too_large_and_then_too_small_is_no_change(rng):
+    """Of the chart and of the specification; a scatter has one side."""
+    steady = 0.001 * rng.standard_normal(15)
+    checks = checks_of(np.r_[steady, 0.05, -0.05])
+    found = assess(checks)
+    assert (found.recalibrate, found.since) == (Recalibrate.AGAIN, None)
+    assert found.reasons[0].endswith("in check 17 alone")
+    back = assess(checks_of(np.r_[steady, 0.05, -0.05, -0.05]))
+    assert (back.recalibrate, back.since) == (Recalibrate.YES, 16)
+    limits = limited(**{"E_Uni": 10, "SPAT.Max": 10})
+    over = assess(checks_of([0.0125, -0.0125]), limits)
+    assert over.recalibrate is Recalibrate.AGAIN
+    assert over.reasons[0].endswith("in check 2 alone")
+    assert assess(checks_of([0.0, 0.0], [0.02, 0.02]), limits).recalibrate is Recalibrate.YES
+
+
 def test_days_are_told_with_their_time_where_there_is_one():
     assert told(datetime.datetime(2026, 1, 2)) == "2026-01-02"
     assert told(datetime.datetime(2026, 1, 2, 8, 30)) == "2026-01-02 08:30"

@@ -85,7 +85,7 @@ _JUDGED = (
     "sums are set by the number of charts that the history has at each check, so that, of an arm that has not changed, "
     "one check in 370 is beyond the limits of some chart, and some sum comes above its line once in 370 checks.\n\n"
     "A value that is beyond its limits, or over that of the specification, in one check alone may be dirt in a seat, "
-    "and asks for one more check; two in a row say to recalibrate, as a sum above its line does.\n\n"
+    "and asks for one more check; two in a row on the same side say to recalibrate, as a sum above its line does.\n\n"
     f"With fewer than {NEEDED} checks before, values are taken to scatter at least as the model expects, and that "
     "nothing has changed is not said. These checks take fewer points than the tests of the standards and replace none "
     "of them."

@@ -147,12 +147,14 @@ class ControlChart:
         """The first value of the change that stands at the last value; None where nothing has changed.
 
         What a cumulative sum has told of stands for good. A value beyond the limits stands while it is the last one,
-        or those after it are beyond them too: a single one may be dirt in a seat.
+        or those after it are beyond them on the same side too: a single one may be dirt in a seat, and so may one to
+        either side.
         """
         if self.changed is not None:
             return self.changed
-        inside = np.flatnonzero(~self.beyond)
-        first = int(inside[-1]) + 1 if len(inside) else 0
+        with_last = self.beyond & (np.sign(self.scores) == np.sign(self.scores[-1]))
+        others = np.flatnonzero(~with_last)
+        first = int(others[-1]) + 1 if len(others) else 0
         return first if first < len(self.values) else None
 
     @property

@@ -256,7 +256,7 @@ def _of_lengths(
     values = []
     names = ("seat_a", "seat_b", "length_mm", "u_mm", "u_place_mm")
     growth = growth_at(lengths, np.nan if degC is None else degC)
-    u_growth = (lengths.length_mm * u for u in (growth.u_temperature, growth.u_expansion))
+    u_growth = (np.where(growth.known, lengths.length_mm * u, 0.0) for u in (growth.u_temperature, growth.u_expansion))
     columns = (*(getattr(lengths, name) for name in names), growth.known, growth.factor, *u_growth)
     for a, b, known, u, u_place, at_reference, factor, u_warm, u_expansion in zip(
         *(column.tolist() for column in columns), strict=True
@@ -343,7 +343,7 @@ class Trend:
     over_limit : bool
         Whether the last value is over that limit beyond its uncertainty.
     over_before : bool
-        Whether the value before it was too.
+        Whether the value before it was too, an error with the same sign.
     """
 
     latest: Value
@@ -414,10 +414,10 @@ def assess(
     """Say whether the arm has changed since the first checks.
 
     The answer is yes if a chart tells of a change (`truearm.verify.control_chart`), by its cumulative sum or by two
-    values or more in a row beyond its limits, or if the last two values are over their limit in the specification by
-    more than the uncertainty of the artefact (ISO 14253-1); of what the last check left out, those measured last. It
-    is to check once more if that is so of the last value alone, which may be dirt in a seat. Else no, if every chart of
-    the last check has enough checks before.
+    values or more in a row beyond its limits on the same side, or if the last two values, of one sign, are over their
+    limit in the specification by more than the uncertainty of the artefact (ISO 14253-1); of what the last check left
+    out, those measured last. It is to check once more if that is so of the last value alone, which may be dirt in a
+    seat. Else no, if every chart of the last check has enough checks before.
 
     Parameters
     ----------
@@ -515,7 +515,9 @@ def _trend(
             upper_only=quantity.scale,
         )
     limit, over = _against(latest, specification)
-    over_before = len(values) > 1 and _against(values[-2], specification)[1]
+    over_before = (
+        len(values) > 1 and _against(values[-2], specification)[1] and values[-2].value_mm * latest.value_mm > 0
+    )
     return Trend(latest, at[-1] == len(rules) - 1, np.array(at), chart, limit, over, over_before)
 
 
