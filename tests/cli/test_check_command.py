@@ -363,6 +363,8 @@ REFUSED = {
         "order",
     ),
     "a day to come": (None, ("--date", "2962-01-01"), "is in the future"),
+    "a day before all days": (None, ("--date", "0001-01-01T00:00+14:00"), "expected a date, got '0001-01-01T00:00+14"),
+    "a day after all days": (None, ("--date", "9999-12-31T23:59:59-12:00"), "expected a date, got '9999-12-31T23:59"),
     "a bar that is not there": (None, ("--lengths", "nowhere.csv"), "nowhere.csv"),
     "readings of two seats under one name": (misnamed, (), "not be of one seat"),
 }

@@ -167,10 +167,10 @@ def _date(given: str | None) -> datetime.datetime:
         return now()
     try:
         day = datetime.datetime.fromisoformat(given)
-    except ValueError:
+        if day.tzinfo is not None:
+            day = day.astimezone().replace(tzinfo=None)  # may lead before year 1 or after 9999
+    except (ValueError, OverflowError):
         raise InputError(f"expected a date, got {given!r:.80}", hint="--date 2026-11-03 or 2026-11-03T08:30") from None
-    if day.tzinfo is not None:
-        day = day.astimezone().replace(tzinfo=None)
     check_past(day)
     return day.replace(microsecond=0)
 
