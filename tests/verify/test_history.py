@@ -377,6 +377,35 @@ def test_values_that_no_check_can_have_are_refused(filled, statement):
         History(filled).checks(MODEL)
 
 
+@pytest.mark.parametrize(
+    ("text", "changed"),
+    [
+        (b"CREATE TABLE checks", b"CREATE TABLE\xff\xfehecks"),
+        (b"UNIQUE (model", b"UNIQUE \xff\xfeodel"),
+        (b"tablechecks", b"table\xffhecks"),
+        (b"2026-01-02", b"2026-01-\xff2"),
+        (b"DROP TABLE", b"DROP\xffTABLE"),
+        (b"new.truearm", b"new\xfftruearm"),
+    ],
+)
+def test_text_that_is_no_utf_8_is_damage(path, text, changed):
+    """Of the tables' statements, which SQLite's messages quote, and of values."""
+    history = History(path)
+    for day in (1, 2):
+        assert history.append(check(day), name="new.truearm", arm="gao2017")
+    whole = path.read_bytes()
+    assert text in whole
+    path.write_bytes(whole.replace(text, changed))
+
+    def read():
+        found = History(path)
+        return found.checks(MODEL), found.others(OTHER, arm="gao2017")
+
+    with pytest.raises(InputError, match="the history is damaged") as raised:
+        read()
+    assert raised.value.file == path
+
+
 def test_a_history_that_may_not_be_written_is_still_read(filled):
     filled.chmod(0o444)
     history = History(filled)

@@ -333,6 +333,7 @@ class History:
             # mode=rw: a file that is gone meanwhile is not made anew, empty.
             where = f"{self.path.resolve().as_uri()}?mode=rw"
             with closing(sqlite3.connect(where, uri=True, isolation_level=None)) as database:
+                database.text_factory = bytes.decode  # its own calls it an operational error where text is no UTF-8
                 database.execute("PRAGMA trusted_schema = OFF")
                 self._check_header(database)
                 yield database
@@ -340,6 +341,8 @@ class History:
             raise TruearmError(f"{self.path}: the history cannot be read or written ({error})") from error
         except sqlite3.DatabaseError as error:
             raise self._damaged(str(error)) from None
+        except UnicodeDecodeError:  # also of SQLite's messages, which quote the file
+            raise self._damaged("text that is no UTF-8") from None
 
     def _check_header(self, database: sqlite3.Connection) -> None:
         identity, version = (_pragma(database, name) for name in ("application_id", "user_version"))
