@@ -181,9 +181,11 @@ def _solved_by_orthogonal_factors(
     The data's matrix alone becomes a Jacobian again, without the directions that rounding has left in it; it and the
     prior, stacked, are a least-squares problem with the triangular factor sought (rows sorted and columns pivoted, as
     sizes differ by decades: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., section 19.4).
+    Columns are measured in their priors, so that those of which the data tell most come first: what is rounded of them
+    may not fall upon the priors of the others.
     """
     n = len(gram)
-    scale = 1 / np.sqrt(size + precision)
+    scale = 1 / np.sqrt(precision)
     unit = 1 / np.sqrt(np.where(size > 0, size, 1.0))
     values, vectors = np.linalg.eigh(gram * np.outer(unit, unit))
     told = values > ROUNDING * max(values[-1], 1.0)
