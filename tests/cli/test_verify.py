@@ -447,16 +447,40 @@ def test_an_arm_out_of_adjustment_is_no_slip(truearm, bench):
 
 
 def test_points_that_are_all_the_same_have_no_stray_one(truearm, bench):
-    """Seats of an arm without noise: the one whose point is 2 mm off is told, the others scatter by nothing at all."""
+    """Seats of an arm with noise of 0.1 um: the one whose point is 2 mm off is told, the others scatter by nothing."""
     plan = plan_text("asme-b89.4.22")
     head, _, rest = plan.partition("[effective_diameter]")
     Path("own.toml").write_text(head + "[single_point]" + rest.partition("[single_point]")[2].partition("[volum")[0])
-    rows = Made(noise_mm=0.0).asme().text().splitlines(keepends=True)
+    rows = Made(noise_mm=0.0001).asme().text().splitlines(keepends=True)
     text = "".join(row for row in rows if row.startswith(("test", "single_point")))
     Path("points.csv").write_text(text.replace(*off(text, 15, 2.0), 1))
     found = json.loads(truearm(*options("own.toml"), "--json").out)
     (told,) = [remark for remark in found["remarks"] if "alone" in remark]
     assert told.startswith("test 'single_point', position middle: the point of line")
+
+
+@pytest.mark.parametrize("n", [2, 10])
+def test_a_point_twice_in_a_seat_is_refused(truearm, bench, n):
+    """One copied over another, or a program that sends the first one ten times: SPAT would be too good, or 0."""
+    lines = Made().asme().text().splitlines(keepends=True)
+    at = next(i for i, line in enumerate(lines) if line.startswith("single_point"))
+    lines[at : at + n] = [lines[at]] * n
+    Path("points.csv").write_text("".join(lines))
+    ran = truearm(*options("asme-b89.4.22"))
+    assert (ran.code, ran.out) == (2, ""), ran
+    assert f"test 'single_point', position near: the points of lines {at + 1} and {at + 2} are the same" in ran.err
+    assert "Try: measure the position again; if the coordinates are rounded, write them with more digits" in ran.err
+
+
+def test_bars_too_short_for_the_arm_are_refused_in_the_volumetric_test(truearm, bench):
+    """1700 mm are 68 % of 2500 mm, 60 % of 2833 mm: enough up to there."""
+    Path("points.csv").write_text(Made().asme().text())
+    for range_mm, code in ((2800, 0), (2850, 2)):
+        Path("mpe.toml").write_text(MPE.replace("measuring_range_mm = 2500", f"measuring_range_mm = {range_mm}"))
+        ran = truearm(*options("asme-b89.4.22"))
+        assert ran.code == code, ran
+    assert "test 'volumetric': the longest length is 1700 mm, the plan wants 1710 mm or more, 60%" in ran.err
+    assert "Try: a longer bar, or longest_share in the plan as your copy of the standard has it" in ran.err
 
 
 def test_ends_the_other_way_round_in_a_run_are_told_and_change_nothing(truearm, bench):
@@ -617,7 +641,19 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
     assert "lengths = 1, positions = 7, repeats = 3, longest_share = 0.36" in ran.out
     ran = truearm("verify", "--sheet", "asme-b89.4.22", "--out", "sheet.html", "--artefacts", "mine.toml")
     assert "'volumetric' needs 2 calibrated lengths, the file of artefacts has 1" in ran.err
-    assert "a plan with volumetric.lengths = 1 (truearm" in ran.err
+    assert "a plan with volumetric.lengths = 1" in ran.err
+    plan = plan_text("asme-b89.4.22")
+    head, _, volumetric = plan.partition("[volumetric]")
+    for line in blocks("toml one bar")[0].splitlines():
+        volumetric = re.sub(rf"(?m)^{line.split(' = ')[0]} = .*$", line, volumetric, count=1)
+    Path("my-plan.toml").write_text(f"{head}[volumetric]{volumetric}")
+    rows = [row for row in Made().asme().text().splitlines(keepends=True) if ",1700," not in row]
+    more = [row.split(",") for row in Made(seed=2).asme().text().splitlines(keepends=True) if ",900," in row]
+    more = [[*cells[:3], f"{int(cells[3]) + 10}", *cells[4:]] for cells in more]
+    Path("points.csv").write_text("".join([*rows, *map(",".join, more)]))
+    ran = truearm(*(option.replace("artefacts.toml", "mine.toml") for option in options("my-plan.toml")))
+    assert ran.code == 0, ran
+    assert "lengths = 1, positions = 20, longest_share = 0.36" in ran.out
 
 
 def test_the_page_names_every_column_and_what_tells_groups_apart():

@@ -125,6 +125,7 @@ class Volumetric(PlannedTest):
 
     lengths: Count
     positions: Count
+    longest_share: Share
 
 
 class Plan(Document):

@@ -206,6 +206,7 @@ class _Evaluation:
         seats = []
         for group in groups:
             self._points(name, group, test.points.value)
+            self._no_point_twice(name, group)
             seat = self._known(self.artefacts.seat, group)
             seats.append(asme_b89_4_22.Seated(seat, group.points, group.where))
         self._no_copies(name, [[group] for group in groups])
@@ -237,15 +238,7 @@ class _Evaluation:
                     )
         self._bars_apart(name, groups)
         self._bars_stay(name, pairs)
-        longest = max(one.length.length_mm for one in lengths)
-        needed = test.longest_share.value * self.specification.measuring_range_mm
-        if longest < needed:
-            raise self.measured.error(
-                f"test {name!r}: the longest length is {longest:.5g} mm, the plan wants {needed:.5g} mm or more, "
-                f"{test.longest_share.value:.0%} of the measuring range",
-                groups[0],
-                hint="a longer bar, or longest_share in the plan as your copy of the standard has it",
-            )
+        self._long_enough(name, lengths, groups[0], test.longest_share.value)
         evaluate = iso10360_12.e_uni if name == "uni" else iso10360_12.e_bi
         rows = evaluate(
             lengths, self.specification, repeats=repeats, tolerated_sets=test.tolerated_sets.value, rule=self.rule
@@ -259,6 +252,7 @@ class _Evaluation:
         self._expect(name, groups[0], "lengths", _split(groups, "artefact", "length"), test.lengths.value)
         self._expect(name, groups[0], "measured lengths", len(pairs), test.positions.value)
         self._bars_apart(name, groups)
+        self._long_enough(name, [one for one, _ in pairs], groups[0], test.longest_share.value)
         rows = asme_b89_4_22.volumetric([one for one, _ in pairs], self.specification, rule=self.rule)
         if self._suspect(rows):
             self._slips_in_lengths("Volumetric.Max", pairs, opposite=False)
@@ -341,6 +335,18 @@ class _Evaluation:
         self._no_copies(name, taken)
         return found
 
+    def _long_enough(self, name: str, lengths: Sequence[LengthMeasured], group: Group, share: float) -> None:
+        """Check that the longest length is such a share of the measuring range."""
+        longest = max(one.length.length_mm for one in lengths)
+        needed = share * self.specification.measuring_range_mm
+        if longest < needed:
+            raise self.measured.error(
+                f"test {name!r}: the longest length is {longest:.5g} mm, the plan wants {needed:.5g} mm or more, "
+                f"{share:.0%} of the measuring range",
+                group,
+                hint="a longer bar, or longest_share in the plan as your copy of the standard has it",
+            )
+
     def _bars_apart(self, name: str, groups: Sequence[Group]) -> None:
         """Check that a length lies elsewhere at each position."""
         for members in _split(groups, "artefact", "length").values():
@@ -392,6 +398,25 @@ class _Evaluation:
                     f"test {name!r}: {groups[0].where} has the same coordinates as {first.where}: a copy",
                     groups[0],
                     hint="measure it; if the coordinates are rounded, write them with more digits",
+                )
+
+    def _no_point_twice(self, name: str, group: Group) -> None:
+        """Check that no two points in a seat are bit for bit the same; as `_no_copies`, of a file only.
+
+        With three digits after the point it befalls 0.3 % of tests (4000 simulated ones of 3 seats of 10 points) whose
+        noise is 10 um a coordinate, 2 % at 5 um and 10 % at 3 um: they are told to write more digits.
+        """
+        if self.measured.file is None:
+            return
+        seen: dict[bytes, int] = {}
+        for point, line in zip(group.points + 0.0, group.lines, strict=True):
+            first = seen.setdefault(point.tobytes(), line)
+            if first != line:
+                raise self.measured.error(
+                    f"test {name!r}, {group.where}: the points of lines {first} and {line} are the same to the last "
+                    f"digit: a copy, or a program that went on sending an old one",
+                    group,
+                    hint="measure the position again; if the coordinates are rounded, write them with more digits",
                 )
 
     def _apart(self, name: str, groups: Sequence[Group], places: FloatArray, nearest_mm: float) -> None:
