@@ -6,6 +6,8 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.verify.artefacts import Artefacts
@@ -13,7 +15,7 @@ from truearm.verify.example import example_artefacts, example_specification
 from truearm.verify.layout import chosen_lengths, directions, hemisphere, layout_of, out_of_seat
 from truearm.verify.measured import KEYS, Group, Measured
 from truearm.verify.test_plan import PLANS, load_plan
-from truearm.verify.verification import verify
+from truearm.verify.verification import SAME_PLACE_MM, verify
 
 RANGE = 2500.0
 
@@ -86,6 +88,81 @@ def test_points_are_within_reach_and_directions_are_unit_vectors(name):
             assert np.linalg.norm(directions_, axis=1) == pytest.approx(1)
         # The stylus is never in the artefact: it comes from outside, at most square to the surface.
         assert ((one.normals * one.approach).sum(axis=1) > -1e-12).all()
+
+
+def bar_of(*lengths_mm):
+    """The example's artefacts with other lengths on the bar."""
+    whole = example_artefacts(RANGE)
+    one = whole.bars[0].lengths[0]
+    lengths = tuple(one.model_copy(update={"name": f"L{i}", "length_mm": mm}) for i, mm in enumerate(lengths_mm))
+    return Artefacts(
+        spheres=whole.spheres, bars=(whole.bars[0].model_copy(update={"lengths": lengths}),), seats=whole.seats
+    )
+
+
+def least_apart(layout, test, step_mm=None):
+    """How far the farther end moves at least between two positions of a length, its ends in either order [mm]."""
+    ends = {}
+    for one in layout:
+        if one.test == test and one.keys.get("repeat", "1") == "1":
+            at = one.at if step_mm is None else step_mm * (one.at / step_mm).round()
+            ends.setdefault((one.keys["length"], one.keys["position"]), []).append(at)
+    apart = [
+        min(
+            max(np.linalg.norm(a - c), np.linalg.norm(b - d)),
+            max(np.linalg.norm(a - d), np.linalg.norm(b - c)),
+        )
+        for (length, at), (a, b) in ends.items()
+        for (other, there), (c, d) in ends.items()
+        if length == other and at < there
+    ]
+    return min(apart)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+@pytest.mark.parametrize(
+    ("name", "test", "positions"),
+    [("asme-b89.4.22", "volumetric", 20), ("iso10360-12", "uni", 7), ("iso10360-12", "uni", 20)],
+)
+@settings(max_examples=8, deadline=None)
+@given(reach_mm=st.floats(300.0, 3000.0), share=st.floats(0.05, 1.36), shoulder_mm=st.floats(-100.0, 800.0))
+def test_no_two_positions_of_a_length_are_one_place(name, test, positions, n, reach_mm, share, shoulder_mm):
+    """Nor when an operator goes by the sheet, which rounds x, y and z to 10 mm."""
+    changed = {"lengths": n, "positions": positions}
+    if "longest_share" in type(getattr(load_plan(name), test)).model_fields:
+        changed["longest_share"] = 0.0
+    artefacts = bar_of(*(share * reach_mm * np.linspace(1.0, 0.2, n)))
+    layout = layout_of(edited(name, **{test: changed}), artefacts, 2 * reach_mm, shoulder_mm=shoulder_mm)
+    assert len({one.keys["position"] for one in layout if one.test == test}) == positions
+    assert least_apart(layout, test) >= SAME_PLACE_MM
+    assert least_apart(layout, test, step_mm=10.0) >= SAME_PLACE_MM
+    far = [np.linalg.norm(one.at - [0, 0, shoulder_mm]) for one in layout if one.test == test]
+    assert max(far) < 0.9 * reach_mm
+
+
+def test_one_bar_of_one_length_takes_all_places_of_the_volumetric_test():
+    """Place 8 came again as 16, turned end for end, and 13 as 18: `verify` refuses a place that comes twice."""
+    plan, artefacts = edited("asme-b89.4.22", volumetric={"lengths": 1}), bar_of(1500.0125)
+    found = verify(
+        as_measured(layout_of(plan, artefacts, RANGE), artefacts),
+        plan=plan,
+        artefacts=artefacts,
+        specification=example_specification(RANGE),
+    )
+    assert found.verdict.value == "conform"
+
+
+def test_the_plans_as_they_come_take_the_first_lines():
+    """Neither 20 positions of two lengths nor 7 of five leave a line out: numbers from when none was ever left out."""
+    starts = {
+        (one.test, one.keys["position"]): one.at
+        for name in PLANS
+        for one in laid_out(name)
+        if one.keys.get("end") == "A"
+    }
+    assert starts["uni", "7"] == pytest.approx([-48.805991, 932.689467, -178.247729])
+    assert starts["volumetric", "19"] == pytest.approx([433.359528, 433.359528, -14.927416])
+    assert starts["volumetric", "20"] == pytest.approx([382.144921, 382.144921, -429.413094])
 
 
 def test_order_is_that_of_an_operator():
@@ -175,6 +252,10 @@ def test_what_has_no_place_is_refused():
     plan = edited("iso10360-12", uni={"longest_share": 0.0})
     with pytest.raises(InputError, match="has no place before an arm with a reach of 900 mm"):
         layout_of(plan, example_artefacts(RANGE), 1800.0)
+    plan = edited("asme-b89.4.22", volumetric={"lengths": 1, "positions": 1000})
+    with pytest.raises(InputError, match=r"has \d+ places 30 mm apart .* 1000 mm, the plan wants 1000") as refused:
+        layout_of(plan, bar_of(1500.0), 2000.0)
+    assert "fewer positions" in refused.value.hint
     with pytest.raises(InputError, match="positive measuring range"):
         layout_of(plan, example_artefacts(RANGE), float("nan"))
     nothing = edited(

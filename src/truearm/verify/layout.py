@@ -55,7 +55,14 @@ LINES: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...]
     ((1, -1, 1), (1, 1, 0)),  # diagonal in space
 )
 LINE_DISTANCE, NEAREST_LINE = 0.5, 0.15
-AZIMUTHS_DEG = (0.0, 45.0, -45.0)  # more positions than lines: the same again, turned about the arm
+# More positions than lines: the same again, turned about the arm, by halves of what lies between.
+AZIMUTHS_DEG = (
+    0.0,
+    *(side * 90.0 * odd / 2**level for level in range(1, 8) for odd in range(1, 2**level, 2) for side in (1, -1)),
+)
+# At two positions of a length one end or the other is so far from where it was [mm]: 10 mm and what the rounding of
+# both places to 10 mm in x, y and z can take off, 17.3 mm.
+LEAST_APART_MM = 30.0
 UPRIGHT = 0.9  # a bar is from here on: the cosine of its lean off the vertical
 ZONES = ((0.50, 0.75), (1.20, 1.50))  # of the two volumetric lengths, in shares of the reach: recalled
 # Of the probe off the vertical in the groups of an articulation: to the sides and the arm, and beyond the sphere.
@@ -234,15 +241,52 @@ def _fewer(
     return f"agree on a plan with {' and '.join(changed)} (truearm verify --print-plan writes one to edit)"
 
 
-def line(position: int, longest_mm: float, reach_mm: float, shoulder_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Where a bar lies: the middle of its longest length (3,) [mm] and its direction (3,), position counted from 0.
+def lines(
+    name: str, positions: int, lengths_mm: Sequence[float], reach_mm: float, shoulder_mm: float
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Where a bar lies: where all its lengths begin (3,) [mm] and its direction (3,), for each position.
+
+    No length lies twice in one place, also not turned end for end: some lines, turned about the arm, are others.
+
+    Parameters
+    ----------
+    name : str
+        Of the test, for messages.
+    positions : int
+        How many.
+    lengths_mm : sequence of float
+        In growing order [mm].
+    reach_mm, shoulder_mm : float
+        Radius of the spherical reach and height of its middle above the base [mm].
 
     Raises
     ------
     InputError
-        If the length is too long to be reached at both ends.
+        If the longest length is too long to be reached at both ends, or there are not as many different places.
     """
-    along, towards = (np.array(one, dtype=float) for one in LINES[position % len(LINES)])
+    longest, found = lengths_mm[-1], []
+    taken = np.empty((0, len(lengths_mm), 2, 3))  # the ends of each length at each position so far
+    for candidate in range(len(AZIMUTHS_DEG) * len(LINES)):
+        middle, along = _line(candidate, longest, reach_mm, shoulder_mm)
+        start = middle - longest / 2 * along
+        ends = np.array([[start, start + length * along] for length in lengths_mm])
+        away, turned = (np.linalg.norm(taken - one, axis=3).max(axis=2) for one in (ends, ends[:, ::-1]))
+        if (np.minimum(away, turned) < LEAST_APART_MM).any():
+            continue
+        taken = np.concatenate([taken, ends[None]])
+        found.append((start, along))
+        if len(found) == positions:
+            return found
+    raise InputError(
+        f"test {name!r}: a length of {longest:.5g} mm has {len(found)} places {LEAST_APART_MM:g} mm apart before an "
+        f"arm with a reach of {reach_mm:.5g} mm, the plan wants {positions}",
+        hint="fewer positions in the plan, or the measuring range as the specification has it",
+    )
+
+
+def _line(candidate: int, longest_mm: float, reach_mm: float, shoulder_mm: float) -> tuple[FloatArray, FloatArray]:
+    """The middle of a bar's longest length (3,) [mm] and the bar's direction (3,): all lines, then all turned."""
+    along, towards = (np.array(one, dtype=float) for one in LINES[candidate % len(LINES)])
     along /= np.linalg.norm(along)
     towards /= np.linalg.norm(towards)
     half, lean = longest_mm / 2, abs(float(along @ towards))
@@ -255,7 +299,7 @@ def line(position: int, longest_mm: float, reach_mm: float, shoulder_mm: float) 
             hint="a shorter bar, or the measuring range as the specification has it",
         )
     away = min(LINE_DISTANCE * reach_mm, float(most))
-    turn = _about_z(AZIMUTHS_DEG[position // len(LINES) % len(AZIMUTHS_DEG)])
+    turn = _about_z(AZIMUTHS_DEG[candidate // len(LINES)])
     return turn @ (away * towards) + [0.0, 0.0, shoulder_mm], turn @ along
 
 
@@ -347,10 +391,9 @@ def _seats(room: _Room, name: str, test: SinglePoint) -> Iterator[tuple[float, P
 
 def _bars(room: _Room, name: str, test: LengthTest) -> Iterator[tuple[float, Placement]]:
     lengths = chosen_lengths(room.artefacts, name, test, 2 * room.reach)
-    longest = lengths[-1][1].length_mm
-    for position in range(test.positions.value):
-        middle, along = line(position, longest, room.reach, room.shoulder)
-        start = middle - longest / 2 * along  # all lengths begin at the same ball
+    lengths_mm = [length.length_mm for _, length in lengths]  # all begin at the same ball
+    places = lines(name, test.positions.value, lengths_mm, room.reach, room.shoulder)
+    for position, (start, along) in enumerate(places):
         for repeat in range(test.repeats.value):
             for bar, length in lengths:
                 keys = {"length": length.name, "position": str(position + 1), "repeat": str(repeat + 1)}
@@ -362,11 +405,15 @@ def _bars(room: _Room, name: str, test: LengthTest) -> Iterator[tuple[float, Pla
 
 def _volumetric(room: _Room, name: str, test: Volumetric) -> Iterator[tuple[float, Placement]]:
     lengths = chosen_lengths(room.artefacts, name, test, 2 * room.reach)
-    for position in range(test.positions.value):  # in all, over the lengths in turn
+    n = test.positions.value  # in all, over the lengths in turn
+    places = [
+        lines(name, len(range(i, n, len(lengths))), [length.length_mm], room.reach, room.shoulder)
+        for i, (_, length) in enumerate(lengths[:n])
+    ]
+    for position in range(n):
         bar, length = lengths[position % len(lengths)]
-        middle, along = line(position // len(lengths), length.length_mm, room.reach, room.shoulder)
+        start, along = places[position % len(lengths)][position // len(lengths)]
         keys = {"length": length.name, "position": str(position + 1)}
-        start = middle - length.length_mm / 2 * along
         for end in _ends(name, bar, length, keys, start, along, shoulder_mm=room.shoulder, opposite=False):
             yield position, end
 
