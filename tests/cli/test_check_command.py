@@ -140,7 +140,11 @@ def test_a_session_that_is_in_the_history_is_recognised(truearm, folder):
     assert length["cusum_down"] > length["decision_interval"]
     assert length["changed_since_check"] is not None
     assert Path("arm.sqlite").read_bytes() == before
-    assert "in the history already" in truearm(*arguments(26)).out
+    said = "this session is check {0} of 2026-01-{0:02} in the history already, and is not added again"
+    assert said.format(26) in truearm(*arguments(26)).out
+    old = truearm(*arguments(11)).out  # a file of another day, by mistake
+    assert said.format(11) in old
+    assert "what follows is of the last check" in old
 
 
 def test_another_model_starts_another_baseline_and_says_which_checks_are_not_compared(truearm, folder):
@@ -314,6 +318,16 @@ def test_a_seat_alone_will_do(truearm, folder):
     ran = truearm("check", "arm.truearm", "cone.csv", "--history", "cone.sqlite")
     assert (ran.code, ran.err) == (3, "")
     assert "sphere" not in ran.out
+
+
+def test_a_seat_misspelt_in_one_reading_is_told(truearm, folder):
+    only = session(1).rows(session(1).seat == "cone")
+    names = only.seat.copy()
+    names[1] = "cono"
+    write_session(replace(only, seat=names), "cone.csv")
+    ran = truearm("check", "arm.truearm", "cone.csv", "--history", "cone.sqlite")
+    assert ran.code == 3
+    assert ran.err == "seat 'cono' has one reading, which is left out; 'cone', misspelt?\n"
 
 
 def test_the_page_has_the_charts_and_the_answer(folder):

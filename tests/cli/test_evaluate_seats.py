@@ -208,3 +208,12 @@ def test_warm_lengths(truearm, folder, session, angles, tmp_path):
         "1 of 1 lengths are taken as at 20 degC; at the readings' 30.0 degC they differ by 0.0115 mm, if"
     )
     assert found["cold"][1] == "lengths are taken as at 20 degC: the session states no temperature\n"
+
+
+def test_an_uncertainty_in_micrometres_is_refused(truearm, folder, session, angles, tmp_path):
+    (tmp_path / "um.csv").write_text("seat_a,seat_b,length_mm,u_mm\nA,B,100,5\n")
+    ran = truearm(
+        "evaluate", folder / "nominal.truearm", session(angles[4:], seat=SEATS[4:]), "--lengths", tmp_path / "um.csv"
+    )
+    assert (ran.code, ran.out) == (2, "")
+    assert "um.csv, line 2, column 'u_mm': expected at most 0.5% of the length, got 5 mm. Try: " in ran.err

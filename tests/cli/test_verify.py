@@ -459,16 +459,20 @@ def test_points_that_are_all_the_same_have_no_stray_one(truearm, bench):
     assert told.startswith("test 'single_point', position middle: the point of line")
 
 
-@pytest.mark.parametrize("n", [2, 10])
-def test_a_point_twice_in_a_seat_is_refused(truearm, bench, n):
-    """One copied over another, or a program that sends the first one ten times: SPAT would be too good, or 0."""
+@pytest.mark.parametrize("n", [5, 6, 10])
+def test_most_points_of_a_seat_the_same_are_refused(truearm, bench, n):
+    """A program that sends the first one again and again: SPAT would be too good, or 0. Half of them may be chance."""
     lines = Made().asme().text().splitlines(keepends=True)
     at = next(i for i, line in enumerate(lines) if line.startswith("single_point"))
     lines[at : at + n] = [lines[at]] * n
     Path("points.csv").write_text("".join(lines))
     ran = truearm(*options("asme-b89.4.22"))
+    if n == 5:
+        assert ran.code != 2, ran
+        return
     assert (ran.code, ran.out) == (2, ""), ran
-    assert f"test 'single_point', position near: the points of lines {at + 1} and {at + 2} are the same" in ran.err
+    said = f"test 'single_point', position near: the point of line {at + 1} stands in line {at + 2}, line {at + 3}, "
+    assert said in ran.err
     assert "Try: measure the position again; if the coordinates are rounded, write them with more digits" in ran.err
 
 

@@ -84,3 +84,13 @@ def test_people_read_all_of_it():
     told = dict(administrative(certificate(lean)))
     assert "arm received" not in dict(told["certificate"])
     assert "relative humidity" not in dict(told["room"])
+
+
+@pytest.mark.parametrize("room", [(30.0, 32.0), (10.0, 12.0)])
+def test_a_room_in_which_the_artefacts_did_not_stand_is_refused(room):
+    found = outcome()
+    assert found.temperatures is not None
+    told = about()
+    told = told.model_copy(update={"conditions": told.conditions.model_copy(update={"temperature_degC": room})})
+    with pytest.raises(InputError, match=r"the room was at .* degC, artefacts at"):
+        certificate(told)

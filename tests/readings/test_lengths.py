@@ -85,8 +85,8 @@ def test_expansions_come_back_and_are_known_or_not(tmp_path):
 @pytest.mark.parametrize(
     ("row", "column", "said"),
     [
-        ("A,B,100,0.1,,11.5,1e-6", "expansion_per_K", "expected -0.0001 to 0.001 per K, got 11.5"),
-        ("A,B,100,0.1,,1e-5,-1e-6", "u_expansion_per_K", "expected 0 to 0.0001 per K, got -1e-06"),
+        ("A,B,100,0.1,,11.5,1e-6", "expansion_per_K", "expected -1e-05 to 5e-05 per K, got 11.5"),
+        ("A,B,100,0.1,,1e-5,-1e-6", "u_expansion_per_K", "expected 0 to 1e-05 per K, got -1e-06"),
         ("A,B,100,0.1,,1e-5,", "u_expansion_per_K", "belong together, got no u_expansion_per_K"),
         ("A,B,100,0.1,,,1e-6", "expansion_per_K", "belong together, got no expansion_per_K"),
         ("A,B,100,0.1,bar,2e-5,1e-6", "expansion_per_K", "'bar' has expansion_per_K 1e-05 in line 2, got 2e-05"),

@@ -153,6 +153,11 @@ def test_a_page_of_a_form(tmp_path):
         (("shop",), {"length": 300.0, "at": ["1,2,nan"]}, "three numbers"),
         (("shop",), {"length": 300.0, "at": ["1,2,3", "4,5,6"]}, "between two seats"),
         (("shop",), {"length": 300.0, "tolerance": -1.0}, "above zero"),
+        (
+            ("shop",),
+            {"feature": "circle", "diameter": 30.0, "tolerance": 50.0},
+            "below the 30 mm that are measured, got 50",
+        ),
         (("shop",), {"length": 300.0, "repeatability": 0.01}, "is for a model"),
         (("shop",), {"length": 300.0, "arms": 10}, "arms to draw"),
         (("shop",), {"length": 0.5}, "1 mm or more, got 0.5. Try: in mm"),

@@ -242,3 +242,17 @@ def test_rules_may_be_of_each_value(rng):
     assert (wide.upper[10:] > one.upper[10:]).all()
     with pytest.raises(InputError, match="rules for 20 values, got 3"):
         chart(values, rules=[TWO] * 3)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_dirt_in_one_check_leaves_no_trace_in_the_sums(side):
+    """Twelve values, one 9 standard deviations off, then others: sums as of the series without it, from the next on."""
+    values = np.random.default_rng(1).standard_normal(24)
+    dirty = chart(np.insert(values, 12, side * 9.0))
+    clean = chart(values)
+    assert not alarmed(clean)
+    assert dirty.beyond.tolist() == [*clean.beyond[:12], True, *clean.beyond[12:]]
+    assert dirty.drift[:, 12].max() > TWO.limit - 0.5 - 1e-12  # while nobody knows
+    np.testing.assert_allclose(np.delete(dirty.drift, 12, axis=1), clean.drift, atol=1e-12)
+    twice = chart(np.insert(values, 12, [side * 9.0, side * 9.0]))
+    assert twice.drift[:, 13].max() > TWO.decision_interval

@@ -72,6 +72,21 @@ def test_a_wrong_plan_is_refused(tmp_path, before, after, phrase):
     assert str(refused.value).startswith(str(path))
 
 
+def test_numbers_other_than_the_programs_own_are_told(tmp_path):
+    """Whoever confirms them: a plan after a standard that asks for less is not told by its title."""
+    text = plan_text("iso10360-12")
+    assert not list(load_plan("iso10360-12").departures())
+    (tmp_path / "same.toml").write_text(text.replace("confirmed = false", "confirmed = true"))
+    assert not list(load_plan(tmp_path / "same.toml").departures())
+    less = text.replace(
+        "longest_share = { value = 0.66, confirmed = false", "longest_share = { value = 0.36, confirmed = true", 1
+    )
+    (tmp_path / "less.toml").write_text(less)
+    assert list(load_plan(tmp_path / "less.toml").departures()) == [("uni.longest_share", 0.36, 0.66)]
+    (tmp_path / "other.toml").write_text(less.replace('standard = "ISO 10360-12:2016"', 'standard = "our own"'))
+    assert not list(load_plan(tmp_path / "other.toml").departures())
+
+
 def test_a_plan_that_is_not_there():
     with pytest.raises(InputError, match=r"no plan 'iso10360-2'.*iso10360-12, asme-b89.4.22, or a file"):
         load_plan("iso10360-2")

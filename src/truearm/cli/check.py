@@ -12,6 +12,7 @@ from truearm.cli.console import (
     SessionFile,
     check_apart,
     check_page,
+    note,
     progress,
     say,
     say_json,
@@ -21,10 +22,11 @@ from truearm.cli.console import (
 
 if TYPE_CHECKING:
     import datetime
+    from collections.abc import Sequence
 
     from truearm.models import Compensator
     from truearm.models.compensator import BoolArray
-    from truearm.readings import Readings
+    from truearm.readings import Lengths, Readings
     from truearm.verify.history import OtherModel
     from truearm.verify.interim import Assessment, Check, Trend, Value
 
@@ -98,11 +100,19 @@ def check(
         if completed:
             say("this session is in the history already and is completed")
         elif not added:
-            say("this session is in the history already and is not added again")
+            say(f"{_same(checks, new)}, and is not added again; what follows is of the last check")
         _tell(checks, found, changed, model=model, outside=fitted.outside_training(readings.angles))
         if report is not None:
             say(f"{report}: the trend charts")
     raise typer.Exit(CODES[found.recalibrate.value])
+
+
+def _same(checks: Sequence[Check], new: Check) -> str:
+    """Which check a session already is."""
+    from truearm.verify.interim import told
+
+    number = [one.session for one in checks].index(new.session)
+    return f"this session is check {number + 1} of {told(checks[number].date)} in the history already"
 
 
 def _readings(model: Path, session: Path) -> tuple[Compensator, Readings]:
@@ -117,6 +127,21 @@ def _readings(model: Path, session: Path) -> tuple[Compensator, Readings]:
     return fitted, readings
 
 
+def _note_lone(readings: Readings, lengths: Lengths | None) -> None:
+    """Name seats of one reading, which say nothing: they are often another seat's, misspelt."""
+    from collections import Counter
+    from difflib import get_close_matches
+
+    if readings.seat is None:
+        return
+    counts = Counter(readings.seat.tolist())
+    ends = set() if lengths is None else {*lengths.seat_a.tolist(), *lengths.seat_b.tolist()}
+    for name in sorted(name for name, count in counts.items() if name and count == 1 and name not in ends):
+        close = get_close_matches(name, [other for other, count in counts.items() if other and count > 1], n=1)
+        meant = f"; {close[0]!r}, misspelt?" if close else ""
+        note(f"seat {name!r} has one reading, which is left out{meant}")
+
+
 def _values(fitted: Compensator, readings: Readings, lengths: Path | None) -> tuple[Value, ...]:
     """The test values of the points that the model makes of the readings."""
     import numpy as np
@@ -127,6 +152,7 @@ def _values(fitted: Compensator, readings: Readings, lengths: Path | None) -> tu
     from truearm.verify.interim import interim_values
 
     known = None if lengths is None else lengths_of(lengths, readings)
+    _note_lone(readings, known)
     check_sessions(readings, known, own_frame="base" not in fitted.free)
     # What the model does not explain: the other part of its uncertainty is the same in every check.
     _, unexplained = fitted.covariance_parts(readings)

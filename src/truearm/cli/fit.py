@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 FEW_READINGS = 50
 # Left-out terms and readings far off that are named one by one.
 MOST_NAMED = 6
+# A length that is known worse tells no arm's size, or its uncertainty is in micrometres.
+MOST_U_SHARE = 0.005
 # Share of the reach by which an arm as drawn misses its readings that is worth a question.
 SUSPECT_NOMINAL_ERROR = 0.01
 
@@ -221,6 +223,14 @@ def lengths_of(path: Path, readings: Readings, used: Readings | None = None) -> 
     if readings.seat is None:
         raise InputError("lengths are between seats, and the session names none", file=path, hint="a column seat")
     stated = read_lengths(path)
+    if (unsure := stated.u_mm > MOST_U_SHARE * stated.length_mm).any():
+        row = int(unsure.argmax())
+        raise stated.error(
+            f"expected at most {MOST_U_SHARE:.1%} of the length, got {stated.u_mm[row]:.6g} mm",
+            row,
+            column="u_mm",
+            hint="standard uncertainties in mm: 5 micrometres are 0.005",
+        )
     known = stated.between(readings.seat.tolist())
     if len(known) < len(stated):
         left = len(stated) - len(known)

@@ -123,6 +123,12 @@ def task(
             along=along,
             points=points,
         )
+        nominal = measured.quantities[0].nominal_mm
+        if tolerance is not None and 0 < nominal <= tolerance:
+            raise InputError(
+                f"--tolerance expects a width in mm below the {nominal:g} mm that are measured, got {tolerance:g}",
+                hint="0.05 for 50 micrometres",
+            )
         share = share_of_limit if isinstance(errors, ConstrainedErrors) else None
         found = measured_by(errors, measured, n_arms=arms, seed=seed, share_of_limit=share, progress=tell)
         fit = None if tolerance is None else fitness(found.estimates[0], tolerance)

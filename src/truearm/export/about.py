@@ -18,6 +18,8 @@ from truearm.verify.days import check_past
 from truearm.verify.documents import Document, Real, read_document
 
 # What XML 1.0 cannot hold (its production 2), lone surrogates included.
+# An artefact that has lain in a room for some hours is no further from the temperature of its air [K].
+MOST_K_FROM_ROOM = 3.0
 _NOT_XML = re.compile("[^\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
 
 
@@ -154,6 +156,21 @@ class About(Document):
             raise InputError(f"issued on {self.issued}, before the last points were taken on {end}")
         if self.received is not None and self.received > begin:
             raise InputError(f"the arm came on {self.received}, after points were taken on {begin}")
+
+    def check_room(self, coldest_degC: float, warmest_degC: float) -> None:
+        """Check that artefacts were about as warm as the room, in which they are left until they are.
+
+        Raises
+        ------
+        InputError
+            If not.
+        """
+        low, high = self.conditions.temperature_degC
+        if coldest_degC < low - MOST_K_FROM_ROOM or warmest_degC > high + MOST_K_FROM_ROOM:
+            raise InputError(
+                f"the room was at {low:g} to {high:g} degC, artefacts at {coldest_degC:g} to {warmest_degC:g} degC",
+                hint="temperature_degC under [conditions], or artefact_degC of the points",
+            )
 
 
 def read_about(path: str | Path) -> About:

@@ -126,12 +126,14 @@ def certificate_of(about: About, outcome: Outcome, *, decision: Sequence[str], r
     Raises
     ------
     InputError
-        If the days of `about` do not fit those of the points, or as `check_uncertainties`.
+        If days or temperatures of `about` do not fit those of the points, or as `check_uncertainties`.
     """
     check_uncertainties(outcome)
     days = [group.date for group in outcome.groups]
     about.check_days(min(days), max(days))
     degC = outcome.temperatures
+    if degC is not None:
+        about.check_room(*degC)
     methods = [
         Method(
             "Expanded uncertainty",

@@ -198,7 +198,9 @@ def control_chart(
     -----
     A value beyond its limits is not taken into the baseline, and none after a cumulative sum has told of a change: the
     baseline is then that of the values before the change. In the sums a score counts at most as much as the limit:
-    a single value cannot raise one above the decision interval.
+    a single value cannot raise one above the decision interval. One beyond its limits, and none beside it to the same
+    side, is taken out again with the next: "two in a row" of J. M. Lucas, R. B. Crosier, Commun. Statist. Theory Meth.
+    11 (1982) 2669 [recalled].
     """
     given, floor = np.array(values, dtype=float), np.array(u, dtype=float)
     if given.ndim != 1 or not len(given) or floor.shape != given.shape:
@@ -231,12 +233,13 @@ def control_chart(
             centre[i], upper[i] = _back(mean, scale), _back(mean + half, scale)
             if not upper_only:
                 lower[i] = _back(mean - half, scale)
-            counted = min(max(score, -rule.limit), rule.limit)
-            for side, sign in enumerate(sides):
-                # C = max(0, C + z - k), M 9.2 and 9.3
-                drift[side, i] = max(0.0, drift[side, i - 1] + sign * counted - REFERENCE_VALUE)
             scores[i] = score
             beyond[i] = score > rule.limit if upper_only else abs(score) > rule.limit
+            counted = min(max(score, -rule.limit), rule.limit)
+            last = i - 2 if _alone(i - 1, scores, beyond) else i - 1
+            for side, sign in enumerate(sides):
+                # C = max(0, C + z - k), M 9.2 and 9.3
+                drift[side, i] = max(0.0, drift[side, last] + sign * counted - REFERENCE_VALUE)
             if signalled is None and max(drift[0, i], drift[1, i]) > rule.decision_interval:
                 zero = int(np.flatnonzero(drift[int(drift[:, i].argmax()), :i] == 0)[-1])
                 rows = np.array([j for j in range(i + 1) if j > zero or not beyond[j]])
@@ -247,6 +250,12 @@ def control_chart(
     return ControlChart(
         given, n_before, scores, centre, lower, upper, drift, beyond, signalled, changed, gradual, each[-1]
     )
+
+
+def _alone(i: int, scores: FloatArray, beyond: npt.NDArray[np.bool_]) -> bool:
+    """Whether value i, which has a next one, is beyond its limits, and no neighbour beyond them to the same side."""
+    sides = [beyond[j] and np.sign(scores[j]) == np.sign(scores[i]) for j in (i - 1, i + 1)]
+    return bool(beyond[i] and not any(sides))
 
 
 @cache

@@ -209,14 +209,13 @@ def chosen_lengths(
             hint="add them under [[bars]]" + (f", or {_fewer(name, test, pool, measuring_range_mm)}" if pool else ""),
         )
     longest = pool[-1][1].length_mm
-    if isinstance(test, LengthTest):
-        least = test.longest_share.value * measuring_range_mm
-        if longest < least:
-            raise InputError(
-                f"test {name!r} needs a length of {least:.5g} mm or more, {test.longest_share.value:.0%} of the "
-                f"measuring range; the longest in the file of artefacts is {longest:.5g} mm",
-                hint="a longer bar, or longest_share in the plan as your copy of the standard has it",
-            )
+    least = test.longest_share.value * measuring_range_mm
+    if longest < least:
+        raise InputError(
+            f"test {name!r} needs a length of {least:.5g} mm or more, {test.longest_share.value:.0%} of the "
+            f"measuring range; the longest in the file of artefacts is {longest:.5g} mm",
+            hint="a longer bar, or longest_share in the plan as your copy of the standard has it",
+        )
     wanted = np.linspace(longest, pool[0][1].length_mm, n)  # the longest first: it is the one that must be
     if isinstance(test, Volumetric) and n == len(ZONES):
         wanted = reach * np.mean(ZONES, axis=1)
@@ -236,7 +235,7 @@ def _fewer(
     """What a plan says that makes do with the lengths there are."""
     changed = [f"{name}.lengths = {len(pool)}"]
     share = floor(100 * pool[-1][1].length_mm / measuring_range_mm) / 100
-    if isinstance(test, LengthTest) and share < test.longest_share.value:
+    if share < test.longest_share.value:
         changed.append(f"{name}.longest_share = {share:g}")
     return f"agree on a plan with {' and '.join(changed)} (truearm verify --print-plan writes one to edit)"
 

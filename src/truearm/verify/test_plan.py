@@ -162,6 +162,20 @@ class Plan(Document):
                 if isinstance(number, _Sourced) and not number.confirmed:
                     yield f"{name}.{key}", number.value, number.source  # type: ignore[attr-defined]
 
+    def departures(self) -> Iterator[tuple[str, float, float]]:
+        """Numbers other than in the program's own plan after the same standard: key, value, value there."""
+        coming = {plan.standard: plan for plan in map(load_plan, PLANS)}
+        if self.standard not in coming:
+            return
+        there = coming[self.standard].tests
+        for name, test in self.tests.items():
+            for key in type(test).model_fields:
+                number, other = getattr(test, key), getattr(there.get(name), key, None)
+                if isinstance(number, _Sourced) and isinstance(other, _Sourced):
+                    value, coming_value = number.value, other.value  # type: ignore[attr-defined]
+                    if value != coming_value:
+                        yield f"{name}.{key}", value, coming_value
+
 
 TESTS = tuple(name for name, field in Plan.model_fields.items() if not field.is_required())
 
