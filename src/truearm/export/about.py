@@ -17,9 +17,9 @@ from truearm.errors import InputError
 from truearm.verify.days import check_past
 from truearm.verify.documents import Document, Real, read_document
 
-# What XML 1.0 cannot hold (its production 2), lone surrogates included.
 # An artefact that has lain in a room for some hours is no further from the temperature of its air [K].
 MOST_K_FROM_ROOM = 3.0
+# What XML 1.0 cannot hold (its production 2), lone surrogates included.
 _NOT_XML = re.compile("[^\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
 
 

@@ -8,6 +8,7 @@ usual one of repeatability conditions, JCGM 200:2012, 2.20). So an arm is drawn 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -47,7 +48,7 @@ _WAVES = 64
 SHARE_OF_JOINTS = 0.5
 # Movements of tips up to here are taken to first order.
 LINEAR_MM = 0.3
-_KEPT = 64  # sets of poses whose derivatives are kept
+_KEPT = 64  # sets of poses
 
 
 class DrawnArm(Protocol):
@@ -277,13 +278,11 @@ class ModelErrors:
 
     def hysteresis(self, angles: FloatArray) -> FloatArray:
         """(n_joints, n, 3) what not to be told each joint's direction does at poses (n, n_joints) [mm]."""
-        key = angles.tobytes()
-        if key not in self._kept_hysteresis:
-            if len(self._kept_hysteresis) >= _KEPT:
-                self._kept_hysteresis.clear()
-            effects = effects_of_directions(self._model.fit_, self.state(angles))
-            self._kept_hysteresis[key] = effects @ self.R_base_reference.T
-        return self._kept_hysteresis[key]
+
+        def found() -> FloatArray:
+            return effects_of_directions(self._model.fit_, self.state(angles)) @ self.R_base_reference.T
+
+        return self._once("hysteresis", angles, found)
 
     def share(self, angles: FloatArray) -> FloatArray:
         """(n, 1) by how much more than on average a point scatters about the model at poses (n, n_joints)."""
@@ -292,13 +291,11 @@ class ModelErrors:
 
     def movements(self, angles: FloatArray) -> FloatArray:
         """(n, n_joints + 3, 3) `unit_movements` in the size that the unexplained part has at poses (n, n_joints)."""
-        key = angles.tobytes()
-        if key not in self._kept_movements:
-            if len(self._kept_movements) >= _KEPT:
-                self._kept_movements.clear()
-            std_mm = self.field_std_mm * self.share(angles)[:, :, None]
-            self._kept_movements[key] = std_mm * unit_movements(self.arm.chain, angles)
-        return self._kept_movements[key]
+
+        def found() -> FloatArray:
+            return self.field_std_mm * self.share(angles)[:, :, None] * unit_movements(self.arm.chain, angles)
+
+        return self._once("movements", angles, found)
 
     def shifted(self, angles: FloatArray, shift: FloatArray) -> FloatArray:
         """Tips (n, 3) with the coefficients as identified less those shifted by `shift` (n_coefficients,) [mm].
@@ -315,26 +312,27 @@ class ModelErrors:
         return fit.tips(state) - fit.moved.tips(state, fit.coefficients + shift)
 
     def _derivatives(self, angles: FloatArray) -> FloatArray:
-        """(n_coefficients, 3, n) derivatives of tips; the arms of a task share its few sets of poses."""
-        key = angles.tobytes()
-        if key not in self._kept:
-            if len(self._kept) >= _KEPT:
-                self._kept.clear()
+        """(n_coefficients, 3, n) derivatives of tips."""
+
+        def found() -> FloatArray:
             fit = self._model.fit_
-            found = [columns for _, _, columns in fit.moved.derivatives(self.state(angles), fit.coefficients)]
-            self._kept[key] = np.concatenate(found, axis=2)
-        return self._kept[key]
+            pieces = fit.moved.derivatives(self.state(angles), fit.coefficients)
+            return np.concatenate([columns for _, _, columns in pieces], axis=2)
+
+        return self._once("derivatives", angles, found)
+
+    def _once(self, name: str, angles: FloatArray, found: Callable[[], FloatArray]) -> FloatArray:
+        """What is found at poses, kept for the other arms of a task: they share its few sets of poses."""
+        poses = angles.tobytes()
+        if poses not in self._kept and len(self._kept) >= _KEPT:
+            self._kept.clear()
+        there = self._kept.setdefault(poses, {})
+        if name not in there:
+            there[name] = found()
+        return there[name]
 
     @cached_property
-    def _kept(self) -> dict[bytes, FloatArray]:
-        return {}
-
-    @cached_property
-    def _kept_movements(self) -> dict[bytes, FloatArray]:
-        return {}
-
-    @cached_property
-    def _kept_hysteresis(self) -> dict[bytes, FloatArray]:
+    def _kept(self) -> dict[bytes, dict[str, FloatArray]]:
         return {}
 
     @cached_property

@@ -7,6 +7,7 @@ The standards are sold; their texts were not at hand. So no such number stands i
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Self
@@ -164,10 +165,7 @@ class Plan(Document):
 
     def departures(self) -> Iterator[tuple[str, float, float]]:
         """Numbers other than in the program's own plan after the same standard: key, value, value there."""
-        coming = {plan.standard: plan for plan in map(load_plan, PLANS)}
-        if self.standard not in coming:
-            return
-        there = coming[self.standard].tests
+        there = next((plan.tests for plan in map(_coming, PLANS) if plan.standard == self.standard), {})
         for name, test in self.tests.items():
             for key in type(test).model_fields:
                 number, other = getattr(test, key), getattr(there.get(name), key, None)
@@ -189,12 +187,18 @@ def load_plan(name: str | Path) -> Plan:
         If there is no plan of that name and no such file, or it breaks a rule of the format.
     """
     if str(name) in PLANS:
-        return parsed(plan_text(str(name)).encode(), Plan)
+        return _coming(str(name))
     if not str(name).endswith(".toml"):
         raise InputError(
             f"there is no plan {str(name)!r:.80}", hint=f"{', '.join(PLANS)}, or a file that ends in .toml"
         )
     return read_document(name, Plan)
+
+
+@cache
+def _coming(name: str) -> Plan:
+    """A plan that comes with the program, read once: simulated tests ask for it arm by arm."""
+    return parsed(plan_text(name).encode(), Plan)
 
 
 def plan_text(name: str) -> str:

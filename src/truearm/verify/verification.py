@@ -122,20 +122,20 @@ def _remarks(
         remarks.append(f"no limit is stated for: {', '.join(without)}")
     if untested := [symbol for symbol in SYMBOLS if symbol in specification.limits and symbol not in symbols]:
         remarks.append(f"limits stated, not tested: {', '.join(untested)}")
-    recalled: dict[str, list[str]] = {}
-    for key, value, _ in plan.unconfirmed():
-        name, _, number = key.partition(".")
-        if name in tested:
-            recalled.setdefault(name, []).append(f"{number} = {value:g}")
-    for name, numbers in recalled.items():
-        remarks.append(f"plan, {name}: recalled, {CHECK}: {', '.join(numbers)}")
-    departing: dict[str, list[str]] = {}
-    for key, value, other in plan.departures():
-        name, _, number = key.partition(".")
-        departing.setdefault(name, []).append(f"{number} = {value:g} ({other:g})")
-    for name, numbers in departing.items():
-        remarks.append(f"plan, {name}: not as in truearm's plan after {plan.standard}: {', '.join(numbers)}")
+    recalled = [(key, f"{value:g}") for key, value, _ in plan.unconfirmed() if key.partition(".")[0] in tested]
+    departing = [(key, f"{value:g} ({other:g})") for key, value, other in plan.departures()]
+    remarks += _by_test(f"recalled, {CHECK}", recalled)
+    remarks += _by_test(f"not as in truearm's plan after {plan.standard}", departing)
     return remarks
+
+
+def _by_test(what: str, numbers: Iterable[tuple[str, str]]) -> list[str]:
+    """A remark for each test on numbers of the plan, by their keys."""
+    found: dict[str, list[str]] = {}
+    for key, value in numbers:
+        test, _, number = key.partition(".")
+        found.setdefault(test, []).append(f"{number} = {value}")
+    return [f"plan, {test}: {what}: {', '.join(told)}" for test, told in found.items()]
 
 
 @dataclass(frozen=True, eq=False)
