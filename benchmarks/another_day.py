@@ -14,11 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from machine import arguments_of, say_json, say_machine, say_table
-from truearm.arm import load
+from machine import arguments_of, print_json, say_machine, print_table
+from truearm.arm import load_arm
 from truearm.models import KinematicModel, PhysicalModel
 from truearm.models.identified import IdentifiedModel
-from truearm.poses.measuring import measuring
+from truearm.poses.measuring import measuring_poses
 from truearm.readings import Readings
 from truearm.virtual import VirtualArm, load_preset
 
@@ -32,7 +32,7 @@ LAST_DAY = 999
 
 def taken(virtual: VirtualArm, n_readings: int, n_days: int) -> Readings:
     """Readings of some days in one set-up."""
-    angles = np.array_split(measuring(virtual.nominal, n_readings, seed=virtual.seed).angles, n_days)
+    angles = np.array_split(measuring_poses(virtual.nominal, n_readings, seed=virtual.seed).angles, n_days)
     seed = virtual.seed
     days = [virtual.measure(poses, seed=seed + SEEDS_A_DAY * day).readings for day, poses in enumerate(angles)]
     names = ("angles", "points", "point_std", "temperature_degC", "directions")
@@ -42,7 +42,7 @@ def taken(virtual: VirtualArm, n_readings: int, n_days: int) -> Readings:
 def on_another_day(model: IdentifiedModel, virtual: VirtualArm) -> dict[str, float]:
     """Root mean square error and stated standard uncertainty of a coordinate [mm], and the share within 95 %."""
     seed = virtual.seed + SEEDS_A_DAY * LAST_DAY
-    angles = measuring(virtual.nominal, TESTED, seed=seed).angles
+    angles = measuring_poses(virtual.nominal, TESTED, seed=seed).angles
     angles = angles[~model.outside_training(angles)]
     day = virtual.measure(angles, seed=seed, temperature_degC=model.temperature_degC_, reference=False)
     points, covariance = model.predict_readings(replace(day.readings, directions=None), return_cov=True)
@@ -61,7 +61,7 @@ def main() -> None:
     parser.add_argument("--readings", type=int, default=80, help="readings each is identified from, 80 by default")
     parser.add_argument("--preset", default="shop")
     options = parser.parse_args()
-    arm, preset = load("gao2017"), load_preset(options.preset)
+    arm, preset = load_arm("gao2017"), load_preset(options.preset)
     found: dict[str, list[dict[str, float]]] = {f"{name}, {days}": [] for name in MODELS for days in DAYS}
     for seed in range(options.arms):
         virtual = VirtualArm.draw(arm, preset, seed=seed)
@@ -71,7 +71,7 @@ def main() -> None:
                 model = kind(arm).fit_readings(readings)
                 found[f"{name}, {days}"].append(on_another_day(model, virtual))
     if options.json:
-        say_json({"arms": found}, [])
+        print_json({"arms": found}, [])
         return
     say_machine()
     print(f"\n{options.arms} arms gao2017, preset {options.preset}, {options.readings} readings each: a later day\n")
@@ -81,7 +81,7 @@ def main() -> None:
         share = np.array([one["in_95_percent"] for one in each])
         told = f"{share.mean():.1%} +- {share.std() / np.sqrt(len(share)):.1%}"
         rows.append([*label.split(", "), f"{rms:.4f}", f"{stated:.4f}", told])
-    say_table(["model", "days", "error, rms [mm]", "stated, rms [mm]", "within 95 %"], rows)
+    print_table(["model", "days", "error, rms [mm]", "stated, rms [mm]", "within 95 %"], rows)
 
 
 if __name__ == "__main__":

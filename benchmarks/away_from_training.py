@@ -13,9 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import chi2
 
-from machine import options_of, say_json, say_machine, say_table
+from machine import options_of, print_json, say_machine, print_table
 from truearm import datasets
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.models.identified import IdentifiedModel
 from truearm.readings import Readings, hold_out
@@ -59,12 +59,12 @@ def main() -> None:
     found = {
         name: {
             label: {where: figures(model, test) for where, test in (("inside", inside), ("away", away))}
-            for label, model in ((label, kind(load("ur10")).fit_readings(teach)) for label, kind in MODELS.items())
+            for label, model in ((label, kind(load_arm("ur10")).fit_readings(teach)) for label, kind in MODELS.items())
         }
-        for name, teach, inside, away in halves(datasets.load("ur10-b"))
+        for name, teach, inside, away in halves(datasets.load_readings("ur10-b"))
     }
     if options.json:
-        say_json({"halves": found}, [])
+        print_json({"halves": found}, [])
         return
     say_machine()
     print(
@@ -76,7 +76,7 @@ def main() -> None:
         for where in ("inside", "away")
         for cells in [[models[label][where] for label in MODELS]]
     ]
-    say_table(["learned from", "tested", *MODELS], rows)
+    print_table(["learned from", "tested", *MODELS], rows)
 
 
 if __name__ == "__main__":

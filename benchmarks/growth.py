@@ -18,7 +18,7 @@ import numpy as np
 
 from machine import times_of
 from network_epoch import factored_flops
-from truearm.nets.lm import train_lm
+from truearm.nets.lm import train_varpro
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
@@ -46,7 +46,7 @@ def epoch(units: int, n: int, *, runs: int) -> dict[str, Any]:
         assert step is not None  # MU is large enough
         problem.cost(x + 1e-6 * step)  # another point than the last one, whose output layer is kept
 
-    with one_blas_thread():  # as `train_lm` does
+    with one_blas_thread():  # as `train_varpro` does
         times = times_of(work, runs=runs)
     flops = factored_flops(full.network, n) + len(x) ** 3 / 3  # Cholesky
     return {"samples": n, "weights": full.network.n_weights, "seconds": times.shortest, "flops": float(flops)}
@@ -119,7 +119,7 @@ def main() -> None:
     x = nguyen_widrow(problem.network, seed=0)
     problem.normal_equations(x)
     equations = peak_bytes()
-    train_lm(problem, x, epochs=1)
+    train_varpro(problem, x, epochs=1)
     found = {"imports": imports, "with_data": data, "with_equations": equations, "with_an_epoch": peak_bytes()}
     print(json.dumps({"samples": n, "weights": problem.network.n_weights, **found}))
 

@@ -18,7 +18,7 @@ import identification_seats as seats
 import identification_transfer as transfer
 import identification_virtual as virtual
 from identification_row import Row
-from machine import arguments_of, say_json, say_machine, say_table, say_targets
+from machine import arguments_of, print_json, say_machine, print_table, say_targets
 
 ROWS: dict[str, Callable[[int], Row]] = {
     "ur10-b": points.ur10_b,
@@ -58,7 +58,7 @@ def main() -> None:
     targets = [target for row in done.values() for target in row.targets]
     if options.json:
         rows = {name: {"seconds": seconds[name], **asdict(row)} for name, row in done.items()}
-        say_json({"seeds": options.seeds, "rows": rows}, targets)
+        print_json({"seeds": options.seeds, "rows": rows}, targets)
     else:
         say_targets(targets)
 
@@ -66,7 +66,7 @@ def main() -> None:
 def say(name: str, row: Row, seconds: float) -> None:
     """Print a row."""
     print(f"\n{name}: {row.title}\n", flush=True)
-    say_table(row.columns, row.cells)
+    print_table(row.columns, row.cells)
     for note in row.notes:
         print(note)
     print(f"({seconds:.0f} s)", flush=True)

@@ -18,9 +18,9 @@ import numpy as np
 from growth import peak_bytes
 from identification_row import Row
 from machine import Target
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.identify.identification import identify
-from truearm.identify.problem import Moved
+from truearm.identify.problem import PerturbedChain
 from truearm.identify.references import Points
 from truearm.terms import ArmState, Term, candidate_terms
 
@@ -38,21 +38,21 @@ def terms_of(state: ArmState) -> list[Term]:
 def one(n: int) -> dict[str, Any]:
     """Identify a planted arm from n readings."""
     rng = np.random.default_rng(0)
-    chain = load("ur10").chain
+    chain = load_arm("ur10").chain
     # As the first three quarters of a turn: joints of real arms do not go all the way round.
     state = ArmState(chain, rng.uniform(-0.75 * np.pi, 0.75 * np.pi, (n, chain.n_joints)))
     terms = terms_of(state)
-    moved = Moved(chain, tuple(terms))
+    perturbed_chain = PerturbedChain(chain, tuple(terms))
     std = np.concatenate([term.prior_stds for term in terms])
     planted = rng.standard_normal(len(std)) * np.where(std > 0.5, 0.0, 0.3 * std)
-    points = moved.tips(state, planted) + NOISE_MM * rng.standard_normal((n, 3))
+    points = perturbed_chain.tips(state, planted) + NOISE_MM * rng.standard_normal((n, 3))
     before = peak_bytes()
     begun, cpu = time.perf_counter(), time.process_time()
     fit = identify(chain, state, terms, [Points(np.arange(n), points)])
     seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
     return {
         "readings": n,
-        "coefficients": moved.n_coefficients,
+        "coefficients": perturbed_chain.n_coefficients,
         "seconds": seconds,
         "cpu_seconds": cpu,
         "rounds": fit.rounds,

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from identification_row import Row, over_splits, three_figures, told
 from machine import Target
 from truearm import datasets
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.readings import Readings, hold_out
 
@@ -76,8 +76,8 @@ class Split:
 @cache
 def split_of(name: str, seed: int) -> Split:
     """Fit all models to what one split trains on, once."""
-    readings = datasets.load(name)
-    arm = load(datasets.SETS[name].arm)
+    readings = datasets.load_readings(name)
+    arm = load_arm(datasets.DATASETS[name].arm)
     numbered = replace(readings, session=np.arange(len(readings)).astype(np.str_))
     train, test = hold_out(numbered, by=SPLITS[name], fraction=HELD_OUT, seed=seed)  # type: ignore[arg-type]
     seen = {}
@@ -160,7 +160,7 @@ def with_outliers_named(row: Row, name: str, limits: dict[str, float], seeds: in
     )
     named = ", ".join(f"{i + FIRST_LINE} ({bad[i]:.2f})" for i in sorted(bad))
     list_of_them = (
-        f"{len(bad)} of {len(datasets.load(name))} readings were named in one split or more, by line of the file"
+        f"{len(bad)} of {len(datasets.load_readings(name))} readings were named in one split or more, by line of the file"
         f" (error [mm]): {named}"
     )
     of_rest = f"Of the others the mean is {rest['mean']:.4f}, the largest {rest['max']:.3f} mm."

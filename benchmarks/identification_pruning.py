@@ -17,8 +17,8 @@ from identification_seats import tool_positions
 from identification_virtual import OTHER, STRATEGY, TEST, TRAIN, measured
 from machine import Target
 from truearm import datasets
-from truearm.arm import Arm, load
-from truearm.identify.alignment import placed_roughly
+from truearm.arm import Arm, load_arm
+from truearm.identify.alignment import place_base_coarsely
 from truearm.identify.identification import identify
 from truearm.models.relations import references_of, state_of
 from truearm.readings import Readings, hold_out
@@ -67,7 +67,7 @@ def error_of(task: Task, terms_of: Callable[[Readings, tuple[str, ...]], list[Te
     arm, train, test, lengths = task
     free = ("base", "tip") if train.has_point.any() else ("tip",)
     state = state_of(arm, train)
-    fit = identify(placed_roughly(arm.chain, train, free), state, terms_of(train, free), references_of(train, lengths))
+    fit = identify(place_base_coarsely(arm.chain, train, free), state, terms_of(train, free), references_of(train, lengths))
     tips = fit.tips(state_of(arm, test))
     if test.points is not None:
         return float(np.linalg.norm(tips - test.points, axis=1).mean())
@@ -91,7 +91,7 @@ def all_terms(arm: Arm, train: Readings, free: tuple[str, ...]) -> list[Term]:
 
 def tracker_tasks(name: str, seeds: int) -> list[Task]:
     """Splits of a set with points."""
-    readings, arm = datasets.load(name), load(datasets.SETS[name].arm)
+    readings, arm = datasets.load_readings(name), load_arm(datasets.DATASETS[name].arm)
     splits = (
         hold_out(readings, by=SPLITS[name], fraction=HELD_OUT, seed=seed)  # type: ignore[arg-type]
         for seed in range(seeds)
@@ -102,7 +102,7 @@ def tracker_tasks(name: str, seeds: int) -> list[Task]:
 def socket_tasks(robot: str) -> list[Task]:
     """Tool positions left out."""
     name = f"mukca-{robot}"
-    readings, lengths, arm = datasets.load(name), datasets.load_lengths(name), load(datasets.SETS[name].arm)
+    readings, lengths, arm = datasets.load_readings(name), datasets.load_lengths(name), load_arm(datasets.DATASETS[name].arm)
     assert readings.position is not None
     held = [readings.position == f"{robot}/{position}" for position in tool_positions(robot)]
     return [(arm, readings.rows(~here), readings.rows(here), lengths) for here in held]
@@ -112,7 +112,7 @@ def virtual_tasks(strategy: str, n: int, seeds: int) -> list[Task]:
     """Virtual arms."""
     return [
         (
-            load("gao2017"),
+            load_arm("gao2017"),
             measured(seed, strategy, n, TRAIN).readings,
             measured(seed, strategy, 1000, TEST).readings,
             None,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from machine import Target
-from truearm.readings import errors_of
+from truearm.readings import point_errors
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class Row:
 
 def three_figures(points: FloatArray, reference: FloatArray) -> dict[str, float]:
     """Mean, 95th percentile and maximum of the distances [mm]."""
-    errors = errors_of(points, reference)
+    errors = point_errors(points, reference)
     return {name: float(errors[name]) for name in FIGURES}  # type: ignore[literal-required]
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from identification_row import Row
 from machine import Target
 from truearm import datasets
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.models.identified import IdentifiedModel
 from truearm.models.relations import state_of
@@ -65,7 +65,7 @@ def figures_of(points: FloatArray, seat: npt.NDArray[np.str_], lengths: Lengths)
 def left_out(robot: str, train: tuple[str, ...], test: tuple[str, ...]) -> list[Position]:
     """Fit all models to some tool positions and look at others."""
     name = f"mukca-{robot}"
-    readings, lengths, arm = datasets.load(name), datasets.load_lengths(name), load(datasets.SETS[name].arm)
+    readings, lengths, arm = datasets.load_readings(name), datasets.load_lengths(name), load_arm(datasets.DATASETS[name].arm)
     assert readings.position is not None
     assert lengths is not None
     learned = readings.rows(np.isin(readings.position, [f"{robot}/{position}" for position in train]))
@@ -90,7 +90,7 @@ def squared_in_seats(model: IdentifiedModel, readings: Readings) -> FloatArray:
     """
     fit = model.fit_
     state = state_of(model.arm_, readings)
-    parts = list(fit.moved.derivatives(state, fit.coefficients))
+    parts = list(fit.perturbed_chain.derivatives(state, fit.coefficients))
     tips = np.concatenate([tips for _, tips, _ in parts], axis=1)
     columns = np.concatenate([columns for _, _, columns in parts], axis=2)
     squares = np.empty(len(readings))
@@ -101,14 +101,14 @@ def squared_in_seats(model: IdentifiedModel, readings: Readings) -> FloatArray:
         by = columns[:, :, rows] - columns[:, :, rows].mean(axis=2, keepdims=True)
         spread = (fit.covariance @ by.reshape(len(by), -1)).reshape(by.shape)
         covariance = np.einsum("pin,pjn->nij", by, spread)
-        covariance += (1 - 1 / len(rows)) * model.unexplained_std_**2 * np.eye(3)
+        covariance += (1 - 1 / len(rows)) * model.residual_std_**2 * np.eye(3)
         squares[rows] = np.einsum("in,ni->n", deviations, np.linalg.solve(covariance, deviations.T[:, :, None])[..., 0])
     return squares
 
 
 def tool_positions(robot: str) -> tuple[str, ...]:
     """The tool positions of a robot."""
-    readings = datasets.load(f"mukca-{robot}")
+    readings = datasets.load_readings(f"mukca-{robot}")
     assert readings.position is not None
     return tuple(name.rpartition("/")[2] for name in np.unique(readings.position).tolist())
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from identification_row import Row, over_splits, three_figures, told
 from machine import Target
 from truearm import datasets
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models import KinematicModel, PhysicalModel
 from truearm.models.identified import IdentifiedModel
 from truearm.models.refit import refit
@@ -29,14 +29,14 @@ MISPAIRED = (532, 854, 855)
 @cache
 def of_series_a(label: str) -> IdentifiedModel:
     """Fit a model to all of series A."""
-    model = MODELS[label](load("ur10"))
-    model.fit_readings(datasets.load("ur10-a"))
+    model = MODELS[label](load_arm("ur10"))
+    model.fit_readings(datasets.load_readings("ur10-a"))
     return model
 
 
 def transfer(seeds: int) -> Row:
     """Learn from series A, refit base and tip on a few rows of B, test on the others of B."""
-    b = datasets.load("ur10-b")
+    b = datasets.load_readings("ur10-b")
     good = b.rows(np.setdiff1d(np.arange(len(b)), MISPAIRED))
     figures: dict[str, dict[str, list[dict[str, float]]]] = {label: {} for label in MODELS}
     shares = []

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from identification_points import LEVEL, quarters, shares_of, squared_lengths
 from identification_row import Row
 from machine import Target
-from truearm.arm import Arm, chain_from_dh, load
+from truearm.arm import Arm, chain_from_dh, load_arm
 from truearm.identify.alignment import align
 from truearm.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.poses import STRATEGIES
-from truearm.readings import Readings, errors_of
+from truearm.readings import Readings, point_errors
 from truearm.readings.lengths import Lengths
 from truearm.virtual import Measurement, VirtualArm, load_preset
 
@@ -36,13 +36,13 @@ BAR_U_MM = 0.002  # standard uncertainty of the bar's length
 @cache
 def virtual_arm(seed: int) -> VirtualArm:
     """Draw an arm of the preset `research`."""
-    return VirtualArm.draw(load(ARM), load_preset("research"), seed=seed)
+    return VirtualArm.draw(load_arm(ARM), load_preset("research"), seed=seed)
 
 
 def measured(seed: int, strategy: str, n: int, session: int) -> Measurement:
     """Measure with a virtual arm; poses and noise follow from both seeds."""
     both = session + seed
-    return virtual_arm(seed).measure(STRATEGIES[strategy](load(ARM), n, seed=both).angles, seed=both)
+    return virtual_arm(seed).measure(STRATEGIES[strategy](load_arm(ARM), n, seed=both).angles, seed=both)
 
 
 @cache
@@ -59,10 +59,10 @@ def over_floor(seed: int, strategy: str, n: int) -> dict[str, Any]:
     test, floor = test_of(seed, strategy)
     found: dict[str, Any] = {"floor": floor}
     for label, kind in MODELS.items():
-        model = kind(load(ARM)).fit_readings(train)
+        model = kind(load_arm(ARM)).fit_readings(train)
         points, covariance = model.predict_readings(test.readings, return_cov=True)
         assert test.readings.points is not None
-        found[label] = errors_of(points, test.readings.points)["mean_abs_coordinate_mm"] / floor
+        found[label] = point_errors(points, test.readings.points)["mean_abs_coordinate_mm"] / floor
     found["inside"] = squared_lengths(points, covariance, test.readings) <= LEVEL
     found["quarters"] = quarters(train.angles, test.readings.angles)
     return found
@@ -112,7 +112,7 @@ def virtual_coverage(seeds: int) -> dict[str, dict[str, Any]]:
 
 def seats_and_bar(seed: int) -> tuple[Readings, Lengths]:
     """Readings in seats, and a bar between the two that are farthest apart."""
-    arm = load(ARM)
+    arm = load_arm(ARM)
     poses = STRATEGIES["seat"](arm, SEATS * POSES_IN_SEAT, seed=TRAIN + seed, seats=SEATS)
     assert poses.seat is not None
     assert poses.seat_points is not None
@@ -136,7 +136,7 @@ def from_seats(seed: int, strategy: str) -> dict[str, float]:
     one test pose and the next, against the true ones.
     """
     readings, bar = seats_and_bar(seed)
-    model = PhysicalModel(load(ARM)).fit_readings(readings, lengths=bar)
+    model = PhysicalModel(load_arm(ARM)).fit_readings(readings, lengths=bar)
     test, floor = test_of(seed, strategy)
     assert test.readings.points is not None
     found = model.predict(test.readings.angles)
@@ -145,7 +145,7 @@ def from_seats(seed: int, strategy: str) -> dict[str, float]:
     best = virtual_arm(seed).true_tip(test.readings.angles)
     truth = test.true_tips
     return {
-        "coordinate": errors_of(placed, test.readings.points)["mean_abs_coordinate_mm"] / floor,
+        "coordinate": point_errors(placed, test.readings.points)["mean_abs_coordinate_mm"] / floor,
         "length": length_error(found, truth) / length_error(best, truth),
         "length_mm": length_error(found, truth),
         "length_floor_mm": length_error(best, truth),
@@ -237,5 +237,5 @@ def b4_errors(seed: int) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for label, kind in MODELS.items():
         model = kind(arm).fit_readings(readings)
-        found[label] = errors_of(model.predict(test), tips(test))
+        found[label] = point_errors(model.predict(test), tips(test))
     return found | {"fit": model.fit_seconds_}

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from machine import Target, options_of, say_json, say_machine, say_targets, times_of
-from truearm.arm import Chain, load, write_urdf
+from machine import Target, options_of, print_json, say_machine, say_targets, times_of
+from truearm.arm import Chain, load_arm, write_urdf
 
 ARM = "ur10"
 
@@ -31,14 +31,14 @@ def ours(chain: Chain, angles: np.ndarray) -> dict[str, float]:
     n = len(angles)
 
     def all_chunks() -> None:
-        for _ in chain.small_motions_by_chunk(angles):
+        for _ in chain.tip_derivatives_by_chunk(angles):
             pass
 
     return {
         "tip_in_base": best_us(lambda: chain.tip_in_base(angles), n),
         "pose": best_us(lambda: chain.pose(angles), n),
-        "small_motions_by_chunk": best_us(all_chunks, n),
-        "small_motions": best_us(lambda: chain.small_motions(angles), n),
+        "tip_derivatives_by_chunk": best_us(all_chunks, n),
+        "tip_derivatives": best_us(lambda: chain.tip_derivatives(angles), n),
     }
 
 
@@ -49,7 +49,7 @@ def pinocchios(angles: np.ndarray) -> dict[str, float]:
     except ImportError:
         return {}
     with tempfile.TemporaryDirectory() as folder:
-        write_urdf(load(ARM), Path(folder) / "arm.urdf")
+        write_urdf(load_arm(ARM), Path(folder) / "arm.urdf")
         model = pinocchio.buildModelFromUrdf(str(Path(folder) / "arm.urdf"))
     data = model.createData()
     tip = model.getFrameId("tip")
@@ -90,11 +90,11 @@ def targets_of(us: dict[str, float]) -> list[Target]:
     """What to reach: two times, and to be ahead of Pinocchio where it is installed."""
     targets = [
         Target("pose [us]", us["pose"], 0.7),
-        Target("derivatives by all six motions at all places [us]", us["small_motions"], 3.0),
+        Target("derivatives by all six motions at all places [us]", us["tip_derivatives"], 3.0),
     ]
     if "pinocchio forwardKinematics" in us:
         forward = us["pinocchio forwardKinematics"] / us["pose"]
-        derivative = us["pinocchio with computeFrameKinematicRegressor"] / us["small_motions"]
+        derivative = us["pinocchio with computeFrameKinematicRegressor"] / us["tip_derivatives"]
         targets.append(
             Target("pinocchio's forward kinematics, called from Python, over ours", forward, 1.0, good="above")
         )
@@ -105,11 +105,11 @@ def targets_of(us: dict[str, float]) -> list[Target]:
 def main() -> None:
     """Measure and print."""
     options = options_of(__doc__, poses=100_000)
-    arm = load(ARM)
+    arm = load_arm(ARM)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (options.poses, arm.n_joints))
     us = ours(arm.chain, angles) | pinocchios(angles)
     if options.json:
-        say_json({"arm": ARM, "poses": options.poses, "us_per_pose": us}, targets_of(us))
+        print_json({"arm": ARM, "poses": options.poses, "us_per_pose": us}, targets_of(us))
         return
     say_machine()
     print(f"{options.poses} poses of {ARM}, one thread\n")

@@ -95,7 +95,7 @@ def arguments_of(doc: str | None) -> argparse.ArgumentParser:
     return parser
 
 
-def say_json(found: dict[str, Any], targets: list[Target]) -> None:
+def print_json(found: dict[str, Any], targets: list[Target]) -> None:
     """Print what was found as one JSON object, with the machine and the targets."""
     judged = [asdict(target) | {"met": target.met} for target in targets]
     print(json.dumps({"machine": machine(), **found, "targets": judged}, indent=2, allow_nan=False))
@@ -106,7 +106,7 @@ def say_machine() -> None:
     print(", ".join(f"{name} {value}" for name, value in machine().items()))
 
 
-def say_table(columns: list[str], rows: list[list[str]]) -> None:
+def print_table(columns: list[str], rows: list[list[str]]) -> None:
     """Print a table: the first column to the left, numbers to the right."""
     widths = [max(len(row[i]) for row in [columns, *rows]) for i in range(len(columns))]
     for row in [columns, *rows]:
@@ -118,7 +118,7 @@ def say_targets(targets: list[Target]) -> None:
     """Print targets and whether they are met."""
     sign = {"below": "<=", "above": ">="}
     print()
-    say_table(
+    print_table(
         ["target", "", "reached", ""],
         [
             [

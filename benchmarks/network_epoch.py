@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from machine import Target, options_of, say_json, say_machine, say_table, say_targets, times_of_each
+from machine import Target, options_of, print_json, say_machine, print_table, say_targets, times_of_each
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import GROUPS, FitProblem
 from truearm.nets.perceptron import Perceptron
@@ -143,7 +143,7 @@ def main() -> None:
     options = options_of(__doc__, runs=7)
     found = [compared(sizes, n, runs=options.runs) for sizes, n in CASES]
     if options.json:
-        say_json({"cases": found}, targets_of(found))
+        print_json({"cases": found}, targets_of(found))
         return
     say_machine()
     print(f"\nOne evaluation, shortest of {options.runs} runs (median) [ms]; dense on {os.cpu_count()} BLAS threads\n")
@@ -165,7 +165,7 @@ def main() -> None:
             ]
         )
     columns = ["network", "factored", "products alone", "dense: Jacobian", "J^T J", "/ products", "/ dense"]
-    say_table([*columns, "flops, factored / dense", "Jacobian", "difference"], rows)
+    print_table([*columns, "flops, factored / dense", "Jacobian", "difference"], rows)
     say_targets(targets_of(found))
 
 

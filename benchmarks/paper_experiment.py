@@ -14,10 +14,10 @@ import time
 from dataclasses import replace
 from typing import Any
 
-from machine import Target, arguments_of, say_json, say_machine, say_table, say_targets
+from machine import Target, arguments_of, print_json, say_machine, print_table, say_targets
 from truearm.models import NetworkModel
-from truearm.papers.gao2017 import PAPER, PAPER_NETWORK_MM, PAPER_NOMINAL_MM, Experiment, experiment
-from truearm.readings import errors_of
+from truearm.papers.gao2017 import PAPER_SETTINGS, PAPER_NETWORK_MM, PAPER_NOMINAL_MM, Experiment, experiment
+from truearm.readings import point_errors
 
 PAPER_REMOVED_PERCENT, PAPER_SECONDS = 97, 404
 MEAN, MAX = "mean_abs_coordinate_mm", "max_abs_coordinate_mm"
@@ -37,7 +37,7 @@ def trained_classically(done: Experiment) -> dict[str, float]:
     epochs = int(trial * ours.fit_seconds_ / (time.perf_counter() - start))
     model = fitted(epochs)
     test = done.tests["box"].readings
-    errors = errors_of(model.predict(test.angles), test.points)
+    errors = point_errors(model.predict(test.angles), test.points)
     return {
         "epochs": len(model.record_.perf) - 1,
         "fit_seconds": model.fit_seconds_,
@@ -99,21 +99,21 @@ def main() -> None:
     parser = arguments_of(__doc__)
     parser.add_argument("--seeds", type=int, default=5, help="5 by default")
     parser.add_argument("--first", type=int, default=0, help="the first seed, 0 by default")
-    parser.add_argument("--epochs", type=int, default=PAPER.epochs, help=f"{PAPER.epochs} by default")
+    parser.add_argument("--epochs", type=int, default=PAPER_SETTINGS.epochs, help=f"{PAPER_SETTINGS.epochs} by default")
     parser.add_argument("--trainlm", action="store_true", help="train the first seed's network classically too")
     options = parser.parse_args()
-    settings = replace(PAPER, epochs=options.epochs)
+    settings = replace(PAPER_SETTINGS, epochs=options.epochs)
     if not options.json:
         say_machine()
     done = [experiment(seed=seed, settings=settings) for seed in range(options.first, options.first + options.seeds)]
     summaries = [one.summary() for one in done]
     classical = trained_classically(done[0]) if options.trainlm else None
     if options.json:
-        say_json({"epochs": options.epochs, "seeds": summaries, "trainlm": classical}, targets_of(summaries))
+        print_json({"epochs": options.epochs, "seeds": summaries, "trainlm": classical}, targets_of(summaries))
         return
     print(f"\nAbsolute error of a coordinate, mean / max [mm]; {options.epochs} epochs at most\n")
     columns = ["seed", "nominal", "network", "removed %", "s", "kinematic", "noise floor"]
-    say_table([*columns, "network outside", "kinematic outside"], rows_of(summaries))
+    print_table([*columns, "network outside", "kinematic outside"], rows_of(summaries))
     nets = [summary["models"]["network"] for summary in summaries]
     mean, largest = (statistics.fmean(n[figure] for n in nets) for figure in (MEAN, MAX))
     seconds = statistics.median(n["fit_seconds"] for n in nets)

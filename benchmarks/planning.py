@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from machine import arguments_of, say_json, say_machine, say_table
-from truearm.arm import load
+from machine import arguments_of, print_json, say_machine, print_table
+from truearm.arm import load_arm
 from truearm.models import KinematicModel, PhysicalModel
-from truearm.plan.known import as_drawn
-from truearm.plan.proposal import LENGTH_U_MM, STRATEGIES, Artefact, Plan, propose
+from truearm.plan.known import nominal_prior
+from truearm.plan.proposal import LENGTH_U_MM, STRATEGIES, Artefact, CalibrationPlan, propose
 from truearm.plan.template import bars
 from truearm.readings import Lengths
-from truearm.report.canvas import Figure, drawing_rules, log_scale, panel, save_png, styles_of
+from truearm.report.canvas import Figure, figure_style, set_log_scale, make_panel, save_png, styles_of
 from truearm.virtual import VirtualArm, load_preset
 
 FloatArray = npt.NDArray[np.float64]
@@ -48,12 +48,12 @@ def main() -> None:
     if options.figure is not None:
         save_png(figure(rows), options.figure)
     if options.json:
-        say_json(found, [])
+        print_json(found, [])
         return
     say_machine()
     for artefact in ARTEFACTS:
         print(f"\n{artefact}: error in the volume, rms [mm], median and range of {options.draws * len(ARMS)} arms")
-        say_table(
+        print_table(
             ["poses", *STRATEGIES],
             [[str(n), *(told(rows, artefact, n, strategy) for strategy in STRATEGIES)] for n in POSES],
         )
@@ -64,10 +64,10 @@ def main() -> None:
 
 def rows_of(name: str, artefact: str, n: int, options: Any) -> list[dict[str, Any]]:
     """Errors of all arms of one drawing, by every strategy."""
-    arm = load(name)
+    arm = load_arm(name)
     bar = artefact == "bar"
     held = Artefact("bar", max(1, round(n / POSES_A_PLACE)), BAR_MM) if bar else Artefact("tracker")
-    plan = propose(arm, as_drawn(arm, noise_mm=NOISE_MM), held, n, seed=0)
+    plan = propose(arm, nominal_prior(arm, noise_mm=NOISE_MM), held, n, seed=0)
     rows = []
     for draw in range(options.draws):
         virtual = VirtualArm.draw(arm, load_preset("research"), seed=draw)
@@ -78,7 +78,7 @@ def rows_of(name: str, artefact: str, n: int, options: Any) -> list[dict[str, An
     return rows
 
 
-def errors_of(virtual: VirtualArm, plan: Plan, strategy: str, *, seed: int) -> dict[str, float]:
+def errors_of(virtual: VirtualArm, plan: CalibrationPlan, strategy: str, *, seed: int) -> dict[str, float]:
     """Error in the volume of models identified from the poses of a strategy: rms and largest [mm]."""
     poses = next(proposal.poses for name, proposal in plan.proposals.items() if name == strategy)
     taken = virtual.measure(
@@ -122,9 +122,9 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
     pens = styles_of(STRATEGIES)
     everything = [row["physical_rms_mm"] for row in rows]
     panels = []
-    with drawing_rules():
+    with figure_style():
         for artefact in ARTEFACTS:
-            drawing, (axes,) = panel(4.6, 3.4)
+            drawing, (axes,) = make_panel(4.6, 3.4)
             for strategy, pen in pens.items():
                 by_n = [errors(rows, artefact, n, strategy) for n in POSES]
                 axes.plot(
@@ -138,8 +138,8 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
                 )
                 for n, found in zip(POSES, by_n, strict=True):
                     axes.scatter([n] * len(found), found, s=4, color=pen.colour, alpha=0.4, linewidths=0)
-            log_scale(axes, "x", 9, 110)
-            log_scale(axes, "y", 0.9 * min(everything), 1.1 * max(everything))
+            set_log_scale(axes, "x", 9, 110)
+            set_log_scale(axes, "y", 0.9 * min(everything), 1.1 * max(everything))
             axes.set(xlabel="poses", ylabel="error in the volume, rms [mm]", title=artefact)
             axes.legend(loc="upper right")
             panels.append(drawing)

@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from machine import Target, Times, arguments_of, say_json, say_machine, say_targets, times_of
+from machine import Target, Times, arguments_of, print_json, say_machine, say_targets, times_of
 from truearm.arm import Chain, chain_from_mdh
-from truearm.identify.identification import Identified, identify
+from truearm.identify.identification import IdentificationResult, identify
 from truearm.identify.references import Points
 from truearm.terms import ArmState, Constant, Term
 
@@ -69,7 +69,7 @@ def make_task(seed: int) -> Task:
     return Task(angles, nominal_chain(offsets).tip_in_base(angles), offsets)
 
 
-def solved(task: Task) -> Identified:
+def solved(task: Task) -> IdentificationResult:
     """The six offsets, as rotations about the joints' own axes, from the training poses."""
     chain = nominal_chain()
     about_z = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
@@ -117,13 +117,13 @@ def main() -> None:
         Target("largest error of an offset that positions determine [rad]", found["largest_offset_error_rad"], 1e-9),
     ]
     if options.json:
-        say_json(found, targets)
+        print_json(found, targets)
     else:
         say(found)
         say_targets(targets)
 
 
-def answer(fit: Identified, task: Task, times: Times) -> dict[str, Any]:
+def answer(fit: IdentificationResult, task: Task, times: Times) -> dict[str, Any]:
     """What we found, as figures."""
     offsets, std = fit.coefficients, np.sqrt(fit.covariance.diagonal())
     return {

@@ -30,11 +30,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from machine import Target, arguments_of, say_json, say_machine, say_table, say_targets, times_of_each
-from truearm.arm import Chain, load
-from truearm.identify.identification import Identified, identify
+from machine import Target, arguments_of, print_json, say_machine, print_table, say_targets, times_of_each
+from truearm.arm import Chain, load_arm
+from truearm.identify.identification import IdentificationResult, identify
 from truearm.identify.poses import LEVER_MM, Orientations
-from truearm.identify.problem import Moved, SmallMotionProblem
+from truearm.identify.problem import PerturbedChain, SmallMotionProblem
 from truearm.identify.references import Points, Reference
 from truearm.plan.observability import rank_and_gap
 from truearm.terms import ArmState, Term, constants
@@ -62,13 +62,13 @@ class Task:
 @cache
 def nominal() -> Chain:
     """The Panda to its flange, which is what robotkinecal's example measures."""
-    return load("panda").chain.with_tip([0.0, 0.0, 0.0])
+    return load_arm("panda").chain.with_tip([0.0, 0.0, 0.0])
 
 
 def make_task(name: str, seed: int) -> Task:
     """Plant motions, draw poses, measure."""
     n, full = TASKS[name]
-    rng, arm, chain = np.random.default_rng(seed), load("panda"), nominal()
+    rng, arm, chain = np.random.default_rng(seed), load_arm("panda"), nominal()
     motions = rng.normal(size=(chain.n_places, 6)) * ([ANGLE_STD] * 3 + [LENGTH_STD] * 3)
     motions[[0, -1]] = 0
     truth = chain.with_motions(motions)
@@ -91,7 +91,7 @@ def references_of(task: Task) -> list[Reference]:
     return [Points(rows, task.points), *([Orientations(rows, task.R)] if task.full else [])]
 
 
-def solved(task: Task) -> Identified:
+def solved(task: Task) -> IdentificationResult:
     """The arm, from its drawing."""
     return identify(nominal(), ArmState(nominal(), task.angles), terms_of(task), references_of(task))
 
@@ -108,20 +108,20 @@ def cpu_seconds(task: Task, *, runs: int) -> float:
 
 def rank(task: Task) -> tuple[int, float]:
     """Combinations of constants that the readings tell about the arm as drawn, and the gap to those they do not."""
-    moved = Moved(nominal(), tuple(terms_of(task)))
-    problem = SmallMotionProblem(moved, ArmState(nominal(), task.angles), tuple(references_of(task)))
-    by = problem.jacobian(np.zeros(moved.n_coefficients))
+    perturbed_chain = PerturbedChain(nominal(), tuple(terms_of(task)))
+    problem = SmallMotionProblem(perturbed_chain, ArmState(nominal(), task.angles), tuple(references_of(task)))
+    by = problem.jacobian(np.zeros(perturbed_chain.n_coefficients))
     jacobian = np.concatenate([each.reshape(len(each), -1) for each in by], axis=1).T
     length = np.linalg.norm(jacobian, axis=0)
     return rank_and_gap(np.linalg.svd(jacobian[:, length > 0] / length[length > 0], compute_uv=False))
 
 
-def errors(found: Identified, task: Task) -> np.ndarray:
+def errors(found: IdentificationResult, task: Task) -> np.ndarray:
     """(N_TEST, 3) errors of tips in new poses [mm]."""
     return found.tips(ArmState(nominal(), task.test)) - task.truth.tip_in_base(task.test)
 
 
-def covered(found: Identified, task: Task) -> float:
+def covered(found: IdentificationResult, task: Task) -> float:
     """Share of new tips within the ellipsoid of their stated covariance."""
     error = errors(found, task)
     inverse = np.linalg.inv(found.tip_covariance(ArmState(nominal(), task.test)))
@@ -186,7 +186,7 @@ def main() -> None:
             Target(f"{name}: the same", coverage, 0.97),
         ]
     if options.json:
-        say_json(answers, targets)
+        print_json(answers, targets)
     else:
         say(answers)
         say_targets(targets)
@@ -225,7 +225,7 @@ def say(answers: dict[str, dict[str, Any]]) -> None:
                 ]
             )
     columns = ["readings", "shortest [ms]", "median", "CPU", "rank", "test before [mm]", "after", "coverage"]
-    say_table(columns, rows)
+    print_table(columns, rows)
 
 
 if __name__ == "__main__":

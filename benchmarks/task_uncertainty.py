@@ -24,15 +24,15 @@ import numpy as np
 import numpy.typing as npt
 
 from another_day import taken
-from machine import Target, arguments_of, say_json, say_machine, say_table, say_targets
-from truearm.arm import load
+from machine import Target, arguments_of, print_json, say_machine, print_table, say_targets
+from truearm.arm import load_arm
 from truearm.models import MODELS
 from truearm.models.compensator import Compensator
 from truearm.models.identified import IdentifiedModel
-from truearm.tasks.errors import ModelErrors
+from truearm.tasks.errors import PosteriorDistribution
 from truearm.tasks.features import UP, Feature, length_at, plane, sphere
-from truearm.tasks.postures import held, middle_of
-from truearm.tasks.task import WAYS, measured_by
+from truearm.tasks.postures import feature_postures, middle_of
+from truearm.tasks.task import N_POSTURES, simulate_measurements
 from truearm.virtual import VirtualArm, load_preset
 
 FloatArray = npt.NDArray[np.float64]
@@ -66,7 +66,7 @@ def main() -> None:
     targets += [coverage(name, each[:, 0].mean(), "most", 0.97) for name, each in rows.items() if name in TWO_POINTS]
     targets += [coverage(name, of_near(each), "least", 0.93) for name, each in rows.items() if name not in TWO_POINTS]
     if options.json:
-        say_json({"rows": {name: each.tolist() for name, each in rows.items()}}, targets)
+        print_json({"rows": {name: each.tolist() for name, each in rows.items()}}, targets)
         return
     say_machine()
     print(
@@ -83,7 +83,7 @@ def main() -> None:
         "stated, rms [mm]",
         "U, rms [mm]",
     ]
-    say_table(columns, [[name, *told(each)] for name, each in rows.items()])
+    print_table(columns, [[name, *told(each)] for name, each in rows.items()])
     say_targets(targets)
 
 
@@ -99,13 +99,13 @@ class Trial:
 
     def on_one_arm(self, seed: int) -> dict[str, FloatArray]:
         """Measure and identify one arm; a row of numbers for each feature."""
-        arm = load(self.arm)
+        arm = load_arm(self.arm)
         virtual = VirtualArm.draw(arm, load_preset(self.preset), seed=seed)
         model = MODELS[self.model](arm).fit_readings(taken(virtual, self.n_readings, self.n_days))
         found = {}
         for name, (feature, ways) in measured_on(self.arm).items():
             true = true_errors(virtual, model, feature, ways, seed=SEED_OF_WAYS + seed)
-            stated = measured_by(ModelErrors(model), feature, seed=seed).estimates[0]
+            stated = simulate_measurements(PosteriorDistribution(model), feature, seed=seed).estimates[0]
             low, high = stated.interval_mm
             inside = ((true >= low) & (true <= high)).mean()
             within = np.abs(true) <= stated.expanded_mm
@@ -118,7 +118,7 @@ class Trial:
 @cache
 def measured_on(arm_name: str) -> dict[str, tuple[Feature, FloatArray]]:
     """The features where a person works, and the ways (m, k, n_joints) of holding each."""
-    arm = load(arm_name)
+    arm = load_arm(arm_name)
     middle, across = middle_of(arm)
     front = np.cross(across, UP)
     features = {
@@ -129,7 +129,7 @@ def measured_on(arm_name: str) -> dict[str, tuple[Feature, FloatArray]]:
         "plate 200 mm, lying": plane(middle, UP, 200.0),
         "plate 200 mm, facing": plane(middle, front, 200.0),
     }
-    return {name: (feature, held(arm, feature, WAYS, seed=SEED_OF_WAYS)) for name, feature in features.items()}
+    return {name: (feature, feature_postures(arm, feature, N_POSTURES, seed=SEED_OF_WAYS)) for name, feature in features.items()}
 
 
 def coverage(name: str, share: float, side: str, limit: float) -> Target:

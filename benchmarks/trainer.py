@@ -30,17 +30,17 @@ from typing import Any
 import numpy as np
 
 import growth
-from machine import Target, arguments_of, say_json, say_machine, say_table, say_targets
+from machine import Target, arguments_of, print_json, say_machine, print_table, say_targets
 from network_epoch import dense_jacobian
 from time_to_error import Curve, Task, Watch
-from truearm.nets.lm import train_lm
+from truearm.nets.lm import train_varpro
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
-from truearm.nets.scaling import MinMax
+from truearm.nets.scaling import MinMaxScaler
 from truearm.nets.trainlm import trainlm
-from truearm.papers.gao2017_training import MANY, TRAINING, Source
-from truearm.solve import Classical, DampingLimit, NormalEquations, levenberg_marquardt
+from truearm.papers.gao2017_training import EVALUATION_STREAM, TRAINING_STREAM, Source
+from truearm.solve import MarquardtDamping, DampingLimit, NormalEquations, levenberg_marquardt
 
 OURS = "truearm lm"
 # The boxes that the targets are stated for, whatever the reproduction of the paper finds to be its boxes.
@@ -68,7 +68,7 @@ class DenseProblem:
 
 def ours(task: Task, watch: Watch) -> str:
     """Variable projection, Nielsen's damping, factored normal equations."""
-    _, record = train_lm(
+    _, record = train_varpro(
         problem_of(task), task.start, epochs=FOREVER, callback=lambda epoch: watch.epoch(epoch.weights)
     )
     return record.stop
@@ -87,7 +87,7 @@ def dense(task: Task, watch: Watch) -> str:
     result = levenberg_marquardt(
         DenseProblem(problem_of(task)),
         task.start,
-        damping=Classical(),
+        damping=MarquardtDamping(),
         stops=[DampingLimit()],
         callback=lambda state: watch.epoch(lambda: state.x),
     )
@@ -179,16 +179,16 @@ def curve_of(found: dict[str, Any]) -> Curve:
 
 def from_readings(source: Source, n: int, n_test: int, hidden: tuple[int, ...], seed: int) -> Task:
     """A network from joint angles to coordinates, judged in mm."""
-    angles, points = source.data(n, seed=seed, stream=TRAINING)
-    test_angles, test_points = source.data(n_test, seed=seed, stream=MANY)
-    angle_scale, point_scale = MinMax.of(angles.T, what="joint"), MinMax.of(points.T, what="coordinate")
+    angles, points = source.data(n, seed=seed, stream=TRAINING_STREAM)
+    test_angles, test_points = source.data(n_test, seed=seed, stream=EVALUATION_STREAM)
+    angle_scale, point_scale = MinMaxScaler.of(angles.T, what="joint"), MinMaxScaler.of(points.T, what="coordinate")
     network = Perceptron.with_layers(6, hidden, 3)
     return Task(
         sizes=np.array(network.sizes),
-        inputs=angle_scale.scaled(angles.T),
-        targets=point_scale.scaled(points.T),
-        test_inputs=angle_scale.scaled(test_angles.T),
-        test_targets=point_scale.scaled(test_points.T),
+        inputs=angle_scale.scale(angles.T),
+        targets=point_scale.scale(points.T),
+        test_inputs=angle_scale.scale(test_angles.T),
+        test_targets=point_scale.scale(test_points.T),
         unit=point_scale.half_range,
         squared=np.array(False),
         start=nguyen_widrow(network, seed=seed),
@@ -347,7 +347,7 @@ def say_race(race: Race, found: dict[str, list[dict[str, Any]]]) -> None:
         )
         rows.append(row)
     columns = ["", "epochs", "ms each", *(f"{level:g}" for level in race.levels), "at our time", "best", "ended after"]
-    say_table(columns, rows)
+    print_table(columns, rows)
     for name in found:
         if not name.startswith(OURS):
             ratios = {level: ratio_of(found, name, level) for level in race.levels}
@@ -374,7 +374,7 @@ def say_growth(found: dict[str, Any]) -> None:
             ]
             for p in found[key]
         ]
-        say_table(["samples", "weights", "s", "predicted flops", "Gflop/s"], rows)
+        print_table(["samples", "weights", "s", "predicted flops", "Gflop/s"], rows)
     print(
         f"\nexponent in samples {found['exponent_in_samples']:.3f}, last decade "
         f"{found['exponent_in_samples_last_decade']:.3f}; in weights {found['exponent_in_weights']:.2f}"
@@ -386,7 +386,7 @@ def say_memory(found: list[dict[str, Any]]) -> None:
     print("\nPeak memory of a process of its own, 6-units-units-3 [MB]\n")
     stages = ("imports", "with_data", "with_equations", "with_an_epoch")
     rows = [[str(c["samples"]), str(c["weights"]), *(f"{c[stage] / 1e6:.0f}" for stage in stages)] for c in found]
-    say_table(["samples", "weights", *(stage.replace("_", " ") for stage in stages)], rows)
+    print_table(["samples", "weights", *(stage.replace("_", " ") for stage in stages)], rows)
 
 
 def measured(name: str, options: Any) -> Any:
@@ -434,7 +434,7 @@ def main() -> None:
         else:
             say_race(races(options.quick, options.seed)[name], found[name])
     if options.json:
-        say_json({"quick": options.quick, "seed": options.seed, "limit_s": options.limit, **found}, targets)
+        print_json({"quick": options.quick, "seed": options.seed, "limit_s": options.limit, **found}, targets)
     elif targets:
         say_targets(targets)
 

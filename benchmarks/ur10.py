@@ -12,11 +12,11 @@ import statistics
 from collections.abc import Iterator
 from dataclasses import asdict
 
-from machine import Target, options_of, say_json, say_machine, say_table, say_targets, times_of
+from machine import Target, options_of, print_json, say_machine, print_table, say_targets, times_of
 from truearm import datasets
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models import KinematicModel, NominalModel
-from truearm.readings import Readings, errors_of, hold_out
+from truearm.readings import Readings, point_errors, hold_out
 
 SPLITS = {"ur10-a": "position", "ur10-b": "position", "ur5": "row", "wam": "row"}
 MODELS = {"nominal": NominalModel, "kinematic": KinematicModel}
@@ -28,10 +28,10 @@ Errors = dict[str, dict[str, float]]  # of each model, each figure [mm]
 def held_out_errors(name: str, readings: Readings, seed: int) -> Errors:
     """Errors of both models on what one split holds out [mm]."""
     train, test = hold_out(readings, by=SPLITS[name], fraction=0.3, seed=seed)
-    arm = load(datasets.SETS[name].arm)
+    arm = load_arm(datasets.DATASETS[name].arm)
     found = {}
     for label, model in MODELS.items():
-        errors = errors_of(model(arm).fit_readings(train).predict(test.angles), test.points)
+        errors = point_errors(model(arm).fit_readings(train).predict(test.angles), test.points)
         found[label] = {figure: errors[figure] for figure in FIGURES}
     return found
 
@@ -44,9 +44,9 @@ def mean_over(seeds: list[Errors]) -> Errors:
 def main() -> None:
     """Measure and print."""
     options = options_of(__doc__, seeds=5, runs=9)
-    sets = {name: datasets.load(name) for name in SPLITS}
+    sets = {name: datasets.load_readings(name) for name in SPLITS}
     whole = sets["ur10-a"]
-    fit = times_of(lambda: KinematicModel(load("ur10")).fit_readings(whole), runs=options.runs)
+    fit = times_of(lambda: KinematicModel(load_arm("ur10")).fit_readings(whole), runs=options.runs)
     errors = {name: [held_out_errors(name, r, seed) for seed in range(options.seeds)] for name, r in sets.items()}
     means = {name: mean_over(seeds) for name, seeds in errors.items()}
     targets = [
@@ -55,11 +55,11 @@ def main() -> None:
         Target("kinematic fit of all rows of series A, median [s]", fit.median, 1.0),
     ]
     if options.json:
-        say_json({"fit_seconds": asdict(fit), "rows": len(whole), "seeds": errors, "mean": means}, targets)
+        print_json({"fit_seconds": asdict(fit), "rows": len(whole), "seeds": errors, "mean": means}, targets)
         return
     say_machine()
     print(f"\nErrors on held-out readings, mean / p95 / max [mm]; splits of seeds 0 to {options.seeds - 1}\n")
-    say_table(["set", "split by", "seed", *MODELS], list(rows_of(errors, means)))
+    print_table(["set", "split by", "seed", *MODELS], list(rows_of(errors, means)))
     print(f"\nkinematic fit of {len(whole)} rows: {fit.shortest:.2f} s, median of {fit.runs} runs {fit.median:.2f} s")
     say_targets(targets)
 

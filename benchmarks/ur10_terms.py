@@ -15,7 +15,7 @@ import numpy as np
 
 from machine import say_machine
 from truearm import datasets
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.identify.effects import effects
 from truearm.identify.joint_errors import JointError, joint_error
 from truearm.identify.outliers import outliers
@@ -23,7 +23,7 @@ from truearm.models import PhysicalModel
 from truearm.models.relations import state_of
 from truearm.readings import Readings
 from truearm.report.figures import save_png
-from truearm.report.joint_errors import joint_errors
+from truearm.report.joint_errors import joint_error_figure
 from truearm.terms import GravityTorque
 
 ARCSEC = np.degrees(1.0) * 3600
@@ -37,8 +37,8 @@ Fitted = tuple[PhysicalModel, Readings]
 
 def fitted(name: str) -> Fitted:
     """The physical model of all readings of a set."""
-    readings = datasets.load(name)
-    return PhysicalModel(load("ur10")).fit_readings(readings), readings
+    readings = datasets.load_readings(name)
+    return PhysicalModel(load_arm("ur10")).fit_readings(readings), readings
 
 
 def curve(model: PhysicalModel, joint: int, mean_at: np.ndarray, n: int = 2400) -> JointError:
@@ -65,7 +65,7 @@ def of_joints(series: dict[str, Fitted]) -> list[list[str]]:
     for joint in range(1, 7):
         angles = shared(series, joint)
         alone = [curve(model, joint, r.angles[:, joint - 1]) for model, r in series.values()]
-        sizes = [f"{found.rms * ARCSEC:.0f}" if found.is_told else "-" for found in alone]
+        sizes = [f"{found.rms * ARCSEC:.0f}" if found.is_significant else "-" for found in alone]
         if len(angles) < LEAST_SHARED:
             rows.append([f"J{joint}", *sizes, "-", "-", "-", "-"])
             continue
@@ -133,7 +133,7 @@ def of_drives(series: dict[str, Fitted]) -> list[list[str]]:
         cells = []
         for model, readings in series.values():
             state, start, cell = state_of(model.arm, readings), 0, "-"
-            for term in model.fit_.moved.terms:
+            for term in model.fit_.perturbed_chain.terms:
                 own = term.direction == (0, 0, 1, 0, 0, 0) and term.basis == GravityTorque(joint, 2)
                 if own and term.place == joint:
                     coefficient = model.fit_.coefficients[start] * ARCSEC
@@ -160,7 +160,7 @@ def figure(series: dict[str, Fitted], path: Path) -> None:
             errors[name].append(
                 curve(model, joint, both if len(both) >= LEAST_SHARED else readings.angles[:, joint - 1])
             )
-    save_png(joint_errors(errors, angles, names=[f"J{i}" for i in range(1, 7)]), path, dpi=110)
+    save_png(joint_error_figure(errors, angles, names=[f"J{i}" for i in range(1, 7)]), path, dpi=110)
 
 
 def main() -> None:
@@ -178,7 +178,7 @@ def tell(series: dict[str, Fitted], path: Path | None) -> None:
         held = model.held_out_
         print(
             f"{name}: {len(readings)} readings, {model.fit_seconds_:.1f} s, held out {held.mean_mm:.4f} mm +- "
-            f"{held.standard_error_mm:.4f}, unexplained {model.unexplained_std_:.4f} mm, "
+            f"{held.standard_error_mm:.4f}, unexplained {model.residual_std_:.4f} mm, "
             f"{len(outliers(model.fit_))} readings far off, settled: {model.fit_.converged}"
         )
     names = list(series)

@@ -13,16 +13,16 @@ from time import process_time
 
 import numpy as np
 
-from machine import Target, options_of, say_json, say_machine, say_table, say_targets, times_of_each
-from truearm.arm.catalogue import load
-from truearm.tasks.errors import PresetErrors
-from truearm.tasks.standard_test import pose, simulated
+from machine import Target, options_of, print_json, say_machine, print_table, say_targets, times_of_each
+from truearm.arm.catalogue import load_arm
+from truearm.tasks.errors import PresetDistribution
+from truearm.tasks.standard_test import pose, simulate_verification
 from truearm.verify.circumscribed import circumscribed_sphere
 from truearm.verify.cylinder import fit_cylinder
 from truearm.verify.example import example_artefacts, example_specification
-from truearm.verify.layout import layout_of
+from truearm.verify.layout import lay_out_tests
 from truearm.verify.sphere import fit_sphere
-from truearm.verify.test_plan import load_plan
+from truearm.verify.test_plan import load_verification_plan
 from truearm.virtual import load_preset
 
 NOISE = 0.01  # mm
@@ -59,25 +59,25 @@ def main() -> None:
     ]
     spent = {what: median(seconds) for what, seconds in processor.items()}
     if options.json:
-        say_json({"ms": {what: 1e3 * t.median for what, t in times.items()}, "processor_s": spent}, targets)
+        print_json({"ms": {what: 1e3 * t.median for what, t in times.items()}, "processor_s": spent}, targets)
         return
     say_machine()
-    say_table(
+    print_table(
         ["", "shortest [ms]", "median [ms]"],
         [[what, f"{1e3 * t.shortest:.3f}", f"{1e3 * t.median:.3f}"] for what, t in times.items()],
     )
-    say_table(["", "processor time [s]"], [[what, f"{seconds:.1f}"] for what, seconds in spent.items()])
+    print_table(["", "processor time [s]"], [[what, f"{seconds:.1f}"] for what, seconds in spent.items()])
     say_targets(targets)
 
 
 def test_of_virtual_arms(preset: str, spent: list[float]) -> None:
     """Lay out, pose and take the whole test; what the processor spent on it [s] is added to the list."""
     start = process_time()
-    arm, plan = load("measuring7"), load_plan("iso10360-12")
+    arm, plan = load_arm("measuring7"), load_verification_plan("iso10360-12")
     artefacts = example_artefacts(RANGE)
-    simulated(
-        PresetErrors(arm, load_preset(preset)),
-        pose(layout_of(plan, artefacts, RANGE, shoulder_mm=320.0), arm, seed=0),
+    simulate_verification(
+        PresetDistribution(arm, load_preset(preset)),
+        pose(lay_out_tests(plan, artefacts, RANGE, shoulder_mm=320.0), arm, seed=0),
         plan=plan,
         artefacts=artefacts,
         specification=example_specification(RANGE),

@@ -57,7 +57,7 @@ def published(nowhere, monkeypatch):
 
 
 def test_a_set_is_downloaded_once(published, nowhere):
-    assert datasets.find("ur5") is None
+    assert datasets.find_local("ur5") is None
     path = datasets.fetch("ur5")
     assert path == nowhere / "cache" / UR5_FILE
     published.unlink()  # the second time nothing is asked of the server
@@ -102,10 +102,10 @@ def test_the_named_folder_comes_first(tmp_path, monkeypatch):
     mine.write_text(TEXT)
     monkeypatch.setattr(datasets, "_registry", lambda: {UR5_FILE: hashlib.sha256(TEXT.encode()).hexdigest()})
     monkeypatch.setenv("TRUEARM_DATA", str(tmp_path / "mine"))
-    assert datasets.find("ur5") == mine
+    assert datasets.find_local("ur5") == mine
     monkeypatch.setenv("TRUEARM_DATA", str(tmp_path / "no"))
     with pytest.raises(InputError, match="TRUEARM_DATA names a folder that does not exist"):
-        datasets.find("ur5")
+        datasets.find_local("ur5")
 
 
 def test_a_folder_beside_the_working_directory_is_found(tmp_path, monkeypatch):
@@ -116,23 +116,23 @@ def test_a_folder_beside_the_working_directory_is_found(tmp_path, monkeypatch):
     monkeypatch.delenv("TRUEARM_DATA", raising=False)
     monkeypatch.chdir(tmp_path / "work")
     monkeypatch.setattr(datasets, "_registry", lambda: {UR5_FILE: hashlib.sha256(TEXT.encode()).hexdigest()})
-    assert datasets.find("ur5") == beside
+    assert datasets.find_local("ur5") == beside
 
 
 def test_unknown_names_are_refused_with_the_known_ones():
     with pytest.raises(InputError, match="no data set 'ur6'") as caught:
-        datasets.load("ur6")
+        datasets.load_readings("ur6")
     assert "ur10-a" in caught.value.hint
     with pytest.raises(InputError, match="series A or B"):
         datasets.load_ur10_leica("C")
 
 
 def test_every_set_has_checksums_of_its_files():
-    for name, data_set in datasets.SETS.items():
+    for name, data_set in datasets.DATASETS.items():
         files = datasets._files(data_set)
         assert files, name
         assert all(len(checksum) == 64 for checksum in files.values())
-    assert sum(len(datasets._files(s)) for s in datasets.SETS.values()) == len(datasets._registry())
+    assert sum(len(datasets._files(s)) for s in datasets.DATASETS.values()) == len(datasets._registry())
 
 
 # The real files ------------------------------------------------------------------------------------------------------
@@ -151,14 +151,14 @@ REAL = {
 
 
 def at_hand(name):
-    if datasets.find(name) is None:
+    if datasets.find_local(name) is None:
         pytest.skip(f"the data set {name} is not at hand (TRUEARM_DATA or ../shared/datasets)")
 
 
 @pytest.mark.parametrize("name", REAL)
 def test_a_real_set_holds_what_its_publisher_says(name):
     at_hand(name)
-    readings = datasets.load(name)
+    readings = datasets.load_readings(name)
     n, joints, positions, points, std = REAL[name]
     assert readings.angles.shape == (n, joints)
     assert len(set(readings.position.tolist())) == positions
@@ -170,7 +170,7 @@ def test_a_real_set_holds_what_its_publisher_says(name):
 
 def test_the_first_row_of_series_a_is_read_to_the_last_digit():
     at_hand("ur10-a")
-    readings = datasets.load("ur10-a")
+    readings = datasets.load_readings("ur10-a")
     np.testing.assert_array_equal(readings.angles[1], [-2.14055, -2.08493, -0.837441, -0.218756, 0.393594, -0.00187856])
     np.testing.assert_array_equal(readings.points[1], [1685.2797, -1665.3456, -415.81103])
     assert readings.temperature_degC[1] == 23.6800003051758
@@ -180,7 +180,7 @@ def test_the_first_row_of_series_a_is_read_to_the_last_digit():
 def test_the_wam_hangs_low():
     """The sign of the differences: added, the cable-driven arm is measured below where it was sent."""
     at_hand("wam")
-    assert datasets.load("wam").points[:, 2].mean() < 190  # the targets' mean height is 200.7 mm
+    assert datasets.load_readings("wam").points[:, 2].mean() < 190  # the targets' mean height is 200.7 mm
 
 
 def test_one_tool_position_can_be_loaded():
@@ -198,7 +198,7 @@ def test_known_lengths_are_between_the_seats_of_the_set(name):
     lengths = datasets.load_lengths(name)
     assert (lengths is None) == (not name.startswith("mukca"))
     if lengths is not None:
-        seats = sorted(set(datasets.load(name).seat.tolist()))
+        seats = sorted(set(datasets.load_readings(name).seat.tolist()))
         assert sorted([*lengths.seat_a.tolist(), *lengths.seat_b.tolist()]) == seats
         assert set(lengths.length_mm.tolist()) == {50.0}
         assert set(lengths.u_mm.tolist()) == {0.1}
@@ -232,7 +232,7 @@ def test_the_command_lists_the_sets_and_writes_one(published, nowhere, monkeypat
     app = typer.Typer()
     app.command()(fetch_command)
     listed = CliRunner().invoke(app, ["--list"]).output
-    assert all(name in listed for name in datasets.SETS)
+    assert all(name in listed for name in datasets.DATASETS)
     monkeypatch.chdir(nowhere)
     result = CliRunner().invoke(app, ["ur5"])
     assert "ur5.csv: 1 readings of 6 joints, nominal arm ur5" in result.output

@@ -9,7 +9,7 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from truearm.errors import InputError
-from truearm.toml_documents import AS_TOML, MOST_KEYS, parsed
+from truearm.toml_documents import AS_TOML, MOST_KEYS, parse_toml
 
 
 class Ball(BaseModel):
@@ -40,7 +40,7 @@ class Box(BaseModel):
 
 def refusal(text: str | bytes) -> InputError:
     with pytest.raises(InputError) as refused:
-        parsed(text if isinstance(text, bytes) else text.encode(), Box)
+        parse_toml(text if isinstance(text, bytes) else text.encode(), Box)
     return refused.value
 
 
@@ -117,4 +117,4 @@ def test_hostile_content_is_refused():
 
 
 def test_windows_line_ends_and_a_byte_order_mark():
-    assert parsed(b"\xef\xbb\xbf[best]\r\nsize_mm = 2.5\r\n", Box).best.size_mm == 2.5
+    assert parse_toml(b"\xef\xbb\xbf[best]\r\nsize_mm = 2.5\r\n", Box).best.size_mm == 2.5

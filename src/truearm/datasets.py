@@ -76,13 +76,13 @@ class DataSet:
     lengths: Callable[[], Lengths] | None = None
 
 
-def load(name: str) -> Readings:
-    """Load a set by its name in `SETS`."""
+def load_readings(name: str) -> Readings:
+    """Load a set by its name in `DATASETS`."""
     return _named(name).load()
 
 
 def load_lengths(name: str) -> Lengths | None:
-    """Load the known lengths between the seats of a set, by its name in `SETS`; None where none are known."""
+    """Load the known lengths between the seats of a set, by its name in `DATASETS`; None where none are known."""
     lengths = _named(name).lengths
     return None if lengths is None else lengths()
 
@@ -201,7 +201,7 @@ _MUKCA: tuple[tuple[MukcaRobot, str, str], ...] = (
     ("dinova_1", "Kinova Gen3 lite, 137 readings", "gen3lite"),
 )
 
-SETS: dict[str, DataSet] = {
+DATASETS: dict[str, DataSet] = {
     "ur10-a": DataSet(
         "ipa_ur10_leica",
         "Series_A/measurements_grid.csv",
@@ -249,7 +249,7 @@ SETS: dict[str, DataSet] = {
 }
 
 
-def find(name: str) -> Path | None:
+def find_local(name: str) -> Path | None:
     """Find a set that is at hand already, without downloading it.
 
     Returns
@@ -285,7 +285,7 @@ def fetch(name: str) -> Path:
     InputError
         If the name is unknown, a file differs from the published one, or the download fails.
     """
-    found = find(name)
+    found = find_local(name)
     if found is not None:
         return found
     data_set = _named(name)
@@ -295,9 +295,9 @@ def fetch(name: str) -> Path:
 
 
 def _named(name: str) -> DataSet:
-    if name not in SETS:
-        raise InputError(f"there is no data set {name!r}", hint=", ".join(SETS))
-    return SETS[name]
+    if name not in DATASETS:
+        raise InputError(f"there is no data set {name!r}", hint=", ".join(DATASETS))
+    return DATASETS[name]
 
 
 def _load_tsinghua(name: str, n_joints: int) -> Readings:

@@ -42,7 +42,7 @@ _NOT_QUOTED = ("float_type", "int_type", "bool_type")
 M = TypeVar("M", bound=BaseModel)
 
 
-def parsed(content: bytes, model: type[M]) -> M:
+def parse_toml(content: bytes, model: type[M]) -> M:
     """Read the content of a TOML file as what `model` says it must be.
 
     Raises

@@ -12,7 +12,7 @@ from truearm.errors import InputError, TruearmError
 
 
 @contextmanager
-def whole_file(path: str | Path) -> Iterator[Path]:
+def atomic_file(path: str | Path) -> Iterator[Path]:
     """Give a path beside `path` to write to; rename it to `path` only if the block ends without an exception.
 
     A reader never sees half a file, and an interrupted run (Ctrl-C, kill, full disk) leaves what stood

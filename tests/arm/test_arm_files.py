@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.arm import Arm, Chain, LinkMasses, chain_from_dh, chain_from_mdh, load, names, read_arm, write_arm
+from truearm.arm import Arm, Chain, LinkMasses, chain_from_dh, chain_from_mdh, load_arm, arm_names, read_arm, write_arm
 from truearm.arm.frames import frame_from_xyz_rpy
 from truearm.errors import InputError
 from truearm.terms import gravity_torques, uniform_links
@@ -171,7 +171,7 @@ def test_masses_stand_in_the_frames_at_the_ends_of_the_rows(tmp_path):
 
 def test_a_link_s_middle_is_half_its_row_back(tmp_path):
     """In a standard table the middle of a link along x lies at -a/2 of its row's end."""
-    chain = load("ur10").chain
+    chain = load_arm("ur10").chain
     uniform = uniform_links(chain, kg_per_m=1.0)
     arm = Arm("ur10", chain, masses=uniform)
     write_arm(arm, tmp_path / "arm.toml")
@@ -188,7 +188,7 @@ def test_an_arm_stands_upright_and_its_masses_are_not_known_unless_it_says_so(tm
 @pytest.mark.parametrize("gravity", [[0, 0, 0], [0, 0], [0, 0, np.nan], [0, 0, np.inf], 9.81])
 def test_gravity_needs_a_direction(gravity):
     with pytest.raises(InputError, match="gravity as a direction of three numbers"):
-        Arm("any", load("ur5").chain, gravity_in_base=gravity)
+        Arm("any", load_arm("ur5").chain, gravity_in_base=gravity)
 
 
 def test_masses_of_nothing_but_zeros_are_not_known_whatever_file_states_them(tmp_path):
@@ -203,7 +203,7 @@ def test_masses_of_nothing_but_zeros_are_not_known_whatever_file_states_them(tmp
 
 def test_masses_are_as_many_as_joints():
     with pytest.raises(InputError, match="6 joints and needs as many masses"):
-        Arm("any", load("ur5").chain, masses=LinkMasses(np.ones(5), np.zeros((5, 3))))
+        Arm("any", load_arm("ur5").chain, masses=LinkMasses(np.ones(5), np.zeros((5, 3))))
 
 
 @pytest.mark.parametrize(("mass", "centre"), [(-1, 0), (np.nan, 0), (1, np.inf), (1e6, 0), (1, 1e7)])
@@ -225,10 +225,10 @@ def test_any_arm_goes_there_and_back(tmp_path_factory, seed, form):
 
 
 @pytest.mark.parametrize("convention", ["dh", "mdh"])
-@pytest.mark.parametrize("name", [name for name in names() if name != "gen3lite"])
+@pytest.mark.parametrize("name", [name for name in arm_names() if name != "gen3lite"])
 def test_every_arm_of_the_catalogue_goes_there_and_back(tmp_path, name, convention):
-    write_arm(load(name), tmp_path / "arm.toml", convention=convention)
-    assert_same_arm(load(name), read_arm(tmp_path / "arm.toml"))
+    write_arm(load_arm(name), tmp_path / "arm.toml", convention=convention)
+    assert_same_arm(load_arm(name), read_arm(tmp_path / "arm.toml"))
 
 
 def random_arm(seed: int) -> Arm:
@@ -263,18 +263,18 @@ def assert_same_arm(one: Arm, other: Arm) -> None:
         other.source,
         other.joint_names,
     )
-    np.testing.assert_array_equal(one.chain.slides, other.chain.slides)
+    np.testing.assert_array_equal(one.chain.is_prismatic, other.chain.is_prismatic)
     # degrees are written to twelve decimals: 1.7e-14 rad
     np.testing.assert_allclose(one.limits, other.limits, rtol=0, atol=2e-14)
     np.testing.assert_allclose(one.working, other.working, rtol=0, atol=2e-14)
-    q = np.random.default_rng(0).uniform(-3, 3, (10, one.n_joints)) * np.where(one.chain.slides, 100, 1)
+    q = np.random.default_rng(0).uniform(-3, 3, (10, one.n_joints)) * np.where(one.chain.is_prismatic, 100, 1)
     np.testing.assert_allclose(one.gravity_direction, other.gravity_direction, rtol=0, atol=1e-15)
     assert (one.masses is None) == (other.masses is None)
     if one.masses is not None and other.masses is not None:
         np.testing.assert_array_equal(one.masses.mass_kg, other.masses.mass_kg)
         # Places may be turned about and shifted along their axes: what the weight does about the axis stays.
         own = [gravity_torques(arm.chain, q, arm.masses, gravity_in_base=arm.gravity_direction) for arm in (one, other)]
-        turning = ~one.chain.slides
+        turning = ~one.chain.is_prismatic
         np.testing.assert_allclose(own[0][:, turning, 2], own[1][:, turning, 2], atol=1e-10, rtol=0)  # of up to 50 N m
     first, second = one.chain.pose(q), other.chain.pose(q)
     np.testing.assert_allclose(first.tip_in_base, second.tip_in_base, atol=1e-9, rtol=0)
@@ -283,14 +283,14 @@ def assert_same_arm(one: Arm, other: Arm) -> None:
 
 def test_text_with_any_sign_survives(tmp_path):
     title = 'quotes " and \\ and \t tab, \x7f, \x01, ä, 测量臂, 😀\nsecond line'
-    arm = Arm("any", load("ur5").chain, title=title)
+    arm = Arm("any", load_arm("ur5").chain, title=title)
     write_arm(arm, tmp_path / "arm.toml")
     assert read_arm(tmp_path / "arm.toml").title == title
 
 
 def test_nothing_is_left_of_an_arm_that_has_no_table(tmp_path):
     with pytest.raises(InputError, match="URDF"):
-        write_arm(load("gen3lite"), tmp_path / "arm.toml")
+        write_arm(load_arm("gen3lite"), tmp_path / "arm.toml")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -400,7 +400,7 @@ def test_other_files_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"ends in .toml or .urdf, got '.xacro'"):
         read_arm(tmp_path / "arm.xacro")
     with pytest.raises(InputError, match=r"ends in .toml or .urdf, got '.csv'"):
-        write_arm(load("ur5"), tmp_path / "arm.csv")
+        write_arm(load_arm("ur5"), tmp_path / "arm.csv")
     (tmp_path / "latin.toml").write_bytes(b'name = "x"\ntitle = "\xe4"\n')
     with pytest.raises(InputError, match="line 2: expected UTF-8"):
         read_arm(tmp_path / "latin.toml")
@@ -408,7 +408,7 @@ def test_other_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="at most 1 MB"):
         read_arm(tmp_path / "big.toml")
     with pytest.raises(InputError, match="does not exist"):
-        write_arm(load("ur5"), tmp_path / "none" / "arm.toml")
+        write_arm(load_arm("ur5"), tmp_path / "none" / "arm.toml")
 
 
 @pytest.mark.parametrize(("value", "message"), [("9" * 5000, "not valid TOML"), ("1e30", "check their units")])

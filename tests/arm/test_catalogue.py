@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from truearm.arm import arm_from, load, names, read_urdf, write_arm
+from truearm.arm import resolve_arm, load_arm, arm_names, read_urdf, write_arm
 from truearm.errors import InputError
 
 DATA = Path(os.environ.get("TRUEARM_DATA", Path(__file__).parents[3] / "shared" / "datasets"))
@@ -22,42 +22,42 @@ def data_file(name: str) -> Path:
 
 
 def test_the_catalogue_is_what_is_documented():
-    assert names() == ("gao2017", "gen3lite", "measuring7", "panda", "ur10", "ur5", "wam")
+    assert arm_names() == ("gao2017", "gen3lite", "measuring7", "panda", "ur10", "ur5", "wam")
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", arm_names())
 def test_every_arm_says_what_it_is_and_where_its_numbers_come_from(name):
-    arm = load(name)
+    arm = load_arm(name)
     assert arm.name == name
     assert len(arm.title) > 10
     assert len(arm.source) > 20
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", arm_names())
 def test_a_working_pose_is_no_singularity(name):
     # Smallest singular value of the tip's derivative by the joints: at least a twentieth of the reach per radian.
-    arm = load(name)
-    own = arm.chain.small_motions([arm.working]).by_motion[0, 1:-1, 2]
+    arm = load_arm(name)
+    own = arm.chain.tip_derivatives([arm.working]).motion_jacobian[0, 1:-1, 2]
     assert np.linalg.svd(own, compute_uv=False)[2] > arm.chain.reach / 20
 
 
 def test_gao_2017_works_in_front_with_room_around():
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     tip = arm.chain.tip_in_base([arm.working])[0]
     assert 500 < np.hypot(tip[0], tip[1]) < 800
     assert abs(np.arctan2(tip[1], tip[0])) < np.deg2rad(3)
-    elbow = arm.chain.small_motions([arm.working]).by_motion[0, 4]
+    elbow = arm.chain.tip_derivatives([arm.working]).motion_jacobian[0, 4]
     assert np.isfinite(elbow).all()
     box = arm.working + np.deg2rad(np.random.default_rng(0).uniform(-45, 45, (20_000, 6)))
-    own = arm.chain.small_motions(box).by_motion[:, 1:-1, 2]
+    own = arm.chain.tip_derivatives(box).motion_jacobian[:, 1:-1, 2]
     # What the file says: a search finds no less than 126 mm/rad anywhere in the box.
     assert np.linalg.svd(own, compute_uv=False)[:, 2].min() > 125
-    at_pose = arm.chain.small_motions([arm.working]).by_motion[0, 1:-1, 2]
+    at_pose = arm.chain.tip_derivatives([arm.working]).motion_jacobian[0, 1:-1, 2]
     assert np.linalg.svd(at_pose, compute_uv=False)[2] == pytest.approx(496, abs=0.5)  # mm/rad, to the printed digit
 
 
 def test_measuring7_reaches_half_its_measuring_range_from_the_shoulder():
-    arm = load("measuring7")
+    arm = load_arm("measuring7")
     straight = np.zeros((1, 7))
     np.testing.assert_allclose(arm.chain.tip_in_base(straight), [[0, 0, 320 + 1250]], atol=1e-9)
     q = np.random.default_rng(0).uniform(*np.clip(arm.limits.T, -np.pi, np.pi), (20_000, 7))
@@ -71,7 +71,7 @@ def test_measuring7_reaches_half_its_measuring_range_from_the_shoulder():
 
 def test_ur5_reproduces_its_data_sets_targets():
     table = pd.read_csv(data_file("tsinghua_ur5_wam/UR5/3D_UR5_uncalibrated_grid_cleaned.csv"))
-    off = load("ur5").chain.tip_in_base(np.deg2rad(table.filter(like="joint_"))) - table[["x_t", "y_t", "z_t"]]
+    off = load_arm("ur5").chain.tip_in_base(np.deg2rad(table.filter(like="joint_"))) - table[["x_t", "y_t", "z_t"]]
     # The targets stand 0.089 mm above the nominal arm's tip, all alike (a thousandth of d1 = 89.159 mm: metres added
     # to millimetres?). Beside that they agree to 0.011 mm rms a coordinate.
     shift = off.to_numpy().mean(axis=0)
@@ -81,7 +81,7 @@ def test_ur5_reproduces_its_data_sets_targets():
 
 def test_wam_reproduces_its_data_sets_targets():
     table = pd.read_csv(data_file("tsinghua_ur5_wam/WAM/3D_WAM_uncalibrated_grid_cleaned.csv"))
-    off = load("wam").chain.tip_in_base(np.deg2rad(table.filter(like="joint_"))) - table[["x_t", "y_t", "z_t"]]
+    off = load_arm("wam").chain.tip_in_base(np.deg2rad(table.filter(like="joint_"))) - table[["x_t", "y_t", "z_t"]]
     distance = np.linalg.norm(off, axis=1)
     assert distance.mean() < 0.0002
     assert distance.max() < 0.004
@@ -91,7 +91,7 @@ def test_wam_reproduces_its_data_sets_targets():
 def test_the_data_sets_angles_lie_within_the_limits(name):
     table = pd.read_csv(data_file(f"tsinghua_ur5_wam/{name.upper()}/3D_{name.upper()}_uncalibrated_grid_cleaned.csv"))
     angles = np.deg2rad(table.filter(like="joint_").to_numpy())
-    lower, upper = load(name).limits.T
+    lower, upper = load_arm(name).limits.T
     outside = (angles < lower) | (angles > upper)
     assert outside.any(axis=1).mean() < 0.01
 
@@ -100,7 +100,7 @@ def test_the_data_sets_angles_lie_within_the_limits(name):
 def test_nominal_chains_of_the_ball_data_set_are_ours(tmp_path, name):
     joints = json.loads(data_file("mukca_ball_socket/kinematics.json").read_text())["nominal"][name]
     (tmp_path / "nominal.urdf").write_text(urdf_of(joints))
-    nominal, ours = read_urdf(tmp_path / "nominal.urdf").chain, load(name).chain
+    nominal, ours = read_urdf(tmp_path / "nominal.urdf").chain, load_arm(name).chain
     q = np.random.default_rng(0).uniform(-3, 3, (100, nominal.n_joints))
     theirs, mine = nominal.pose(q), ours.pose(q)
     np.testing.assert_allclose(mine.tip_in_base, theirs.tip_in_base, atol=1e-9, rtol=0)
@@ -123,25 +123,25 @@ def urdf_of(joints: list[dict]) -> str:
 
 
 def test_an_arm_is_found_by_name_or_by_path(tmp_path):
-    assert arm_from("ur5").name == "ur5"
+    assert resolve_arm("ur5").name == "ur5"
     for suffix in (".toml", ".urdf", ".TOML"):
         path = tmp_path / f"mine{suffix}"
-        write_arm(load("wam"), path)
-        assert arm_from(path).name == "wam"
-        assert arm_from(str(path)).name == "wam"
+        write_arm(load_arm("wam"), path)
+        assert resolve_arm(path).name == "wam"
+        assert resolve_arm(str(path)).name == "wam"
 
 
 def test_an_unknown_arm_is_told_with_the_names_there_are():
     with pytest.raises(InputError, match=r"no arm 'ur15'.*gao2017, gen3lite, measuring7.*Try: ur(5|10)"):
-        arm_from("ur15")
+        resolve_arm("ur15")
     with pytest.raises(InputError, match=r"no arm 'UR10'.*Try: ur10"):
-        arm_from("UR10")
+        resolve_arm("UR10")
     with pytest.raises(InputError, match=r"no arm 'xyzzy'.*Try: the path of an arm file"):
-        arm_from("xyzzy")
+        resolve_arm("xyzzy")
 
 
 @pytest.mark.parametrize("text", ["mine.toml", "folder/mine", "../ur5", "mine.urdf"])
 def test_what_looks_like_a_path_is_a_path(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"no such file|ends in .toml or .urdf"):
-        arm_from(text)
+        resolve_arm(text)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from truearm.arm import Chain, chain_from_dh, exponential_derivative, load
+from truearm.arm import Chain, chain_from_dh, exponential_derivative, load_arm
 from truearm.arm.chain import CHUNK
 from truearm.errors import InputError
 
@@ -23,7 +23,7 @@ def random_chain(seed: int, n: int = 5, *, sliding: float = 0.3) -> Chain:
 
 
 def random_joints(chain: Chain, count: int, seed: int) -> np.ndarray:
-    scale = np.where(chain.slides, 200.0, np.pi)
+    scale = np.where(chain.is_prismatic, 200.0, np.pi)
     return np.random.default_rng(seed).uniform(-1, 1, (count, chain.n_joints)) * scale
 
 
@@ -32,7 +32,7 @@ def plain_pose(chain: Chain, q: np.ndarray) -> np.ndarray:
     T = chain.fixed[0].copy()
     for i, angle in enumerate(q):
         joint = np.eye(4)
-        if chain.slides[i]:
+        if chain.is_prismatic[i]:
             joint[2, 3] = angle
         else:
             joint[:3, :3] = Rotation.from_euler("z", angle).as_matrix()
@@ -56,7 +56,7 @@ def test_the_arm_of_gao_2017_by_hand():
     # All joints at zero: x stays the base's x, and every alpha of -90 deg turns z on: z1 = y, z2 = -z, z3 = -y, z4 = z,
     # z5 = y; alpha6 = +90 deg turns it back to z6 = z. So 376 up, 62 along x, 751 along z2 (down), 62 along x,
     # 500 along z4 (up), 15 along z5 (y) and the tip 98 along z6 (up).
-    chain = load("gao2017").chain
+    chain = load_arm("gao2017").chain
     np.testing.assert_allclose(
         chain.tip_in_base(np.zeros((1, 6)))[0], [62 + 62, 15, 376 - 751 + 500 + 98], atol=ROUNDING_MM
     )
@@ -74,7 +74,7 @@ def test_poses_are_the_product_of_the_motions(seed):
     np.testing.assert_allclose(pose.tip_in_base, expected[:, :3, 3], atol=ROUNDING_MM)
     np.testing.assert_allclose(pose.R_base_tip, expected[:, :3, :3], atol=1e-13)
     np.testing.assert_allclose(chain.tip_in_base(q), pose.tip_in_base, atol=0)
-    np.testing.assert_allclose(chain.small_motions(q).tip_in_base, pose.tip_in_base, atol=0)
+    np.testing.assert_allclose(chain.tip_derivatives(q).tip_in_base, pose.tip_in_base, atol=0)
 
 
 @settings(max_examples=30, deadline=None)
@@ -101,7 +101,7 @@ def test_cosine_and_sine_of_any_angle_are_right(angle):
 def test_derivative_by_every_motion_at_every_place_is_the_difference_quotient(seed):
     chain = random_chain(seed)
     q = random_joints(chain, 4, seed)
-    analytic = chain.small_motions(q).by_motion
+    analytic = chain.tip_derivatives(q).motion_jacobian
     assert analytic.shape == (4, chain.n_places, 6, 3)
     # Central differences err by step^2/6 times the third derivative (the lever, up to 3000 mm): 5e-6 mm/rad for 1e-4;
     # rounding of 3000 mm adds 1e-12/1e-4 = 1e-8. Translations are exactly linear.
@@ -118,12 +118,12 @@ def test_derivative_by_every_motion_at_every_place_is_the_difference_quotient(se
 def test_the_joint_itself_is_a_motion_about_its_own_axis(seed):
     chain = random_chain(seed, sliding=0.5)
     q = random_joints(chain, 5, seed)
-    by_motion = chain.small_motions(q).by_motion
-    for i, slides in enumerate(chain.slides):
+    motion_jacobian = chain.tip_derivatives(q).motion_jacobian
+    for i, slides in enumerate(chain.is_prismatic):
         step = np.zeros(chain.n_joints)
         step[i] = 1.0 if slides else 1e-4
         quotient = (chain.tip_in_base(q + step) - chain.tip_in_base(q - step)) / (2 * step[i])
-        np.testing.assert_allclose(by_motion[:, i + 1, 5 if slides else 2], quotient, atol=1e-5)
+        np.testing.assert_allclose(motion_jacobian[:, i + 1, 5 if slides else 2], quotient, atol=1e-5)
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-9, 1e-5, 1e-3, 0.3, 2.0])
@@ -200,7 +200,7 @@ def test_a_placed_chain_is_seen_from_the_reference():
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.from_rotvec([0.1, 2.0, -0.4]).as_matrix(), [1000.0, -2.0, 30.0]
     expected = chain.tip_in_base(q) @ T[:3, :3].T + T[:3, 3]
-    np.testing.assert_allclose(chain.placed(T).tip_in_base(q), expected, atol=ROUNDING_MM)
+    np.testing.assert_allclose(chain.with_reference_frame(T).tip_in_base(q), expected, atol=ROUNDING_MM)
 
 
 def test_another_tip_goes_along_the_flanges_axes():
@@ -222,28 +222,28 @@ def test_a_batch_is_its_rows(n):
     chain = random_chain(4)
     q = random_joints(chain, n, 4)
     some = np.unique(np.linspace(0, max(n - 1, 0), min(n, 9)).astype(int))
-    tips, pose, small = chain.tip_in_base(q), chain.pose(q), chain.small_motions(q)
+    tips, pose, small = chain.tip_in_base(q), chain.pose(q), chain.tip_derivatives(q)
     assert tips.shape == (n, 3)
     assert pose.R_base_tip.shape == (n, 3, 3)
-    assert small.by_motion.shape == (n, chain.n_places, 6, 3)
+    assert small.motion_jacobian.shape == (n, chain.n_places, 6, 3)
     for row in some:
         one = q[row : row + 1]
         np.testing.assert_allclose(tips[row], chain.tip_in_base(one)[0], atol=1e-11)
         np.testing.assert_allclose(pose.R_base_tip[row], chain.pose(one).R_base_tip[0], atol=1e-14)
-        np.testing.assert_allclose(small.by_motion[row], chain.small_motions(one).by_motion[0], atol=1e-11)
+        np.testing.assert_allclose(small.motion_jacobian[row], chain.tip_derivatives(one).motion_jacobian[0], atol=1e-11)
 
 
 @pytest.mark.parametrize("n", [0, 1, CHUNK, CHUNK + 5])
 def test_pieces_make_the_whole(n):
     chain = random_chain(5)
     q = random_joints(chain, n, 5)
-    whole = chain.small_motions(q)
+    whole = chain.tip_derivatives(q)
     seen = 0
-    for rows, tips, by_motion in chain.small_motions_by_chunk(q):
+    for rows, tips, motion_jacobian in chain.tip_derivatives_by_chunk(q):
         np.testing.assert_array_equal(tips.T, whole.tip_in_base[rows])
-        np.testing.assert_array_equal(by_motion.transpose(3, 0, 1, 2), whole.by_motion[rows])
-        assert by_motion.flags.c_contiguous
-        seen += by_motion.shape[-1]
+        np.testing.assert_array_equal(motion_jacobian.transpose(3, 0, 1, 2), whole.motion_jacobian[rows])
+        assert motion_jacobian.flags.c_contiguous
+        seen += motion_jacobian.shape[-1]
     assert seen == n
 
 

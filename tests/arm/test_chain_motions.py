@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
-from truearm.arm.motions import exponential_derivative, moved_by, rotations_and_jacobians
+from truearm.arm.motions import exponential_derivative, apply_motions, rotations_and_jacobians
 
 # Rounding of a dozen products of numbers up to some thousand mm: 1e-12 mm; three orders above it.
 ROUNDING_MM = 1e-9
@@ -25,7 +25,7 @@ def random_chain(seed: int, n: int = 4, *, sliding: float = 0.3) -> Chain:
 
 
 def random_joints(chain: Chain, count: int, rng: np.random.Generator) -> np.ndarray:
-    return rng.uniform(-1, 1, (count, chain.n_joints)) * np.where(chain.slides, 200.0, np.pi)
+    return rng.uniform(-1, 1, (count, chain.n_joints)) * np.where(chain.is_prismatic, 200.0, np.pi)
 
 
 def random_motions(chain: Chain, count: int, size: float, rng: np.random.Generator) -> np.ndarray:
@@ -39,8 +39,8 @@ def random_motions(chain: Chain, count: int, size: float, rng: np.random.Generat
 def by_chunk(chain: Chain, angles: np.ndarray, motions: np.ndarray, chunk: int = 4096):
     """Tips (n, 3) and derivatives (n_places, 6, 3, n) of all pieces."""
     pieces = [
-        (tips.copy(), by_motion.copy())
-        for _, tips, by_motion in chain.small_motions_by_chunk(
+        (tips.copy(), motion_jacobian.copy())
+        for _, tips, motion_jacobian in chain.tip_derivatives_by_chunk(
             angles, lambda rows: motions[..., rows] if motions.shape[2] > 1 else motions, chunk=chunk
         )
     ]
@@ -59,7 +59,7 @@ def test_derivatives_by_the_components_of_finite_motions_are_the_difference_quot
     chain = random_chain(seed, sliding=sliding)
     angles = random_joints(chain, 3, rng)
     motions = random_motions(chain, 1 if constant else 3, size, rng)
-    tips, by_motion = by_chunk(chain, angles, motions)
+    tips, motion_jacobian = by_chunk(chain, angles, motions)
     np.testing.assert_allclose(tips, tips_of(chain, angles, motions), atol=ROUNDING_MM, rtol=0)
     # Central differences err by step^2/6 times the third derivative (levers up to some 5000 mm): 8e-6 mm/rad for 1e-4;
     # rounding adds 1e-12/1e-4. Shifts are exactly linear.
@@ -70,7 +70,7 @@ def test_derivatives_by_the_components_of_finite_motions_are_the_difference_quot
             there[place, component] += step
             back[place, component] -= step
             quotient = (tips_of(chain, angles, there) - tips_of(chain, angles, back)) / (2 * step)
-            np.testing.assert_allclose(by_motion[place, component].T, quotient, atol=atol, rtol=0)
+            np.testing.assert_allclose(motion_jacobian[place, component].T, quotient, atol=atol, rtol=0)
 
 
 @settings(deadline=None, max_examples=25)
@@ -80,20 +80,20 @@ def test_a_motion_for_all_poses_is_the_same_motion_in_each(seed, size):
     chain = random_chain(seed)
     angles = random_joints(chain, 5, rng)
     motions = random_motions(chain, 1, size, rng)
-    tips, by_motion = by_chunk(chain, angles, motions)
+    tips, motion_jacobian = by_chunk(chain, angles, motions)
     tips_each, by_each = by_chunk(chain, angles, np.repeat(motions, 5, axis=2))
     np.testing.assert_allclose(tips, tips_each, atol=ROUNDING_MM, rtol=0)
-    np.testing.assert_allclose(by_motion, by_each, atol=ROUNDING_MM, rtol=0)
+    np.testing.assert_allclose(motion_jacobian, by_each, atol=ROUNDING_MM, rtol=0)
 
 
 def test_no_motion_gives_the_small_motions_of_the_chain():
     chain = random_chain(1)
     angles = random_joints(chain, 7, np.random.default_rng(1))
-    small = chain.small_motions(angles)
+    small = chain.tip_derivatives(angles)
     for m in (1, 7):
-        tips, by_motion = by_chunk(chain, angles, np.zeros((chain.n_places, 6, m)))
+        tips, motion_jacobian = by_chunk(chain, angles, np.zeros((chain.n_places, 6, m)))
         np.testing.assert_allclose(tips, small.tip_in_base, atol=ROUNDING_MM, rtol=0)
-        np.testing.assert_allclose(by_motion.transpose(3, 0, 1, 2), small.by_motion, atol=ROUNDING_MM, rtol=0)
+        np.testing.assert_allclose(motion_jacobian.transpose(3, 0, 1, 2), small.motion_jacobian, atol=ROUNDING_MM, rtol=0)
 
 
 def test_the_moved_chain_has_the_same_tips():
@@ -113,16 +113,16 @@ def test_pieces_of_any_size_make_the_whole(chunk, m):
     rng = np.random.default_rng(3)
     angles = random_joints(chain, 9, rng)
     motions = random_motions(chain, m, 0.1, rng)
-    tips, by_motion = by_chunk(chain, angles, motions, chunk)
+    tips, motion_jacobian = by_chunk(chain, angles, motions, chunk)
     whole_tips, whole = by_chunk(chain, angles, motions)
     assert tips.shape == (9, 3)
     np.testing.assert_allclose(tips, whole_tips, atol=1e-11, rtol=0)
-    np.testing.assert_allclose(by_motion, whole, atol=1e-11, rtol=0)
+    np.testing.assert_allclose(motion_jacobian, whole, atol=1e-11, rtol=0)
 
 
 def test_no_poses_make_no_pieces():
     chain = random_chain(4)
-    assert not list(chain.small_motions_by_chunk(np.zeros((0, 4)), lambda _: np.zeros((6, 6, 1))))
+    assert not list(chain.tip_derivatives_by_chunk(np.zeros((0, 4)), lambda _: np.zeros((6, 6, 1))))
 
 
 def test_the_flanges_axes_are_the_derivatives_by_shifts_of_the_tip():
@@ -130,11 +130,11 @@ def test_the_flanges_axes_are_the_derivatives_by_shifts_of_the_tip():
     rng = np.random.default_rng(5)
     angles = random_joints(chain, 4, rng)
     motions = random_motions(chain, 1, 0.3, rng)
-    _, by_motion = by_chunk(chain, angles, motions)
-    axes = by_motion[-1, 3:].transpose(2, 1, 0) @ Rotation.from_rotvec(motions[-1, :3, 0]).as_matrix()
+    _, motion_jacobian = by_chunk(chain, angles, motions)
+    axes = motion_jacobian[-1, 3:].transpose(2, 1, 0) @ Rotation.from_rotvec(motions[-1, :3, 0]).as_matrix()
     pose = chain.with_motions(motions[..., 0]).pose(angles)
     np.testing.assert_allclose(axes, pose.R_base_tip, atol=1e-13)
-    assert not by_motion[-1, :3].any()  # turning about the tip moves nothing
+    assert not motion_jacobian[-1, :3].any()  # turning about the tip moves nothing
 
 
 # Rotations and their Jacobians
@@ -168,8 +168,8 @@ def test_a_motion_of_a_vector_is_its_rotation_and_shift(size):
     motion[:3] *= size / np.linalg.norm(motion[:3], axis=0)
     v = rng.normal(0, 1000, (3, 5))
     expected = Rotation.from_rotvec(motion[:3].T).apply(v.T).T + motion[3:]
-    np.testing.assert_allclose(moved_by(v, motion), expected, atol=ROUNDING_MM, rtol=0)
-    np.testing.assert_allclose(moved_by(v, motion[:, :1])[:, 0], expected[:, 0], atol=ROUNDING_MM, rtol=0)
+    np.testing.assert_allclose(apply_motions(v, motion), expected, atol=ROUNDING_MM, rtol=0)
+    np.testing.assert_allclose(apply_motions(v, motion[:, :1])[:, 0], expected[:, 0], atol=ROUNDING_MM, rtol=0)
 
 
 def test_the_series_meets_the_formula_where_they_change_over():

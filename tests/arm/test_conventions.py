@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from truearm.arm import Chain, chain_from_dh, chain_from_mdh, dh_table, load, mdh_table
-from truearm.arm.frames import frame_from_xyz_rpy, turn_of_z_to, xyz_rpy_of
+from truearm.arm import Chain, chain_from_dh, chain_from_mdh, dh_table, load_arm, mdh_table
+from truearm.arm.frames import frame_from_xyz_rpy, rotation_from_z_to, xyz_rpy_from_frame
 from truearm.errors import InputError
 
 TABLES = [dh_table, mdh_table]
@@ -21,8 +21,8 @@ GAO = {
 
 def assert_same_chain(one: Chain, other: Chain) -> None:
     """Tip poses to 1e-9 mm and 1e-12 rad: thousands of times rounding, a millionth of what an encoder resolves."""
-    np.testing.assert_array_equal(one.slides, other.slides)
-    q = np.random.default_rng(0).uniform(-4, 4, (30, one.n_joints)) * np.where(one.slides, 100, 1)
+    np.testing.assert_array_equal(one.is_prismatic, other.is_prismatic)
+    q = np.random.default_rng(0).uniform(-4, 4, (30, one.n_joints)) * np.where(one.is_prismatic, 100, 1)
     first, second = one.pose(q), other.pose(q)
     np.testing.assert_allclose(first.tip_in_base, second.tip_in_base, atol=1e-9, rtol=0)
     np.testing.assert_allclose(first.R_base_tip, second.R_base_tip, atol=1e-12, rtol=0)
@@ -139,7 +139,7 @@ def test_parallel_axes_put_the_whole_offset_into_the_row_where_they_end():
 
 @pytest.mark.parametrize("table_of", TABLES)
 def test_nearly_parallel_axes_are_refused_with_the_joints_and_a_way_out(table_of):
-    almost = load("gen3lite").chain  # its file says 3.1416, so axes 2 and 3 miss being parallel by 7e-6 rad
+    almost = load_arm("gen3lite").chain  # its file says 3.1416, so axes 2 and 3 miss being parallel by 7e-6 rad
     with pytest.raises(InputError, match=r"joints 2 and 3 are nearly but not quite parallel.* 3.81e\+04 m.*URDF"):
         table_of(almost)
 
@@ -164,7 +164,7 @@ def test_roll_pitch_yaw_go_there_and_back(rpy, pitch):
         rpy[1] = pitch  # roll and yaw about the same line
     frame = frame_from_xyz_rpy([1, 2, 3], rpy)
     np.testing.assert_allclose(frame[:3, :3], Rotation.from_euler("xyz", rpy).as_matrix(), atol=1e-15)
-    xyz, back = xyz_rpy_of(frame)
+    xyz, back = xyz_rpy_from_frame(frame)
     np.testing.assert_allclose(frame_from_xyz_rpy(xyz, back), frame, atol=1e-15)
 
 
@@ -172,7 +172,7 @@ def test_roll_pitch_yaw_go_there_and_back(rpy, pitch):
 @given(st.lists(st.floats(-1, 1), min_size=3, max_size=3).filter(lambda v: np.linalg.norm(v) > 1e-3))
 def test_z_is_turned_to_any_axis(axis):
     axis = np.array(axis) / np.linalg.norm(axis)
-    turn = turn_of_z_to(axis)
+    turn = rotation_from_z_to(axis)
     np.testing.assert_allclose(turn[:, 2], axis, atol=1e-15)
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(turn) > 0

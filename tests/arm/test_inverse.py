@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from truearm.arm import Chain, chain_from_dh, load, names, solve_inverse
+from truearm.arm import Chain, chain_from_dh, load_arm, arm_names, solve_inverse_kinematics
 from truearm.errors import InputError
 
 SPREAD = np.deg2rad(30)
@@ -11,7 +11,7 @@ SPREAD = np.deg2rad(30)
 
 def reachable(name: str, n: int, spread: float = SPREAD):
     """An arm and the poses of random joint angles near its working pose, within its limits."""
-    arm = load(name)
+    arm = load_arm(name)
     lower, upper = arm.limits.T
     q = np.random.default_rng(7).uniform(-spread, spread, (n, arm.n_joints)) + arm.working
     return arm, np.clip(q, lower, upper)
@@ -19,13 +19,13 @@ def reachable(name: str, n: int, spread: float = SPREAD):
 
 @pytest.mark.parametrize("with_axis", [False, True])
 @pytest.mark.parametrize("with_posture", [False, True])
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", arm_names())
 def test_reachable_targets_are_reached_within_the_limits(name, with_axis, with_posture):
     arm, q = reachable(name, 300)
     pose = arm.chain.pose(q)
     axis = pose.R_base_tip[:, :, 2] if with_axis else None
     lower, upper = arm.limits.T
-    found = solve_inverse(
+    found = solve_inverse_kinematics(
         arm.chain,
         pose.tip_in_base,
         start=arm.working,
@@ -48,7 +48,7 @@ def test_errors_are_those_of_the_forward_kinematics():
     arm, q = reachable("measuring7", 50)
     pose = arm.chain.pose(q)
     targets = pose.tip_in_base * [[1.0, 1.0, 1.4]]  # some of them out of reach
-    found = solve_inverse(
+    found = solve_inverse_kinematics(
         arm.chain, targets, start=arm.working, probe_axis_in_base=[0, 0, -1], upper=arm.limits[:, 1], max_steps=30
     )
     there = arm.chain.pose(found.angles)
@@ -57,11 +57,11 @@ def test_errors_are_those_of_the_forward_kinematics():
 
 
 def test_targets_out_of_reach_are_told_and_the_arm_stretches_toward_them():
-    arm = load("measuring7")
+    arm = load_arm("measuring7")
     shoulder = np.array([0, 0, 320.0])
     directions = np.array([[1.0, 0.2, 0.1], [0.8, -0.5, 0.3], [0.5, 0.5, -0.1]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    found = solve_inverse(arm.chain, shoulder + 2000 * directions, start=arm.working)
+    found = solve_inverse_kinematics(arm.chain, shoulder + 2000 * directions, start=arm.working)
     assert not found.reached.any()
     # The links add up to 1250 mm (3 mm more with the elbow's offset), so 750 mm are missing; it stops where the slope
     # becomes flat, some mm before.
@@ -71,9 +71,9 @@ def test_targets_out_of_reach_are_told_and_the_arm_stretches_toward_them():
 def test_a_target_behind_the_limits_is_told_and_the_limits_hold():
     crank = chain_from_dh(a=[100, 100], d=[0, 0], alpha=[0, 0])
     target = crank.tip_in_base([[2.0, 0.5]])
-    free = solve_inverse(crank, target, start=[0.1, 0.1])
+    free = solve_inverse_kinematics(crank, target, start=[0.1, 0.1])
     assert free.reached.all()
-    limited = solve_inverse(crank, target, start=[0.1, 0.1], lower=[-1, -1], upper=[1, 1])
+    limited = solve_inverse_kinematics(crank, target, start=[0.1, 0.1], lower=[-1, -1], upper=[1, 1])
     assert not limited.reached.any()
     assert (np.abs(limited.angles) <= 1).all()
     # The nearest point within the limits, from a fine grid.
@@ -86,14 +86,14 @@ def test_two_links_find_one_of_their_two_solutions():
     crank = chain_from_dh(a=[300, 200], d=[0, 0], alpha=[0, 0])
     x, y = 250.0, 120.0
     elbow = np.arccos((x**2 + y**2 - 300**2 - 200**2) / (2 * 300 * 200))  # law of cosines
-    found = solve_inverse(crank, [[x, y, 0], [x, y, 0]], start=[[0.1, 0.5], [0.1, -0.5]])
+    found = solve_inverse_kinematics(crank, [[x, y, 0], [x, y, 0]], start=[[0.1, 0.5], [0.1, -0.5]])
     np.testing.assert_allclose(found.angles[:, 1], [elbow, -elbow], atol=1e-7)
 
 
 def test_a_slide_takes_part_in_mm():
     arm = chain_from_dh(a=[0, 0], d=[0, 0], alpha=[np.pi / 2, 0], kinds=["revolute", "prismatic"])
     target = arm.tip_in_base([[0.7, 240.0]])
-    found = solve_inverse(arm, target, start=[0.0, 100.0], lower=[-2, 0], upper=[2, 500])
+    found = solve_inverse_kinematics(arm, target, start=[0.0, 100.0], lower=[-2, 0], upper=[2, 500])
     assert found.reached.all()
     np.testing.assert_allclose(found.angles, [[0.7, 240.0]], atol=1e-6)
 
@@ -102,8 +102,8 @@ def test_a_posture_is_kept_as_far_as_the_target_leaves_freedom():
     arm, q = reachable("measuring7", 200)
     tips = arm.chain.tip_in_base(q)
     posture = arm.working + np.deg2rad([0, 0, 40, 0, 0, 0, 0])
-    plain = solve_inverse(arm.chain, tips, start=arm.working)
-    drawn = solve_inverse(arm.chain, tips, start=arm.working, posture=posture)
+    plain = solve_inverse_kinematics(arm.chain, tips, start=arm.working)
+    drawn = solve_inverse_kinematics(arm.chain, tips, start=arm.working, posture=posture)
     assert drawn.reached.all()
 
     def away(angles: np.ndarray) -> float:
@@ -111,7 +111,7 @@ def test_a_posture_is_kept_as_far_as_the_target_leaves_freedom():
 
     assert away(drawn.angles) < 0.8 * away(plain.angles)
     # Nearly nothing of the pull is left in the null space: the angles could not come nearer without leaving the target.
-    J = arm.chain.small_motions(drawn.angles).by_motion[:, 1:-1, 2].transpose(0, 2, 1)
+    J = arm.chain.tip_derivatives(drawn.angles).motion_jacobian[:, 1:-1, 2].transpose(0, 2, 1)
     rest = posture - drawn.angles
     free = rest - (np.linalg.pinv(J) @ J @ rest[:, :, None])[:, :, 0]
     assert np.median(np.linalg.norm(free, axis=1) / np.linalg.norm(rest, axis=1)) < 0.1
@@ -121,9 +121,9 @@ def test_rows_do_not_know_each_other():
     arm, q = reachable("gao2017", 40)
     pose = arm.chain.pose(q)
     options = {"start": arm.working, "posture": arm.working + 0.1}
-    whole = solve_inverse(arm.chain, pose.tip_in_base, probe_axis_in_base=pose.R_base_tip[:, :, 2], **options)
+    whole = solve_inverse_kinematics(arm.chain, pose.tip_in_base, probe_axis_in_base=pose.R_base_tip[:, :, 2], **options)
     for row in (0, 13, 39):
-        single = solve_inverse(
+        single = solve_inverse_kinematics(
             arm.chain, pose.tip_in_base[[row]], probe_axis_in_base=pose.R_base_tip[row, :, 2], **options
         )
         # Rounding differs with the width of a matrix product; forty steps may carry it to the tolerance.
@@ -131,23 +131,23 @@ def test_rows_do_not_know_each_other():
 
 
 def test_an_axis_is_turned_even_from_the_opposite_direction():
-    arm = load("measuring7")
+    arm = load_arm("measuring7")
     pose = arm.chain.pose([arm.working])
     axis = -pose.R_base_tip[0, :, 2]
     start = arm.working
-    found = solve_inverse(arm.chain, [[600.0, 0.0, 500.0]], start=start, probe_axis_in_base=axis)
+    found = solve_inverse_kinematics(arm.chain, [[600.0, 0.0, 500.0]], start=start, probe_axis_in_base=axis)
     assert found.reached.all()
 
 
 def test_a_target_at_the_start_needs_no_step():
-    arm = load("ur10")
-    found = solve_inverse(arm.chain, arm.chain.tip_in_base([arm.working]), start=arm.working, max_steps=0)
+    arm = load_arm("ur10")
+    found = solve_inverse_kinematics(arm.chain, arm.chain.tip_in_base([arm.working]), start=arm.working, max_steps=0)
     np.testing.assert_array_equal(found.angles, [arm.working])
     assert found.reached.all()
 
 
 def test_no_targets_no_rows():
-    found = solve_inverse(load("ur10").chain, np.empty((0, 3)), start=np.zeros(6), posture=np.zeros(6))
+    found = solve_inverse_kinematics(load_arm("ur10").chain, np.empty((0, 3)), start=np.zeros(6), posture=np.zeros(6))
     assert found.angles.shape == (0, 6)
     assert found.reached.shape == (0,)
 
@@ -172,14 +172,14 @@ def test_what_does_not_fit_is_refused(change, message):
     options = {"tips_in_base": [[500.0, 0, 500]], "start": np.zeros(6)} | change
     targets = options.pop("tips_in_base")
     with pytest.raises(InputError, match=message):
-        solve_inverse(load("ur10").chain, targets, **options)
+        solve_inverse_kinematics(load_arm("ur10").chain, targets, **options)
 
 
 def test_the_chain_is_left_as_it_was():
-    chain = load("ur5").chain
+    chain = load_arm("ur5").chain
     before = chain.fixed.copy()
     start = np.zeros(6)
-    solve_inverse(chain, [[300.0, 100, 300]], start=start)
+    solve_inverse_kinematics(chain, [[300.0, 100, 300]], start=start)
     np.testing.assert_array_equal(chain.fixed, before)
     np.testing.assert_array_equal(start, 0)
     assert isinstance(chain, Chain)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truearm.arm import Arm, Chain, load, names, read_urdf, write_urdf
+from truearm.arm import Arm, Chain, load_arm, arm_names, read_urdf, write_urdf
 from truearm.arm.urdf import MAX_BYTES
 from truearm.errors import InputError
 from truearm.terms import gravity_loads, uniform_links
@@ -58,13 +58,13 @@ def test_tips_and_axes_agree_with_pinocchio(tmp_path, seed):
     rng = np.random.default_rng(seed)
     for q in rng.uniform(-2, 2, (4, arm.n_joints)):
         state = pinocchio.neutral(model)
-        for name, value, slides in zip(arm.joint_names, q, arm.chain.slides, strict=True):
+        for name, value, slides in zip(arm.joint_names, q, arm.chain.is_prismatic, strict=True):
             joint = model.joints[model.getJointId(name)]
             # Pinocchio keeps a continuous joint as cosine and sine.
             state[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else [np.cos(value), np.sin(value)]
             assert slides == ("P" in joint.shortname())
         pinocchio.framesForwardKinematics(model, data, state)
-        ours = arm.chain.pose([np.where(arm.chain.slides, 1000 * q, q)])
+        ours = arm.chain.pose([np.where(arm.chain.is_prismatic, 1000 * q, q)])
         theirs = data.oMf[frame]
         np.testing.assert_allclose(ours.tip_in_base[0], 1000 * theirs.translation, atol=1e-9, rtol=0)
         np.testing.assert_allclose(ours.R_base_tip[0], theirs.rotation, atol=1e-12, rtol=0)
@@ -72,16 +72,16 @@ def test_tips_and_axes_agree_with_pinocchio(tmp_path, seed):
 
 def test_derivatives_agree_with_pinocchios_regressor(tmp_path):
     pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
-    write_urdf(load("panda"), tmp_path / "panda.urdf")
+    write_urdf(load_arm("panda"), tmp_path / "panda.urdf")
     model = pinocchio.buildModelFromUrdf(str(tmp_path / "panda.urdf"))
     data = model.createData()
     tip = model.getFrameId("tip")
-    arm = load("panda")
+    arm = load_arm("panda")
     q = arm.working
     pinocchio.computeJointJacobians(model, data, q)
     pinocchio.updateFramePlacements(model, data)
     J = pinocchio.getFrameJacobian(model, data, tip, pinocchio.LOCAL_WORLD_ALIGNED)[:3]
-    ours = arm.chain.small_motions([q]).by_motion[0, 1:-1, 2]
+    ours = arm.chain.tip_derivatives([q]).motion_jacobian[0, 1:-1, 2]
     np.testing.assert_allclose(ours, 1000 * J.T, atol=1e-9, rtol=0)
 
 
@@ -105,10 +105,10 @@ def test_weight_pulls_as_in_pinocchio(tmp_path):
             state[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else [np.cos(value), np.sin(value)]
         holds = pinocchio.computeGeneralizedGravity(model, data, state)
         pulls = gravity_loads(
-            arm.chain, [np.where(arm.chain.slides, 1000 * q, q)], arm.masses, gravity_in_base=[0, 0, -9.81]
+            arm.chain, [np.where(arm.chain.is_prismatic, 1000 * q, q)], arm.masses, gravity_in_base=[0, 0, -9.81]
         )
         for i, name in enumerate(arm.joint_names):
-            ours = (pulls.force_in_joint if arm.chain.slides[i] else pulls.torque_in_joint)[0, i, 2]
+            ours = (pulls.force_in_joint if arm.chain.is_prismatic[i] else pulls.torque_in_joint)[0, i, 2]
             assert ours == pytest.approx(-holds[model.joints[model.getJointId(name)].idx_v], abs=1e-9)  # N m, N
 
 
@@ -141,7 +141,7 @@ def test_links_without_mass_leave_the_masses_unknown(tmp_path, mass):
 
 
 def test_masses_and_gravity_go_there_and_back(tmp_path):
-    arm = load("ur5")
+    arm = load_arm("ur5")
     heavy = Arm("any", arm.chain, masses=uniform_links(arm.chain, kg_per_m=20.0), gravity_in_base=[0, 1, 1])
     write_urdf(heavy, tmp_path / "arm.urdf")
     again = read_urdf(tmp_path / "arm.urdf")
@@ -156,9 +156,9 @@ def test_masses_and_gravity_go_there_and_back(tmp_path):
 # There and back
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", arm_names())
 def test_every_arm_of_the_catalogue_goes_there_and_back(tmp_path, name):
-    arm = load(name)
+    arm = load_arm(name)
     write_urdf(arm, tmp_path / "arm.urdf")
     assert_same_arm(arm, read_urdf(tmp_path / "arm.urdf"))
 
@@ -177,23 +177,23 @@ def assert_same_arm(one: Arm, other: Arm) -> None:
         other.source,
         other.joint_names,
     )
-    np.testing.assert_array_equal(one.chain.slides, other.chain.slides)
+    np.testing.assert_array_equal(one.chain.is_prismatic, other.chain.is_prismatic)
     np.testing.assert_allclose(one.limits, other.limits, rtol=1e-15)
     np.testing.assert_allclose(one.working, other.working, rtol=1e-15)
-    q = np.random.default_rng(0).uniform(-3, 3, (20, one.n_joints)) * np.where(one.chain.slides, 100, 1)
+    q = np.random.default_rng(0).uniform(-3, 3, (20, one.n_joints)) * np.where(one.chain.is_prismatic, 100, 1)
     first, second = one.chain.pose(q), other.chain.pose(q)
     np.testing.assert_allclose(first.tip_in_base, second.tip_in_base, atol=1e-9, rtol=0)
     np.testing.assert_allclose(first.R_base_tip, second.R_base_tip, atol=1e-12, rtol=0)
 
 
 def test_names_with_signs_of_xml_survive(tmp_path):
-    arm = Arm('a<b & "c"', load("ur5").chain, title="größer > kleiner", joint_names=tuple("<>&'ab"))
+    arm = Arm('a<b & "c"', load_arm("ur5").chain, title="größer > kleiner", joint_names=tuple("<>&'ab"))
     write_urdf(arm, tmp_path / "arm.urdf")
     assert_same_arm(arm, read_urdf(tmp_path / "arm.urdf"))
 
 
 def test_one_limit_only_cannot_be_written(tmp_path):
-    arm = Arm("half", load("ur5").chain, upper=np.full(6, 1.0))
+    arm = Arm("half", load_arm("ur5").chain, upper=np.full(6, 1.0))
     with pytest.raises(InputError, match=r"joint J1 has one limit only.*\.toml"):
         write_urdf(arm, tmp_path / "arm.urdf")
     assert list(tmp_path.iterdir()) == []
@@ -201,7 +201,7 @@ def test_one_limit_only_cannot_be_written(tmp_path):
 
 def test_a_control_character_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(InputError, match="not valid XML"):
-        write_urdf(Arm("a\x01b", load("ur5").chain), tmp_path / "arm.urdf")
+        write_urdf(Arm("a\x01b", load_arm("ur5").chain), tmp_path / "arm.urdf")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models import KinematicModel
 from truearm.models.file import save_model
 from truearm.plan.candidates import bar_places
-from truearm.poses import measuring, seat
+from truearm.poses import measuring_poses, seat
 from truearm.readings import Readings, write_session
 from truearm.virtual import VirtualArm, load_preset
 
@@ -34,7 +34,7 @@ class Bench:
 
 @cache
 def virtual() -> VirtualArm:
-    return VirtualArm.draw(load(ARM), load_preset("shop"), seed=4)
+    return VirtualArm.draw(load_arm(ARM), load_preset("shop"), seed=4)
 
 
 @cache
@@ -91,7 +91,7 @@ def write_days(folder: Path, creep_arcsec: list[float]) -> list[Path]:
 def write_model(folder: Path) -> Path:
     """The arm's model, from readings with a reference instrument."""
     arm = virtual()
-    poses = measuring(arm.nominal, 150, seed=1)
+    poses = measuring_poses(arm.nominal, 150, seed=1)
     path = folder / "arm.truearm"
     save_model(KinematicModel(arm.nominal, free=()).fit_readings(arm.measure(poses.angles, seed=1).readings), path)
     return path

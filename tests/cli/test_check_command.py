@@ -20,7 +20,7 @@ from truearm.models.file import load_model, save_model
 from truearm.readings import Readings, read_lengths, read_session, write_session
 from truearm.verify import history as truearm_history
 from truearm.verify.history import History
-from truearm.verify.interim import Check, Recalibrate, assess, interim_values
+from truearm.verify.interim import InterimCheck, RecalibrationAdvice, assess, interim_values
 
 PAGE = Path(__file__).parents[2] / "docs" / "interim-check.md"
 TYPED = (1, 10, 11, 18, 26)
@@ -80,7 +80,7 @@ def course(bench, truearm):
                 temperature_degC=float(readings.temperature_degC.mean()),
             )
             when = datetime.datetime(2026, 1, day)
-            assert history.append(Check(when, whose, fingerprint(readings), readings.temperature_degC.mean(), values))
+            assert history.append(InterimCheck(when, whose, fingerprint(readings), readings.temperature_degC.mean(), values))
     return runs
 
 
@@ -110,9 +110,9 @@ def test_the_creep_is_seen_and_dated(course, bench):
     checks = History(bench / "arm.sqlite").checks(whose)
     assert len(checks) == len(CREEP)
     answers = [assess(checks[:n]).recalibrate for n in range(11, len(checks) + 1)]
-    seen = 11 + answers.index(Recalibrate.YES)
+    seen = 11 + answers.index(RecalibrationAdvice.YES)
     assert STEADY < seen <= STEADY + 10
-    assert set(answers[seen - 11 :]) == {Recalibrate.YES}
+    assert set(answers[seen - 11 :]) == {RecalibrationAdvice.YES}
     since = re.search(r"recalibrate: yes, since check (\d+) of 2026-01-(\d+)", course[len(CREEP)].out)
     assert since[1] == since[2]
     assert abs(int(since[1]) - (STEADY + 1)) <= 2
@@ -218,7 +218,7 @@ def test_one_check_beyond_the_limits_asks_for_another(truearm, folder):
         values = interim_values(
             model.predict_readings(readings), std_mm=np.full(len(readings), 0.01), seat=readings.seat
         )
-        history.append(Check(datetime.datetime(2026, 1, day), whose, fingerprint(readings), 20.0, values))
+        history.append(InterimCheck(datetime.datetime(2026, 1, day), whose, fingerprint(readings), 20.0, values))
     for day, code, end in (
         (
             11,

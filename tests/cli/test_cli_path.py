@@ -293,14 +293,14 @@ def test_a_real_arm_goes_the_whole_path(truearm, tmp_path):
     """UR10 series A, split by goal position: nominal about 0.74 mm, kinematic about 0.40 mm."""
     from truearm import datasets
 
-    if datasets.find("ur10-a") is None:
+    if datasets.find_local("ur10-a") is None:
         pytest.skip("the UR10 data set is not at hand (TRUEARM_DATA)")
     session, train, test = (tmp_path / f"{name}.csv" for name in ("session", "train", "test"))
     said = truearm("fetch", "ur10-a", "--out", session).out
     assert said.startswith(f"{session}: 11911 readings of 6 joints, nominal arm ur10.\n")
     assert "Cite: Landgraf" in said
     table = truearm(
-        *("import", datasets.find("ur10-a"), "--separator", ";", "--decimal", ",", "--angle-unit", "rad"),
+        *("import", datasets.find_local("ur10-a"), "--separator", ";", "--decimal", ",", "--angle-unit", "rad"),
         *("--angles", "8,9,10,11,12,13", "--temperature", 14, "--points", "15,16,17", "--position", "2,3,4"),
         *("--session-name", "series A", "--out", tmp_path / "imported.csv"),
     )
@@ -322,9 +322,9 @@ def test_a_real_arm_goes_the_whole_path(truearm, tmp_path):
 
 def test_the_demo_writes_a_page_and_a_summary(truearm, tmp_path, monkeypatch):
     """The demo with a small network: seconds, where --quick takes ten."""
-    from truearm.papers import gao2017
+    from truearm.papers import gao2017_experiment
 
-    monkeypatch.setattr(gao2017, "QUICK", gao2017.Settings(n_train=300, n_test=50, hidden=(8,), epochs=15))
+    monkeypatch.setattr(gao2017_experiment, "QUICK_SETTINGS", gao2017_experiment.Settings(n_train=300, n_test=50, hidden=(8,), epochs=15))
     out = tmp_path / "new" / "demo"
     ran = truearm("demo", "--quick", "--seed", 3, "--out", out)
     assert (ran.code, ran.err) == (0, "")

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models import PhysicalModel
 from truearm.models.file import save_model
 from truearm.readings import write_session
@@ -21,7 +21,7 @@ SAYS = "Not given at all readings, taken at the mean, which is in the uncertaint
 @pytest.fixture(scope="module")
 def hysteretic(tmp_path_factory):
     """A folder with the model of an arm with hysteresis, a session with directions and one without."""
-    arm, folder = load("gao2017"), tmp_path_factory.mktemp("predict")
+    arm, folder = load_arm("gao2017"), tmp_path_factory.mktemp("predict")
     preset = replace(PRESETS["perfect"], hysteresis_std_arcsec=20.0, reference_std_mm=0.01)
     virtual = VirtualArm.draw(arm, preset, seed=5)
     angles = arm.working + 0.8 * np.random.default_rng(6).uniform(-1, 1, (121, 6))

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truearm.models.file import load_model
-from truearm.models.refit import served
+from truearm.models.refit import used_in_refit
 from truearm.readings import read_session
 
 
@@ -46,7 +46,7 @@ def test_twenty_rows_serve_and_the_others_test(truearm, made, moved, refit, tmp_
     assert lines[2].startswith("standard uncertainty of a coordinate over the session: 0.0")
     assert lines[3] == "truearm evaluate on this session leaves these readings out and tests on the others."
     session, model = read_session(moved), load_model(out)
-    used = served(model, session)
+    used = used_in_refit(model, session)
     assert used.sum() == 20
     assert len(np.unique(session.position[used])) == 20
     said = truearm("evaluate", out, moved).out.splitlines()
@@ -70,7 +70,7 @@ def test_the_seed_chooses(refit, moved, tmp_path):
     session, chosen = read_session(moved), []
     for seed in (1, 2, 1):
         assert refit("--rows", 6, "--seed", seed).code == 0
-        chosen.append(np.flatnonzero(served(load_model(tmp_path / "new.truearm"), session)).tolist())
+        chosen.append(np.flatnonzero(used_in_refit(load_model(tmp_path / "new.truearm"), session)).tolist())
     assert chosen[0] == chosen[2] != chosen[1]
 
 
@@ -96,8 +96,8 @@ def test_json_tells_what_was_found(refit, made, moved, tmp_path):
         "file": str(tmp_path / "new.truearm"),
         "free": ["base", "tip"],
         "n": 100,
-        "unexplained_std_mm": new.unexplained_std_,
-        "unexplained_std_before_mm": known.unexplained_std_,
+        "unexplained_std_mm": new.residual_std_,
+        "unexplained_std_before_mm": known.residual_std_,
     }
     said = refit(session=tmp_path / "s.csv").out
     assert "far off: line 59, " in said  # the header is line 1
@@ -111,7 +111,7 @@ def test_readings_that_scatter_more_are_said(refit, made, moved, tmp_path):
     assert " mm before: the new readings scatter more\n" in said
     table[["x_mm", "y_mm", "z_mm"]] = load_model(tmp_path / "new.truearm").predict(read_session(moved).angles)
     table.to_csv(tmp_path / "s.csv", index=False)
-    before = load_model(made / "kinematic.truearm").unexplained_std_
+    before = load_model(made / "kinematic.truearm").residual_std_
     said = refit(session=tmp_path / "s.csv").out
     assert f"unexplained: {before:.4f} mm, standard deviation of a coordinate, as it was\n" in said
 
@@ -168,7 +168,7 @@ def test_lengths_are_of_the_whole_session_and_those_between_rows_taken_serve(tru
                  "--lengths", lengths, "--out", out]  # fmt: skip
     ran = truearm(*arguments)
     assert ran.code == 0, ran.err
-    assert set(points.seat[served(load_model(out), points)].tolist()) == {"S3", "S4", "S6"}
+    assert set(points.seat[used_in_refit(load_model(out), points)].tolist()) == {"S3", "S4", "S6"}
     some = "2 of 3 lengths are left out: none of the readings used is in one of their seats"
     assert ran.err.splitlines() == [some]
     ran = truearm("evaluate", out, session, "--lengths", lengths, "--json")

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from truearm.papers import gao2017_plan
+from truearm.papers import gao2017_training_plan
 from truearm.papers.gao2017_tables import TABLES
 
 
@@ -18,9 +18,9 @@ def small(monkeypatch):
     for table, rows in list(TABLES.items()):
         row = rows[-1]
         monkeypatch.setitem(TABLES, table, (replace(row, n_train=150, hidden=(4,) * len(row.hidden), mean_mm=150.0),))
-    effort = replace(gao2017_plan.FULL, epochs=5, own_epochs={2: 3, 3: 3, 4: 3}, starts=((math.inf, 1),), starts_of={})
-    monkeypatch.setattr(gao2017_plan, "FULL", effort)
-    monkeypatch.setattr(gao2017_plan, "QUICK", replace(effort, quick=True, starts=((1e-9, 1),)))
+    effort = replace(gao2017_training_plan.FULL_EFFORT, epochs=5, lm_epochs={2: 3, 3: 3, 4: 3}, starts=((math.inf, 1),), starts_by_row={})
+    monkeypatch.setattr(gao2017_training_plan, "FULL_EFFORT", effort)
+    monkeypatch.setattr(gao2017_training_plan, "QUICK_EFFORT", replace(effort, quick=True, starts=((1e-9, 1),)))
 
 
 def test_a_table_is_printed_and_written_with_its_page(truearm, small, tmp_path):

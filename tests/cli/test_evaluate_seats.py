@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models import KinematicModel, NominalModel
 from truearm.models.file import save_model
 from truearm.readings import Readings, seat_errors, write_session
@@ -24,7 +24,7 @@ LENGTHS = "seat_a,seat_b,length_mm,u_mm\nA,B,{},0.05\n"
 
 @pytest.fixture(scope="module")
 def arm():
-    return load("gao2017")
+    return load_arm("gao2017")
 
 
 @pytest.fixture(scope="module")

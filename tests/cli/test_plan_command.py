@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models.file import load_model
 from truearm.plan import proposal
 from truearm.readings import Lengths, write_lengths, write_session
@@ -73,7 +73,7 @@ def test_a_filled_plan_makes_a_model_better_than_the_drawing_without_any_instrum
     ran = truearm("plan", "gao2017", "--artefact", "bar", "--length", 300, "--poses", 40, *QUICK, "--out", plan)
     assert ran.code == 0, ran.err
     angles, seat = aims(plan)
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     virtual = VirtualArm.draw(arm, load_preset("research"), seed=3)
     # The aims are rounded: the bar is where the first pose in a seat has the tip, its ends 300 mm apart.
     points = np.empty((len(angles), 3))

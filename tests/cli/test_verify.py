@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from made_up_verification import ARTEFACTS, MPE, Made
 
-from truearm.verify.measured import KEYS, NEEDED, OPTIONAL, SIZED
+from truearm.verify.measured import KEY_COLUMNS, REQUIRED_COLUMNS, OPTIONAL_COLUMNS, SIZE_TESTS
 from truearm.verify.test_plan import plan_text
 
 PAGE = Path(__file__).parents[2] / "docs" / "verification.md"
@@ -612,7 +612,7 @@ def test_the_files_of_the_page_are_those_of_the_run():
     for line in blocks("csv")[0].splitlines():
         cells = line.split(",")
         assert len(cells) == 12
-        assert cells[0] in ("test", *KEYS)
+        assert cells[0] in ("test", *KEY_COLUMNS)
 
 
 def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
@@ -662,12 +662,12 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
 
 def test_the_page_names_every_column_and_what_tells_groups_apart():
     text = PAGE.read_text(encoding="utf-8")
-    for name in (*NEEDED, *OPTIONAL):
+    for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
         assert f"`{name}`" in text
-    for test, keys in KEYS.items():
+    for test, keys in KEY_COLUMNS.items():
         row = next(line for line in text.splitlines() if line.startswith(f"| `{test}` | `"))
         assert row.split("|")[2].strip() == ", ".join(f"`{key}`" for key in keys)
-        assert ("needed" in row) == (test in SIZED)
+        assert ("needed" in row) == (test in SIZE_TESTS)
 
 
 def test_the_examples_of_the_page_run(bench):

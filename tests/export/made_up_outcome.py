@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from truearm.export.about import About
-from truearm.export.certificate import certificate_of
+from truearm.export.about import AdministrativeData
+from truearm.export.certificate import make_certificate
 from truearm.verify.artefacts import Artefacts
-from truearm.verify.decision import Budget, Contribution, Row, judged, overall
+from truearm.verify.decision import Budget, Contribution, ConformityResult, assess_conformity, overall_verdict
 from truearm.verify.limits import Specification
-from truearm.verify.measured import Group, Measured
-from truearm.verify.outcome import Outcome
-from truearm.verify.test_plan import load_plan
+from truearm.verify.measured import PointGroup, MeasuredPoints
+from truearm.verify.outcome import VerificationRecord
+from truearm.verify.test_plan import load_verification_plan
 from truearm.verify.verification import Verification
 
 DAY = datetime.date(2026, 11, 3)
@@ -42,11 +42,11 @@ TOLD = {
 
 def about(**changes):
     """The administrative data; a change of None leaves a key away."""
-    return About.model_validate({key: value for key, value in (TOLD | changes).items() if value is not None})
+    return AdministrativeData.model_validate({key: value for key, value in (TOLD | changes).items() if value is not None})
 
 
 def row(value, limit=0.05, *, label="E_Uni, 900", budget=BUDGET, rule="iso14253-1"):
-    return judged(label, value, budget, limit, rule=rule, where="position 1")
+    return assess_conformity(label, value, budget, limit, rule=rule, where="position 1")
 
 
 ROWS = (
@@ -56,7 +56,7 @@ ROWS = (
     row(0.08, label="E_Bi, 900"),
     row(0.01, None, label="L_Dia.5x5, largest distance"),
     row(0.02, budget=Budget((Contribution("form", 0.0001),)), label="P_Form.Sph.1x25"),  # U = 0.0002 mm
-    Row("E_Uni, sets measured again", 0, "", Budget(), None, None, "of 35"),
+    ConformityResult("E_Uni, sets measured again", 0, "", Budget(), None, None, "of 35"),
 )
 
 
@@ -64,7 +64,7 @@ def outcome(rows=ROWS, *, rule="iso14253-1", degC=20.5, plan=None, plan_sha256=N
     """A verification with these rows."""
 
     def group(artefact, **keys):
-        return Group(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, (2,))
+        return PointGroup(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, (2,))
 
     groups = {
         "probing": (group("ball", position="1"),),
@@ -74,11 +74,11 @@ def outcome(rows=ROWS, *, rule="iso14253-1", degC=20.5, plan=None, plan_sha256=N
     specification = Specification(
         name="arm <7> & Co", source="its data sheet", measuring_range_mm=2500.0, limits={"E_Uni": {"B_um": 50.0}}
     )
-    found = Verification(tuple(rows), overall(rows), ("not tested: bi",))
-    return Outcome(
+    found = Verification(tuple(rows), overall_verdict(rows), ("not tested: bi",))
+    return VerificationRecord(
         found,
-        Measured(groups, Path("points.csv")),
-        plan or load_plan("iso10360-12"),
+        MeasuredPoints(groups, Path("points.csv")),
+        plan or load_verification_plan("iso10360-12"),
         ARTEFACTS,
         specification,
         rule,
@@ -87,4 +87,4 @@ def outcome(rows=ROWS, *, rule="iso14253-1", degC=20.5, plan=None, plan_sha256=N
 
 
 def certificate(told=None, made=None):
-    return certificate_of(told or about(), made or outcome(), decision=["Not conform.", "Because."], rule="A rule.")
+    return make_certificate(told or about(), made or outcome(), decision=["Not conform.", "Because."], rule="A rule.")

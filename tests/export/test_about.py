@@ -10,26 +10,26 @@ from hypothesis import strategies as st
 from made_up_outcome import DAY, TOLD, about, certificate, outcome
 
 from truearm.errors import InputError
-from truearm.export.about import About, plain, read_about, template
-from truearm.export.certificate import administrative
-from truearm.toml_documents import parsed
+from truearm.export.about import AdministrativeData, xml_text, read_administrative_data, template
+from truearm.export.certificate import administrative_sections
+from truearm.toml_documents import parse_toml
 
 
 def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_path):
     text = template()
-    for model in (About, *(About.model_fields[key].annotation for key in ("item", "laboratory", "customer"))):
+    for model in (AdministrativeData, *(AdministrativeData.model_fields[key].annotation for key in ("item", "laboratory", "customer"))):
         for key in model.model_fields:
-            assert re.search(rf"^(# )?({key} = |\[+{key}\])", text, flags=re.M) or model is not About
+            assert re.search(rf"^(# )?({key} = |\[+{key}\])", text, flags=re.M) or model is not AdministrativeData
     (tmp_path / "about.toml").write_text(text)
     with pytest.raises(InputError, match="is missing|is empty") as refused:
-        read_about(tmp_path / "about.toml")
+        read_administrative_data(tmp_path / "about.toml")
     assert refused.value.file == tmp_path / "about.toml"
     empty = re.findall(r'^(\w+) = ""', text, flags=re.M)
     assert refused.value.problem.endswith(": it is empty")
     assert len(refused.value.problem.partition(":")[0].split(", ")) == len(empty) == 14
     filled = re.sub(r'^country = ""', 'country = "DE"', text.replace("# temp", "temp"), flags=re.M)
     filled = re.sub(r'^(\w+) = ""', r'\1 = "x"', filled, flags=re.M)
-    assert parsed(filled.encode(), About).place == "laboratory"
+    assert parse_toml(filled.encode(), AdministrativeData).place == "laboratory"
 
 
 @pytest.mark.parametrize(
@@ -65,15 +65,15 @@ def test_days_must_fit_those_of_the_points():
 
 @given(st.text(max_size=50))
 def test_texts_are_such_that_xml_holds_them(text):
-    made = plain(text)
+    made = xml_text(text)
     assert made == made.strip()
-    assert plain(made) == made
+    assert xml_text(made) == made
     made.encode("utf-8")
     assert not re.search("[\x00-\x1f\ud800-\udfff\ufffe\uffff]", made)
 
 
 def test_people_read_all_of_it():
-    listed = dict(administrative(certificate(made=outcome())))
+    listed = dict(administrative_sections(certificate(made=outcome())))
     assert list(listed) == ["certificate", "arm", "laboratory", "customer", "responsible", "room"]
     assert ("serial number", "7") in listed["arm"]
     assert ("place", "00000 Exampletown, DE") in listed["laboratory"]
@@ -81,7 +81,7 @@ def test_people_read_all_of_it():
     assert ("First Example", "head, signs the certificate") in listed["responsible"]
     assert ("relative humidity", "40.1 to 55 %") in listed["room"]
     lean = about(received=None, conditions={"temperature_degC": (20.0, 20.0)})
-    told = dict(administrative(certificate(lean)))
+    told = dict(administrative_sections(certificate(lean)))
     assert "arm received" not in dict(told["certificate"])
     assert "relative humidity" not in dict(told["room"])
 

@@ -13,11 +13,11 @@ from made_up_outcome import ROWS, about, certificate, outcome, row
 
 from truearm.errors import InputError, TruearmError
 from truearm.export import dcc as module
-from truearm.export.about import plain as one_line
-from truearm.export.certificate import CONFORMITIES, Equipment, Method, Quantity, Result, conformity_of
-from truearm.export.dcc import dcc, read_back, read_dcc, write_dcc
-from truearm.verify.decision import RULES, Budget, Contribution
-from truearm.verify.test_plan import load_plan
+from truearm.export.about import xml_text as one_line
+from truearm.export.certificate import CONFORMITIES, Equipment, Method, StatedQuantity, StatedResult, conformity_of
+from truearm.export.dcc import dcc, parse_dcc, read_dcc, write_dcc
+from truearm.verify.decision import DECISION_RULES, Budget, Contribution
+from truearm.verify.test_plan import load_verification_plan
 
 SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 WHOLE = certificate()
@@ -49,14 +49,14 @@ def quantities(draw, unit="mm"):
         "standard": {"standard": draw(positive)},
         "none": {},
     }[kind]
-    return Quantity(draw(plain), draw(numbers), unit, **stated)
+    return StatedQuantity(draw(plain), draw(numbers), unit, **stated)
 
 
 @st.composite
 def results(draw):
     limited = draw(st.booleans())
     limit = draw(quantities()) if limited else None
-    return Result(draw(quantities()), limit, draw(st.sampled_from(CONFORMITIES)) if limited else None)
+    return StatedResult(draw(quantities()), limit, draw(st.sampled_from(CONFORMITIES)) if limited else None)
 
 
 @st.composite
@@ -86,7 +86,7 @@ def certificates(draw):
 @given(certificates())
 def test_what_is_written_is_what_is_read(made):
     content = dcc(made)
-    again = read_back(content)
+    again = parse_dcc(content)
     assert again == made
     assert dcc(again) == content  # with the same digits, trailing zeros too
 
@@ -157,10 +157,10 @@ def test_limits_are_the_makers_not_rounded(limit, text):
     made = certificate(made=outcome([row(0.0, limit)]))
     path = ".//dcc:quantity[@refType='truearm_limit']/si:real/si:value"
     assert found(made, path) == [text]
-    assert read_back(dcc(made)) == made
+    assert parse_dcc(dcc(made)) == made
 
 
-@given(st.floats(-0.2, 0.2), st.floats(1e-5, 0.1), st.sampled_from(RULES))
+@given(st.floats(-0.2, 0.2), st.floats(1e-5, 0.1), st.sampled_from(DECISION_RULES))
 def test_what_is_stated_of_a_value_is_what_value_and_uncertainty_say(value, u, rule):
     judged = row(value, 0.05, budget=Budget((Contribution("all", u),)), rule=rule)
     expanded, said = judged.uncertainty, conformity_of(judged)
@@ -179,7 +179,7 @@ def test_a_value_with_a_limit_but_no_uncertainty_gets_no_certificate():
 
 
 def test_the_rule_is_named_by_its_edition_or_not_at_all():
-    norms = [found(certificate(made=outcome(ROWS[:1], rule=rule)), ".//dcc:norm") for rule in RULES]
+    norms = [found(certificate(made=outcome(ROWS[:1], rule=rule)), ".//dcc:norm") for rule in DECISION_RULES]
     assert norms == [
         ["JCGM 100:2008", "ISO 10360-12:2016", "ISO 14253-1:2013"],
         ["JCGM 100:2008", "ISO 10360-12:2016"],
@@ -191,7 +191,7 @@ def test_a_plan_of_the_users_own_is_told_by_its_digest_and_what_it_asks_for():
     assert shipped.startswith("Test plan iso10360-12 as it comes with truearm")
     assert "It asks for probing: points = 25, smallest_sphere_mm = 10" in shipped
     assert "; articulation: points = 5," in shipped
-    cut = load_plan("iso10360-12").model_copy(update={"articulation": None, "uni": None, "bi": None})
+    cut = load_verification_plan("iso10360-12").model_copy(update={"articulation": None, "uni": None, "bi": None})
     own = certificate(made=outcome(ROWS[:1], plan=cut, plan_sha256="ab12")).methods[1].description
     assert own.startswith("Test plan of the user's own, named iso10360-12, SHA-256 ab12. It asks for probing: points")
     assert "uni" not in own
@@ -296,11 +296,11 @@ def test_a_broken_certificate_is_refused_with_the_reason(change, told, tmp_path)
 def test_no_other_encoding_hides_a_document_type():
     text = dcc(WHOLE).decode().replace("encoding='utf-8'", "encoding='utf-16'")
     with pytest.raises(InputError, match="UTF-8"):
-        read_back(text.encode("utf-16"))
+        parse_dcc(text.encode("utf-16"))
     with pytest.raises(InputError, match=r"UTF-8|XML"):
-        read_back(b"\x00" + dcc(WHOLE))
+        parse_dcc(b"\x00" + dcc(WHOLE))
     # What the declaration says does not count: the bytes are UTF-8.
-    assert read_back(text.encode()) == WHOLE
+    assert parse_dcc(text.encode()) == WHOLE
 
 
 def test_a_long_file_is_refused(tmp_path, monkeypatch):
@@ -321,16 +321,16 @@ def test_whatever_element_is_missing_empty_or_double_the_reader_refuses_or_reads
             for change in variants:
                 change()
                 try:
-                    read_back(ET.tostring(root))
+                    parse_dcc(ET.tostring(root))
                 except InputError:
                     refused += 1
                 parent[:] = [one for i, one in enumerate(parent) if one is not child]
                 parent.insert(at, child)
             child.text = None
             try:
-                read_back(ET.tostring(root))
+                parse_dcc(ET.tostring(root))
             except InputError:
                 refused += 1
             child.text = text
-    assert read_back(ET.tostring(root)) == WHOLE
+    assert parse_dcc(ET.tostring(root)) == WHOLE
     assert refused > 100

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from truearm.arm import Arm, Chain
-from truearm.arm.inverse import solve_inverse
-from truearm.identify.problem import Moved
+from truearm.arm.inverse import solve_inverse_kinematics
+from truearm.identify.problem import PerturbedChain
 from truearm.identify.references import Points, Reference, seats_of
 from truearm.identify.surfaces import lines_of, planes_of, spheres_of
 from truearm.terms import ArmState, Term
@@ -33,7 +33,7 @@ def planted(arm: Arm, terms: list[Term], x: np.ndarray, rng: np.random.Generator
 
     Seats are a bar apart whose length is known to 2 um; one sphere has a radius known to 1 um, the other not.
     """
-    chain = Moved(arm.chain, tuple(terms)).with_constants(x)
+    chain = PerturbedChain(arm.chain, tuple(terms)).with_constants(x)
     targets, names = [], []
     for kind, n in counts.items():
         start = arm.working + 0.5 * rng.uniform(-1, 1, (2, arm.n_joints))
@@ -83,7 +83,7 @@ def reached(
     angles, missing = np.empty((len(targets), arm.n_joints)), np.ones(len(targets), bool)
     for _ in range(50):
         start = arm.working + half_width * rng.uniform(-1, 1, (missing.sum(), arm.n_joints))
-        found = solve_inverse(chain, targets[missing], start=start, tolerance_mm=1e-9)
+        found = solve_inverse_kinematics(chain, targets[missing], start=start, tolerance_mm=1e-9)
         rows = np.flatnonzero(missing)[found.reached]
         angles[rows], missing[rows] = found.angles[found.reached], False
         if not missing.any():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truearm.identify.alignment import align, align_most
+from truearm.identify.alignment import align, align_robust
 
 
 def points(rng, n):
@@ -22,12 +22,12 @@ def test_a_third_of_the_points_may_be_anywhere(n, wrong):
         rng = np.random.default_rng(seed)
         T, b, a = points(rng, n)
         a[:wrong] += rng.normal(0, 1000, (wrong, 3))
-        np.testing.assert_allclose(align_most(b, a), T, atol=1e-9)  # of lengths of a metre
+        np.testing.assert_allclose(align_robust(b, a), T, atol=1e-9)  # of lengths of a metre
 
 
 def test_without_gross_errors_it_is_the_least_squares_motion_but_for_the_noise(rng):
     _, b, a = points(rng, 40)
     noisy = a + rng.normal(0, 0.1, a.shape)
-    for found in (align(b, noisy), align_most(b, noisy)):
+    for found in (align(b, noisy), align_robust(b, noisy)):
         off = b @ found[:3, :3].T + found[:3, 3] - a
         assert np.sqrt((off**2).mean()) < 0.1  # mm: the noise of one point; the mean of 40 has a third of it

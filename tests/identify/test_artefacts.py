@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from mixed_session import reached, unit
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.errors import InputError
-from truearm.identify.identification import Identified, identify
-from truearm.identify.problem import Moved
+from truearm.identify.identification import IdentificationResult, identify
+from truearm.identify.problem import PerturbedChain
 from truearm.identify.references import Length, Seats, seats_of
 from truearm.terms import ArmState, constants
 
@@ -19,10 +19,10 @@ CERTIFICATE = (BAR_MM, U_MM, "bar", 1e-4)
 
 def bars_read(n_places: int, rng: np.random.Generator) -> tuple[ArmState, np.ndarray, list[tuple[str, str]]]:
     """An arm off its drawing, in both seats of a bar at some places, six readings each with a noise of 2 um or so."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     terms = constants(arm.chain)
     wrong = [rng.normal(0, 3e-4 if max(map(abs, term.direction[:3])) else 0.1) for term in terms]  # rad, mm
-    chain = Moved(arm.chain, tuple(terms)).with_constants(np.array(wrong))
+    chain = PerturbedChain(arm.chain, tuple(terms)).with_constants(np.array(wrong))
     middle = arm.chain.tip_in_base(arm.working[None])[0]
     points, seats = [], []
     for place in range(n_places):
@@ -34,11 +34,11 @@ def bars_read(n_places: int, rng: np.random.Generator) -> tuple[ArmState, np.nda
     return state, np.repeat([name for pair in seats for name in pair], 6), seats
 
 
-def scale_std(found: Identified, state: ArmState) -> float:
+def scale_std(found: IdentificationResult, state: ArmState) -> float:
     """Standard uncertainty of the scale of the tips, as a share."""
     tips = found.tips(state)
     apart = tips - tips.mean(axis=0)
-    pieces = found.moved.derivatives(state, found.coefficients)
+    pieces = found.perturbed_chain.derivatives(state, found.coefficients)
     by = sum(np.einsum("nc,pcn->p", apart[rows], columns) for rows, _, columns in pieces) / (apart**2).sum()
     return float(np.sqrt(by @ found.covariance @ by))
 
@@ -67,9 +67,9 @@ def test_an_artefacts_length_is_missed_by_what_its_places_say():
     reference = Seats(np.arange(4), np.arange(4), tuple("abcd"), lengths)
     assert reference.unknowns[12:] == ("length of artefact bar [mm]",)
     x = np.array([0, 0, 0, 200.02, 0, 0, 0, 9, 0, 0, 209.04, 0, 200.01])
-    relations = reference.relations(x)
-    assert relations.residuals == pytest.approx([0.01, 0.03, 0.01], rel=1e-3)
-    assert relations.std.tolist() == [1e-4, 1e-4, U_MM]
+    constraints = reference.constraints(x)
+    assert constraints.residuals == pytest.approx([0.01, 0.03, 0.01], rel=1e-3)
+    assert constraints.std.tolist() == [1e-4, 1e-4, U_MM]
 
 
 def test_an_artefact_in_one_place_is_a_length_with_both_uncertainties():
@@ -77,7 +77,7 @@ def test_an_artefact_in_one_place_is_a_length_with_both_uncertainties():
     shared = Seats(np.arange(2), np.arange(2), ("a", "b"), (Length(0, 1, BAR_MM, 0.03, "bar", 0.04),))
     alone = Seats(np.arange(2), np.arange(2), ("a", "b"), (Length(0, 1, BAR_MM, 0.03, "", 0.04),))
     x = np.array([0, 0, 0, 120, 160, 0, BAR_MM])
-    found, plain = shared.relations(x), alone.relations(x[:6])
+    found, plain = shared.constraints(x), alone.constraints(x[:6])
     assert plain.std == pytest.approx([0.05])
     by = found.by_unknown / found.std[:, None]
     gram = by.T @ by
@@ -120,15 +120,15 @@ def test_a_warm_place_is_longer_than_the_certificate(artefact, certified, error_
     reference = Seats(np.arange(2), np.arange(2), ("a", "b"), (length,))
     assert reference.unknowns[-1] == "error of the growth of steel [mm/m]"
     x = np.array([0, 0, 0, 0, 200.04, 0, *([certified] if artefact else []), error_mm_per_m])
-    relations = reference.relations(x)
+    constraints = reference.constraints(x)
     there = certified * (1.0001 + 1e-3 * error_mm_per_m)
     expected = [200.04 - there, *([certified - BAR_MM] if artefact else []), error_mm_per_m]
-    assert relations.residuals == pytest.approx(expected, rel=3e-4, abs=1e-12)
-    assert relations.std[-1] == pytest.approx(0.02)  # mm/m
+    assert constraints.residuals == pytest.approx(expected, rel=3e-4, abs=1e-12)
+    assert constraints.std[-1] == pytest.approx(0.02)  # mm/m
     for i in range(len(x)):  # products of unknowns are at most of the fourth order, which a thousandth hardly sees
         step = 1e-3 * np.eye(len(x))[i]
-        quotient = (reference.relations(x + step).residuals - reference.relations(x - step).residuals) / 2e-3
-        np.testing.assert_allclose(relations.by_unknown[:, i], quotient, atol=1e-8)
+        quotient = (reference.constraints(x + step).residuals - reference.constraints(x - step).residuals) / 2e-3
+        np.testing.assert_allclose(constraints.by_unknown[:, i], quotient, atol=1e-8)
 
 
 @pytest.mark.parametrize(

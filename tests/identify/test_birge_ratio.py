@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.identify.birge_ratio import birge_ratio
-from truearm.identify.identification import Explained
+from truearm.identify.identification import ReferenceFit
 from truearm.models import KinematicModel
 from truearm.readings import Readings
 
@@ -15,7 +15,7 @@ from truearm.readings import Readings
 def of(kind, rows, std, noise_std):
     rows = np.arange(rows[0], rows[1])
     zeros = np.zeros((3, len(rows)))
-    return Explained(kind, rows, zeros, zeros + std, noise_std, np.ones(len(rows)), np.zeros(len(rows), dtype=int), {})
+    return ReferenceFit(kind, rows, zeros, zeros + std, noise_std, np.ones(len(rows)), np.zeros(len(rows), dtype=int), {})
 
 
 def test_without_a_stated_uncertainty_it_is_that_of_the_noise():
@@ -42,9 +42,9 @@ def test_only_what_was_judged_counts():
 def test_a_reference_that_states_its_uncertainty_does_not_widen(seed):
     """A perfect arm seen to 0.05 mm, stated: the posterior is as sure as it should be."""
     rng = np.random.default_rng(seed)
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     angles = arm.working + 0.8 * rng.uniform(-1, 1, (80, 6))
     points = arm.chain.tip_in_base(angles) + rng.normal(0, 0.05, (80, 3))
     model = KinematicModel(arm).fit_readings(Readings(angles, points, np.full((80, 3), 0.05)))
     # The unexplained is found to be anything up to a half of what is stated: a root of 1.25.
-    assert 1 <= model.widening_ < 1.15
+    assert 1 <= model.birge_ratio_ < 1.15

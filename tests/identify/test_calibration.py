@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from truearm.identify.calibration import FLOOR_MM2, HeldOut, unexplained_variance_of
+from truearm.identify.calibration import FLOOR_MM2, HeldOutReadings, conformal_residual_variance
 
 RADIUS = float(chi2.ppf(0.95, 3))  # 7.81
 
 
 def held_out(deviations, covariance=None, *, group=None, freedom=None):
     m = len(deviations)
-    return HeldOut(
+    return HeldOutReadings(
         np.arange(m),
         np.arange(m) if group is None else np.asarray(group),
         np.asarray(deviations, dtype=float),
@@ -33,7 +33,7 @@ def along_x(lengths):
 )
 def test_the_order_statistic_is_number_ceil_of_level_times_one_more(m, rank):
     """Of lengths 1 to m without covariance, the variance puts number `rank` on the ellipsoid."""
-    found = unexplained_variance_of(held_out(along_x(np.random.default_rng(0).permutation(m) + 1)))
+    found = conformal_residual_variance(held_out(along_x(np.random.default_rng(0).permutation(m) + 1)))
     assert found == pytest.approx(rank**2 / RADIUS, rel=1e-5)
 
 
@@ -41,7 +41,7 @@ def test_with_a_covariance_by_hand():
     """Ten of length 5, variances 1 or 2 along them: the longest are those of 25 / (1 + v)."""
     covariance = np.tile(np.diag([2.0, 100, 100]), (10, 1, 1))
     covariance[5:, 0, 0] = 1.0
-    found = unexplained_variance_of(held_out(along_x(np.full(10, 5.0)), covariance))
+    found = conformal_residual_variance(held_out(along_x(np.full(10, 5.0)), covariance))
     assert found == pytest.approx(25 / RADIUS - 1, rel=1e-5)
 
 
@@ -50,21 +50,21 @@ def test_directions_count_by_their_own_variance():
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     covariance = np.tile(turn @ np.diag([9.0, 0.5, 1.0]) @ turn.T, (4, 1, 1))
     deviations = np.tile(turn @ [30.0, 10, 0], (4, 1))
-    v = unexplained_variance_of(held_out(deviations, covariance))
+    v = conformal_residual_variance(held_out(deviations, covariance))
     assert 900 / (9 + v) + 100 / (0.5 + v) == pytest.approx(RADIUS, rel=1e-5)
 
 
 def test_a_seat_of_two_readings_shows_half_of_each_ones_variance():
     """Each deviates from their mean by half their difference, whose variance is twice that of one."""
-    alone = unexplained_variance_of(held_out(along_x([1.0, 2, 3, 4])))
-    halved = unexplained_variance_of(held_out(along_x(np.array([1.0, 2, 3, 4]) / np.sqrt(2)), freedom=np.full(4, 0.5)))
+    alone = conformal_residual_variance(held_out(along_x([1.0, 2, 3, 4])))
+    halved = conformal_residual_variance(held_out(along_x(np.array([1.0, 2, 3, 4]) / np.sqrt(2)), freedom=np.full(4, 0.5)))
     assert halved == pytest.approx(alone, rel=1e-5)
 
 
 def test_where_covariances_say_all_nothing_is_unexplained():
-    found = unexplained_variance_of(held_out(along_x([1.0, 2, 3]), np.tile(9 * np.eye(3), (3, 1, 1))))
+    found = conformal_residual_variance(held_out(along_x([1.0, 2, 3]), np.tile(9 * np.eye(3), (3, 1, 1))))
     assert found == FLOOR_MM2
-    assert unexplained_variance_of(held_out(np.zeros((5, 3)))) == FLOOR_MM2
+    assert conformal_residual_variance(held_out(np.zeros((5, 3)))) == FLOOR_MM2
 
 
 @settings(deadline=None, max_examples=80)
@@ -76,7 +76,7 @@ def test_the_share_held_is_the_one_asked_for(seed, m, size):
     covariance = size**2 * half @ half.transpose(0, 2, 1)
     readings = held_out(size * rng.normal(size=(m, 3)) * 2, covariance, freedom=rng.choice([0.5, 0.9, 1], m))
     level = float(rng.choice([0.5, 0.9, 0.95]))
-    v = unexplained_variance_of(readings, level=level)
+    v = conformal_residual_variance(readings, level=level)
 
     def lengths(variance):
         whole = covariance + (variance * readings.freedom)[:, None, None] * np.eye(3)
@@ -97,8 +97,8 @@ def test_the_unit_does_not_matter(seed, factor):
     rng = np.random.default_rng(seed)
     half = rng.normal(size=(12, 3, 3))
     covariance, deviations = half @ half.transpose(0, 2, 1), 10 * rng.normal(size=(12, 3))
-    one = unexplained_variance_of(held_out(deviations, covariance))
-    other = unexplained_variance_of(held_out(factor * deviations, factor**2 * covariance))
+    one = conformal_residual_variance(held_out(deviations, covariance))
+    other = conformal_residual_variance(held_out(factor * deviations, factor**2 * covariance))
     assert other == pytest.approx(factor**2 * one, rel=1e-4)
 
 
@@ -109,7 +109,7 @@ def test_a_planted_variance_is_recovered(outliers, rng):
     covariance = half @ half.transpose(0, 2, 1)
     deviations = np.einsum("nij,nj->ni", half, rng.normal(size=(4000, 3))) + 0.05 * rng.normal(size=(4000, 3))
     deviations[:outliers] *= 1000
-    found = np.sqrt(unexplained_variance_of(held_out(deviations, covariance)))
+    found = np.sqrt(conformal_residual_variance(held_out(deviations, covariance)))
     # The quantile of 4000 stands to 0.0034 in probability: 2 % of the length; 1 % of outliers make 95 % be 96 %.
     assert found == pytest.approx(0.05, rel=0.06 if outliers == 0 else 0.12)
 
@@ -119,7 +119,7 @@ def test_coverage_of_new_readings_is_the_level(rng):
     shares = []
     for _ in range(300):
         every = rng.standard_t(4, size=(160, 3))
-        v = unexplained_variance_of(held_out(every[:60]))
+        v = conformal_residual_variance(held_out(every[:60]))
         shares.append(((every[60:] ** 2).sum(axis=1) <= RADIUS * v).mean())
     assert 0.945 < np.mean(shares) < 0.975  # the level or a little more; the mean of 300 stands to 0.0017
 
@@ -129,10 +129,10 @@ def test_readings_that_others_do_not_know_judge_nothing():
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     covariance = np.stack([np.diag([0.01, 0.02, 0]), 0.4 * np.eye(3), turn @ np.diag([0.01, 0.02, 1e6]) @ turn.T])
     readings = held_out(along_x([0.1, 0.2, 0.3]), covariance, group=[4, 5, 5], freedom=[1, 0.5, 1])
-    judging = readings.judging(np.full(3, 0.04))
+    judging = readings.select_informative(np.full(3, 0.04))
     for name in ("rows", "group", "deviations", "covariance", "freedom"):
         np.testing.assert_array_equal(getattr(judging, name), getattr(readings, name)[:2])
-    assert readings.judging(np.array([0.04, 0.04, 1e6])).rows.tolist() == [0, 1, 2]
+    assert readings.select_informative(np.array([0.04, 0.04, 1e6])).rows.tolist() == [0, 1, 2]
 
 
 def test_mean_error_and_its_scatter_between_groups():

@@ -10,9 +10,9 @@ from scipy.stats import chi2
 
 from truearm.arm.chain import Chain
 from truearm.identify.alignment import align
-from truearm.identify.consider import identified_anew
+from truearm.identify.consider import consider_update
 from truearm.identify.identification import identify
-from truearm.identify.problem import Moved
+from truearm.identify.problem import PerturbedChain
 from truearm.identify.references import Points, seats_of
 from truearm.terms import ArmState, constants
 from truearm.terms.catalogue import own_axis
@@ -31,7 +31,7 @@ def zigzag() -> Chain:
 
 def rigid(angle, shift):
     """A turn about an oblique axis [rad], and a shift [mm]."""
-    chain = zigzag().placed(np.eye(4))
+    chain = zigzag().with_reference_frame(np.eye(4))
     motions = np.zeros((chain.n_places, 6))
     motions[0] = [*(np.array([0.6, 0.0, 0.8]) * angle), *shift]
     return chain.with_motions(motions).fixed[0] @ np.linalg.inv(chain.fixed[0])
@@ -44,28 +44,28 @@ def known():
     chain = zigzag()
     terms = constants(chain, free=ANEW, angle_std=1e-3, length_std=0.3)
     terms += [term for joint in (1, 2, 3) for term in own_axis(chain, joint, highest=2)]
-    moved = Moved(chain, tuple(terms))
+    perturbed_chain = PerturbedChain(chain, tuple(terms))
     stds = np.concatenate([term.prior_stds for term in terms])
     x = np.where(stds < 0.5, stds, 0) * rng.normal(size=len(stds))
     state = ArmState(chain, rng.uniform(-1, 1, (60, 3)))
-    points = moved.tips(state, x) + rng.normal(0, NOISE, (60, 3))
+    points = perturbed_chain.tips(state, x) + rng.normal(0, NOISE, (60, 3))
     return identify(chain, state, terms, [Points(np.arange(60), points)])
 
 
 def new_session(known, rng, n, *, T=None, tip=(0.0, 0.0, 0.0), x=None, half_width=1.0):
     """A chain placed by `T`, with the tip moved on the flange: state, points without noise, as the arm `x` gives."""
-    chain = known.moved.chain.placed(np.eye(4) if T is None else T)
+    chain = known.perturbed_chain.chain.with_reference_frame(np.eye(4) if T is None else T)
     chain = chain.with_tip(chain.tip_in_flange + np.array(tip))
-    state = ArmState(known.moved.chain, half_width * rng.uniform(-1, 1, (n, 3)))
-    return state, Moved(chain, known.moved.terms).tips(state, known.coefficients if x is None else x)
+    state = ArmState(known.perturbed_chain.chain, half_width * rng.uniform(-1, 1, (n, 3)))
+    return state, PerturbedChain(chain, known.perturbed_chain.terms).tips(state, known.coefficients if x is None else x)
 
 
 def anew(known, state, points, *, T=None, free=ANEW, unexplained_std=NOISE, robust=True):
     """Refitted to points, from a chain placed near `T`."""
-    chain = known.moved.chain.placed(np.eye(4) if T is None else T)
+    chain = known.perturbed_chain.chain.with_reference_frame(np.eye(4) if T is None else T)
     terms = constants(chain, free=free, angle_std=0.0, length_std=0.0)
     reference = Points(np.arange(len(points)), points)
-    return identified_anew(known, chain, state, terms, [reference], unexplained_std=unexplained_std, robust=robust)
+    return consider_update(known, chain, state, terms, [reference], unexplained_std=unexplained_std, robust=robust)
 
 
 def test_gain_and_covariance_are_those_of_dense_algebra(known):
@@ -75,12 +75,12 @@ def test_gain_and_covariance_are_those_of_dense_algebra(known):
     points = points + rng.normal(0, NOISE, points.shape)
     found = anew(known, state, points, robust=False)
     # The terms of base and tip stand behind the others now.
-    where = [known.moved.terms.index(term) for term in found.moved.terms]
-    starts = np.cumsum([0, *(term.n_coefficients for term in known.moved.terms)])
+    where = [known.perturbed_chain.terms.index(term) for term in found.perturbed_chain.terms]
+    starts = np.cumsum([0, *(term.n_coefficients for term in known.perturbed_chain.terms)])
     order = np.concatenate([np.arange(starts[i], starts[i + 1]) for i in where])
     P, x = known.covariance[np.ix_(order, order)], known.coefficients[order]
     E = np.eye(len(x))[:, -9:]
-    ((_, _, columns),) = list(found.moved.derivatives(state, found.coefficients))
+    ((_, _, columns),) = list(found.perturbed_chain.derivatives(state, found.coefficients))
     J = columns.reshape(len(x), -1).T
     R = found.references[0].noise_std ** 2 * np.eye(len(J))
     K = np.linalg.solve((J @ E).T @ np.linalg.solve(R, J @ E), (J @ E).T @ np.linalg.inv(R))
@@ -105,15 +105,15 @@ def test_stated_uncertainty_is_right_for_many_arms_and_set_ups(known, n, most):
     """
     rng = np.random.default_rng(n)
     root = np.linalg.cholesky(known.covariance)
-    asked = ArmState(known.moved.chain, rng.uniform(-1, 1, (20, 3)))
+    asked = ArmState(known.perturbed_chain.chain, rng.uniform(-1, 1, (20, 3)))
     squares = []
     for _ in range(60):
         x = known.coefficients + root @ rng.normal(size=len(root))
         T, tip = rigid(rng.uniform(-3, 3), rng.uniform(-500, 500, 3)), rng.uniform(-5, 5, 3)
         state, points = new_session(known, rng, n, T=T, tip=tip, x=x, half_width=1.5)
         found = anew(known, state, points + rng.normal(0, NOISE, points.shape), T=T)
-        chain = known.moved.chain.placed(T)
-        truth = Moved(chain.with_tip(chain.tip_in_flange + tip), known.moved.terms).tips(asked, x)
+        chain = known.perturbed_chain.chain.with_reference_frame(T)
+        truth = PerturbedChain(chain.with_tip(chain.tip_in_flange + tip), known.perturbed_chain.terms).tips(asked, x)
         off = found.tips(asked) - truth
         squares.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(found.tip_covariance(asked)), off))
     # Of 60 independent arms, a share of 0.95 is known to 0.03, rows of one arm being alike.
@@ -148,8 +148,8 @@ def test_one_gross_error_hardly_moves_the_frame(known):
     clean = anew(known, state, points)
     points[7] += [8.0, -5.0, 3.0]
     found = anew(known, state, points)
-    assert found.references[0].trust.argmin() == 7
-    assert found.references[0].trust[7] < 0.02
+    assert found.references[0].robust_weight.argmin() == 7
+    assert found.references[0].robust_weight[7] < 0.02
     # An influence of 4 standard deviations among 20 readings; without weights it moved the tips by half a millimetre.
     assert np.abs(found.tips(state) - clean.tips(state)).max() < 4 * NOISE
     assert np.abs(anew(known, state, points, robust=False).tips(state) - clean.tips(state)).max() > 0.3
@@ -187,15 +187,15 @@ def test_only_what_is_free_changes(known):
     found = anew(known, state, points, free=("tip",))
     changed = {
         term.name
-        for i, term in enumerate(found.moved.terms)
-        if term not in known.moved.terms or not np.isin(found.coefficients[_slice(found, i)], known.coefficients).all()
+        for i, term in enumerate(found.perturbed_chain.terms)
+        if term not in known.perturbed_chain.terms or not np.isin(found.coefficients[_slice(found, i)], known.coefficients).all()
     }
     assert changed == {"tip shift along x", "tip shift along y", "tip shift along z"}
     np.testing.assert_allclose(found.tips(state), points, rtol=0, atol=2e-3)
 
 
 def _slice(fit, i):
-    starts = np.cumsum([0, *(term.n_coefficients for term in fit.moved.terms)])
+    starts = np.cumsum([0, *(term.n_coefficients for term in fit.perturbed_chain.terms)])
     return slice(starts[i], starts[i + 1])
 
 
@@ -204,11 +204,11 @@ def test_seats_tell_the_tip(known):
     from scipy.optimize import least_squares
 
     rng = np.random.default_rng(9)
-    chain = known.moved.chain.with_tip(known.moved.chain.tip_in_flange + [2.0, -2.0, 2.0])
-    true = Moved(chain, known.moved.terms)
+    chain = known.perturbed_chain.chain.with_tip(known.perturbed_chain.chain.tip_in_flange + [2.0, -2.0, 2.0])
+    true = PerturbedChain(chain, known.perturbed_chain.terms)
 
     def tip(angles):
-        return true.tips(ArmState(known.moved.chain, angles[None]), known.coefficients)[0]
+        return true.tips(ArmState(known.perturbed_chain.chain, angles[None]), known.coefficients)[0]
 
     # Three joints hold a point in a few poses only: seats within reach of several elbows.
     angles, names = [], []
@@ -220,11 +220,11 @@ def test_seats_tell_the_tip(known):
                 angles.append(fit.x)
                 names.append(name)
     assert len(angles) >= 8
-    state = ArmState(known.moved.chain, np.array(angles))
-    terms = constants(known.moved.chain, free=("tip",), angle_std=0.0, length_std=0.0)
+    state = ArmState(known.perturbed_chain.chain, np.array(angles))
+    terms = constants(known.perturbed_chain.chain, free=("tip",), angle_std=0.0, length_std=0.0)
     references = [seats_of(np.arange(len(angles)), np.array(names))]
-    found = identified_anew(known, known.moved.chain, state, terms, references, unexplained_std=NOISE)
-    tip_before = known.coefficients[[known.moved.terms.index(term) for term in found.moved.terms[-3:]]]
+    found = consider_update(known, known.perturbed_chain.chain, state, terms, references, unexplained_std=NOISE)
+    tip_before = known.coefficients[[known.perturbed_chain.terms.index(term) for term in found.perturbed_chain.terms[-3:]]]
     off = found.coefficients[-3:] - tip_before - [2.0, -2.0, 2.0]
     std = np.sqrt(found.covariance.diagonal()[-3:])
     assert (np.abs(off) < 0.05 * std + 1e-3).all()  # exact readings: it stops within a hundredth of its uncertainty
@@ -236,7 +236,7 @@ def test_an_arm_known_exactly_has_the_plain_least_squares_answer(known):
     state, points = new_session(known, rng, 10)
     exact = replace(known, covariance=np.zeros_like(known.covariance))
     found = anew(exact, state, points, robust=False)
-    ((_, _, columns),) = list(found.moved.derivatives(state, found.coefficients))
+    ((_, _, columns),) = list(found.perturbed_chain.derivatives(state, found.coefficients))
     A = columns[-9:].reshape(9, -1)
     np.testing.assert_allclose(found.covariance[-9:, -9:], NOISE**2 * np.linalg.inv(A @ A.T), rtol=1e-4)
     assert not found.covariance[:-9].any()

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identify.alignment import align, placed_roughly
+from truearm.identify.alignment import align, place_base_coarsely
 from truearm.identify.identification import identify
-from truearm.identify.problem import Moved, SmallMotionProblem
+from truearm.identify.problem import PerturbedChain, SmallMotionProblem
 from truearm.identify.references import Points
 from truearm.readings import Readings
 from truearm.terms import ArmState, Constant, Term, constants
@@ -48,7 +48,7 @@ def mean_error(fit, arm, truth, angles):
 
 
 def test_planted_constants_are_recovered_to_the_noise(rng):
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     truth = drawn(arm.chain, rng)
     angles, others = poses(arm, 400, rng), poses(arm, 400, rng)
     fit = found(arm, angles, truth.tip_in_base(angles) + rng.normal(0, NOISE, (400, 3)))
@@ -61,7 +61,7 @@ def test_planted_constants_are_recovered_to_the_noise(rng):
 
 @pytest.mark.parametrize("start", [(3e-3, 3.0), (3e-4, 0.3), (3e-2, 30.0), (3e-2, 0.3)])
 def test_the_scales_where_evidence_starts_hardly_matter(start, rng):
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     truth = drawn(arm.chain, rng)
     angles, others = poses(arm, 60, rng), poses(arm, 200, rng)
     points = truth.tip_in_base(angles) + rng.normal(0, NOISE, (60, 3))
@@ -75,7 +75,7 @@ def test_the_scales_where_evidence_starts_hardly_matter(start, rng):
 
 def test_the_scales_found_are_those_planted(rng):
     """Ten arms: rotations and lengths of each group come out of the size they were drawn with, within a factor of 2."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     sizes = []
     for _ in range(10):
         truth = drawn(arm.chain, rng, angle=2e-3, length=0.2)
@@ -89,7 +89,7 @@ def test_the_scales_found_are_those_planted(rng):
 @pytest.mark.parametrize(("n", "arms"), [(12, 40), (20, 40), (60, 30), (300, 15)])
 def test_noise_and_stated_uncertainty_are_right_for_few_and_many_readings(n, arms, rng):
     """Over drawn arms: the noise found, and the squared error of a predicted tip in its covariance (chi-square, 3)."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     squares, noises = [], []
     for _ in range(arms):
         truth = drawn(arm.chain, rng)
@@ -109,14 +109,14 @@ def test_noise_and_stated_uncertainty_are_right_for_few_and_many_readings(n, arm
 
 def test_base_far_away_and_tip_on_a_bracket_are_found(rng):
     """As on the UR10: a tracker metres off in any orientation, and a tip 0.3 m from where the drawing has it."""
-    arm = load("ur10")
+    arm = load_arm("ur10")
     angles = poses(arm, 200, rng, half_width=1.5)
     T = np.eye(4)
     T[:3, :3] = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix()
     T[:3, 3] = [2500, -3100, 400]
-    truth = arm.chain.with_tip(np.array([40.0, -90, 250])).placed(T)
+    truth = arm.chain.with_tip(np.array([40.0, -90, 250])).with_reference_frame(T)
     points = truth.tip_in_base(angles)
-    rough = placed_roughly(arm.chain, Readings(angles, points), ("base", "tip"))
+    rough = place_base_coarsely(arm.chain, Readings(angles, points), ("base", "tip"))
     terms = constants(arm.chain, angle_std=0.0, length_std=0.0)
     fit = found(arm, angles, points, terms, chain=rough)
     np.testing.assert_allclose(tips(fit, arm, angles), points, atol=1e-6)
@@ -130,7 +130,7 @@ def test_a_sliding_joint_is_identified_as_well(rng):
     fixed[1:, :3, 3] = [20, 0, 150]
     arm = Arm("mixed", Chain(fixed, np.array([30.0, 0, 80]), np.array([False, True, False, True, False])))
     truth = drawn(arm.chain, rng)
-    span = np.where(arm.chain.slides, 200.0, 1.2)  # mm, rad
+    span = np.where(arm.chain.is_prismatic, 200.0, 1.2)  # mm, rad
     angles, others = span * rng.uniform(-1, 1, (200, 5)), span * rng.uniform(-1, 1, (200, 5))
     fit = found(arm, angles, truth.tip_in_base(angles) + rng.normal(0, NOISE, (200, 3)))
     assert fit.converged
@@ -140,22 +140,22 @@ def test_a_sliding_joint_is_identified_as_well(rng):
 
 
 def test_gross_errors_weigh_little(rng):
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     truth = drawn(arm.chain, rng)
     angles, others = poses(arm, 300, rng), poses(arm, 300, rng)
     points = truth.tip_in_base(angles) + rng.normal(0, NOISE, (300, 3))
     points[::20] += rng.normal(0, 20, (15, 3))
     robust, careless = (found(arm, angles, points, robust=robust) for robust in (True, False))
     assert mean_error(robust, arm, truth, others) < NOISE / 2 < mean_error(careless, arm, truth, others)
-    trust = robust.references[0].trust
+    trust = robust.references[0].robust_weight
     assert (trust[::20] < 0.5).all()
     assert np.median(np.delete(trust, np.s_[::20])) == 1
-    assert (careless.references[0].trust == 1).all()
+    assert (careless.references[0].robust_weight == 1).all()
 
 
 def test_poor_readings_do_no_harm_beside_good_ones(rng):
     """Half of 200 readings at 1 mm, half at 0.01 mm: as good as the good half alone, within a tenth."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     std = np.where(np.arange(200)[:, None] % 2, 1.0, 0.01) * np.ones(3)
     good = std[:, 0] < 0.1
     ratios = []
@@ -175,13 +175,13 @@ def test_points_in_a_fitted_frame_determine_as_many_combinations_as_theory_says(
     Everett, Driels, Mooring (1987): 4 R + 6 with a measured full pose; three of them, the orientation of the last
     frame, do not move a point. So a frame, the joints and a tip leave 4 n + 3.
     """
-    arm = load(name)
+    arm = load_arm(name)
     angles = poses(arm, 200, rng, half_width=1.5)
     # An arm not quite as drawn: the tip of a drawn one may lie on its last axis, and axes may meet.
     chain = drawn(arm.chain, rng, angle=0.05, length=20)
-    moved = Moved(chain, tuple(constants(chain)))
-    problem = SmallMotionProblem(moved, ArmState(chain, angles), (Points(np.arange(200), chain.tip_in_base(angles)),))
-    (equations,) = problem.normal_equations(np.zeros(moved.n_coefficients), [np.ones((3, 200))])
+    perturbed_chain = PerturbedChain(chain, tuple(constants(chain)))
+    problem = SmallMotionProblem(perturbed_chain, ArmState(chain, angles), (Points(np.arange(200), chain.tip_in_base(angles)),))
+    (equations,) = problem.normal_equations(np.zeros(perturbed_chain.n_coefficients), [np.ones((3, 200))])
     scale = 1 / np.sqrt(equations.head.diagonal())
     values = np.linalg.eigvalsh(equations.head * np.outer(scale, scale))[::-1]
     rank = int((values > 1e-12 * values[0]).sum())
@@ -192,7 +192,7 @@ def test_points_in_a_fitted_frame_determine_as_many_combinations_as_theory_says(
 @pytest.mark.parametrize(("name", "joints"), [("gao2017", 6), ("measuring7", 7)])
 def test_the_effective_number_of_parameters_is_that_rank(name, joints, rng):
     """With noise far below what was planted, the readings determine all that theory says they can."""
-    arm = load(name)
+    arm = load_arm(name)
     truth = drawn(arm.chain, rng)
     angles = poses(arm, 300, rng, half_width=1.5)
     fit = found(arm, angles, truth.tip_in_base(angles) + rng.normal(0, 1e-4, (300, 3)), constants(arm.chain))
@@ -200,7 +200,7 @@ def test_the_effective_number_of_parameters_is_that_rank(name, joints, rng):
 
 
 def test_nothing_free_leaves_the_chain_and_measures_the_noise(rng):
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     angles = poses(arm, 300, rng)
     points = arm.chain.tip_in_base(angles) + rng.normal(0, 0.05, (300, 3))
     fit = found(arm, angles, points, [])
@@ -211,7 +211,7 @@ def test_nothing_free_leaves_the_chain_and_measures_the_noise(rng):
 
 
 def test_exact_points_are_fitted_exactly(rng):
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     angles = poses(arm, 50, rng)
     points = arm.chain.tip_in_base(angles)
     fit = found(arm, angles, points)
@@ -222,25 +222,25 @@ def test_exact_points_are_fitted_exactly(rng):
 
 
 def test_the_order_of_readings_does_not_matter(rng):
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     truth = drawn(arm.chain, rng)
     angles, others = poses(arm, 80, rng), poses(arm, 20, rng)
     points = truth.tip_in_base(angles) + rng.normal(0, NOISE, (80, 3))
     shuffled = rng.permutation(80)
     one, other = found(arm, angles, points), found(arm, angles[shuffled], points[shuffled])
     np.testing.assert_allclose(tips(one, arm, others), tips(other, arm, others), atol=1e-6)
-    np.testing.assert_allclose(one.references[0].trust[shuffled], other.references[0].trust, atol=1e-6)
+    np.testing.assert_allclose(one.references[0].robust_weight[shuffled], other.references[0].robust_weight, atol=1e-6)
 
 
 def test_where_the_reference_stands_does_not_matter(rng):
     """The same readings in another frame: the same predictions, carried along, to a thousandth of the noise."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     truth = drawn(arm.chain, rng)
     angles, others = poses(arm, 60, rng), poses(arm, 20, rng)
     points = truth.tip_in_base(angles) + rng.normal(0, NOISE, (60, 3))
     R, shift = Rotation.from_rotvec([2.0, -0.3, 0.5]).as_matrix(), [-4000.0, 900, 1700]
     here, there = [
-        found(arm, angles, p, constants(arm.chain), chain=placed_roughly(arm.chain, Readings(angles, p), ("base",)))
+        found(arm, angles, p, constants(arm.chain), chain=place_base_coarsely(arm.chain, Readings(angles, p), ("base",)))
         for p in (points, points @ R.T + shift)
     ]
     np.testing.assert_allclose(tips(here, arm, others) @ R.T + shift, tips(there, arm, others), atol=1e-3 * NOISE)
@@ -251,7 +251,7 @@ def test_where_the_reference_stands_does_not_matter(rng):
 )
 def test_poor_data_leave_what_they_do_not_tell_at_its_prior(case, rng):
     """No warnings, finite numbers, and a covariance that is one; far away the uncertainty is larger than there."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     angles = poses(arm, 40, rng)
     if case == "one pose":
         angles = np.repeat(angles[:1], 40, axis=0)
@@ -266,7 +266,7 @@ def test_poor_data_leave_what_they_do_not_tell_at_its_prior(case, rng):
         points[:] = points[0]
     elif case == "a unit mistaken":
         points *= 1e3
-    rough = placed_roughly(arm.chain, Readings(angles, points), ("base", "tip"))
+    rough = place_base_coarsely(arm.chain, Readings(angles, points), ("base", "tip"))
     fit = found(arm, angles, points, constants(arm.chain), chain=rough)
     state = ArmState(arm.chain, np.concatenate([angles, angles + 1.5]))
     assert np.isfinite(fit.tips(state)).all()
@@ -292,7 +292,7 @@ def test_a_tip_is_never_less_known_than_one_reading_tells(rng):
     points = truth.tip_in_base(angles) + rng.normal(0, 0.01, (80, 3))
     fit = found(arm, angles, points, constants(arm.chain))
     assert np.sqrt(fit.covariance.diagonal().max()) > 100  # mm
-    noise = fit.references[0].noise_std ** 2 / fit.references[0].trust
+    noise = fit.references[0].noise_std ** 2 / fit.references[0].robust_weight
     largest = np.linalg.eigvalsh(fit.tip_covariance(ArmState(arm.chain, angles)))[:, -1]
     assert (largest < 1.001 * noise).all()
     effective = sum(group.effective for group in fit.groups)
@@ -310,7 +310,7 @@ def test_any_arm_and_any_readings_give_finite_numbers(seed, n_joints, n):
         frame[:3, :3] = Rotation.from_rotvec(rng.choice([0, np.pi / 2, np.pi], 3)).as_matrix()
         frame[:3, 3] = rng.choice([0, 0, 100, 1000], 3)
     chain = Chain(fixed, rng.choice([0.0, 50], 3), rng.random(n_joints) < 0.3)
-    angles = np.where(chain.slides, 100, 1) * rng.uniform(-3, 3, (n, n_joints))
+    angles = np.where(chain.is_prismatic, 100, 1) * rng.uniform(-3, 3, (n, n_joints))
     angles *= rng.choice([0, 1], n_joints)  # some joints stand still
     points = chain.tip_in_base(angles) + rng.choice([0, 1e-3, 1, 100]) * rng.normal(size=(n, 3))
     fit = found(Arm("any", chain), angles, points, constants(chain, free=("base", "tip")[: int(rng.integers(3))]))
@@ -328,7 +328,7 @@ def test_any_arm_and_any_readings_give_finite_numbers(seed, n_joints, n):
 
 
 def test_what_cannot_be_identified_is_refused(rng):
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     angles = poses(arm, 10, rng)
     points = Points(np.arange(10), arm.chain.tip_in_base(angles))
     state, terms = ArmState(arm.chain, angles), constants(arm.chain)
@@ -362,14 +362,14 @@ def test_alignment_of_mirrored_points_is_still_a_rotation(rng):
 
 
 def test_a_chain_is_placed_by_the_readings_that_have_points(rng):
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     angles = poses(arm, 20, rng)
     T = np.eye(4)
     T[:3, :3] = Rotation.from_rotvec([0.0, 0, 1.0]).as_matrix()
     T[:3, 3] = [100.0, 200, 300]
-    points = arm.chain.placed(T).tip_in_base(angles)
+    points = arm.chain.with_reference_frame(T).tip_in_base(angles)
     points[5:] = np.nan
-    placed = placed_roughly(arm.chain, Readings(angles, points), ("base",))
+    placed = place_base_coarsely(arm.chain, Readings(angles, points), ("base",))
     np.testing.assert_allclose(placed.tip_in_base(angles[:5]), points[:5], atol=1e-8)
-    assert placed_roughly(arm.chain, Readings(angles, points), ("tip",)) is arm.chain
-    assert placed_roughly(arm.chain, Readings(angles), ("base",)) is arm.chain
+    assert place_base_coarsely(arm.chain, Readings(angles, points), ("tip",)) is arm.chain
+    assert place_base_coarsely(arm.chain, Readings(angles), ("base",)) is arm.chain

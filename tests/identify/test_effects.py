@@ -7,20 +7,20 @@ import pytest
 from test_problem import random_chain, random_state
 
 from truearm.identify.effects import effects
-from truearm.identify.identification import GroupFound, Identified
-from truearm.identify.problem import Moved
+from truearm.identify.identification import TermGroupResult, IdentificationResult
+from truearm.identify.problem import PerturbedChain
 from truearm.terms import Constant, Term, constants
 from truearm.terms.catalogue import own_axis, wobble
 
 
-def identified(chain, terms, coefficients, *, pruned=()) -> Identified:
-    moved = Moved(chain, tuple(terms))
-    m = moved.n_coefficients
+def identified(chain, terms, coefficients, *, pruned=()) -> IdentificationResult:
+    perturbed_chain = PerturbedChain(chain, tuple(terms))
+    m = perturbed_chain.n_coefficients
     names = dict.fromkeys(term.group for term in terms)
-    groups = [GroupFound(name, sum(t.n_coefficients for t in terms if t.group == name), 1.5, 1.0) for name in names] + [
-        GroupFound(name, 7, 0.0, 0.0) for name in pruned
+    groups = [TermGroupResult(name, sum(t.n_coefficients for t in terms if t.group == name), 1.5, 1.0) for name in names] + [
+        TermGroupResult(name, 7, 0.0, 0.0) for name in pruned
     ]
-    return Identified(moved, coefficients, np.eye(m), np.ones(m), tuple(groups), (), True, 1)
+    return IdentificationResult(perturbed_chain, coefficients, np.eye(m), np.ones(m), tuple(groups), (), True, 1)
 
 
 def of_group(found, name):
@@ -55,7 +55,7 @@ def test_the_tip_moves_by_the_difference_of_tips_with_and_without_the_group(rng)
         alone = np.zeros_like(fit.coefficients)
         alone[start : start + term.n_coefficients] = fit.coefficients[start : start + term.n_coefficients]
         start += term.n_coefficients
-        moved = fit.moved.tips(state, alone) - fit.moved.tips(state, 0 * alone)
+        moved = fit.perturbed_chain.tips(state, alone) - fit.perturbed_chain.tips(state, 0 * alone)
         rms[term.group] = rms.get(term.group, 0) + moved
     for effect in effects(fit, state):
         expected = np.sqrt((rms[effect.group] ** 2).sum(axis=1).mean())

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.arm import load
-from truearm.arm.inverse import solve_inverse
-from truearm.identify.identification import grouped_prior, identify, without_unknowns
-from truearm.identify.problem import Moved, SmallMotionProblem
+from truearm.arm import load_arm
+from truearm.arm.inverse import solve_inverse_kinematics
+from truearm.identify.identification import grouped_prior, identify, eliminate_unknowns
+from truearm.identify.problem import PerturbedChain, SmallMotionProblem
 from truearm.identify.references import Length, Points, Seats
 from truearm.identify.surfaces import planes_of, spheres_of
 from truearm.solve.group_evidence import posterior
@@ -21,17 +21,17 @@ from truearm.terms import ArmState, candidate_terms, constants
 def test_posterior_of_coefficients_and_unknowns_is_that_of_the_dense_matrix(seed):
     """Points; seats, some a bar apart that stood in several places, one with a length of its own; spheres; planes."""
     rng = np.random.default_rng(seed)
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     state = ArmState(arm.chain, arm.working + 0.8 * rng.uniform(-1, 1, (150, 6)))
     terms, _ = candidate_terms(state, free=("tip",), highest=16)
-    moved = Moved(arm.chain, tuple(terms))
+    perturbed_chain = PerturbedChain(arm.chain, tuple(terms))
     tips = arm.chain.tip_in_base(state.angles)
     rows = np.arange(150)
     lengths = [Length(2 * i, 2 * i + 1, 200.0, 0.002, "bar", 0.001) for i in range(6)] + [Length(11, 12, 300.0, 0.01)]
     seats = Seats(rows[20:90], rng.permutation(np.arange(70) % 20), tuple(f"s{i}" for i in range(20)), tuple(lengths))
     names = rng.permutation(np.array(["a", "b", "c"])[np.arange(30) % 3])
     started = [
-        reference.started(tips[reference.rows].T)
+        reference.initialise(tips[reference.rows].T)
         for reference in (
             Points(rows[:20], tips[:20] + rng.normal(size=(20, 3))),
             seats,
@@ -39,16 +39,16 @@ def test_posterior_of_coefficients_and_unknowns_is_that_of_the_dense_matrix(seed
             planes_of(rows[120:], names),
         )
     ]
-    problem = SmallMotionProblem(moved, state, tuple(reference for reference, _ in started))
-    x = np.concatenate([np.zeros(moved.n_coefficients), *(unknowns for _, unknowns in started)])
+    problem = SmallMotionProblem(perturbed_chain, state, tuple(reference for reference, _ in started))
+    x = np.concatenate([np.zeros(perturbed_chain.n_coefficients), *(unknowns for _, unknowns in started)])
     weights = [rng.uniform(20, 50, residual.shape) for residual in problem.residuals(x)]
     parts, whole = problem.equations(x, weights)
-    prior, _ = grouped_prior(terms, len(x) - moved.n_coefficients)
-    left = without_unknowns(parts, whole, x)
-    assert len(left.kept) == moved.n_coefficients + 1  # the bar's length stays
+    prior, _ = grouped_prior(terms, len(x) - perturbed_chain.n_coefficients)
+    left = eliminate_unknowns(parts, whole, x)
+    assert len(left.kept) == perturbed_chain.n_coefficients + 1  # the bar's length stays
     gram = whole.dense()
     dense = posterior(gram, gram @ x - whole.gradient, prior)
-    found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior.of(left.kept), size=left.size)
+    found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior.subset(left.kept), size=left.size)
     std = np.sqrt(dense.covariance.diagonal())
     kept = left.kept
     # Beside priors of some metres, in which tip and last link stand for each other, Cholesky's factors keep 1e-9.
@@ -59,7 +59,7 @@ def test_posterior_of_coefficients_and_unknowns_is_that_of_the_dense_matrix(seed
     )
     step, expected = left.step(found.x - x[kept]), dense.x - x
     np.testing.assert_allclose((step - expected) / std, 0, atol=1e-9 * np.linalg.norm(expected / std))
-    own = [np.r_[: moved.n_coefficients, problem.unknowns_of(i)] for i in range(len(parts))]
+    own = [np.r_[: perturbed_chain.n_coefficients, problem.unknowns_of(i)] for i in range(len(parts))]
     np.testing.assert_allclose(
         left.traces(parts, found.covariance),
         [np.vdot(part.dense(), dense.covariance[np.ix_(at, at)]) for part, at in zip(parts, own, strict=True)],
@@ -69,12 +69,12 @@ def test_posterior_of_coefficients_and_unknowns_is_that_of_the_dense_matrix(seed
 
 def test_hundreds_of_seats_are_identified(rng):
     """300 seats of two readings, 900 unknowns, and 30 points: constants err by what their uncertainty says."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     terms = [replace(term, learn=False) for term in constants(arm.chain, free=(), angle_std=1e-3, length_std=0.5)]
     x = np.concatenate([term.prior_stds for term in terms]) * rng.normal(size=len(terms))
-    chain = Moved(arm.chain, tuple(terms)).with_constants(x)
+    chain = PerturbedChain(arm.chain, tuple(terms)).with_constants(x)
     first = arm.working + 0.8 * rng.uniform(-1, 1, (330, 6))
-    again = solve_inverse(chain, chain.tip_in_base(first[:300]), start=first[:300] + rng.normal(0, 0.3, (300, 6)))
+    again = solve_inverse_kinematics(chain, chain.tip_in_base(first[:300]), start=first[:300] + rng.normal(0, 0.3, (300, 6)))
     angles = np.concatenate([first, again.angles])
     reached = np.r_[np.flatnonzero(again.reached), 330 + np.flatnonzero(again.reached)]
     seats = Seats(reached, reached % 330, tuple(str(i) for i in range(300)))

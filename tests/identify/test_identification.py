@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.identify.alignment import align
-from truearm.identify.identification import MOST_SCALE, Identified, identify
+from truearm.identify.identification import MOST_SCALE, IdentificationResult, identify
 from truearm.identify.outliers import outliers
-from truearm.identify.problem import Moved
+from truearm.identify.problem import PerturbedChain
 from truearm.identify.references import Points, Seats, seats_of
 from truearm.terms import ArmState, Constant, Harmonics, Term, candidate_terms, constants
 from truearm.terms.catalogue import own_axis, wobble
@@ -26,7 +26,7 @@ NOISE = 0.02  # mm
 
 @pytest.fixture(scope="module")
 def arm():
-    return load("gao2017")
+    return load_arm("gao2017")
 
 
 def poses(arm, n, rng, *, half_width=1.0):
@@ -42,7 +42,7 @@ def drawn(terms, rng, *, scales=None):
 
 def seen(arm, terms, x, angles, rng, *, noise=NOISE):
     """Points of an arm with these terms."""
-    tips = Moved(arm.chain, tuple(terms)).tips(ArmState(arm.chain, angles), x)
+    tips = PerturbedChain(arm.chain, tuple(terms)).tips(ArmState(arm.chain, angles), x)
     return tips + noise * rng.normal(size=tips.shape)
 
 
@@ -100,9 +100,9 @@ def test_constants_ten_millimetres_and_two_degrees_off(arm, rng):
     T[:3, :3], T[:3, 3] = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix(), [2500, -3100, 400]
     for _ in range(4):
         angles, others = poses(arm, 150, rng), poses(arm, 100, rng)
-        truth = Moved(arm.chain.placed(T), tuple(usual)).with_constants(drawn(usual, rng))
+        truth = PerturbedChain(arm.chain.with_reference_frame(T), tuple(usual)).with_constants(drawn(usual, rng))
         points = truth.tip_in_base(angles) + NOISE * rng.normal(size=(150, 3))
-        rough = arm.chain.placed(align(arm.chain.tip_in_base(angles), points))
+        rough = arm.chain.with_reference_frame(align(arm.chain.tip_in_base(angles), points))
         assert np.linalg.norm(rough.tip_in_base(angles) - points, axis=1).mean() > 5
         fit = identify(rough, ArmState(arm.chain, angles), constants(arm.chain), [Points(np.arange(150), points)])
         assert fit.converged
@@ -146,7 +146,7 @@ def test_one_effect_among_many_offered_is_found(arm, rng):
     assert scale[planted.group] == pytest.approx(1.0, rel=0.7)  # eight coefficients
     assert scale["wobble, rotations"] < 0.05
     assert scale["wobble, shifts"] < 0.05
-    assert fit.moved.n_coefficients == len(fit.coefficients) == len(fit.prior_std) == len(fit.covariance)
+    assert fit.perturbed_chain.n_coefficients == len(fit.coefficients) == len(fit.prior_std) == len(fit.covariance)
 
 
 def test_missing_terms_do_not_make_others_absurd(arm, rng):
@@ -179,7 +179,7 @@ def test_five_per_cent_of_gross_errors_do_little_and_are_listed(arm, rng):
     errors = [np.sqrt(((f.tips(ArmState(arm.chain, others)) - truth) ** 2).mean()) for f in (clean, robust, plain)]
     assert errors[1] < 2 * errors[0]
     assert errors[2] > 10 * errors[0]
-    trust = robust.references[0].trust
+    trust = robust.references[0].robust_weight
     assert (trust[bad] < 0.05).all()
     assert (np.delete(trust, bad) > 0.5).all()
     assert sorted(outlier.row for outlier in outliers(robust)) == sorted(bad)
@@ -302,7 +302,7 @@ def test_a_term_beyond_the_chain_is_refused(arm):
 def test_anything_is_fitted_or_refused_and_never_worse_than_left_alone(seed, n, off, what, still):
     """Points and seats that the arm can or cannot have been at, joints that stood still, terms of every kind."""
     rng = np.random.default_rng(seed)
-    arm = load(str(rng.choice(["gao2017", "ur10", "measuring7"])))
+    arm = load_arm(str(rng.choice(["gao2017", "ur10", "measuring7"])))
     angles = poses(arm, n, rng, half_width=rng.choice([0.01, 1.0]))
     if still:
         angles[:, rng.integers(arm.n_joints)] = 0.3
@@ -371,17 +371,17 @@ def test_what_many_readings_can_see_is_not_dropped(n, is_kept, arm, rng):
 
 def test_no_direction_of_a_tip_is_known_better_than_perfectly(arm, rng):
     """Where all that is uncertain cancels out, what is left is rounding: as a variance it must not be below zero."""
-    moved = Moved(arm.chain, tuple(constants(arm.chain, free=())))
+    perturbed_chain = PerturbedChain(arm.chain, tuple(constants(arm.chain, free=())))
     state = ArmState(arm.chain, poses(arm, 8, rng))
-    p = moved.n_coefficients
-    J = np.concatenate([columns for _, _, columns in moved.derivatives(state, np.zeros(p))], axis=2)
+    p = perturbed_chain.n_coefficients
+    J = np.concatenate([columns for _, _, columns in perturbed_chain.derivatives(state, np.zeros(p))], axis=2)
     along = J[:, :, :4].reshape(p, 12)
-    root = rng.normal(size=(p, p)) * np.concatenate([term.prior_stds for term in moved.terms])
+    root = rng.normal(size=(p, p)) * np.concatenate([term.prior_stds for term in perturbed_chain.terms])
     covariance = root.T @ root
     cancelling = np.eye(p) - along @ np.linalg.pinv(along)  # moves none of the first four tips
     for spread in (covariance, cancelling @ covariance @ cancelling):
         spread = (spread + spread.T) / 2
-        found = Identified(moved, np.zeros(p), spread, np.ones(p), (), (), converged=True, rounds=1).tip_covariance(
+        found = IdentificationResult(perturbed_chain, np.zeros(p), spread, np.ones(p), (), (), converged=True, rounds=1).tip_covariance(
             state
         )
         expected = np.einsum("pin,pq,qjn->nij", J, spread, J)

@@ -9,31 +9,31 @@ import pytest
 from test_problem import random_chain, random_state
 
 from truearm.errors import InputError
-from truearm.identify.identification import Identified
+from truearm.identify.identification import IdentificationResult
 from truearm.identify.joint_errors import joint_error
-from truearm.identify.problem import Moved
+from truearm.identify.problem import PerturbedChain
 from truearm.terms import constants
 from truearm.terms.catalogue import own_axis, wobble
 
 CIRCLE = np.linspace(-np.pi, np.pi, 720, endpoint=False)  # all harmonics below order 720 have mean zero on it
 
 
-def identified(terms, rng, *, n=4, std=1e-4) -> Identified:
+def identified(terms, rng, *, n=4, std=1e-4) -> IdentificationResult:
     """Drawn coefficients [rad, mm] with a covariance of correlated ones."""
-    moved = Moved(random_chain(rng, n), tuple(terms))
-    m = moved.n_coefficients
+    perturbed_chain = PerturbedChain(random_chain(rng, n), tuple(terms))
+    m = perturbed_chain.n_coefficients
     root = rng.normal(0, std / np.sqrt(m), (m, m))
-    return Identified(moved, rng.normal(0, std, m), root @ root.T, np.full(m, std), (), (), True, 1)
+    return IdentificationResult(perturbed_chain, rng.normal(0, std, m), root @ root.T, np.full(m, std), (), (), True, 1)
 
 
 def test_it_is_by_how_much_the_joint_has_turned_further(rng):
     """The tips with the terms are those of the chain without, its joint turned by the error: exactly."""
     chain = random_chain(rng)
     fit = identified(own_axis(chain, 2, highest=12), rng)
-    state = random_state(fit.moved.chain, 30, rng)
+    state = random_state(fit.perturbed_chain.chain, 30, rng)
     found = joint_error(fit, 2, state.angles[:, 1], mean_at=CIRCLE)
     turned = state.angles + found.error[:, None] * (np.arange(4) == 1)
-    np.testing.assert_allclose(fit.tips(state), fit.moved.chain.tip_in_base(turned), atol=1e-9)  # rounding, mm
+    np.testing.assert_allclose(fit.tips(state), fit.perturbed_chain.chain.tip_in_base(turned), atol=1e-9)  # rounding, mm
 
 
 def test_its_mean_is_zero_where_it_was_asked_to_be_and_nothing_else_changes(rng):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truearm.arm import load
-from truearm.identify import leave_out
-from truearm.identify.identification import Identified, identify, started
-from truearm.identify.leave_out import leave_groups_out, root_of
+from truearm.arm import load_arm
+from truearm.identify import cross_validation
+from truearm.identify.identification import IdentificationResult, identify, initial_problem
+from truearm.identify.leave_out import cross_validate_by_group, covariance_factor
 from truearm.identify.poses import Orientations
 from truearm.identify.references import Length, Points, Seats, seats_of
 from truearm.poses.seat import seat
@@ -25,7 +25,7 @@ NOISE = 0.02  # mm
 def drawn():
     """A `gao2017` a little off, 60 readings with points and 40 in four seats, and terms whose priors stay."""
     rng = np.random.default_rng(5)
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     chain = arm.chain.with_motions(np.array([1e-3] * 3 + [0.5] * 3) * rng.normal(size=(arm.chain.n_places, 6)))
     poses = seat(replace(arm, chain=chain), 40, seed=3, seats=4)
     angles = np.concatenate([arm.working + 0.8 * rng.uniform(-1, 1, (60, 6)), poses.angles])
@@ -35,7 +35,7 @@ def drawn():
     return arm, angles, points, poses.seat, terms
 
 
-def identified(drawn, rows, *, std=None) -> Identified:
+def identified(drawn, rows, *, std=None) -> IdentificationResult:
     """The arm from some of the readings; no weights, so that all is least squares."""
     arm, angles, _, _, terms = drawn
     return identify(
@@ -55,20 +55,20 @@ def references_of(drawn, rows, *, std=None):
 @pytest.fixture
 def known_noise(monkeypatch):
     """The noise is known: what is estimated with a group differs from that without it."""
-    monkeypatch.setattr("truearm.identify.identification.unexplained_variance", lambda *_, **__: NOISE**2)
+    monkeypatch.setattr("truearm.identify.identification.paule_mandel_variance", lambda *_, **__: NOISE**2)
 
 
 def test_what_was_identified_can_be_taken_up_again(drawn):
     """By its parameters, where the problem has the same residuals, and by its weights."""
     rows = np.arange(100)
     fit = identified(drawn, rows)
-    problem, _ = started(fit.moved, ArmState(drawn[0].chain, drawn[1]), references_of(drawn, rows))
+    problem, _ = initial_problem(fit.perturbed_chain, ArmState(drawn[0].chain, drawn[1]), references_of(drawn, rows))
     for part, residuals in zip(fit.references, problem.residuals(fit.parameters), strict=True):
         np.testing.assert_array_equal(part.residuals, residuals)
         # Whitened: one, less what parameters take up of it, a twentieth of points and a quarter of seats.
         assert 0.6 < np.mean((part.weights * part.residuals) ** 2) < 1
         # Residuals of a reading that is trusted by a quarter count half.
-        np.testing.assert_allclose(replace(part, trust=part.trust / 4).weights, part.weights / 2, rtol=1e-15)
+        np.testing.assert_allclose(replace(part, robust_weight=part.robust_weight / 4).weights, part.weights / 2, rtol=1e-15)
 
 
 @pytest.mark.usefixtures("known_noise")
@@ -81,7 +81,7 @@ def test_points_left_out_are_those_of_an_arm_identified_without_them(per_group, 
     rows = np.arange(60)
     group = rows // per_group
     fit = identified(drawn, rows, std=std)
-    found = leave_groups_out(fit, ArmState(arm.chain, angles[rows]), references_of(drawn, rows, std=std), group)
+    found = cross_validate_by_group(fit, ArmState(arm.chain, angles[rows]), references_of(drawn, rows, std=std), group)
     assert sorted(found.rows.tolist()) == rows.tolist()
     np.testing.assert_array_equal(found.group, group[found.rows])
     assert (found.freedom == 1).all()
@@ -107,7 +107,7 @@ def test_seats_left_out_scatter_about_their_own_mean(drawn):
     rows = np.arange(100)
     group = np.concatenate([np.arange(60), 60 + np.unique(names, return_inverse=True)[1]])
     fit = identified(drawn, rows)
-    found = leave_groups_out(fit, ArmState(arm.chain, angles), references_of(drawn, rows), group)
+    found = cross_validate_by_group(fit, ArmState(arm.chain, angles), references_of(drawn, rows), group)
     assert sorted(found.rows.tolist()) == rows.tolist()
     for key in np.unique(group[60:]):
         out = group == key
@@ -150,10 +150,10 @@ def everything(drawn):
 
 def dense_covariance(fit, state, references, noise=NOISE):
     """Of coefficients and unknowns, by the inverse of the dense matrix at the minimum, under a noise of readings."""
-    problem, _ = started(fit.moved, state, references)
+    problem, _ = initial_problem(fit.perturbed_chain, state, references)
     x = np.concatenate([fit.coefficients, *(list(part.unknowns.values()) for part in fit.references)])
     J = np.concatenate([(by / noise).reshape(len(x), -1) for by in problem.jacobian(x)], axis=1)
-    gram = J @ J.T + problem.relations(x).dense()
+    gram = J @ J.T + problem.constraints(x).dense()
     p = len(fit.coefficients)
     gram[np.arange(p), np.arange(p)] += fit.prior_std**-2
     size = np.sqrt(gram.diagonal())
@@ -175,7 +175,7 @@ def test_all_kinds_left_out_are_those_of_an_arm_identified_without_them(case, ev
     }[case]
     state = ArmState(arm.chain, angles)
     fit = identify(arm.chain, state, terms, references(everyone), robust=False)
-    found = leave_groups_out(fit, state, references(everyone), group)
+    found = cross_validate_by_group(fit, state, references(everyone), group)
     assert sorted(found.rows.tolist()) == everyone.tolist()
     for key in {"pose by pose": [3, 60], "a seat": [5, 41], "both seats of a pair": [40]}.get(case, [0, 1]):
         out = group == key
@@ -185,7 +185,7 @@ def test_all_kinds_left_out_are_those_of_an_arm_identified_without_them(case, ev
         covariance, problem, x = dense_covariance(without, there, references(kept))
         tips = without.tips(state)
         by = np.concatenate(
-            [columns for _, _, columns in without.moved.derivatives(state, without.coefficients)], axis=2
+            [columns for _, _, columns in without.perturbed_chain.derivatives(state, without.coefficients)], axis=2
         )
         here = np.flatnonzero(found.group == key)
         here = here[np.argsort(found.rows[here])]
@@ -220,14 +220,14 @@ def test_an_artefact_in_several_places_is_left_out_as_dense_algebra_has_it(drawn
     references = [Seats(np.arange(40), number, tuple(map(str, unique)), lengths)]
     fit = identify(arm.chain, state, terms, references)
     (part,) = fit.references
-    covariance, problem, x = dense_covariance(fit, state, references, noise=1 / np.sqrt(part.trust) * part.noise_std)
+    covariance, problem, x = dense_covariance(fit, state, references, noise=1 / np.sqrt(part.robust_weight) * part.noise_std)
     (J,) = problem.jacobian(x)
     group = np.arange(40) % 3
-    found = leave_groups_out(fit, state, references, group)
+    found = cross_validate_by_group(fit, state, references, group)
     assert sorted(found.rows.tolist()) == list(range(40))
     for key in range(3):
         rows = np.flatnonzero(group == key)
-        w = np.tile(np.sqrt(part.trust[rows]) / part.noise_std, 3)
+        w = np.tile(np.sqrt(part.robust_weight[rows]) / part.noise_std, 3)
         A = J[..., rows].reshape(len(x), -1) * w
         S = A.T @ covariance @ A
         residuals = np.linalg.solve(np.eye(len(S)) - S, w * part.residuals[:, rows].ravel()) / w
@@ -246,9 +246,9 @@ def test_a_seat_of_one_reading_shows_nothing(drawn):
     rows = np.r_[0:60, 60:65, 70]  # five in one seat, one in another
     fit = identified(drawn, rows)
     state, references = ArmState(arm.chain, angles[rows]), references_of(drawn, rows)
-    found = leave_groups_out(fit, state, references, np.r_[0:60, [60] * 5, 61])
+    found = cross_validate_by_group(fit, state, references, np.r_[0:60, [60] * 5, 61])
     assert sorted(found.rows.tolist()) == list(range(65))
-    alone = leave_groups_out(fit, state, references, np.arange(66))
+    alone = cross_validate_by_group(fit, state, references, np.arange(66))
     assert sorted(alone.rows.tolist()) == list(range(65))
 
 
@@ -259,7 +259,7 @@ def test_a_reading_with_point_and_seat_is_judged_by_the_point_alone(drawn):
     state = ArmState(arm.chain, angles)
     fit = identify(arm.chain, state, terms, references)
     for group in (np.arange(100), np.arange(100) // 20):
-        found = leave_groups_out(fit, state, references, group)
+        found = cross_validate_by_group(fit, state, references, group)
         assert sorted(found.rows.tolist()) == list(range(100))
         assert (found.freedom[found.rows < 62] == 1).all()
 
@@ -271,9 +271,9 @@ def test_pieces_of_any_size_are_the_same(chunk, drawn, monkeypatch):
     state = ArmState(arm.chain, angles)
     group = np.concatenate([np.arange(60) // 30, 1 + np.unique(names, return_inverse=True)[1]])
     references = references_of(drawn, np.arange(100))
-    whole = leave_groups_out(fit, state, references, group)
-    monkeypatch.setattr(leave_out, "CHUNK", chunk)
-    found = leave_groups_out(fit, state, references, group)
+    whole = cross_validate_by_group(fit, state, references, group)
+    monkeypatch.setattr(cross_validation, "CHUNK", chunk)
+    found = cross_validate_by_group(fit, state, references, group)
     for part in ("rows", "group", "deviations", "covariance", "freedom"):
         np.testing.assert_allclose(getattr(found, part), getattr(whole, part), atol=1e-9)
 
@@ -284,10 +284,10 @@ def test_nothing_to_leave_out_is_an_empty_record(drawn):
     fit = identified(drawn, rows)
     seats_only = replace(fit, references=fit.references[1:])
     state = ArmState(arm.chain, angles[rows])
-    found = leave_groups_out(seats_only, state, references_of(drawn, rows)[1:], np.zeros(12, dtype=int))
+    found = cross_validate_by_group(seats_only, state, references_of(drawn, rows)[1:], np.zeros(12, dtype=int))
     assert sorted(found.rows.tolist()) == [10, 11]
     lone = replace(seats_only, references=(replace(seats_only.references[0], kind="sphere"),))
-    found = leave_groups_out(lone, state, references_of(drawn, rows)[1:], np.arange(12))
+    found = cross_validate_by_group(lone, state, references_of(drawn, rows)[1:], np.arange(12))
     assert [len(getattr(found, part)) for part in ("rows", "group", "deviations", "covariance", "freedom")] == [0] * 5
 
 
@@ -295,14 +295,14 @@ def test_an_arm_without_terms_deviates_as_it_did(drawn):
     arm, angles, points, *_ = drawn
     state = ArmState(arm.chain, angles[:60])
     fit = identify(arm.chain, state, [], [Points(np.arange(60), points)])
-    found = leave_groups_out(fit, state, [Points(np.arange(60), points)], np.arange(60))
+    found = cross_validate_by_group(fit, state, [Points(np.arange(60), points)], np.arange(60))
     np.testing.assert_allclose(found.deviations, arm.chain.tip_in_base(angles[:60]) - points, atol=1e-9)
     assert not found.covariance.any()
 
 
 def test_a_pose_that_alone_tells_something_has_a_large_error(rng):
     """Joint 6 moved in one reading only: without it, nobody knows where its zero is."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     angles = arm.working + 0.5 * rng.uniform(-1, 1, (30, 6))
     angles[:, 5] = angles[0, 5]
     angles[11, 5] += 2.0
@@ -311,13 +311,13 @@ def test_a_pose_that_alone_tells_something_has_a_large_error(rng):
     state = ArmState(arm.chain, angles)
     points = Points(np.arange(30), truth.tip_in_base(angles))
     fit = identify(arm.chain, state, terms, [points])
-    found = leave_groups_out(fit, state, [points], np.arange(30))
+    found = cross_validate_by_group(fit, state, [points], np.arange(30))
     assert np.argmax(np.linalg.eigvalsh(found.covariance)[:, -1]) == 11
 
 
 def test_the_root_of_a_covariance_is_one_singular_or_not(rng):
     half = rng.normal(size=(6, 4)) * [1e-6, 1, 1e6, 1]
     for covariance in (half.T @ half, half @ half.T, np.zeros((3, 3)), np.zeros((0, 0))):
-        root = root_of(covariance)
+        root = covariance_factor(covariance)
         scale = np.sqrt(np.outer(covariance.diagonal(), covariance.diagonal()))
         np.testing.assert_allclose(root.T @ root, covariance, atol=1e-9 * scale.max(initial=0))

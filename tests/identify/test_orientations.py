@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.identify.identification import identify
-from truearm.identify.poses import LEVER_MM, Orientations, poses_of, turned_roughly
-from truearm.identify.problem import Moved, SmallMotionProblem
+from truearm.identify.poses import LEVER_MM, Orientations, pose_references, orient_flange_coarsely
+from truearm.identify.problem import PerturbedChain, SmallMotionProblem
 from truearm.terms import ArmState, constants
 from truearm.terms.catalogue import tool_rotation
 
@@ -58,35 +58,35 @@ def test_derivative_by_turns_is_the_difference_quotient_up_to_half_a_turn(seed, 
 def test_the_chain_with_the_motions_is_the_plain_form(seed, turned_by):
     """Finite motions of all places, the tip's rotation among them, in the problem and in `Chain.pose`."""
     rng = np.random.default_rng(seed)
-    chain = load("ur10").chain
+    chain = load_arm("ur10").chain
     terms = [*constants(chain), *tool_rotation(chain)]
     angles = rng.uniform(-3, 3, (4, 6))
     x = 0.1 * rng.normal(size=len(terms)) * [1 if max(term.direction[:3]) else 100 for term in terms]
     axis = rng.normal(size=3)
     x[-3:] = turned_by * axis / np.linalg.norm(axis)
-    moved = Moved(chain, tuple(terms))
-    pose = moved.with_constants(x).pose(angles)
+    perturbed_chain = PerturbedChain(chain, tuple(terms))
+    pose = perturbed_chain.with_constants(x).pose(angles)
     reference = Orientations(np.arange(4), pose.R_base_tip)
-    (residuals,) = SmallMotionProblem(moved, ArmState(chain, angles), (reference,)).residuals(x)
+    (residuals,) = SmallMotionProblem(perturbed_chain, ArmState(chain, angles), (reference,)).residuals(x)
     np.testing.assert_allclose(residuals, 0, atol=1e-9)  # 1e-12 rad at a metre
-    np.testing.assert_allclose(moved.tips(ArmState(chain, angles), x), pose.tip_in_base, atol=1e-9)
+    np.testing.assert_allclose(perturbed_chain.tips(ArmState(chain, angles), x), pose.tip_in_base, atol=1e-9)
 
 
 @pytest.mark.parametrize("turned_by", [0.01, 1.5, np.pi])
 def test_full_poses_of_a_planted_arm(turned_by, rng):
     """Tool turned by up to half a turn; millimetres and radians have noises of their own."""
-    arm = load("ur10")
+    arm = load_arm("ur10")
     chain, n = arm.chain, 80
     terms = [*constants(chain), *tool_rotation(chain)]
     x = 0.3 * rng.normal(size=len(terms)) * [term.prior_std if term.learn else 0.01 for term in terms]
     x[-3:] = turned_by * np.array([0.6, 0.0, 0.8])
-    truth = Moved(chain, tuple(terms)).with_constants(x)
+    truth = PerturbedChain(chain, tuple(terms)).with_constants(x)
     angles = rng.uniform(-3, 3, (n, 6))
     pose = truth.pose(angles)
     seen = Rotation.from_matrix(pose.R_base_tip) * Rotation.from_rotvec(rng.normal(0, 2e-4, (n, 3)))
     points = pose.tip_in_base + rng.normal(0, 0.02, (n, 3))
-    references = poses_of(np.arange(n), points, seen.as_quat(scalar_first=True))
-    start = turned_roughly(chain, angles, references[1].R_reference_flange)
+    references = pose_references(np.arange(n), points, seen.as_quat(scalar_first=True))
+    start = orient_flange_coarsely(chain, angles, references[1].R_reference_flange)
     found = identify(start, ArmState(chain, angles), terms, references)
     assert found.converged
     noise = {explained.kind: explained.noise_std for explained in found.references}
@@ -103,7 +103,7 @@ def test_full_poses_of_a_planted_arm(turned_by, rng):
 
 def test_a_stated_uncertainty_of_orientations_is_taken_at_its_word(rng):
     """Noise of the stated size leaves nothing unexplained."""
-    chain = load("ur10").chain
+    chain = load_arm("ur10").chain
     angles = rng.uniform(-3, 3, (60, 6))
     seen = Rotation.from_matrix(chain.pose(angles).R_base_tip) * Rotation.from_rotvec(rng.normal(0, 1e-4, (60, 3)))
     reference = Orientations(np.arange(60), seen.as_matrix(), np.full((60, 3), 1.1e-4))

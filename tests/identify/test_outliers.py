@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.arm import load
-from truearm.identify.identification import Explained, identify
+from truearm.arm import load_arm
+from truearm.identify.identification import ReferenceFit, identify
 from truearm.identify.outliers import outliers
 from truearm.identify.references import Points
 from truearm.terms import ArmState, constants
 
 
 def test_gross_errors_are_the_ones_listed(rng):
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     angles = arm.working + 0.8 * rng.uniform(-1, 1, (200, 6))
     points = arm.chain.tip_in_base(angles) + rng.normal(0, 0.02, (200, 3))
     bad = {7: 1.0, 50: 30.0, 120: 0.4, 199: 5.0}  # mm
@@ -27,7 +27,7 @@ def test_gross_errors_are_the_ones_listed(rng):
     for one in found:
         assert one.kind == "point"
         assert one.error_mm == pytest.approx(bad[one.row], abs=0.15)
-        assert one.times == pytest.approx(one.error_mm / np.sqrt(3) / fit.references[0].noise_std)
+        assert one.normalized_residual == pytest.approx(one.error_mm / np.sqrt(3) / fit.references[0].noise_std)
 
 
 def test_one_half_of_the_trust_is_the_limit_and_uncertain_readings_are_no_outliers():
@@ -37,13 +37,13 @@ def test_one_half_of_the_trust_is_the_limit_and_uncertain_readings_are_no_outlie
     std = np.zeros((3, 3))
     std[:, 1] = 4.0
     rows = np.array([3, 5, 9])
-    reference = Explained("seat", rows, residuals, std, 1.0, np.array([0.49, 1.0, 0.5]), np.zeros(3, dtype=int), {})
-    arm = load("gao2017")
+    reference = ReferenceFit("seat", rows, residuals, std, 1.0, np.array([0.49, 1.0, 0.5]), np.zeros(3, dtype=int), {})
+    arm = load_arm("gao2017")
     points = arm.chain.tip_in_base(np.tile(arm.working, (4, 1)))
     fit = identify(arm.chain, ArmState(arm.chain, np.tile(arm.working, (4, 1))), [], [Points(np.arange(4), points)])
     (found,) = outliers(replace(fit, references=(reference,)))
     assert (found.row, found.kind, found.error_mm) == (3, "seat", 4.0)
-    assert found.times == pytest.approx(4 / np.sqrt(3))
+    assert found.normalized_residual == pytest.approx(4 / np.sqrt(3))
     assert outliers(fit) == []
-    none = Explained("point", rows[:0], residuals[:, :0], std[:, :0], 1.0, np.zeros(0), rows[:0], {})
+    none = ReferenceFit("point", rows[:0], residuals[:, :0], std[:, :0], 1.0, np.zeros(0), rows[:0], {})
     assert outliers(replace(fit, references=(none,))) == []

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
 from truearm.identify import problem as problem_module
-from truearm.identify.problem import Moved, SmallMotionProblem
-from truearm.identify.references import Linearised, Points, seats_of
+from truearm.identify.problem import PerturbedChain, SmallMotionProblem
+from truearm.identify.references import LinearisedResiduals, Points, seats_of
 from truearm.solve.arrowhead import Arrowhead
 from truearm.terms import ArmState, Constant, Harmonics, Temperature, Term, candidate_terms, constants
 from truearm.terms.catalogue import own_axis
@@ -29,7 +29,7 @@ def random_chain(rng: np.random.Generator, n: int = 4, *, slides: int | None = N
 
 
 def random_state(chain: Chain, n: int, rng: np.random.Generator) -> ArmState:
-    angles = rng.uniform(-3, 3, (n, chain.n_joints)) * np.where(chain.slides, 100, 1)
+    angles = rng.uniform(-3, 3, (n, chain.n_joints)) * np.where(chain.is_prismatic, 100, 1)
     return ArmState(
         chain,
         angles,
@@ -47,14 +47,14 @@ class Pointer:
     target: np.ndarray
     kind = "pointer"
     n_residuals = 2
-    turns = True
+    uses_orientation = True
     unknowns = ("along [mm]",)
 
     @property
     def std(self):
         return np.zeros((2, len(self.rows)))
 
-    def started(self, tips):
+    def initialise(self, tips):
         return self, np.zeros(1)
 
     def linearised(self, tips, unknowns, which, axes=None):
@@ -68,9 +68,9 @@ class Pointer:
         by_turn = np.stack([np.cross(arm, g, axis=0) for g in by_tip])  # g . (w x arm) = w . (arm x g)
         by_unknown = np.einsum("kcm,cm->km", by_tip, axes[:, 0])[:, None]
         residuals = np.stack([(away**2).sum(axis=0) / 1000, end[0]])
-        return Linearised(residuals, by_tip, np.zeros((1, m), np.intp), by_unknown, by_turn)
+        return LinearisedResiduals(residuals, by_tip, np.zeros((1, m), np.intp), by_unknown, by_turn)
 
-    def relations(self, unknowns):
+    def constraints(self, unknowns):
         return None
 
 
@@ -81,13 +81,13 @@ def everything(seed: int, *, n: int = 21, slides: int | None = None, highest: in
     state = random_state(chain, n, rng)
     terms, _ = candidate_terms(state, free=(), highest=highest)
     skew = Term("screw", 2, (0.3, 0, 1, 5, 0, 2), Harmonics(1, (2, 5)), "screws", 1e-3)
-    moved = Moved(chain, (*terms, skew))
+    perturbed_chain = PerturbedChain(chain, (*terms, skew))
     points = Points(np.arange(0, n), chain.tip_in_base(state.angles) + rng.normal(size=(n, 3)))
     names = np.array([f"s{i % 3}" for i in range(n - 4)])
     seats = seats_of(rng.permutation(n)[: n - 4], names, [("s0", "s1", 400.0, 0.1), ("s2", "s1", 500.0, 0.2)])
     pointer = Pointer(np.arange(0, n, 2), rng.normal(0, 100, 3))
-    problem = SmallMotionProblem(moved, state, (points, seats, pointer))
-    prior = np.concatenate([term.prior_stds for term in moved.terms])
+    problem = SmallMotionProblem(perturbed_chain, state, (points, seats, pointer))
+    prior = np.concatenate([term.prior_stds for term in perturbed_chain.terms])
     x = np.concatenate([size * prior * rng.normal(size=len(prior)), rng.normal(0, 300, 10)])
     weights = [rng.uniform(0.5, 2, (r.n_residuals, len(r.rows))) for r in problem.references]
     return problem, x, weights
@@ -100,7 +100,7 @@ def stacked(problem, x, weights):
 
 def jacobian(problem, x, weights):
     """By differences to fourth order; steps of a thirtieth of a coefficient's usual size, of a mm for unknowns."""
-    prior = np.concatenate([term.prior_stds for term in problem.moved.terms])
+    prior = np.concatenate([term.prior_stds for term in problem.perturbed_chain.terms])
     steps = np.concatenate([0.03 * prior, np.ones(len(x) - len(prior))])
     columns = []
     for i, step in enumerate(steps):
@@ -113,7 +113,7 @@ def jacobian(problem, x, weights):
 
 
 def summed(problem, x, weights):
-    whole = Arrowhead.joined(problem.normal_equations(x, weights))
+    whole = Arrowhead.combine(problem.normal_equations(x, weights))
     return whole.cost, whole.gradient, whole.dense()
 
 
@@ -142,15 +142,15 @@ def test_relations_are_those_of_a_dense_jacobian_by_differences():
     problem, x, _ = everything(3)
 
     def residuals(x):
-        seats = problem.references[1].relations(x[problem.unknowns_of(1)])
+        seats = problem.references[1].constraints(x[problem.unknowns_of(1)])
         return seats.residuals / seats.std
 
     step = 1e-2  # mm; the residual is a square: exact but for rounding
     J = np.stack([(residuals(x + step * e) - residuals(x - step * e)) / (2 * step) for e in np.eye(len(x))], axis=1)
-    found = problem.relations(x)
+    found = problem.constraints(x)
     r = residuals(x)
     assert found.cost == pytest.approx(0.5 * r @ r)
-    assert problem.relations_cost(x) == pytest.approx(found.cost)
+    assert problem.constraints_cost(x) == pytest.approx(found.cost)
     np.testing.assert_allclose(found.gradient, J.T @ r, atol=1e-7 * np.abs(J.T @ r).max())
     np.testing.assert_allclose(found.dense(), J.T @ J, atol=1e-7 * np.abs(J.T @ J).max())
 
@@ -162,15 +162,15 @@ def test_tips_and_their_derivatives(seed, slides):
     chain = random_chain(rng, slides=slides)
     state = random_state(chain, 5, rng)
     terms, _ = candidate_terms(state, free=(), highest=2)
-    moved = Moved(chain, tuple(terms))
+    perturbed_chain = PerturbedChain(chain, tuple(terms))
     prior = np.concatenate([term.prior_stds for term in terms])
     x = prior * rng.normal(size=len(prior))
-    ((_, tips, columns),) = moved.derivatives(state, x)
-    np.testing.assert_allclose(tips.T, moved.tips(state, x), atol=ROUNDING_MM, rtol=0)
+    ((_, tips, columns),) = perturbed_chain.derivatives(state, x)
+    np.testing.assert_allclose(tips.T, perturbed_chain.tips(state, x), atol=ROUNDING_MM, rtol=0)
     for i in rng.choice(len(x), 8, replace=False):
         step = np.zeros(len(x))
         step[i] = 0.1 * prior[i]
-        quotient = (moved.tips(state, x + step) - moved.tips(state, x - step)) / (2 * step[i])
+        quotient = (perturbed_chain.tips(state, x + step) - perturbed_chain.tips(state, x - step)) / (2 * step[i])
         # second order in steps of 3e-4 rad at most: 1e-7 of the whole
         np.testing.assert_allclose(columns[i].T, quotient, atol=1e-6 * max(1, np.abs(quotient).max()))
 
@@ -179,10 +179,10 @@ def test_constant_terms_alone_are_the_chain_with_constants():
     rng = np.random.default_rng(4)
     chain = random_chain(rng)
     state = random_state(chain, 6, rng)
-    moved = Moved(chain, tuple(constants(chain)))
-    x = rng.normal(size=moved.n_coefficients) * 0.01
+    perturbed_chain = PerturbedChain(chain, tuple(constants(chain)))
+    x = rng.normal(size=perturbed_chain.n_coefficients) * 0.01
     np.testing.assert_allclose(
-        moved.tips(state, x), moved.with_constants(x).tip_in_base(state.angles), atol=ROUNDING_MM
+        perturbed_chain.tips(state, x), perturbed_chain.with_constants(x).tip_in_base(state.angles), atol=ROUNDING_MM
     )
 
 
@@ -193,7 +193,7 @@ def test_a_term_by_hand():
     state = random_state(chain, 6, rng)
     along_x = (0.0, 0, 0, 1, 0, 0)
     terms = (Term("a", 0, along_x, Constant(), "a", 1.0), Term("b", 0, along_x, Temperature(), "b", 1.0))
-    tips = Moved(chain, terms).tips(state, np.array([2.0, 3.0]))
+    tips = PerturbedChain(chain, terms).tips(state, np.array([2.0, 3.0]))
     shift = (2 + 3 * (state.temperature_degC - 20))[:, None] * chain.fixed[0, :3, 0]
     np.testing.assert_allclose(tips, chain.tip_in_base(state.angles) + shift, atol=ROUNDING_MM)
 
@@ -202,7 +202,7 @@ def test_no_terms_leave_the_chain():
     rng = np.random.default_rng(6)
     chain = random_chain(rng)
     state = random_state(chain, 6, rng)
-    nothing = Moved(chain, ())
+    nothing = PerturbedChain(chain, ())
     np.testing.assert_allclose(nothing.tips(state, np.zeros(0)), chain.tip_in_base(state.angles), atol=ROUNDING_MM)
     ((_, tips, columns),) = nothing.derivatives(state, np.zeros(0))
     assert columns.shape == (0, 3, 6)
@@ -217,7 +217,7 @@ def test_no_terms_leave_the_chain():
 
 def seats_only(rng, chain, state, terms, n_seats=3):
     seats = seats_of(np.arange(len(state)), np.array([f"s{i % n_seats}" for i in range(len(state))]))
-    return SmallMotionProblem(Moved(chain, tuple(terms)), state, (seats,)), np.zeros(3 * n_seats)
+    return SmallMotionProblem(PerturbedChain(chain, tuple(terms)), state, (seats,)), np.zeros(3 * n_seats)
 
 
 @settings(deadline=None, max_examples=10)
@@ -230,12 +230,12 @@ def test_growth_and_its_gradient(seed, slides):
     problem, unknowns = seats_only(rng, chain, state, terms)
     prior = np.concatenate([term.prior_stds for term in terms])
     x = np.concatenate([prior * rng.normal(size=len(prior)), unknowns])
-    gradient = problem.growth_gradient(x)
+    gradient = problem.log_size_ratio_gradient(x)
     assert not gradient[len(prior) :].any()
     for i in rng.choice(len(prior), 10, replace=False):
         step = np.zeros(len(x))
         step[i] = 0.1 * prior[i]
-        quotient = (problem.growth(x + step) - problem.growth(x - step)) / 0.2
+        quotient = (problem.log_size_ratio(x + step) - problem.log_size_ratio(x - step)) / 0.2
         # by an usual coefficient an arm grows by 1e-2 at most; to second order in a tenth of it
         assert prior[i] * gradient[i] == pytest.approx(quotient, abs=1e-5)
 
@@ -254,17 +254,17 @@ def test_an_arm_one_per_cent_larger_has_grown_by_that(n_seats):
     problem, unknowns = seats_only(rng, chain, state, terms, n_seats)
     anywhere = np.array([0.3, -0.2, 0.1, 500, -900, 40])
     x = np.concatenate([np.ones(len(links)), anywhere, unknowns])
-    assert problem.growth(x) == pytest.approx(np.log(1.01), rel=1e-9)
+    assert problem.log_size_ratio(x) == pytest.approx(np.log(1.01), rel=1e-9)
     x[: len(links)] = 0
-    assert problem.growth(x) == pytest.approx(0, abs=1e-12)
-    assert not problem.growth_gradient(x)[len(links) : len(links) + 6].any()
+    assert problem.log_size_ratio(x) == pytest.approx(0, abs=1e-12)
+    assert not problem.log_size_ratio_gradient(x)[len(links) : len(links) + 6].any()
 
 
 def test_points_alone_leave_growth_out():
     problem, x, _ = everything(15)
-    points = SmallMotionProblem(problem.moved, problem.state, problem.references[:1])
-    assert points.growth(x[: points.n_parameters]) == 0
-    assert not points.growth_gradient(x[: points.n_parameters]).any()
+    points = SmallMotionProblem(problem.perturbed_chain, problem.state, problem.references[:1])
+    assert points.log_size_ratio(x[: points.n_parameters]) == 0
+    assert not points.log_size_ratio_gradient(x[: points.n_parameters]).any()
 
 
 # Sums
@@ -274,23 +274,23 @@ def test_points_alone_leave_growth_out():
 def test_pieces_of_any_size_have_the_same_sums(chunk, monkeypatch):
     problem, x, weights = everything(7)
     expected = summed(problem, x, weights)
-    residuals, tips = problem.residuals(x), problem.moved.tips(problem.state, x[: problem.moved.n_coefficients])
+    residuals, tips = problem.residuals(x), problem.perturbed_chain.tips(problem.state, x[: problem.perturbed_chain.n_coefficients])
     monkeypatch.setattr(problem_module, "CHUNK", chunk)
     problem, x, weights = everything(7)
     assert_same_equations(summed(problem, x, weights), expected)
     for found, one in zip(problem.residuals(x), residuals, strict=True):
         np.testing.assert_allclose(found, one, rtol=1e-10, atol=ROUNDING_MM)
     np.testing.assert_allclose(
-        problem.moved.tips(problem.state, x[: problem.moved.n_coefficients]), tips, atol=ROUNDING_MM
+        problem.perturbed_chain.tips(problem.state, x[: problem.perturbed_chain.n_coefficients]), tips, atol=ROUNDING_MM
     )
-    columns = [by for _, _, by in problem.moved.derivatives(problem.state, x[: problem.moved.n_coefficients])]
+    columns = [by for _, _, by in problem.perturbed_chain.derivatives(problem.state, x[: problem.perturbed_chain.n_coefficients])]
     assert sum(by.shape[2] for by in columns) == 21
 
 
 @pytest.mark.parametrize("most_narrow", [0, 4, 8, 1000])
 def test_sites_in_pairs_and_side_by_side_have_the_same_sums(most_narrow, monkeypatch):
     problem, x, weights = everything(8)
-    counts = [len(site.columns) for site in problem.moved.sites]
+    counts = [len(site.columns) for site in problem.perturbed_chain.sites]
     assert min(counts) <= problem_module.MOST_NARROW < max(counts)  # both kinds are there
     expected = summed(problem, x, weights)
     monkeypatch.setattr(problem_module, "MOST_NARROW", most_narrow)
@@ -339,9 +339,9 @@ def test_the_whole_is_the_sum_of_its_readings(seed, first):
     order = rng.permutation(21)
     parts = [order[:first], order[first:]]
     split = tuple(Points(points.rows[rows], points.points[rows]) for rows in parts)
-    x = x[: problem.moved.n_coefficients]
-    whole = summed(SmallMotionProblem(problem.moved, problem.state, (points,)), x, [weights])
-    halves = SmallMotionProblem(problem.moved, problem.state, split)
+    x = x[: problem.perturbed_chain.n_coefficients]
+    whole = summed(SmallMotionProblem(problem.perturbed_chain, problem.state, (points,)), x, [weights])
+    halves = SmallMotionProblem(problem.perturbed_chain, problem.state, split)
     assert_same_equations(summed(halves, x, [weights[:, rows] for rows in parts]), whole)
 
 
@@ -368,7 +368,7 @@ def test_terms_of_one_place_and_direction_are_gathered():
     rng = np.random.default_rng(13)
     chain = random_chain(rng)
     terms = (*own_axis(chain, 2, highest=8), *constants(chain, free=()))
-    sites = Moved(chain, terms).sites
+    sites = PerturbedChain(chain, terms).sites
     (own,) = [site for site in sites if site.place == 2 and site.direction[2] == 1]
     assert len(own.columns) == 16 + 1
     everywhere = np.sort(np.concatenate([site.columns for site in sites]))
@@ -382,5 +382,5 @@ def test_terms_of_one_place_and_direction_are_gathered():
         one_by_one[:, term.place] += values[:, None] * np.array(term.direction)
         start += term.n_coefficients
     np.testing.assert_allclose(
-        Moved(chain, terms).tips(state, x), chain.tip_in_base(state.angles, one_by_one), atol=ROUNDING_MM
+        PerturbedChain(chain, terms).tips(state, x), chain.tip_in_base(state.angles, one_by_one), atol=ROUNDING_MM
     )

@@ -18,7 +18,7 @@ from mixed_session import reached, unit
 
 from truearm.arm import Arm, DHTable
 from truearm.identify.poses import Orientations
-from truearm.identify.problem import Moved, SmallMotionProblem
+from truearm.identify.problem import PerturbedChain, SmallMotionProblem
 from truearm.identify.references import Points, seats_of
 from truearm.identify.surfaces import lines_of, planes_of, spheres_of
 from truearm.plan.observability import rank_and_gap
@@ -68,17 +68,17 @@ def dh_terms(table):
 def rank_of(chain, angles, terms, references, *, others=()):
     """Combinations of `terms` that readings tell although `others` and the references' unknowns are sought too."""
     tips = chain.tip_in_base(angles).T
-    started = [reference.started(tips[:, reference.rows]) for reference in references]
-    moved = Moved(chain, (*terms, *others))
-    problem = SmallMotionProblem(moved, ArmState(chain, angles), tuple(reference for reference, _ in started))
-    x = np.concatenate([np.zeros(moved.n_coefficients), *(unknowns for _, unknowns in started)])
+    started = [reference.initialise(tips[:, reference.rows]) for reference in references]
+    perturbed_chain = PerturbedChain(chain, (*terms, *others))
+    problem = SmallMotionProblem(perturbed_chain, ArmState(chain, angles), tuple(reference for reference, _ in started))
+    x = np.concatenate([np.zeros(perturbed_chain.n_coefficients), *(unknowns for _, unknowns in started)])
     rows = [by.reshape(len(x), -1).T for by in problem.jacobian(x)]
     for i, reference in enumerate(problem.references):
         where = problem.unknowns_of(i)
-        relations = reference.relations(x[where])
-        if relations is not None:
-            wide = np.zeros((len(relations.residuals), len(x)))
-            wide[:, where] = relations.by_unknown
+        constraints = reference.constraints(x[where])
+        if constraints is not None:
+            wide = np.zeros((len(constraints.residuals), len(x)))
+            wide[:, where] = constraints.by_unknown
             rows.append(wide)
     J = np.concatenate(rows)
     return clear_rank(J) - clear_rank(J[:, sum(term.n_coefficients for term in terms) :])
@@ -132,8 +132,8 @@ def test_the_terms_are_the_tables_parameters(n):
     """Against difference quotients of the chain that the table makes."""
     table = generic_table(n)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (5, n))
-    moved = Moved(table.chain(), tuple(dh_terms(table)))
-    ((_, _, columns),) = moved.derivatives(ArmState(table.chain(), angles), np.zeros(moved.n_coefficients))
+    perturbed_chain = PerturbedChain(table.chain(), tuple(dh_terms(table)))
+    ((_, _, columns),) = perturbed_chain.derivatives(ArmState(table.chain(), angles), np.zeros(perturbed_chain.n_coefficients))
     for i in range(n):
         for k, name in enumerate(("a", "d", "alpha", "theta")):
             there, back = (

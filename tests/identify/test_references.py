@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from mixed_session import BAR_MM, NOISE, RADIUS_MM, planted
 from scipy.spatial.transform import Rotation
 
-from truearm.arm import Chain, load
+from truearm.arm import Chain, load_arm
 from truearm.errors import InputError
 from truearm.identify.identification import identify
 from truearm.identify.poses import Orientations
-from truearm.identify.problem import Moved, SmallMotionProblem
+from truearm.identify.problem import PerturbedChain, SmallMotionProblem
 from truearm.identify.references import Length, Points, Seats, seats_of
 from truearm.identify.surfaces import lines_of, planes_of, spheres_of
 from truearm.solve.arrowhead import Arrowhead
@@ -33,7 +33,7 @@ def random_chain(rng, n=3, *, sliding=False):
 def mixed_problem(chain, rng, *, counts, n_names=1, known=False):
     """A problem of terms of all sorts and references of the kinds in `counts`, and parameters off any optimum."""
     n = sum(counts.values())
-    angles = rng.uniform(-1, 1, (n, chain.n_joints)) * np.where(chain.slides, 200, 3)
+    angles = rng.uniform(-1, 1, (n, chain.n_joints)) * np.where(chain.is_prismatic, 200, 3)
     terms = [*constants(chain), *tool_rotation(chain), *wobble(chain, 1), *own_axis(chain, 1, highest=30)[-1:]]
     terms += gravity(chain, chain.n_joints)[:3]
     pose, references, first = chain.pose(angles), [], 0
@@ -57,17 +57,17 @@ def mixed_problem(chain, rng, *, counts, n_names=1, known=False):
             case "orientation":
                 turned = Rotation.from_rotvec(rng.uniform(-1, 1, (m, 3))).as_matrix()
                 references.append(Orientations(rows, pose.R_base_tip[rows] @ turned))
-    started = [reference.started(pose.tip_in_base[reference.rows].T) for reference in references]
+    started = [reference.initialise(pose.tip_in_base[reference.rows].T) for reference in references]
     problem = SmallMotionProblem(
-        Moved(chain, tuple(terms)), ArmState(chain, angles), tuple(reference for reference, _ in started)
+        PerturbedChain(chain, tuple(terms)), ArmState(chain, angles), tuple(reference for reference, _ in started)
     )
-    x = np.concatenate([np.zeros(problem.moved.n_coefficients), *(unknowns for _, unknowns in started)])
+    x = np.concatenate([np.zeros(problem.perturbed_chain.n_coefficients), *(unknowns for _, unknowns in started)])
     return problem, x + 0.05 * units(problem) * rng.normal(size=len(x))
 
 
 def units(problem):
     """(p,) a radian or 100 mm: changes of every parameter that move tips alike."""
-    turns = [max(map(abs, term.direction[:3])) > 0 for term in problem.moved.terms for _ in range(term.n_coefficients)]
+    turns = [max(map(abs, term.direction[:3])) > 0 for term in problem.perturbed_chain.terms for _ in range(term.n_coefficients)]
     turns += ["rad" in name for reference in problem.references for name in reference.unknowns]
     return np.where(turns, 1.0, 100.0)
 
@@ -99,7 +99,7 @@ def test_derivatives_of_all_kinds_at_once_are_the_difference_quotients(seed, cou
     np.testing.assert_allclose(directions @ jacobian, quotients, rtol=0, atol=1e-6 * np.abs(quotients).max())
     # The normal equations, weighted, are this Jacobian's.
     weights = [rng.uniform(0.5, 2, residual.shape) for residual in problem.residuals(x)]
-    whole = Arrowhead.joined(problem.normal_equations(x, weights))
+    whole = Arrowhead.combine(problem.normal_equations(x, weights))
     whitened, residuals = directions @ jacobian * stacked(weights), stacked(weights) * stacked(problem.residuals(x))
     gram = whole.dense()
     size = np.linalg.norm(whitened, axis=1)
@@ -126,9 +126,9 @@ def test_relations_among_unknowns_have_the_difference_quotients_as_derivatives(s
     for reference in (seats_of(rows, names, lengths), spheres_of(rows, names, [("no 1", 40.0, 0.01)])):
         x = rng.normal(0, 50, len(reference.unknowns))
         x[:6] = np.where(seed % 2, x[:6], 1.0)
-        found = reference.relations(x)
+        found = reference.constraints(x)
         for i, step in enumerate(1e-4 * np.eye(len(x))):  # mm: quadratic, so only rounding of 1e-13 mm / 1e-4
-            quotient = (reference.relations(x + step).residuals - reference.relations(x - step).residuals) / 2e-4
+            quotient = (reference.constraints(x + step).residuals - reference.constraints(x - step).residuals) / 2e-4
             np.testing.assert_allclose(found.by_unknown[:, i], quotient, atol=1e-8)
 
 
@@ -143,7 +143,7 @@ def test_relations_among_unknowns_have_the_difference_quotients_as_derivatives(s
 )
 def test_a_planted_arm_is_found_within_its_stated_uncertainty(free, counts, bounds):
     """Six arms: squared errors of tips all over in their covariance, a third of a chi-square of three: 1 on average."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     terms = constants(arm.chain, free=free)
     drawn = {"base": (0.02, 5.0), "tip": (0.0, 5.0)}
     std = np.array([drawn[t.group][max(t.direction[:3]) == 0] if t.group in free else t.prior_std / 2 for t in terms])
@@ -171,7 +171,7 @@ def test_a_planted_arm_is_found_within_its_stated_uncertainty(free, counts, boun
 
 
 def test_readings_that_slipped_are_told_in_every_kind(rng):
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     terms = constants(arm.chain)
     session = planted(
         arm, terms, np.zeros(len(terms)), rng, counts={"point": 40, "seat": 30, "sphere": 30, "plane": 30, "line": 30}
@@ -181,12 +181,12 @@ def test_readings_that_slipped_are_told_in_every_kind(rng):
     angles[slipped] += np.radians(0.3)
     found = identify(arm.chain, ArmState(arm.chain, angles), terms, session.references)
     for explained, row in zip(found.references, slipped, strict=True):
-        assert list(explained.rows[explained.trust < 0.3]) == [row]
+        assert list(explained.rows[explained.robust_weight < 0.3]) == [row]
 
 
 def test_seats_start_at_the_mean_of_their_tips():
     names = np.array(["b", "a", "b"])
-    reference, unknowns = seats_of(np.arange(3), names).started(np.array([[0.0, 5, 2], [0, 6, 4], [0, 7, 6]]))
+    reference, unknowns = seats_of(np.arange(3), names).initialise(np.array([[0.0, 5, 2], [0, 6, 4], [0, 7, 6]]))
     assert unknowns.tolist() == [5, 6, 7, 1, 2, 3]
     assert reference.unknowns[:2] == ("x of seat a [mm]", "y of seat a [mm]")
 
@@ -194,7 +194,7 @@ def test_seats_start_at_the_mean_of_their_tips():
 def test_a_length_is_missed_by_what_the_seats_are_apart():
     """Near its value (d^2 - L^2) / 2 L is d - L."""
     reference = Seats(np.arange(2), np.arange(2), ("a", "b"), (Length(0, 1, 300.0, 0.01),))
-    assert reference.relations(np.array([0, 0, 0, 300.01, 0, 0])).residuals[0] == pytest.approx(0.01, rel=1e-4)
+    assert reference.constraints(np.array([0, 0, 0, 300.01, 0, 0])).residuals[0] == pytest.approx(0.01, rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -214,4 +214,4 @@ def test_lengths_must_make_sense(lengths, message):
 
 def test_a_seat_without_a_reading_is_refused():
     with pytest.raises(InputError, match="'b' has no reading"):
-        Seats(np.arange(1), np.zeros(1, int), ("a", "b")).started(np.zeros((3, 1)))
+        Seats(np.arange(1), np.zeros(1, int), ("a", "b")).initialise(np.zeros((3, 1)))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from mixed_session import reached, unit
 
-from truearm.arm import load
-from truearm.identify.identification import Identified, identify
-from truearm.identify.problem import Moved
+from truearm.arm import load_arm
+from truearm.identify.identification import IdentificationResult, identify
+from truearm.identify.problem import PerturbedChain
 from truearm.identify.surfaces import ALIKE, Radius, Spheres, spheres_of
 from truearm.terms import ArmState, constants
 
@@ -17,10 +17,10 @@ DISTANCE_MM, U_MM = 28.0, 0.0005
 
 def balls_touched(n_places: int, rng: np.random.Generator) -> tuple[ArmState, np.ndarray]:
     """An arm off its drawing, 108 touches all over a ball at some places, with a noise of 2 um or so."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     terms = constants(arm.chain)
     wrong = [rng.normal(0, 3e-4 if max(map(abs, term.direction[:3])) else 0.1) for term in terms]  # rad, mm
-    chain = Moved(arm.chain, tuple(terms)).with_constants(np.array(wrong))
+    chain = PerturbedChain(arm.chain, tuple(terms)).with_constants(np.array(wrong))
     middle = arm.chain.tip_in_base(arm.working[None])[0]
     names = np.repeat([f"place {i}" for i in range(n_places)], 108 // n_places)
     centres = middle + rng.uniform([-250, -200, -50], [0, 0, 100], (n_places, 3))
@@ -29,11 +29,11 @@ def balls_touched(n_places: int, rng: np.random.Generator) -> tuple[ArmState, np
     return ArmState(arm.chain, angles + rng.normal(0, 3e-6, angles.shape)), names
 
 
-def scale_std(found: Identified, state: ArmState) -> float:
+def scale_std(found: IdentificationResult, state: ArmState) -> float:
     """Standard uncertainty of the scale of the tips, as a share."""
     tips = found.tips(state)
     apart = tips - tips.mean(axis=0)
-    pieces = found.moved.derivatives(state, found.coefficients)
+    pieces = found.perturbed_chain.derivatives(state, found.coefficients)
     by = sum(np.einsum("nc,pcn->p", apart[rows], columns) for rows, _, columns in pieces) / (apart**2).sum()
     return float(np.sqrt(by @ found.covariance @ by))
 
@@ -60,9 +60,9 @@ def test_a_shared_radius_is_missed_by_what_its_places_say():
     assert reference.unknowns[12:] == ("effective radius of spheres of 28.0 mm, u 0.02 mm [mm]",)
     x = np.zeros(13)
     x[[3, 7, 11, 12]] = 28.02, 25.004, 28.04, 28.01
-    relations = reference.relations(x)
-    assert relations.residuals == pytest.approx([0.01, 0.004, 0.03, 0.01])
-    assert relations.std == pytest.approx([ALIKE * 0.02, 0.01, ALIKE * 0.02, 0.02])
+    constraints = reference.constraints(x)
+    assert constraints.residuals == pytest.approx([0.01, 0.004, 0.03, 0.01])
+    assert constraints.std == pytest.approx([ALIKE * 0.02, 0.01, ALIKE * 0.02, 0.02])
     step = np.random.default_rng(0).normal(size=13)
-    quotient = reference.relations(x + step).residuals - relations.residuals
-    np.testing.assert_allclose(relations.by_unknown @ step, quotient, atol=1e-12)  # linear
+    quotient = reference.constraints(x + step).residuals - constraints.residuals
+    np.testing.assert_allclose(constraints.by_unknown @ step, quotient, atol=1e-12)  # linear

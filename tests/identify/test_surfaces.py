@@ -64,7 +64,7 @@ def test_distances_from_a_plane_and_a_line_by_hand():
 @given(st.integers(0, 2**32 - 1), st.sampled_from([Spheres, Planes, Lines]), st.integers(5, 30))
 def test_exact_tips_are_on_what_is_laid_through_them(seed, kind, n):
     tips, frame, origin = drawn(kind, np.random.default_rng(seed), n)
-    reference, unknowns = one(kind, n).started(tips)
+    reference, unknowns = one(kind, n).initialise(tips)
     found = reference.linearised(tips, unknowns, ALL)
     atol = ROUNDING_MM * (100 if kind is Spheres else 1)  # five tips may lie nearly in a plane
     np.testing.assert_allclose(found.residuals, 0, atol=atol)
@@ -82,7 +82,7 @@ def test_residuals_are_the_distances_however_it_is_tilted(seed, kind):
     """Against a plain formula, at tilts up to 170 deg from where it started."""
     rng = np.random.default_rng(seed)
     tips, _, _ = drawn(kind, rng, 8, sigma=20.0)
-    reference, _ = one(kind, 8).started(tips)
+    reference, _ = one(kind, 8).initialise(tips)
     tilt = rng.normal(size=2)
     tilt *= rng.uniform(0, 2.97) / np.linalg.norm(tilt)
     offset = rng.normal(0, 30, reference.n_residuals)
@@ -105,7 +105,7 @@ def test_residuals_do_not_depend_on_the_frame(seed, kind):
     moved = Rotation.random(rng=rng).as_matrix() @ tips + rng.uniform(-1000, 1000, (3, 1))
     sizes = []
     for each in (tips, moved):
-        reference, unknowns = one(kind, 12).started(each)
+        reference, unknowns = one(kind, 12).initialise(each)
         sizes.append(np.linalg.norm(reference.linearised(each, unknowns, ALL).residuals, axis=0))
     np.testing.assert_allclose(sizes[0], sizes[1], atol=1e-7)
 
@@ -115,7 +115,7 @@ def test_residuals_do_not_depend_on_the_frame(seed, kind):
 def test_planes_and_lines_start_at_their_orthogonal_regression(seed, kind):
     """No small tilt or offset lowers the sum of squares: its gradient is zero there."""
     tips, _, _ = drawn(kind, np.random.default_rng(seed), 15, sigma=2.0)
-    reference, unknowns = one(kind, 15).started(tips)
+    reference, unknowns = one(kind, 15).initialise(tips)
     found = reference.linearised(tips, unknowns, ALL)
     gradient = np.einsum("km,kam->a", found.residuals, found.by_unknown)
     size = np.sqrt((found.by_unknown**2).sum(axis=(0, 2)))
@@ -132,7 +132,7 @@ def test_a_known_radius_puts_the_centre_of_a_cap_in_place(seed, half_angle):
     outward = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
     tips = (30 + 0.05 * rng.normal(size=40)) * outward
     reference = Spheres(np.arange(40), np.zeros(40, int), ("A",), (Radius(0, 30.0, 0.001),))
-    _, unknowns = reference.started(tips)
+    _, unknowns = reference.initialise(tips)
     assert unknowns[3] == 30
     # On a small cap the tilt of its middle plane counts: 0.05 mm / 0.1 rad / sqrt(40), four times it and some. On a
     # whole sphere the middle of the tips is the centre, but for the root of 2 x 30 mm x 0.05 mm / sqrt(40) and less.
@@ -142,7 +142,7 @@ def test_a_known_radius_puts_the_centre_of_a_cap_in_place(seed, half_angle):
 def test_a_start_from_tips_of_a_bad_arm_is_near(rng):
     """Tips off by 3 mm on a sphere of 15 mm: its centre to a few millimetres, and an effective radius of that order."""
     tips = 15 * unit(rng.normal(size=(25, 3))).T + rng.normal(0, 3, (3, 25))
-    _, unknowns = one(Spheres, 25).started(tips)
+    _, unknowns = one(Spheres, 25).initialise(tips)
     assert np.linalg.norm(unknowns[:3]) < 4
     assert 10 < unknowns[3] < 20
 
@@ -150,7 +150,7 @@ def test_a_start_from_tips_of_a_bad_arm_is_near(rng):
 @pytest.mark.parametrize("kind", [Spheres, Planes, Lines])
 @pytest.mark.parametrize("tips", [np.zeros((3, 6)), np.outer([1.0, 2, 3], np.arange(6)), np.full((3, 6), 1e5)])
 def test_degenerate_tips_give_a_finite_start(kind, tips):
-    reference, unknowns = one(kind, 6).started(tips)
+    reference, unknowns = one(kind, 6).initialise(tips)
     found = reference.linearised(tips, unknowns, ALL)
     assert np.isfinite(unknowns).all()
     assert np.isfinite(found.residuals).all()
@@ -163,7 +163,7 @@ def test_readings_of_many_surfaces_keep_apart(rng):
         a, b = (drawn(kind, rng, 10)[0] for _ in range(2))
         tips = np.empty((3, 20))
         tips[:, names == "a"], tips[:, names == "b"] = a, b
-        reference, unknowns = make(np.arange(20), names).started(tips)
+        reference, unknowns = make(np.arange(20), names).initialise(tips)
         np.testing.assert_allclose(reference.linearised(tips, unknowns, ALL).residuals, 0, atol=1e-6)
         # in pieces as at once
         found = reference.linearised(tips[:, 5:9], unknowns, slice(5, 9))

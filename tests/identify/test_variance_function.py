@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.optimize import check_grad
 
 from truearm.errors import InputError
-from truearm.identify.calibration import HeldOut
-from truearm.identify.variance_function import VarianceFunction, _Deviance, variance_function_of
+from truearm.identify.calibration import HeldOutReadings
+from truearm.identify.variance_function import VarianceFunction, _Deviance, fit_variance_function
 
 N_JOINTS = 3
 
@@ -20,7 +20,7 @@ def held_out(angles, share, *, seed=0, group=None, known=1e-4, freedom=1.0):
     covariance = np.tile(known * np.diag([1.0, 2.0, 3.0]), (n, 1, 1))
     std = np.sqrt(0.01 * freedom * share[:, None] + covariance.diagonal(axis1=1, axis2=2))
     group = np.arange(n) if group is None else group
-    return HeldOut(np.arange(n), group, std * rng.normal(size=(n, 3)), covariance, np.full(n, freedom))
+    return HeldOutReadings(np.arange(n), group, std * rng.normal(size=(n, 3)), covariance, np.full(n, freedom))
 
 
 def angles_of(n, seed=1):
@@ -34,7 +34,7 @@ def test_planted_function_is_found(freedom):
         angles.mean(axis=0), angles.std(axis=0), np.array([0.4, 0.0, -0.2]), np.array([0.0, 0.3, 0.0])
     )
     share = planted.share(angles)
-    found = variance_function_of(held_out(angles, share, freedom=freedom), angles)
+    found = fit_variance_function(held_out(angles, share, freedom=freedom), angles)
     # 9000 deviations tell a logarithm of variance, of Student's tails, to some 0.02 a coefficient.
     np.testing.assert_allclose(found.slope, planted.slope, atol=0.08)
     np.testing.assert_allclose(found.curvature, planted.curvature, atol=0.08)
@@ -43,7 +43,7 @@ def test_planted_function_is_found(freedom):
 
 def test_same_everywhere_is_found_flat():
     angles = angles_of(3000)
-    share = variance_function_of(held_out(angles, np.ones(3000)), angles).share(angles)
+    share = fit_variance_function(held_out(angles, np.ones(3000)), angles).share(angles)
     assert share.mean() == pytest.approx(1, rel=1e-12)
     assert np.abs(np.log(share)).max() < 0.1
 
@@ -51,21 +51,21 @@ def test_same_everywhere_is_found_flat():
 def test_few_readings_leave_it_flat():
     angles = angles_of(5 * 2 * N_JOINTS - 1)
     far = np.where(angles[:, 0] > 0, 3.0, 0.3)
-    assert (variance_function_of(held_out(angles, far), angles).share(angles) == 1).all()
+    assert (fit_variance_function(held_out(angles, far), angles).share(angles) == 1).all()
 
 
 def test_readings_of_a_group_count_as_one():
     """Each reading ten times in a group tells no more than once."""
     angles = angles_of(200)
     once = held_out(angles, np.exp(angles[:, 0]))
-    ten = HeldOut(
+    ten = HeldOutReadings(
         np.tile(once.rows, 10),
         np.tile(once.group, 10),
         np.tile(once.deviations, (10, 1)),
         np.tile(once.covariance, (10, 1, 1)),
         np.tile(once.freedom, 10),
     )
-    one, many = variance_function_of(once, angles), variance_function_of(ten, angles)
+    one, many = fit_variance_function(once, angles), fit_variance_function(ten, angles)
     np.testing.assert_allclose(many.slope, one.slope, atol=1e-4)  # where L-BFGS-B stops
 
 
@@ -74,14 +74,14 @@ def test_a_few_wrong_readings_do_not_bend_it():
     readings = held_out(angles, np.ones(1000))
     wrong = np.argsort(angles[:, 0])[-3:]
     readings.deviations[wrong] = 5.0  # fifty standard deviations
-    share = variance_function_of(readings, angles).share(angles)
+    share = fit_variance_function(readings, angles).share(angles)
     assert np.abs(np.log(share)).max() < 0.4
 
 
 def test_a_joint_that_stood_still_has_no_part():
     angles = angles_of(100)
     angles[:, 1] = 0.7
-    found = variance_function_of(held_out(angles, np.ones(100)), angles)
+    found = fit_variance_function(held_out(angles, np.ones(100)), angles)
     assert found.slope[1] == found.curvature[1] == 0
     assert (found.share(angles + [0, 1.0, 0]) == found.share(angles)).all()
 
@@ -93,8 +93,8 @@ def test_far_from_the_readings_no_less_is_unexplained_than_on_average():
 
 
 def test_nothing_held_out_is_flat():
-    nothing = HeldOut(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
-    assert (variance_function_of(nothing, angles_of(5)).share(angles_of(7)) == 1).all()
+    nothing = HeldOutReadings(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
+    assert (fit_variance_function(nothing, angles_of(5)).share(angles_of(7)) == 1).all()
 
 
 @settings(deadline=None, max_examples=25)
@@ -118,12 +118,12 @@ def test_gradient_is_that_of_difference_quotients(parameters, n, known):
 def test_share_is_one_on_average_and_free_of_units(n, seed, factor):
     angles = angles_of(n, seed)
     readings = held_out(angles, np.ones(n), seed=seed)
-    found = variance_function_of(readings, angles)
+    found = fit_variance_function(readings, angles)
     assert found.share(angles).mean() == pytest.approx(1, rel=1e-9)
-    larger = HeldOut(
+    larger = HeldOutReadings(
         readings.rows, readings.group, factor * readings.deviations, factor**2 * readings.covariance, readings.freedom
     )
-    np.testing.assert_allclose(variance_function_of(larger, angles).share(angles), found.share(angles), rtol=1e-2)
+    np.testing.assert_allclose(fit_variance_function(larger, angles).share(angles), found.share(angles), rtol=1e-2)
 
 
 @pytest.mark.parametrize(

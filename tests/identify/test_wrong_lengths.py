@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from mixed_session import reached, unit
 
-from truearm.arm import load
-from truearm.identify.identification import UNKNOWN_STD, identify, started
-from truearm.identify.outliers import MOST_DEVIATION, relations_told, wrong_lengths
-from truearm.identify.problem import Moved
+from truearm.arm import load_arm
+from truearm.identify.identification import UNKNOWN_STD, identify, initial_problem
+from truearm.identify.outliers import MAX_NORMALIZED_RESIDUAL, constraint_residuals, length_outliers
+from truearm.identify.problem import PerturbedChain
 from truearm.identify.references import seats_of
 from truearm.identify.surfaces import spheres_of
 from truearm.terms import ArmState, constants
@@ -24,10 +24,10 @@ PAIRS = [("A", "B"), ("C", "D"), ("A", "C"), ("B", "D"), ("A", "D")]
 def held():
     """An arm off its drawing in four seats of ten poses each, and twice around a ball; true lengths between seats."""
     rng = np.random.default_rng(4)
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     terms = constants(arm.chain, free=("tip",))
     off = [rng.normal(0, 3e-4 if max(map(abs, term.direction[:3])) else 0.1) for term in terms]  # rad, mm
-    chain = Moved(arm.chain, tuple(terms)).with_constants(np.array(off))
+    chain = PerturbedChain(arm.chain, tuple(terms)).with_constants(np.array(off))
     middle = arm.chain.tip_in_base(arm.working[None])[0]
     places = middle + rng.uniform([-300, -200, -100], [100, 200, 100], (6, 3))
     on_ball = np.repeat(places[4:], 12, axis=0) + 28.0 * unit(rng.normal(size=(24, 3)))
@@ -47,8 +47,8 @@ def test_right_lengths_are_not_named(held):
     state, terms, lengths = held
     known = references(lengths)
     fit = identify(state.chain, state, terms, known)
-    assert wrong_lengths(fit, state, known) == []
-    assert wrong_lengths(identify(state.chain, state, terms, bare(known)), state, bare(known)) == []
+    assert length_outliers(fit, state, known) == []
+    assert length_outliers(identify(state.chain, state, terms, bare(known)), state, bare(known)) == []
 
 
 def bare(known):
@@ -60,16 +60,16 @@ def test_the_wrong_length_alone_is_named(held):
     lengths = lengths.copy()
     lengths[1] += WRONG_MM
     known = references(lengths)
-    (found,) = wrong_lengths(identify(state.chain, state, terms, known), state, known)
+    (found,) = length_outliers(identify(state.chain, state, terms, known), state, known)
     assert found.name == "length between seats C and D"
     assert found.error_mm == pytest.approx(WRONG_MM, abs=0.05)  # of seats that it has torn by tenths
-    assert found.times > MOST_DEVIATION
+    assert found.normalized_residual > MAX_NORMALIZED_RESIDUAL
 
 
 def test_a_wrong_distance_is_named_as_that_of_all_its_spheres(held):
     state, terms, lengths = held
     known = references(lengths, ball=28.2)
-    found = wrong_lengths(identify(state.chain, state, terms, known), state, known)
+    found = length_outliers(identify(state.chain, state, terms, known), state, known)
     assert [one.name for one in found] == ["distance of spheres of 28.2 mm"]
     assert found[0].error_mm == pytest.approx(0.2, abs=0.02)
 
@@ -79,12 +79,12 @@ def test_closed_form_is_that_of_a_fit_without(held):
     state, terms, lengths = held
     known = references(lengths)
     fit = identify(state.chain, state, terms, known, robust=False)
-    told = relations_told(fit, state, known, known)
+    told = constraint_residuals(fit, state, known, known)
     white = 1 - told.covariance.diagonal() / told.std**2
     for left_out in range(len(PAIRS)):
         kept = tuple(length for i, length in enumerate(known[0].lengths) if i != left_out)
         without = [replace(known[0], lengths=kept), known[1]]
-        there = relations_told(identify(state.chain, state, terms, without, robust=False), state, without, known)
+        there = constraint_residuals(identify(state.chain, state, terms, without, robust=False), state, without, known)
         std = np.sqrt(there.covariance[left_out, left_out] + told.std[left_out] ** 2)
         assert told.residuals[left_out] / white[left_out] == pytest.approx(there.residuals[left_out], abs=0.1 * std)
         assert told.std[left_out] / np.sqrt(white[left_out]) == pytest.approx(std, rel=0.1)
@@ -95,16 +95,16 @@ def test_the_covariance_is_that_of_the_whole_matrix(held):
     state, terms, lengths = held
     known = references(lengths)
     fit = identify(state.chain, state, terms, known)
-    told = relations_told(fit, state, known, known)
-    problem, _ = started(fit.moved, state, known)
+    told = constraint_residuals(fit, state, known, known)
+    problem, _ = initial_problem(fit.perturbed_chain, state, known)
     x = np.concatenate([fit.coefficients, *(list(part.unknowns.values()) for part in fit.references)])
-    weights = [np.sqrt(part.trust / (part.std**2 + part.noise_std**2)) for part in fit.references]
+    weights = [np.sqrt(part.robust_weight / (part.std**2 + part.noise_std**2)) for part in fit.references]
     J = np.hstack([(j * w).reshape(len(x), -1) for j, w in zip(problem.jacobian(x), weights, strict=True)])
     n = len(fit.coefficients)
     by = np.zeros((len(told.names), len(x)))
     start = 0
     for i, reference in enumerate(known):
-        own = reference.relations(x[problem.unknowns_of(i)]).by_unknown
+        own = reference.constraints(x[problem.unknowns_of(i)]).by_unknown
         by[start : start + len(own), problem.unknowns_of(i)] = own
         start += len(own)
     prior = np.concatenate([fit.prior_std, np.full(len(x) - n, UNKNOWN_STD)])

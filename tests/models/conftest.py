@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.poses.seat import seat
@@ -45,7 +45,7 @@ class Real:
 def real() -> Real:
     """A `gao2017` whose every constant is off, by about 1 mrad and 0.5 mm."""
     rng = np.random.default_rng(20170101)
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     chain = arm.chain.with_motions(np.array([1e-3] * 3 + [0.5] * 3) * rng.normal(size=(arm.chain.n_places, 6)))
     poses = seat(replace(arm, chain=chain), 60, seed=3, seats=3)
     first = np.flatnonzero(np.r_[True, poses.seat[1:] != poses.seat[:-1]])

@@ -131,15 +131,15 @@ def test_all_that_was_identified_comes_back(mixed, tmp_path):
         strict=True,
     ):
         np.testing.assert_array_equal(one, other)
-    assert again.left_out_ == model.left_out_ != ()
+    assert again.excluded_terms_ == model.excluded_terms_ != ()
     assert again.columns_ == model.columns_
     assert again.column_variances_ == model.column_variances_ != {}
     assert again.temperature_degC_ == model.temperature_degC_
     assert again.temperature_variance_K2_ == model.temperature_variance_K2_ > 0
-    assert again.widening_ == model.widening_ >= 1
+    assert again.birge_ratio_ == model.birge_ratio_ >= 1
     for name in ("nominal_", "fit_"):
         one, other = getattr(model, name), getattr(again, name)
-        assert other.moved.terms == one.moved.terms
+        assert other.perturbed_chain.terms == one.perturbed_chain.terms
         assert other.groups == one.groups
         assert (other.converged, other.rounds) == (one.converged, one.rounds)
         np.testing.assert_array_equal(other.chain.fixed, one.chain.fixed)
@@ -152,7 +152,7 @@ def test_all_that_was_identified_comes_back(mixed, tmp_path):
     for part in ("rows", "group", "deviations", "covariance", "freedom"):
         np.testing.assert_array_equal(getattr(again.held_out_, part), getattr(model.held_out_, part))
     assert len(model.held_out_.rows) >= 50
-    assert "load_1_Nm" in [term.group for term in again.fit_.moved.terms]
+    assert "load_1_Nm" in [term.group for term in again.fit_.perturbed_chain.terms]
 
 
 def test_the_same_model_gives_the_same_file(fitted, tmp_path):
@@ -203,7 +203,7 @@ def test_a_model_of_an_older_format_is_written_in_the_present_one(kept, tmp_path
     if kept == "network-format-1":
         assert old.record_ is None is again.record_
     if isinstance(old, IdentifiedModel):
-        assert again.unexplained_std_ == old.unexplained_std_ > 0
+        assert again.residual_std_ == old.residual_std_ > 0
         assert len(old.held_out_.rows) == len(again.held_out_.rows) == (24 if kept == "physical-format-3" else 0)
     assert again.arm.masses is None
     np.testing.assert_array_equal(again.arm.gravity_direction, [0, 0, -1])
@@ -356,7 +356,7 @@ def hide_a_pickle(files):
     files["evil.npy"] = np.lib.format.magic(1, 0) + b"..."
 
 
-def first_row(value):
+def first_row_networks(value):
     """Change the first number of an array."""
 
     def edit(array):
@@ -474,23 +474,23 @@ HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
         (edit_fit(lambda fit: fit.update(references=fit["references"] * 10)), "model.json, identified.fit_.references"),
         (edit_reference(noise_std_mm=-1.0), "model.json, identified.fit_.references"),
         (edit_reference(unknowns={"x": float("inf")}), "model.json, identified.fit_.references"),
-        (edit_array("fit_rows_0", first_row(1e9)), "fit_rows_0 as whole numbers below 120"),
-        (edit_array("fit_rows_0", first_row(-1)), "fit_rows_0 as whole numbers below 120"),
-        (edit_array("fit_rows_0", first_row(0.5)), "fit_rows_0 as whole numbers below 120"),
+        (edit_array("fit_rows_0", first_row_networks(1e9)), "fit_rows_0 as whole numbers below 120"),
+        (edit_array("fit_rows_0", first_row_networks(-1)), "fit_rows_0 as whole numbers below 120"),
+        (edit_array("fit_rows_0", first_row_networks(0.5)), "fit_rows_0 as whole numbers below 120"),
         (edit_array("fit_rows_0", lambda a: a[1:]), "fit_trust_0 of shape"),
         (edit_array("fit_rows_0", lambda a: a.reshape(2, -1)), "fit_rows_0 as whole numbers"),
         (edit_array("fit_residuals_0", np.sum), "fit_(std|residuals)_0 of shape"),
         (edit_array("fit_residuals_0", np.ravel), "fit_(std|residuals)_0 of shape"),
         (edit_array("fit_std_0", np.negative), "fit_std_0 must be 0 or more"),
         (edit_array("fit_std_0", lambda a: a[:1]), "fit_std_0 of shape"),
-        (edit_array("fit_trust_0", first_row(-0.1)), "fit_trust_0 must be from 0 to 1"),
+        (edit_array("fit_trust_0", first_row_networks(-0.1)), "fit_trust_0 must be from 0 to 1"),
         (edit_array("fit_trust_0", lambda a: a[1:]), "fit_trust_0 of shape"),
-        (edit_array("fit_artefact_1", first_row(1e9)), "fit_artefact_1 as whole numbers below 120"),
-        (edit_array("held_out_rows", first_row(120)), "held_out_rows as whole numbers below 120"),
+        (edit_array("fit_artefact_1", first_row_networks(1e9)), "fit_artefact_1 as whole numbers below 120"),
+        (edit_array("held_out_rows", first_row_networks(120)), "held_out_rows as whole numbers below 120"),
         (edit_array("held_out_rows", lambda a: a[1:]), "held_out_freedom of shape"),
-        (edit_array("held_out_group", first_row(-1)), "held_out_group as whole numbers below 120"),
-        (edit_array("held_out_freedom", first_row(0)), "held_out_freedom must be above 0"),
-        (edit_array("held_out_freedom", first_row(2)), "held_out_freedom must be above 0"),
+        (edit_array("held_out_group", first_row_networks(-1)), "held_out_group as whole numbers below 120"),
+        (edit_array("held_out_freedom", first_row_networks(0)), "held_out_freedom must be above 0"),
+        (edit_array("held_out_freedom", first_row_networks(2)), "held_out_freedom must be above 0"),
         (edit_array("held_out_deviations", lambda a: a[:, :2]), "held_out_deviations of shape"),
         (edit_array("held_out_covariance", np.negative), "held_out_covariance does not hold covariances"),
         (lose("held_out_rows"), "does not hold what its kind"),

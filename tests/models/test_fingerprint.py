@@ -105,7 +105,7 @@ def _digest(*parts):
 def test_models_of_older_formats_know_their_readings(kept, seats, tmp_path):
     """By the digest those versions took: of angles and points, later of seats too."""
     model = load_model(kept)
-    assert model.learned_from(whole()) is False
+    assert model.is_trained_on(whole()) is False
     readings = replace(whole(), seat=None) if seats == "none" else whole()
     parts = [readings.angles.tobytes(), readings.points.tobytes()]
     if seats == "hashed":
@@ -113,13 +113,13 @@ def test_models_of_older_formats_know_their_readings(kept, seats, tmp_path):
     model.data_fingerprint_ = _digest(*parts)
     save_model(model, tmp_path / "m")  # in the present format
     for fitted in (model, load_model(tmp_path / "m")):
-        assert fitted.learned_from(readings)
-        assert not fitted.learned_from(readings.rows(np.arange(N - 1)))
-        assert not fitted.learned_from(replace(readings, angles=readings.angles + 1e-9))
+        assert fitted.is_trained_on(readings)
+        assert not fitted.is_trained_on(readings.rows(np.arange(N - 1)))
+        assert not fitted.is_trained_on(replace(readings, angles=readings.angles + 1e-9))
 
 
 def test_a_new_model_knows_its_readings_by_all_their_columns(real, rng):
     readings = real.points(30, rng)
     model = KinematicModel(real.arm).fit_readings(readings)
-    assert model.learned_from(readings)
-    assert not model.learned_from(replace(readings, position=np.full(30, "high")))
+    assert model.is_trained_on(readings)
+    assert not model.is_trained_on(replace(readings, position=np.full(30, "high")))

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.models.file import load_model, save_model
 from truearm.readings import Lengths, Readings
 
-ARM = load("gao2017")
+ARM = load_arm("gao2017")
 
 
 def session(rng: np.random.Generator) -> tuple[Readings, Lengths | None]:
@@ -68,7 +68,7 @@ def test_a_session_is_learned_from_or_refused(kind, examples, tmp_path):
         variances = np.linalg.eigvalsh(covariance)
         # mm^2: a tenth of a micron squared is what rounding leaves beside priors of ten metres.
         assert (variances > -1e-8 - 1e-9 * variances.max()).all()
-        assert model.unexplained_std_ > 0
+        assert model.residual_std_ > 0
         assert np.isfinite(model.held_out_.deviations).all()
         save_model(model, tmp_path / "m")
         np.testing.assert_array_equal(load_model(tmp_path / "m").predict_readings(readings), points)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models import PhysicalModel
 from truearm.models.file import load_model, save_model
 from truearm.readings import read_session, write_session
@@ -23,7 +23,7 @@ def measured(tmp_path_factory):
     preset = replace(
         PRESETS["perfect"], length_std_mm=0.3, angle_std_deg=0.03, hysteresis_std_arcsec=20.0, reference_std_mm=NOISE
     )
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     virtual = VirtualArm.draw(arm, preset, seed=5)
     angles = arm.working + 0.9 * np.random.default_rng(6).uniform(-1, 1, (160, 6))
     path = tmp_path_factory.mktemp("hysteresis") / "session.csv"
@@ -33,7 +33,7 @@ def measured(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def model(measured):
-    return PhysicalModel(load("gao2017"), free=(), highest=2).fit_readings(read_session(measured[1]))
+    return PhysicalModel(load_arm("gao2017"), free=(), highest=2).fit_readings(read_session(measured[1]))
 
 
 def test_planted_hysteresis_is_found_within_its_stated_uncertainty(measured, model):
@@ -41,7 +41,7 @@ def test_planted_hysteresis_is_found_within_its_stated_uncertainty(measured, mod
     readings = read_session(path)
     assert set(np.unique(readings.directions)) == {-1.0, 0.0, 1.0}  # 0 before the first movement
     fit, found, std, start = model.fit_, [], [], 0
-    for term in fit.moved.terms:
+    for term in fit.perturbed_chain.terms:
         if isinstance(term.basis, Direction):
             assert term.basis.joint == len(found) + 1
             found.append(fit.coefficients[start])
@@ -56,7 +56,7 @@ def test_planted_hysteresis_is_found_within_its_stated_uncertainty(measured, mod
 
 def test_a_prediction_uses_the_directions_of_its_readings(measured, model, tmp_path):
     virtual, _ = measured
-    angles = load("gao2017").working + 0.8 * np.random.default_rng(8).uniform(-1, 1, (50, 6))
+    angles = load_arm("gao2017").working + 0.8 * np.random.default_rng(8).uniform(-1, 1, (50, 6))
     met = virtual.measure(angles, seed=9)
     knowing = np.linalg.norm(model.predict_readings(met.readings) - met.true_tips, axis=1)
     # Half way between the directions some 1e-4 rad of five joints are missing, a root of five of 0.05 mm and less.
@@ -70,5 +70,5 @@ def test_a_prediction_uses_the_directions_of_its_readings(measured, model, tmp_p
 
 def test_without_directions_no_hysteresis_is_offered_and_it_is_said(measured):
     readings = replace(read_session(measured[1]), directions=None)
-    model = PhysicalModel(load("gao2017"), free=(), highest=1).fit_readings(readings)
-    assert ("hysteresis", "the joints' directions of movement are not known") in model.left_out_
+    model = PhysicalModel(load_arm("gao2017"), free=(), highest=1).fit_readings(readings)
+    assert ("hysteresis", "the joints' directions of movement are not known") in model.excluded_terms_

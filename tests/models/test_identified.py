@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identify.alignment import align
 from truearm.models import KinematicModel, NetworkModel, NominalModel, PhysicalModel
-from truearm.models.identified import groups_of
+from truearm.models.identified import cross_validation_groups
 from truearm.readings import Lengths, Readings
 from truearm.terms.catalogue import thermal
 
@@ -41,7 +41,7 @@ def mean_error(model, real, angles):
 )
 def test_groups_are_positions_else_seats_else_single_readings(columns, expected):
     readings = Readings(np.zeros((6, 2)), **{name: np.array(names) for name, names in columns.items()})
-    assert groups_of(readings).tolist() == expected
+    assert cross_validation_groups(readings).tolist() == expected
 
 
 def test_a_position_that_is_all_of_a_session_with_a_frame_of_its_own_counts_for_nothing():
@@ -50,14 +50,14 @@ def test_a_position_that_is_all_of_a_session_with_a_frame_of_its_own_counts_for_
     points[7] = np.nan
     names = {"session": ["s"] * 3 + ["t"] * 5, "position": ["p", "p", "p", "q", "q", "r", "r", "r"]}
     readings = Readings(np.zeros((8, 2)), points, **{name: np.array(values) for name, values in names.items()})
-    assert groups_of(readings).tolist() == [0, 0, 0, 1, 1, 2, 2, 2]
-    assert groups_of(readings, ["s", "t"]).tolist() == [0, 1, 2, 3, 3, 4, 4, 4]
+    assert cross_validation_groups(readings).tolist() == [0, 0, 0, 1, 1, 2, 2, 2]
+    assert cross_validation_groups(readings, ["s", "t"]).tolist() == [0, 1, 2, 3, 3, 4, 4, 4]
     pointed = replace(readings, position=np.array(["p", "p", "p", "q", "q", "q", "q", "r"]))
-    assert groups_of(pointed, ["s", "t"]).tolist() == [0, 1, 2, 3, 4, 5, 6, 7]
+    assert cross_validation_groups(pointed, ["s", "t"]).tolist() == [0, 1, 2, 3, 4, 5, 6, 7]
     over_two = replace(readings, position=np.array(["p", "p", "p", "p", "p", "r", "r", "r"]))
-    assert groups_of(over_two, ["s", "t"]).tolist() == [0, 1, 2, 3, 3, 4, 4, 4]
+    assert cross_validation_groups(over_two, ["s", "t"]).tolist() == [0, 1, 2, 3, 3, 4, 4, 4]
     in_seats = replace(readings, seat=np.array(["a", "a", "b", "c", "c", "", "", ""]))
-    assert groups_of(in_seats, ["s", "t"]).tolist() == [0, 0, 1, 2, 2, 3, 3, 3]
+    assert cross_validation_groups(in_seats, ["s", "t"]).tolist() == [0, 0, 1, 2, 2, 3, 3, 3]
 
 
 def test_positions_are_left_out_together(real, rng):
@@ -76,7 +76,7 @@ def test_the_kinematic_model_finds_the_arm_and_what_it_cannot_explain(n, real, r
     assert mean_error(NominalModel(real.arm).fit_readings(readings), real, others.angles) > 0.3
     assert mean_error(model, real, others.angles) < 2 * NOISE * np.sqrt(3 * 27 / (3 * n))  # 27 determined constants
     assert model.fit_.references[0].noise_std == pytest.approx(NOISE, rel=0.25)
-    assert model.unexplained_std_ == pytest.approx(NOISE, rel=0.35)
+    assert model.residual_std_ == pytest.approx(NOISE, rel=0.35)
     assert model.held_out_.mean_mm > np.linalg.norm(model.fit_.references[0].residuals, axis=0).mean()
     assert model.free_ == ("base", "tip")
 
@@ -99,8 +99,8 @@ def test_the_two_parts_of_the_covariance_make_the_whole(real, rng):
     angles = real.arm.working + np.linspace(-2, 2, 9)[:, None]
     of_parameters, unexplained = model.covariance_parts(Readings(angles))
     np.testing.assert_array_equal(model.predict(angles, return_cov=True)[1], of_parameters + unexplained)
-    share = model.unexplained_shares_.share(angles)
-    np.testing.assert_allclose(unexplained, model.unexplained_std_**2 * share[:, None, None] * np.eye(3))
+    share = model.variance_function_.share(angles)
+    np.testing.assert_allclose(unexplained, model.residual_std_**2 * share[:, None, None] * np.eye(3))
     size = np.trace(of_parameters, axis1=1, axis2=2)
     assert size[[0, -1]].min() > 10 * size[4]  # far from the training poses the constants are less known
     assert (np.linalg.eigvalsh(of_parameters) > 0).all()
@@ -114,8 +114,8 @@ def test_weights_follow_the_option(real, rng):
     others = real.points(100, rng).angles
     robust, careless = (KinematicModel(real.arm, robust=robust).fit_readings(spoilt) for robust in (True, False))
     assert mean_error(robust, real, others) < 0.1 * mean_error(careless, real, others)
-    assert (robust.fit_.references[0].trust[::10] < 0.5).all()
-    assert (careless.fit_.references[0].trust == 1).all()
+    assert (robust.fit_.references[0].robust_weight[::10] < 0.5).all()
+    assert (careless.fit_.references[0].robust_weight == 1).all()
 
 
 def test_uncertain_points_are_told_from_good_ones(real, rng):
@@ -125,7 +125,7 @@ def test_uncertain_points_are_told_from_good_ones(real, rng):
     model = KinematicModel(real.arm).fit_readings(
         replace(readings, points=readings.points + std * rng.normal(size=(200, 3)), point_std=std)
     )
-    assert model.unexplained_std_ == pytest.approx(NOISE, rel=0.4)
+    assert model.residual_std_ == pytest.approx(NOISE, rel=0.4)
     assert mean_error(model, real, real.points(200, rng).angles) < 1.2 * NOISE
 
 
@@ -242,8 +242,8 @@ def test_the_physical_model_finds_a_gears_error(real, rng):
     )
     errors = [np.linalg.norm(m.predict(test.angles) - test.points, axis=1).mean() for m in (kinematic, physical)]
     assert errors[1] < 1.35 * NOISE * np.sqrt(8 / np.pi) < 0.5 * errors[0]  # mean length of three Gaussian coordinates
-    (term,) = [t for t in physical.fit_.moved.terms if t.name.startswith("J3 own axis, orders 5")]
-    start = sum(t.n_coefficients for t in physical.fit_.moved.terms[: physical.fit_.moved.terms.index(term)])
+    (term,) = [t for t in physical.fit_.perturbed_chain.terms if t.name.startswith("J3 own axis, orders 5")]
+    start = sum(t.n_coefficients for t in physical.fit_.perturbed_chain.terms[: physical.fit_.perturbed_chain.terms.index(term)])
     cos_5, sin_5 = physical.fit_.coefficients[start : start + 2]
     np.testing.assert_allclose([cos_5, sin_5], [1e-3 * np.sin(0.3), 1e-3 * np.cos(0.3)], atol=5e-5)
 
@@ -264,10 +264,10 @@ def test_terms_that_readings_cannot_show_are_named(real, rng):
     model = PhysicalModel(real.arm, highest=4).fit_readings(
         Readings(angles, real.chain.tip_in_base(angles) + rng.normal(0, NOISE, (60, 3)))
     )
-    reasons = dict(model.left_out_)
+    reasons = dict(model.excluded_terms_)
     assert reasons["thermal growth"] == "the readings have no temperature"
     assert "moved by" in reasons["J5 orders 1 to 4"]
-    assert KinematicModel(real.arm).fit_readings(readings).left_out_ == ()
+    assert KinematicModel(real.arm).fit_readings(readings).excluded_terms_ == ()
 
 
 @pytest.mark.parametrize("highest", [1, 3, 16])
@@ -299,7 +299,7 @@ def test_one_seat_is_held_out_in_parts(kind, real, rng):
 def test_without_a_point_the_frame_is_the_arms_own(real, rng):
     """No constant that only moves or turns the whole arm is sought, and none is in the stated uncertainty."""
     model = KinematicModel(real.arm).fit_readings(real.held(rng), lengths=real.lengths())
-    places = {(term.place, term.direction) for term in model.fit_.moved.terms}
+    places = {(term.place, term.direction) for term in model.fit_.perturbed_chain.terms}
     assert not any(place == 0 for place, _ in places)
     assert not {(1, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)), (1, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0))} & places
     of_parameters, _ = model.covariance_parts(real.held(rng))
@@ -343,7 +343,7 @@ def test_nothing_free_and_no_terms_measure_the_arm_as_drawn(real, rng):
     readings = real.points(50, rng)
     model = NominalModel(real.arm, free=()).fit_readings(readings)
     np.testing.assert_array_equal(model.predict(readings.angles), real.arm.chain.tip_in_base(readings.angles))
-    assert model.fit_.moved.terms == ()
+    assert model.fit_.perturbed_chain.terms == ()
     of_parameters, _ = model.covariance_parts(readings)
     assert not of_parameters.any()
     off = np.linalg.norm(model.predict(readings.angles) - readings.points, axis=1)
@@ -351,16 +351,16 @@ def test_nothing_free_and_no_terms_measure_the_arm_as_drawn(real, rng):
 
 
 def test_a_sliding_arm_is_identified_by_the_physical_model_too(rng):
-    drawn = load("gao2017").chain
+    drawn = load_arm("gao2017").chain
     chain = type(drawn)(drawn.fixed, drawn.tip_in_flange, np.array([False, False, True, False, False, False]))
     truth = chain.with_motions(np.array([1e-3] * 3 + [0.5] * 3) * rng.normal(size=(chain.n_places, 6)))
     arm = Arm("slides", chain)
 
     def drawn_readings(n):
-        angles = np.where(chain.slides, 100.0, 0.8) * rng.uniform(-1, 1, (n, 6))
+        angles = np.where(chain.is_prismatic, 100.0, 0.8) * rng.uniform(-1, 1, (n, 6))
         return Readings(angles, truth.tip_in_base(angles) + rng.normal(0, NOISE, (n, 3)))
 
     train, test = drawn_readings(150), drawn_readings(100)
     model = PhysicalModel(arm, highest=4).fit_readings(train)
     assert np.linalg.norm(model.predict(test.angles) - test.points, axis=1).mean() < 1.5 * NOISE * np.sqrt(8 / np.pi)
-    assert ("J3 harmonics", "J3 slides") in model.left_out_
+    assert ("J3 harmonics", "J3 slides") in model.excluded_terms_

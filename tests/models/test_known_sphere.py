@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.arm import load
-from truearm.arm.inverse import solve_inverse
+from truearm.arm import load_arm
+from truearm.arm.inverse import solve_inverse_kinematics
 from truearm.models import KinematicModel
 from truearm.readings import Readings
 
@@ -20,7 +20,7 @@ DISTANCE_MM, U_MM, NOISE_MM, GROWN = (50.0 + 6.0) / 2, 0.0005, 0.002, 1.002
 def touched():
     """An arm two thousandths larger than drawn, with its tip all over three spheres; its chain and the readings."""
     rng = np.random.default_rng(0)
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     fixed = arm.chain.fixed.copy()
     fixed[:, :3, 3] *= GROWN
     chain = replace(arm.chain, fixed=fixed, tip_in_flange=arm.chain.tip_in_flange * GROWN)
@@ -29,7 +29,7 @@ def touched():
     for name, centre in zip("ABC", centres, strict=True):
         away = rng.normal(size=(120, 3))
         away *= (DISTANCE_MM + rng.normal(0, NOISE_MM, (120, 1))) / np.linalg.norm(away, axis=1, keepdims=True)
-        found = solve_inverse(chain, centre + away, start=arm.working + 0.8 * rng.uniform(-1, 1, (120, 6)))
+        found = solve_inverse_kinematics(chain, centre + away, start=arm.working + 0.8 * rng.uniform(-1, 1, (120, 6)))
         angles.append(found.angles[found.reached][:60])
         sphere += [name] * 60
     return chain, np.concatenate(angles), np.array(sphere)
@@ -39,7 +39,7 @@ def touched():
 def test_the_arms_size_is_that_of_a_known_sphere(touched, known):
     chain, angles, sphere = touched
     distance = np.tile([DISTANCE_MM, U_MM], (len(angles), 1)) if known else None
-    model = KinematicModel(load("gao2017")).fit_readings(Readings(angles, sphere=sphere, sphere_distance=distance))
+    model = KinematicModel(load_arm("gao2017")).fit_readings(Readings(angles, sphere=sphere, sphere_distance=distance))
     elsewhere = model.arm.working + 0.4 * np.random.default_rng(1).uniform(-1, 1, (200, 6))
     predicted, truth = model.predict(elsewhere), chain.tip_in_base(elsewhere)
     scale = np.sqrt(np.square(predicted - predicted.mean(axis=0)).sum() / np.square(truth - truth.mean(axis=0)).sum())

@@ -11,14 +11,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.arm import LinkMasses, load, read_arm, write_arm
+from truearm.arm import LinkMasses, load_arm, read_arm, write_arm
 from truearm.cli.arms import _identified
 from truearm.errors import InputError
-from truearm.identify.problem import Moved
+from truearm.identify.problem import PerturbedChain
 from truearm.models import PhysicalModel
 from truearm.models.file import load_model, save_model
 from truearm.models.relations import state_of
-from truearm.plan.known import as_drawn
+from truearm.plan.known import nominal_prior
 from truearm.readings import Readings
 from truearm.terms import GravityTorque, Term, gravity_torques
 
@@ -29,7 +29,7 @@ GIVE = 3e-5  # rad/(N m)
 def wall(tmp_path_factory):
     """A `gao2017` on a wall, of uneven masses, by way of its file."""
     masses = LinkMasses([9, 1, 6, 0.5, 2, 0.3], np.random.default_rng(1).uniform(-150, 150, (6, 3)))
-    arm = replace(load("gao2017"), masses=masses, gravity_in_base=[-1, 0, 0])
+    arm = replace(load_arm("gao2017"), masses=masses, gravity_in_base=[-1, 0, 0])
     path = tmp_path_factory.mktemp("wall") / "arm.toml"
     write_arm(arm, path)
     return read_arm(path)
@@ -41,7 +41,7 @@ def readings(wall):
     rng = np.random.default_rng(2)
     angles = wall.working + 1.2 * rng.uniform(-1, 1, (120, 6))
     give = Term("J2", 2, (0, 0, 1, 0, 0, 0), GravityTorque(2, 2), "give", 1.0)
-    points = Moved(wall.chain, (give,)).tips(state_of(wall, Readings(angles)), np.array([GIVE]))
+    points = PerturbedChain(wall.chain, (give,)).tips(state_of(wall, Readings(angles)), np.array([GIVE]))
     return Readings(angles, points + rng.normal(0, 0.005, points.shape))
 
 
@@ -54,18 +54,18 @@ def test_the_state_pulls_as_the_arm_hangs(wall, readings):
     torques = state_of(wall, readings).gravity_torques
     expected = gravity_torques(wall.chain, readings.angles, wall.masses, gravity_in_base=[-9.80665, 0, 0])
     np.testing.assert_allclose(torques, expected, rtol=0, atol=1e-12)
-    drawn = as_drawn(wall, noise_mm=0.01)
+    drawn = nominal_prior(wall, noise_mm=0.01)
     np.testing.assert_array_equal(drawn.state(readings.angles).gravity_torques, torques)
 
 
 def test_give_under_known_weight_is_found_within_its_uncertainty(model, readings, wall):
-    names = [label for term in model.fit_.moved.terms for label in term.labels]
+    names = [label for term in model.fit_.perturbed_chain.terms for label in term.labels]
     assert not any("uniform" in name for name in names)
     at = names.index("J2 rotation about z by the weight's torque about z")
     assert abs(model.fit_.coefficients[at] - GIVE) < 4 * np.sqrt(model.fit_.covariance[at, at])
     upright = replace(wall, masses=None, gravity_in_base=None)
     guess = PhysicalModel(upright, free=(), highest=1).fit_readings(readings)
-    assert model.unexplained_std_ < 0.006 < 0.01 < guess.unexplained_std_
+    assert model.residual_std_ < 0.006 < 0.01 < guess.residual_std_
 
 
 def test_masses_and_gravity_stay_with_the_model(model, readings, wall, tmp_path):
@@ -104,7 +104,7 @@ def test_an_identified_arm_is_pulled_the_same_way_in_the_frame_of_the_reference(
     turned = np.array([[0.0, 1, 0, 500], [0, 0, 1, -300], [1, 0, 0, 20], [0, 0, 0, 1]])
     rng = np.random.default_rng(3)
     angles = wall.working + 0.8 * rng.uniform(-1, 1, (30, 6))
-    points = wall.chain.placed(turned).tip_in_base(angles) + rng.normal(0, 0.005, (30, 3))
+    points = wall.chain.with_reference_frame(turned).tip_in_base(angles) + rng.normal(0, 0.005, (30, 3))
     save_model(PhysicalModel(wall, highest=1).fit_readings(Readings(angles, points)), tmp_path / "m.truearm")
     arm = _identified(tmp_path / "m.truearm")
     np.testing.assert_allclose(arm.gravity_direction, [0, 0, -1], atol=1e-3)  # some 0.1 mrad of the base's tilt

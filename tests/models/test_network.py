@@ -59,8 +59,8 @@ def same_record(one, other) -> bool:
 def test_one_network_is_trained_on_its_seeds_division_from_its_seeds_start(trainer, arm, readings):
     model = small(arm, trainer=trainer).fit_readings(readings)
     train, aside, _ = dividerand(120, train=0.85, validation=0.15, test=0, seed=3)
-    inputs = model.angle_scale_.scaled(readings.angles.T)
-    targets = model.point_scale_.scaled(readings.points.T)
+    inputs = model.angle_scale_.scale(readings.angles.T)
+    targets = model.point_scale_.scale(readings.points.T)
     options = {} if trainer == "trainbr" else {"max_fail": 10}
     weights, record = TRAINERS[trainer](
         FitProblem(model.network_, inputs[:, train], targets[:, train]),
@@ -117,8 +117,8 @@ def test_members_start_and_divide_on_their_own(arm, readings):
     assert len({member.weights.tobytes() for member in model.members_}) == 3
     # Each judged by readings of its own: the start of one is not the start of another on other readings.
     assert len({member.record.vperf[0] for member in model.members_}) == 3
-    inputs = model.angle_scale_.scaled(readings.angles.T)
-    points = [model.point_scale_.restored(model.network_.outputs(m.weights, inputs)).T for m in model.members_]
+    inputs = model.angle_scale_.scale(readings.angles.T)
+    points = [model.point_scale_.unscale(model.network_.outputs(m.weights, inputs)).T for m in model.members_]
     np.testing.assert_array_equal(model.predict(readings.angles), np.mean(points, axis=0))
     off = points - np.mean(points, axis=0)
     scatter = np.einsum("mni,mnj->nij", off, off) / 2

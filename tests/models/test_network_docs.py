@@ -63,7 +63,7 @@ def test_the_same_readings_are_validated_as_it_says(names):
 
     model, readings = names["model"], names["readings"]
     _, aside, _ = dividerand(len(readings), train=0.85, validation=0.15, test=0, seed=1)
-    errors = model.point_scale_.scaled(readings.points[aside].T) - model.point_scale_.scaled(
+    errors = model.point_scale_.scale(readings.points[aside].T) - model.point_scale_.scale(
         model.predict(readings.angles[aside]).T
     )
     np.testing.assert_allclose(np.mean(errors**2), model.record_.vperf[model.record_.best_epoch], rtol=1e-9)

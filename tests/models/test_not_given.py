@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models import KinematicModel, PhysicalModel
 from truearm.models.file import load_model, save_model
 from truearm.models.refit import refit
 from truearm.readings import Readings
-from truearm.tasks.errors import ModelErrors
+from truearm.tasks.errors import PosteriorDistribution
 from truearm.virtual import PRESETS, VirtualArm
 
-ARM = load("gao2017")
+ARM = load_arm("gao2017")
 
 
 def poses(n, seed, half_width=0.8):
@@ -45,7 +45,7 @@ def test_without_directions_the_hysteresis_is_in_the_uncertainty(hysteretic):
     virtual, model = hysteretic
     met = virtual.measure(poses(200, 8), seed=9)
     knowing = met.readings.rows(np.flatnonzero((met.readings.directions != 0).all(axis=1)))
-    assert "directions of movement" not in model.not_given(knowing)
+    assert "directions of movement" not in model.unstated_input_covariances(knowing)
     size, share = judged(model, replace(met.readings, directions=None), met.true_tips)
     # 200 readings whose errors are alike by what few joints do: 10 %.
     assert size == pytest.approx(1.0, abs=0.2)
@@ -58,7 +58,7 @@ def test_a_direction_not_known_at_one_joint_is_the_tips_half_way_apart(hystereti
     angles = poses(3, 1)
     directions = np.ones((3, 6))
     directions[1, 0] = 0.0
-    found = model.not_given(Readings(angles, directions=directions))["directions of movement"]
+    found = model.unstated_input_covariances(Readings(angles, directions=directions))["directions of movement"]
     assert not found[[0, 2]].any()
     other = directions.copy()
     directions[1, 0], other[1, 0] = 1.0, -1.0
@@ -89,33 +89,33 @@ def test_without_a_temperature_or_load_its_training_variance_counts(tmp_path):
     assert model.column_variances_ == {"load_1_Nm": pytest.approx(load.var())}
     angles, true, warm, load = drawn(300, 2)
     known = {"temperature_degC": warm, "columns": {"load_1_Nm": load}}
-    assert model.not_given(Readings(angles, **known)) == {}
+    assert model.unstated_input_covariances(Readings(angles, **known)) == {}
     save_model(model, tmp_path / "m")
     again = load_model(tmp_path / "m")
     for missing in ({"temperature_degC"}, {"columns"}, {"temperature_degC", "columns"}):
         lacking = Readings(angles, **{name: value for name, value in known.items() if name not in missing})
-        assert len(model.not_given(lacking)) == len(missing)
+        assert len(model.unstated_input_covariances(lacking)) == len(missing)
         size, share = judged(model, lacking, true)
         assert size == pytest.approx(1.0, abs=0.15)  # standard deviations of 200 and of 300: 6 %
         assert 0.91 < share < 0.99
-        for name, part in model.not_given(lacking).items():
-            np.testing.assert_array_equal(again.not_given(lacking)[name], part)
+        for name, part in model.unstated_input_covariances(lacking).items():
+            np.testing.assert_array_equal(again.unstated_input_covariances(lacking)[name], part)
 
 
 def test_a_model_without_such_terms_misses_nothing(real):
     rng = np.random.default_rng(1)
     model = KinematicModel(real.arm).fit_readings(real.points(40, rng, temperature_degC=20 + rng.normal(size=40)))
     assert model.temperature_variance_K2_ > 0
-    assert model.not_given(Readings(real.arm.working[None])) == {}
+    assert model.unstated_input_covariances(Readings(real.arm.working[None])) == {}
 
 
 def test_hysteresis_is_random_in_a_task_unless_directions_are_given(hysteretic):
     _, model = hysteretic
     angles = poses(20, 4)
-    told, untold = (ModelErrors(model, directions_given=given).draw(1) for given in (True, False))
+    told, untold = (PosteriorDistribution(model, directions_given=given).draw(1) for given in (True, False))
     assert not told.random(angles, np.random.default_rng(1)).any()
     drawn = np.array([untold.random(angles, np.random.default_rng(seed)) for seed in range(800)])
-    expected = model.not_given(Readings(angles))["directions of movement"]
+    expected = model.unstated_input_covariances(Readings(angles))["directions of movement"]
     found = np.einsum("sni,snj->nij", drawn, drawn) / len(drawn)
     # Covariances of 800 draws: 5 % a standard deviation. The base is as drawn: the frames are nearly parallel.
     assert np.abs(found - expected).max() < 0.25 * np.trace(expected, axis1=1, axis2=2).max()
@@ -128,12 +128,12 @@ def test_a_refitted_model_states_the_same_of_a_task(tmp_path):
     """What is unexplained and how far the posterior is to be widened belong to the arm, not to the new set-up."""
     virtual = VirtualArm.draw(ARM, PRESETS["research"], seed=5)
     model = PhysicalModel(ARM, highest=8).fit_readings(virtual.measure(poses(60, 1, 0.9), seed=7).readings)
-    assert model.widening_ > 1.05
+    assert model.birge_ratio_ > 1.05
     new = refit(model, virtual.measure(poses(20, 2, 0.9), seed=8).readings)
-    assert new.widening_ == model.widening_
+    assert new.birge_ratio_ == model.birge_ratio_
     save_model(new, tmp_path / "m")
-    before, after, read = (ModelErrors(each) for each in (model, new, load_model(tmp_path / "m")))
-    assert after.widening == before.widening == read.widening
+    before, after, read = (PosteriorDistribution(each) for each in (model, new, load_model(tmp_path / "m")))
+    assert after.birge_ratio == before.birge_ratio == read.birge_ratio
     # The new readings may say that more is unexplained, never less.
     assert before.field_std_mm <= after.field_std_mm < 1.2 * before.field_std_mm
     assert read.field_std_mm == after.field_std_mm
@@ -145,7 +145,7 @@ def test_a_refit_without_directions_does_not_take_hysteresis_for_what_is_unexpla
     readings = virtual.measure(poses(30, 18), seed=19).readings
     new = refit(model, replace(readings, directions=None))
     # The readings scatter by 0.1 mm, ten times what is unexplained; of 81 degrees of freedom 8 %, three times.
-    assert new.unexplained_std_ < 4 * model.unexplained_std_
+    assert new.residual_std_ < 4 * model.residual_std_
     met = virtual.measure(poses(200, 8), seed=9)
     size, _ = judged(new, replace(met.readings, directions=None), met.true_tips)
     assert size == pytest.approx(1.0, abs=0.25)

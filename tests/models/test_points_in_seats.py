@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truearm.arm import load
-from truearm.arm.inverse import solve_inverse
-from truearm.identify.problem import Moved
+from truearm.arm import load_arm
+from truearm.arm.inverse import solve_inverse_kinematics
+from truearm.identify.problem import PerturbedChain
 from truearm.models import KinematicModel
 from truearm.readings import Lengths, Readings
 from truearm.terms import constants
@@ -19,15 +19,15 @@ SEEN_MM, TOUCHED_MM = 0.2, 0.005
 def held():
     """An arm off its drawing in five seats of ten poses each: its chain, readings with points, places of the seats."""
     rng = np.random.default_rng(2)
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     terms = constants(arm.chain, free=("tip",))
     off = [rng.normal(0, 1e-3 if max(map(abs, term.direction[:3])) else 0.3) for term in terms]  # rad, mm
-    chain = Moved(arm.chain, tuple(terms)).with_constants(np.array(off))
+    chain = PerturbedChain(arm.chain, tuple(terms)).with_constants(np.array(off))
     places = chain.tip_in_base(arm.working + 0.4 * rng.uniform(-1, 1, (5, 6)))
     angles, seat = [], []
     for name, place in zip("ABCDE", places, strict=True):
         start = arm.working + 0.8 * rng.uniform(-1, 1, (60, 6))
-        found = solve_inverse(chain, place + rng.normal(0, TOUCHED_MM, (60, 3)), start=start)
+        found = solve_inverse_kinematics(chain, place + rng.normal(0, TOUCHED_MM, (60, 3)), start=start)
         angles.append(found.angles[found.reached][:10])
         seat += [name] * 10
     angles = np.concatenate(angles)
@@ -42,7 +42,7 @@ def miss(model, chain):
 
 
 def fitted(readings, lengths=None):
-    return KinematicModel(load("gao2017"), free=("tip",)).fit_readings(readings, lengths=lengths)
+    return KinematicModel(load_arm("gao2017"), free=("tip",)).fit_readings(readings, lengths=lengths)
 
 
 def test_seats_make_up_for_an_instrument_that_scatters(held):
@@ -71,6 +71,6 @@ def test_points_of_a_seat_tie_its_other_readings_to_the_instruments_frame(held):
     for first in (0, 10, 20):
         points[first : first + 2] = chain.tip_in_base(readings.angles[first : first + 2])
     points += [100.0, 0, 0]
-    found = KinematicModel(load("gao2017")).fit_readings(Readings(readings.angles, points, seat=readings.seat))
+    found = KinematicModel(load_arm("gao2017")).fit_readings(Readings(readings.angles, points, seat=readings.seat))
     seen = found.predict(readings.angles) - chain.tip_in_base(readings.angles) - [100.0, 0, 0]
     assert np.abs(seen).max() < 0.1

@@ -11,7 +11,7 @@ from truearm.errors import InputError
 from truearm.identify.outliers import outliers
 from truearm.models import KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.models.file import load_model, save_model
-from truearm.models.refit import refit, served
+from truearm.models.refit import refit, used_in_refit
 from truearm.readings import Readings, read_session, write_session
 
 TURN = Rotation.from_rotvec([0.4, -2.0, 1.0]).as_matrix()
@@ -52,10 +52,10 @@ def test_ten_readings_take_the_arm_to_another_tracker_and_probe(real, fitted):
     assert coverage(new, test) > 0.9
     # The arm is the old one.
     assert new.n_train_ == 80
-    assert 1 <= new.unexplained_std_ / fitted.unexplained_std_ < 1.4  # 21 degrees of freedom: 15 %
+    assert 1 <= new.residual_std_ / fitted.residual_std_ < 1.4  # 21 degrees of freedom: 15 %
     np.testing.assert_array_equal(new.angle_ranges_, fitted.angle_ranges_)
-    old = dict(zip([t.name for t in fitted.fit_.moved.terms], fitted.fit_.coefficients, strict=True))
-    found = dict(zip([t.name for t in new.fit_.moved.terms], new.fit_.coefficients, strict=True))
+    old = dict(zip([t.name for t in fitted.fit_.perturbed_chain.terms], fitted.fit_.coefficients, strict=True))
+    found = dict(zip([t.name for t in new.fit_.perturbed_chain.terms], new.fit_.coefficients, strict=True))
     assert set(found) == set(old)
     assert {name for name in found if found[name] != old[name]} == {n for n in old if n.startswith(("base", "tip"))}
     assert len(new.held_out_.rows) == 0
@@ -76,8 +76,8 @@ def test_uncertainty_grows_as_readings_get_fewer(real, fitted):
 def test_only_the_base_or_only_the_tip(real, fitted):
     rng = np.random.default_rng(4)
     moved = refit(fitted, elsewhere(real, 10, rng), free=("base",))
-    tip = [i for i, term in enumerate(fitted.fit_.moved.terms) if term.name.startswith("tip")]
-    at = [i for i, term in enumerate(moved.fit_.moved.terms) if term.name.startswith("tip")]
+    tip = [i for i, term in enumerate(fitted.fit_.perturbed_chain.terms) if term.name.startswith("tip")]
+    at = [i for i, term in enumerate(moved.fit_.perturbed_chain.terms) if term.name.startswith("tip")]
     np.testing.assert_array_equal(moved.fit_.coefficients[at], fitted.fit_.coefficients[tip])
     longer = real.chain.with_tip(real.chain.tip_in_flange + [0, 0, 5.0])
     angles = real.arm.working + 0.8 * rng.uniform(-1, 1, (10, 6))
@@ -130,9 +130,9 @@ def test_noise_that_the_new_readings_do_not_bear_out_grows(real, fitted):
     taken = elsewhere(real, 20, rng)
     rough = Readings(taken.angles, taken.points + rng.normal(0, 0.3, taken.points.shape))
     calm = Readings(taken.angles, fitted.predict(taken.angles))
-    assert refit(fitted, calm).unexplained_std_ == fitted.unexplained_std_
+    assert refit(fitted, calm).residual_std_ == fitted.residual_std_
     # 51 degrees of freedom tell it to 10 %.
-    assert refit(fitted, rough).unexplained_std_ == pytest.approx(0.3, rel=0.35)
+    assert refit(fitted, rough).residual_std_ == pytest.approx(0.3, rel=0.35)
 
 
 def test_a_reading_far_off_is_named_and_counts_little(real, fitted):
@@ -156,7 +156,7 @@ def test_stated_uncertainties_of_the_points_count(real, fitted):
     stated = refit(fitted, Readings(taken.angles, points, std))
     off = np.linalg.norm(stated.predict(test.angles) - test.points, axis=1).mean()
     assert off < 3 * NOISE
-    assert stated.unexplained_std_ < 1.5 * fitted.unexplained_std_
+    assert stated.residual_std_ < 1.5 * fitted.residual_std_
 
 
 def test_the_file_remembers_which_readings_served(real, fitted, tmp_path):
@@ -167,19 +167,19 @@ def test_the_file_remembers_which_readings_served(real, fitted, tmp_path):
     save_model(new, tmp_path / "m.truearm")
     again = load_model(tmp_path / "m.truearm")
     for model in (new, again):
-        np.testing.assert_array_equal(np.flatnonzero(served(model, session)), rows)
+        np.testing.assert_array_equal(np.flatnonzero(used_in_refit(model, session)), rows)
     np.testing.assert_array_equal(again.predict(session.angles), new.predict(session.angles))
     np.testing.assert_array_equal(again.covariance_parts(session)[0], new.covariance_parts(session)[0])
     # Written in degrees, angles come back with other last digits.
     write_session(session, tmp_path / "s.csv")
     back = read_session(tmp_path / "s.csv")
     assert (back.angles != session.angles).any()
-    np.testing.assert_array_equal(np.flatnonzero(served(again, back)), rows)
-    assert not served(fitted, session).any()
-    assert not served(again, elsewhere(real, 30, rng)).any()
+    np.testing.assert_array_equal(np.flatnonzero(used_in_refit(again, back)), rows)
+    assert not used_in_refit(fitted, session).any()
+    assert not used_in_refit(again, elsewhere(real, 30, rng)).any()
     # Refitted once more, it still knows both.
     both = refit(again, session.rows(slice(20, 26)))
-    assert served(both, session).sum() == 5 + 6
+    assert used_in_refit(both, session).sum() == 5 + 6
 
 
 def test_more_new_readings_than_there_were_of_old(real, tmp_path):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.errors import InputError
-from truearm.models.relations import oriented, placed, references_of, state_of, too_few_on, tool_terms
+from truearm.models.relations import rows_with_orientation, roughly_aligned_chain, references_of, state_of, surfaces_with_too_few_readings, tool_terms
 from truearm.readings import Lengths, Readings
 
 NAN = np.nan
@@ -16,7 +16,7 @@ NAN = np.nan
 
 @pytest.fixture
 def angles(rng):
-    return load("gao2017").working + 0.5 * rng.uniform(-1, 1, (12, 6))
+    return load_arm("gao2017").working + 0.5 * rng.uniform(-1, 1, (12, 6))
 
 
 def lengths(*pairs):
@@ -105,9 +105,9 @@ def test_every_kind_of_reference_is_there_once(angles):
     found = references_of(readings, lengths(("a", "b")))
     assert [one.kind for one in found] == ["point", "seat", "orientation"]
     assert found[2].rows.tolist() == [0, 3]
-    assert oriented(readings).tolist() == [0, 3]
-    assert len(tool_terms(load("gao2017"), readings)) == 3
-    assert tool_terms(load("gao2017"), Readings(angles)) == []
+    assert rows_with_orientation(readings).tolist() == [0, 3]
+    assert len(tool_terms(load_arm("gao2017"), readings)) == 3
+    assert tool_terms(load_arm("gao2017"), Readings(angles)) == []
 
 
 @pytest.mark.parametrize("seat", [None, [""] * 12, ["a", "b", *[""] * 10]])
@@ -117,7 +117,7 @@ def test_readings_that_say_nothing_are_refused(seat, angles):
 
 
 def test_a_state_has_what_the_readings_have_and_else_what_is_given(angles, rng):
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     plain = state_of(arm, Readings(angles))
     assert plain.chain is arm.chain
     assert plain.temperature_degC is None
@@ -137,13 +137,13 @@ def test_a_state_has_what_the_readings_have_and_else_what_is_given(angles, rng):
 
 
 def test_an_arm_is_placed_by_points_and_its_tool_by_orientations(angles):
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix(), [500.0, -70, 20]
-    truth = arm.chain.placed(T)
+    truth = arm.chain.with_reference_frame(T)
     readings = Readings(angles, truth.tip_in_base(angles))
-    np.testing.assert_allclose(placed(arm, readings, ("base",)).tip_in_base(angles), readings.points, atol=1e-8)
-    assert placed(arm, readings, ()) is arm.chain
+    np.testing.assert_allclose(roughly_aligned_chain(arm, readings, ("base",)).tip_in_base(angles), readings.points, atol=1e-8)
+    assert roughly_aligned_chain(arm, readings, ()) is arm.chain
 
 
 @pytest.mark.parametrize(("kind", "least"), [("sphere", 4), ("plane", 3), ("line", 2)])
@@ -156,7 +156,7 @@ def test_surfaces_of_too_few_readings_are_left_out_and_told(kind, least, angles)
     seen, found = references_of(readings, None)
     assert seen.rows.tolist() == list(range(6 - least))
     assert (found.kind, found.names, found.rows.tolist()) == (kind, ("B",), list(range(5, 5 + least)))
-    assert too_few_on(readings) == [(kind, "A", least - 1)]
+    assert surfaces_with_too_few_readings(readings) == [(kind, "A", least - 1)]
     assert [one.kind for one in references_of(readings.rows(range(least + 4)), None)] == ["point"]
     with pytest.raises(InputError, match="spheres of four"):
         references_of(readings.rows(range(6 - least, 5)), None)

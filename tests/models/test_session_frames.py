@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from truearm.errors import InputError
 from truearm.models import KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.models.file import load_model, save_model
-from truearm.models.frames import carried, checked_frames, covariance_back, frames_of, points_back
+from truearm.models.frames import to_first_session_frame, checked_frames, covariances_to_session_frames, rough_session_frames, points_to_session_frames
 from truearm.models.refit import refit
 from truearm.readings import Readings
 
@@ -37,7 +37,7 @@ def seen(real, angles, session, rng, noise=NOISE):
     points = np.empty((len(angles), 3))
     for name in np.unique(session):
         rows = session == name
-        points[rows] = real.chain.placed(PLACES[name]).tip_in_base(angles[rows])
+        points[rows] = real.chain.with_reference_frame(PLACES[name]).tip_in_base(angles[rows])
     return Readings(angles, points + rng.normal(0, noise, points.shape), session=session)
 
 
@@ -64,7 +64,7 @@ def asked(real):
 def test_sessions_serve_one_arm_as_well_as_one_session_does(model):
     assert model.fit_.converged
     assert list(model.session_frames_) == ["May", "June", "July"]
-    assert 0.8 * NOISE < model.unexplained_std_ < 1.3 * NOISE
+    assert 0.8 * NOISE < model.residual_std_ < 1.3 * NOISE
     # Of 9 of the nominal arm, and six more for each further session.
     by_name = {group.name: group for group in model.fit_.groups}
     assert by_name["frames of further sessions"].n_coefficients == 12
@@ -79,7 +79,7 @@ def rough(real):
     angles = real.arm.working + 0.8 * rng.uniform(-1, 1, (50, 6))
     points = np.empty((50, 3))
     for name in np.unique(session):
-        there = real.chain.placed(motion(rng.normal(0, 0.3, 3), rng.normal(0, 500, 3)))
+        there = real.chain.with_reference_frame(motion(rng.normal(0, 0.3, 3), rng.normal(0, 500, 3)))
         rows = session == name
         points[rows] = there.tip_in_base(angles[rows] + 1e-4 * np.sin(3 * angles[rows]))
     return Readings(angles, points + rng.normal(0, NOISE, (50, 3)), session=session)
@@ -89,10 +89,10 @@ def test_positions_that_are_all_or_most_of_a_session_leave_what_is_unexplained_a
     """Without its frame nothing tells where a session's readings are: they are held by any covariance."""
     alone = KinematicModel(real.arm).fit_readings(rough)
     whole = KinematicModel(real.arm).fit_readings(replace(rough, position=rough.session))
-    assert whole.unexplained_std_ == pytest.approx(alone.unexplained_std_, rel=0.2)
+    assert whole.residual_std_ == pytest.approx(alone.residual_std_, rel=0.2)
     most = np.char.add(rough.session, np.where(np.arange(50) % 10 < 8, "x", "y"))
     found = KinematicModel(real.arm).fit_readings(replace(rough, position=most))
-    assert found.unexplained_std_ == pytest.approx(alone.unexplained_std_, rel=0.2)
+    assert found.residual_std_ == pytest.approx(alone.residual_std_, rel=0.2)
     # Eight of ten in one position: the other two do not tell a frame, which the covariance says in metres.
     known = np.sqrt(np.linalg.eigvalsh(found.held_out_.covariance)[:, -1])
     eight = np.char.endswith(most[found.held_out_.rows], "x")
@@ -129,7 +129,7 @@ def test_the_uncertainty_turns_with_the_frame(model, asked):
     _, covariance = model.predict_readings(asked, return_cov=True)
     frames = model.session_frames_
     july = asked.session == "July"
-    turned = covariance_back(covariance, replace(asked, session=np.full(180, "July")), frames)
+    turned = covariances_to_session_frames(covariance, replace(asked, session=np.full(180, "July")), frames)
     R = frames["July"][:3, :3]
     np.testing.assert_allclose(turned[0], R.T @ covariance[0] @ R, rtol=1e-12)
     np.testing.assert_allclose(np.trace(turned, axis1=1, axis2=2), np.trace(covariance, axis1=1, axis2=2), rtol=1e-12)
@@ -163,17 +163,17 @@ def test_frames_that_are_none_are_refused(names, motions):
 
 
 def test_what_is_carried_comes_back(readings, real):
-    frames = frames_of(real.arm, readings, ("base",))
+    frames = rough_session_frames(real.arm, readings, ("base",))
     turned = Rotation.random(90, random_state=1).as_quat(scalar_first=True)
     whole = replace(readings, point_std=np.full((90, 3), [0.01, 0.02, 0.05]), quaternion=turned)
-    there = carried(whole, frames)
+    there = to_first_session_frame(whole, frames)
     np.testing.assert_array_equal(there.points[:40], readings.points[:40])
-    np.testing.assert_allclose(points_back(there.points, readings, frames), readings.points, atol=1e-9)
+    np.testing.assert_allclose(points_to_session_frames(there.points, readings, frames), readings.points, atol=1e-9)
     np.testing.assert_array_equal(there.point_std[:40], whole.point_std[:40])
     np.testing.assert_allclose((there.point_std**2).sum(axis=1), 0.01**2 + 0.02**2 + 0.05**2, rtol=1e-12)
     # An axis of the flange turns as a difference of points does.
     x = Rotation.from_quat(turned, scalar_first=True).apply([1.0, 0, 0])
-    tips = carried(replace(whole, points=readings.points + x), frames).points - there.points
+    tips = to_first_session_frame(replace(whole, points=readings.points + x), frames).points - there.points
     np.testing.assert_allclose(
         Rotation.from_quat(there.quaternion, scalar_first=True).apply([1, 0, 0]), tips, atol=1e-9
     )
@@ -192,7 +192,7 @@ def test_a_gross_error_in_a_session_of_few_points_leaves_its_frame_alone(real, s
     points = readings.points.copy()
     points[42] += [700.0, -700, 700]
     exact = PLACES["May"] @ np.linalg.inv(PLACES["July"])
-    frames = frames_of(real.arm, replace(readings, points=points), ("base", "tip"))
+    frames = rough_session_frames(real.arm, replace(readings, points=points), ("base", "tip"))
     np.testing.assert_allclose(frames["July"][:3, :3], exact[:3, :3], atol=0.02)
     found = KinematicModel(real.arm).fit_readings(replace(readings, points=points))
     asked = seen(real, real.arm.working + 0.7 * rng.uniform(-1, 1, (60, 6)), np.repeat("July", 60), rng, noise=0.0)
@@ -201,11 +201,11 @@ def test_a_gross_error_in_a_session_of_few_points_leaves_its_frame_alone(real, s
 
 def test_one_session_or_a_known_base_is_one_frame(readings, real):
     one = replace(readings, session=np.full(90, "May"))
-    assert frames_of(real.arm, one, ("base", "tip")) == {}
-    assert frames_of(real.arm, readings, ("tip",)) == {}
-    assert frames_of(real.arm, replace(readings, session=None), ("base",)) == {}
+    assert rough_session_frames(real.arm, one, ("base", "tip")) == {}
+    assert rough_session_frames(real.arm, readings, ("tip",)) == {}
+    assert rough_session_frames(real.arm, replace(readings, session=None), ("base",)) == {}
     held = Readings(readings.angles, seat=np.repeat(["A", "B"], 45), session=readings.session)
-    assert frames_of(real.arm, held, ("base",)) == {}
+    assert rough_session_frames(real.arm, held, ("base",)) == {}
 
 
 def test_sessions_that_leave_a_frame_open_are_refused(readings, real):
@@ -275,4 +275,4 @@ def test_a_place_in_two_sessions_is_learned_from_nowhere(real):
 
 def test_physical_terms_do_not_mind_sessions(readings, real):
     found = PhysicalModel(real.arm, highest=1).fit_readings(readings)
-    assert found.unexplained_std_ < 1.5 * NOISE
+    assert found.residual_std_ < 1.5 * NOISE

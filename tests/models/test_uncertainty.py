@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truearm.arm.catalogue import load
+from truearm.arm.catalogue import load_arm
 from truearm.models import KinematicModel, NominalModel
 from truearm.models.uncertainty import ELLIPSOID_FACTOR, uncertainty_budget
 from truearm.poses import box, seat
 from truearm.readings import Readings
 from truearm.virtual import PRESETS, VirtualArm
 
-ARM = load("gao2017")
+ARM = load_arm("gao2017")
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +33,8 @@ def others(virtual):
 def test_the_parts_add_up(model, others):
     budget, _ = uncertainty_budget(model, others)
     assert budget.combined_mm == pytest.approx(np.hypot(budget.of_parameters_mm, budget.unexplained_mm))
-    share = model.unexplained_shares_.share(others.angles)
-    assert budget.unexplained_mm == pytest.approx(model.unexplained_std_ * np.sqrt(share.mean()))
+    share = model.variance_function_.share(others.angles)
+    assert budget.unexplained_mm == pytest.approx(model.residual_std_ * np.sqrt(share.mean()))
     assert budget.combined_mm < budget.largest_mm
     assert budget.expanded_mm == 2 * budget.combined_mm
     assert budget.ellipsoid_mm == pytest.approx(2.7955 * budget.combined_mm, rel=1e-4)  # the root of chi^2, 3 d.o.f.
@@ -51,8 +51,8 @@ def test_it_counts_the_points_that_lie_in_their_ellipsoids(model, others):
     for predicted, measured, spread, std in zip(points, others.points, covariance, others.point_std, strict=True):
         off = predicted - measured
         inside += off @ np.linalg.inv(spread + np.diag(std**2)) @ off < ELLIPSOID_FACTOR**2
-    assert budget.n_held == inside
-    assert budget.n_held / 300 > 0.9
+    assert budget.n_covered == inside
+    assert budget.n_covered / 300 > 0.9
     assert far == ()
 
 
@@ -62,7 +62,7 @@ def test_a_reading_far_off_is_found_with_its_row(model, others):
     budget, far = uncertainty_budget(model, Readings(others.angles, points))
     assert [one.row for one in far] == [40, 7]
     assert far[0].error_mm == pytest.approx(2.0, abs=0.2)
-    assert far[0].times == pytest.approx(far[0].error_mm / np.sqrt(3) / budget.combined_mm, rel=0.2)
+    assert far[0].normalized_residual == pytest.approx(far[0].error_mm / np.sqrt(3) / budget.combined_mm, rel=0.2)
 
 
 def test_an_arm_known_from_seats_alone_is_judged_in_a_fitted_frame(virtual, others):
@@ -73,7 +73,7 @@ def test_an_arm_known_from_seats_alone_is_judged_in_a_fitted_frame(virtual, othe
     from_seats = KinematicModel(ARM).fit_readings(held)
     budget, far = uncertainty_budget(from_seats, held)
     assert budget.is_relative
-    assert (budget.n_points, budget.n_held, far) == (0, 0, ())
+    assert (budget.n_points, budget.n_covered, far) == (0, 0, ())
     in_base = np.trace(from_seats.covariance_parts(held)[0], axis1=1, axis2=2).mean() / 3
     assert budget.of_parameters_mm < np.sqrt(in_base)
     # Against points, what is stated is in the frame of the points.

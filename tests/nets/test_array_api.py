@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.nets.lm import train_lm
+from truearm.nets.lm import train_varpro
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.trainlm import trainlm
 from truearm.nets.variable_projection import ProjectedProblem
-from truearm.solve.arrays import placed_like, to_numpy
+from truearm.solve.arrays import as_array_like, to_numpy
 
 torch = pytest.importorskip("torch", reason="PyTorch is an extra: pip install 'truearm[torch]'")
 
@@ -55,12 +55,12 @@ def test_projection_is_the_same():
     numpy, tensors, weights = both()
     ours, theirs = ProjectedProblem(numpy), ProjectedProblem(tensors)
     hidden = weights[: ours.n_hidden_weights]
-    np.testing.assert_allclose(theirs.completed(hidden), ours.completed(hidden), atol=1e-8)
+    np.testing.assert_allclose(theirs.full_weights(hidden), ours.full_weights(hidden), atol=1e-8)
     gram = ours.normal_equations(hidden).gram
     np.testing.assert_allclose(to_numpy(theirs.normal_equations(hidden).gram), gram, atol=1e-9 * np.abs(gram).max())
 
 
-@pytest.mark.parametrize("train", [train_lm, trainlm])
+@pytest.mark.parametrize("train", [train_varpro, trainlm])
 def test_a_training_goes_the_same_way(train):
     """Ten epochs: rounding has grown by then, but not to a millionth of the error."""
     numpy, tensors, weights = both()
@@ -69,7 +69,7 @@ def test_a_training_goes_the_same_way(train):
 
 
 def test_vectors_are_placed_and_fetched():
-    tensor = placed_like(np.arange(3.0), torch.zeros(1, dtype=torch.float64))
+    tensor = as_array_like(np.arange(3.0), torch.zeros(1, dtype=torch.float64))
     assert torch.is_tensor(tensor)
     np.testing.assert_array_equal(to_numpy(tensor), [0, 1, 2])
 

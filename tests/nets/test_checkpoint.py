@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError, TruearmError
 from truearm.nets import normal_equations
-from truearm.nets.checkpoint import Checkpoint, Saved
-from truearm.nets.lm import train_lm
+from truearm.nets.checkpoint import Checkpoint, TrainingSnapshot
+from truearm.nets.lm import train_varpro
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
@@ -27,7 +27,7 @@ from truearm.nets.traingd import traingd
 from truearm.nets.traingdx import traingdx
 from truearm.nets.trainlm import trainlm
 
-TRAINERS = [train_lm, trainlm, trainbr, traingd, traingdx]
+TRAINERS = [train_varpro, trainlm, trainbr, traingd, traingdx]
 EPOCHS = 25
 
 
@@ -143,7 +143,7 @@ def test_interrupted_in_the_midst_of_an_epoch_it_goes_on_from_the_last_whole_one
     assert_told(before + after, 0, result)
 
 
-@pytest.mark.parametrize("trainer", [train_lm, traingdx])
+@pytest.mark.parametrize("trainer", [train_varpro, traingdx])
 def test_sums_that_threads_share_come_out_the_same_again(file, trainer, monkeypatch):
     """Enough samples for several chunks, which threads work off in any order."""
     asked, pool = [], normal_equations._threads
@@ -297,7 +297,7 @@ def test_a_foreign_file_is_refused(interrupted, edit, message):
     assert interrupted.read_bytes() == before
 
 
-@pytest.mark.parametrize("trainer", [train_lm, trainlm, trainbr])
+@pytest.mark.parametrize("trainer", [train_varpro, trainlm, trainbr])
 def test_damping_that_no_training_has_is_refused(file, trainer):
     with pytest.raises(KeyboardInterrupt):
         trained(trainer, Checkpoint(file, "mine"), callback=interrupting_at(5))
@@ -366,7 +366,7 @@ def test_damage_at_any_byte_is_seen_or_harmless(interrupted):
         except InputError:
             refused += 1
         else:
-            for f in fields(Saved):
+            for f in fields(TrainingSnapshot):
                 np.testing.assert_array_equal(getattr(found, f.name), getattr(intact, f.name))
     assert refused >= len(cut)
 

@@ -98,7 +98,7 @@ def test_projection_is_the_minimum_over_the_output_layer():
     fit, weights = problem((3, 5, 4, 2), "tansig", n=200)
     projected = ProjectedProblem(fit)
     hidden = weights[: projected.n_hidden_weights]
-    completed = projected.completed(hidden)
+    completed = projected.full_weights(hidden)
     assert np.abs(fit.normal_equations(completed).gradient[len(hidden) :]).max() < 1e-10
     rng = np.random.default_rng(1)
     for _ in range(20):
@@ -124,7 +124,7 @@ def test_projected_matrix_is_the_schur_complement():
     fit, weights = problem((3, 4, 3, 2), "logsig", n=100)
     projected = ProjectedProblem(fit)
     p = projected.n_hidden_weights
-    J = dense_jacobian(fit.network, projected.completed(weights[:p]), fit.inputs)
+    J = dense_jacobian(fit.network, projected.full_weights(weights[:p]), fit.inputs)
     hidden, output = J[:, :p], J[:, p:]
     off = hidden - output @ np.linalg.lstsq(output, hidden)[0]  # columns with the output layer's space taken away
     gram = projected.normal_equations(weights[:p]).gram
@@ -178,7 +178,7 @@ def test_cost_and_equations_agree_to_the_last_bit(sizes, n):
     assert fit.cost(weights) == fit.normal_equations(weights).cost
     projected = ProjectedProblem(fit)
     hidden = weights[: projected.n_hidden_weights]
-    assert projected.cost(hidden) == projected.normal_equations(hidden).cost == fit.cost(projected.completed(hidden))
+    assert projected.cost(hidden) == projected.normal_equations(hidden).cost == fit.cost(projected.full_weights(hidden))
 
 
 def test_sums_hold_no_more_at_once_however_many_the_chunks():
@@ -207,9 +207,9 @@ def test_completed_weights_are_the_callers_own():
     fit, weights = problem((2, 4, 1), "tansig")
     projected = ProjectedProblem(fit)
     hidden = weights[: projected.n_hidden_weights]
-    kept = projected.completed(hidden).copy()
-    projected.completed(hidden)[:] = np.nan
-    np.testing.assert_array_equal(projected.completed(hidden), kept)
+    kept = projected.full_weights(hidden).copy()
+    projected.full_weights(hidden)[:] = np.nan
+    np.testing.assert_array_equal(projected.full_weights(hidden), kept)
 
 
 @pytest.mark.parametrize("what", ["inputs", "targets"])
@@ -240,15 +240,15 @@ def test_bending_equals_differences_of_the_projected_errors(sizes):
     step = 0.05 * np.random.default_rng(3).normal(size=p)
 
     def errors(x):
-        return (fit.network.outputs(projected.completed(x), fit.inputs) - fit.targets).ravel()
+        return (fit.network.outputs(projected.full_weights(x), fit.inputs) - fit.targets).ravel()
 
     h = 1e-5
     J = np.stack([(errors(x + h * e) - errors(x - h * e)) / (2 * h) for e in np.eye(p)], axis=1)
     second = (errors(x + 0.01 * step) - 2 * errors(x) + errors(x - 0.01 * step)) / 0.01**2
     # What the output layer could take away does not count: of J only the part without it is kept.
-    a = fit.network.forward(projected.completed(x), fit.inputs)[-2]
+    a = fit.network.forward(projected.full_weights(x), fit.inputs)[-2]
     A = np.concatenate([a, np.ones((1, a.shape[1]))]).T
     leaves = np.eye(len(A)) - A @ np.linalg.pinv(A)
     second = (second.reshape(sizes[-1], -1) @ leaves).ravel()
     expected = J.T @ second
-    np.testing.assert_allclose(projected.bending(x, step), expected, atol=1e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(projected.second_directional_derivative(x, step), expected, atol=1e-3 * np.abs(expected).max())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.nets.lm import train_lm
+from truearm.nets.lm import train_varpro
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
@@ -16,7 +16,7 @@ from truearm.nets.traingdx import traingdx
 from truearm.nets.training import dividerand
 from truearm.nets.trainlm import trainlm
 
-TRAINERS = [train_lm, trainlm, trainbr, traingd, traingdx]
+TRAINERS = [train_varpro, trainlm, trainbr, traingd, traingdx]
 NETWORK = Perceptron.with_layers(1, (4,), 1)
 
 
@@ -81,7 +81,7 @@ def test_nothing_of_the_training_can_be_changed_through_what_it_tells(wave, trai
     ],
 )
 def test_what_can_never_be_meant_is_refused(wave, trainer, change, message):
-    if (trainer is trainbr and "max_fail" in change) or (trainer is train_lm and "min_grad" in change):
+    if (trainer is trainbr and "max_fail" in change) or (trainer is train_varpro and "min_grad" in change):
         return  # they have no such option
     (training, *_), start = wave
     other = FitProblem(Perceptron.with_layers(1, (5,), 1), training.inputs, training.targets)

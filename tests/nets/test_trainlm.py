@@ -11,11 +11,11 @@ import pytest
 
 from truearm.errors import InputError
 from truearm.nets.activations import ACTIVATIONS
-from truearm.nets.lm import train_lm
+from truearm.nets.lm import train_varpro
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
-from truearm.nets.scaling import MinMax
+from truearm.nets.scaling import MinMaxScaler
 from truearm.nets.trainlm import trainlm
 
 
@@ -175,7 +175,7 @@ def test_the_gradient_is_that_of_the_mean_square(wave):
 def test_projection_needs_fewer_epochs(wave):
     problem, start = wave
     _, faithful = trainlm(problem, start, goal=1e-6, epochs=500)
-    weights, ours = train_lm(problem, start, goal=1e-6, epochs=500)
+    weights, ours = train_varpro(problem, start, goal=1e-6, epochs=500)
     assert ours.stop == faithful.stop == "Performance goal met."
     assert len(ours.perf) < len(faithful.perf)
     assert problem.mean_square(weights) <= 1e-6
@@ -193,7 +193,7 @@ def test_projection_needs_fewer_epochs(wave):
 def test_each_stop_of_projection(noisy, options, sentence):
     x, y = noisy[0].inputs, noisy[0].targets
     few = FitProblem(Perceptron.with_layers(1, (3,), 1), x, y)
-    weights, record = train_lm(few, nguyen_widrow(few.network, seed=0), **options)
+    weights, record = train_varpro(few, nguyen_widrow(few.network, seed=0), **options)
     assert record.stop == sentence
     assert few.mean_square(weights) == pytest.approx(record.perf[-1], rel=1e-9)
 
@@ -201,7 +201,7 @@ def test_each_stop_of_projection(noisy, options, sentence):
 def test_projection_with_validation_keeps_the_best(wave, noisy):
     _, start = wave
     training, validation = noisy
-    weights, record = train_lm(training, start, validation=validation, test=validation, max_fail=5)
+    weights, record = train_varpro(training, start, validation=validation, test=validation, max_fail=5)
     assert validation.mean_square(weights) == pytest.approx(record.vperf.min(), rel=1e-9)
     np.testing.assert_array_equal(record.tperf, record.vperf)
 
@@ -214,11 +214,11 @@ def test_training_is_repeatable(wave):
 
 def test_mapminmax_maps_the_range_and_back():
     data = np.array([[1.0, 3, 2], [-5, 5, 0]])
-    scale = MinMax.of(data, what="input")
-    np.testing.assert_array_equal(scale.scaled(data), [[-1, 1, 0], [-1, 1, 0]])
-    np.testing.assert_allclose(scale.restored(scale.scaled(data)), data, rtol=1e-15)
+    scale = MinMaxScaler.of(data, what="input")
+    np.testing.assert_array_equal(scale.scale(data), [[-1, 1, 0], [-1, 1, 0]])
+    np.testing.assert_allclose(scale.unscale(scale.scale(data)), data, rtol=1e-15)
     with pytest.raises(InputError, match="input 2 is 7 in all 3 samples"):
-        MinMax.of(np.array([[1.0, 2, 3], [7, 7, 7]]), what="input")
+        MinMaxScaler.of(np.array([[1.0, 2, 3], [7, 7, 7]]), what="input")
 
 
 @pytest.mark.parametrize("name", ["tansig", "logsig", "purelin"])
@@ -276,7 +276,7 @@ def test_weights_travel_as_one_vector():
     assert np.concatenate([W.ravel() for W in network.layers(weights)]).tolist() == weights.tolist()
 
 
-@pytest.mark.parametrize("train", [train_lm, trainlm])
+@pytest.mark.parametrize("train", [train_varpro, trainlm])
 def test_a_start_that_saturates_every_unit_is_no_error(wave, train):
     """Slopes of exactly zero: nothing to learn from, and no damping measured by them."""
     problem, start = wave

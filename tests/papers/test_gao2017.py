@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from truearm.papers.gao2017 import PAPER_NOMINAL_MM, QUICK, Settings, experiment
+from truearm.papers.gao2017 import PAPER_NOMINAL_MM, QUICK_SETTINGS, Settings, experiment
 
 SMALL = Settings(n_train=400, n_test=200, hidden=(8, 8), epochs=30)
 
@@ -88,5 +88,5 @@ def test_progress_tells_every_epoch():
 @pytest.mark.slow
 def test_the_quick_network_is_within_reach_of_the_paper():
     """1500 poses and 20-20 units: some 0.05 mm, a tenth of the nominal error."""
-    errors = experiment(seed=0, settings=QUICK).errors("box")["network"]
+    errors = experiment(seed=0, settings=QUICK_SETTINGS).errors("box")["network"]
     assert errors["removed_percent"] > 80

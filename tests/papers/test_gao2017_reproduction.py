@@ -10,25 +10,25 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.papers.gao2017_final_test import poses_outside
-from truearm.papers.gao2017_plan import FIX_THE_BOX, FULL, PARTS, QUICK, planned, training_of, trainings
-from truearm.papers.gao2017_reproduction import FIXED_THE_BOX, GOAL_MET, _same, reproduce, verdict
+from truearm.papers.gao2017_plan import BOX_FITTING_ROWS, FULL_EFFORT, PARTS, QUICK_EFFORT, plan_trainings, training_of, trainings
+from truearm.papers.gao2017_reproduction import USED_TO_FIX_BOX, GOAL_MET, _same, reproduce, verdict
 from truearm.papers.gao2017_tables import TABLES
-from truearm.papers.gao2017_training import FURTHER, machine, trained
-from truearm.report import wording
-from truearm.report.reproduced import reproduced
+from truearm.papers.gao2017_training import TEST_STREAM, machine_data, run_training
+from truearm.report import phrases
+from truearm.report.reproduced import read_reproduction
 
 # Rows of the paper that show what is special: shared trainings, other activations, gradient descent.
 ROWS = {2: (1, 6, 8, 15), 3: (6, 9, 11, 12), 4: (4,)}
 EFFORT = replace(
-    FULL,
+    FULL_EFFORT,
     epochs=5,
     box_epochs=2,
-    own_epochs={2: 3, 3: 3, 4: 3},
+    lm_epochs={2: 3, 3: 3, 4: 3},
     starts=((math.inf, 2),),
-    starts_of={(2, 1): 3},
+    starts_by_row={(2, 1): 3},
     half_widths_deg=(20.0, 34.0),
 )
 
@@ -74,7 +74,7 @@ def row_of(found, table, number):
 def test_the_findings_are_json_that_the_page_takes(found):
     again = json.loads(json.dumps(found, allow_nan=False))
     assert again == found
-    assert reproduced(found).quick is False
+    assert read_reproduction(found).quick is False
 
 
 def test_every_row_has_both_sides_with_a_run_a_seed(found):
@@ -99,7 +99,7 @@ def test_rows_that_differ_in_nothing_that_matters_are_one_training(found):
     first, goal, rate = (row_of(found, 2, number) for number in (1, 6, 8))
     assert [row["same_training_as"] for row in (first, goal, rate)] == [None, 1, 1]
     assert first["faithful"]["runs"][0]["mean_many_mm"] == rate["faithful"]["runs"][0]["mean_many_mm"]
-    assert first["verdict"] == FIXED_THE_BOX == wording.FIXED_THE_BOX
+    assert first["verdict"] == USED_TO_FIX_BOX == phrases.USED_TO_FIX_BOX
     assert [row[key] for row in (goal, rate) for key in ("verdict", "verdict_ours")] == [None] * 4
     assert "no start met that of row 1" in goal["note"]
     assert rate["note"] == "The same training as row 1: trainlm takes no learning rate."
@@ -107,7 +107,7 @@ def test_rows_that_differ_in_nothing_that_matters_are_one_training(found):
     assert (claim["rates"], claim["rows"]) == ([0.1, 1.0], [1, 8])
     assert claim["mean_mm"] == first["faithful"]["median"]["mean_many_mm"]
     assert claim["paper_mean_mm"] == [151.0, 158.0]
-    wanted, _ = planned(["table 2"], EFFORT)
+    wanted, _ = plan_trainings(["table 2"], EFFORT)
     assert len(wanted) == len(set(wanted)) == 2 * (3 + 2)  # sides, seeds of rows 1 and 15
 
 
@@ -149,9 +149,9 @@ def test_the_first_epoch_at_the_papers_level_is_told_for_every_row_that_shares_a
     row = TABLES[2][0]
     training = training_of(2, row, "ours", EFFORT, seed=0)
     assert training.levels_mm == (151.0, 156.0, 158.0)
-    one, epochs = trained(training, tmp_path, lambda share, note: None), {}
+    one, epochs = run_training(training, tmp_path, lambda share, note: None), {}
     for stop in range(one.epochs + 1):  # the same training, ended earlier
-        part = trained(replace(training, epochs=max(stop, 1)), tmp_path, lambda share, note: None)
+        part = run_training(replace(training, epochs=max(stop, 1)), tmp_path, lambda share, note: None)
         error = float(part.errors(2000, 3).mean())
         for level in training.levels_mm:
             if stop > 0 and error <= level:
@@ -161,22 +161,22 @@ def test_the_first_epoch_at_the_papers_level_is_told_for_every_row_that_shares_a
 
 def test_a_part_alone_runs_only_what_it_needs(tmp_path):
     for part in ("figure 1", "figure 3", "figure 6"):
-        assert planned([part], EFFORT) == ([], [])
+        assert plan_trainings([part], EFFORT) == ([], [])
     drawn = reproduce(["figure 3"], effort=EFFORT, folder=tmp_path)
     assert drawn["figures"]["network"] == {"sizes": [6, 4, 4, 3]}
     assert drawn["tables"] == {"2": None, "3": None, "4": None}
     assert not list(tmp_path.iterdir())
-    wanted, _ = planned(["figure 4"], EFFORT)
+    wanted, _ = plan_trainings(["figure 4"], EFFORT)
     assert [(one.trainer, one.seed) for one in wanted] == [("trainlm", 0), ("lm", 0)]
     for part in ("figure 7", "figure 8"):
-        assert [(one.trainer, one.seed) for one in planned([part], EFFORT)[0]] == [("lm", 0)]
+        assert [(one.trainer, one.seed) for one in plan_trainings([part], EFFORT)[0]] == [("lm", 0)]
     drawn = reproduce(["figure 8"], effort=EFFORT, folder=tmp_path)
     assert drawn["figures"]["8"] is not None
     assert set(drawn["claims"].values()) == {None}
 
 
 def test_quick_says_what_it_left_out(tmp_path):
-    quick = replace(EFFORT, quick=True, starts=((1e-9, 1),), starts_of={}, half_widths_deg=(20.0,))
+    quick = replace(EFFORT, quick=True, starts=((1e-9, 1),), starts_by_row={}, half_widths_deg=(20.0,))
     found = reproduce(["table 4", "table 3"], effort=quick, folder=tmp_path)
     assert found["quick"]
     assert found["left_out"][0].startswith("Table 3, row 6, trainlm: some ")
@@ -184,7 +184,7 @@ def test_quick_says_what_it_left_out(tmp_path):
     row = row_of(found, 4, 4)
     assert (row["faithful"], row["ours"], row["verdict"]) == (None, None, "left out")
     assert found["final_test"] is None
-    assert reproduced(found).left_out == found["left_out"]
+    assert read_reproduction(found).left_out == found["left_out"]
 
 
 def test_quick_of_the_paper_is_part_of_all_of_it():
@@ -192,14 +192,14 @@ def test_quick_of_the_paper_is_part_of_all_of_it():
     for table, rows in TABLES.items():
         for row in rows:
             for side in ("faithful", "ours"):
-                assert set(trainings(table, row, side, QUICK)) <= set(trainings(table, row, side, FULL))
+                assert set(trainings(table, row, side, QUICK_EFFORT)) <= set(trainings(table, row, side, FULL_EFFORT))
 
 
-@pytest.mark.parametrize("effort", [FULL, QUICK])
+@pytest.mark.parametrize("effort", [FULL_EFFORT, QUICK_EFFORT])
 def test_the_estimates_are_what_the_page_promises(effort, monkeypatch):
     for table, rows in PAPERS_TABLES.items():
         monkeypatch.setitem(TABLES, table, rows)
-    seconds = sum(training.estimated_seconds for training in planned(PARTS, effort)[0])
+    seconds = sum(training.estimated_seconds for training in plan_trainings(PARTS, effort)[0])
     assert seconds < (200 if effort.quick else 4000)
 
 
@@ -237,13 +237,13 @@ def test_a_kinematic_model_errs_outside_the_box_as_inside_and_a_network_does_not
 @pytest.mark.parametrize("distance", [0.5, 5.0, 60.0])
 def test_poses_outside_are_as_far_outside_as_they_say(distance):
     angles = poses_outside(200, half_width_deg=20.0, distance_deg=distance, seed=1)
-    beyond = np.abs(np.degrees(angles - load("gao2017").working)).max(axis=1) - 20.0
+    beyond = np.abs(np.degrees(angles - load_arm("gao2017").working)).max(axis=1) - 20.0
     np.testing.assert_allclose(beyond, distance, atol=1e-9)  # deg, rounding
 
 
 def test_poses_at_no_distance_are_inside():
     angles = poses_outside(200, half_width_deg=20.0, distance_deg=0.0, seed=1)
-    assert np.abs(np.degrees(angles - load("gao2017").working)).max() <= 20
+    assert np.abs(np.degrees(angles - load_arm("gao2017").working)).max() <= 20
 
 
 def test_frames_of_the_figure_end_at_the_tip(found):
@@ -292,7 +292,7 @@ def test_only_distinct_rows_that_did_not_fix_the_box_are_judged(monkeypatch):
     assert judged(3, "faithful") == list(range(1, 13))
     assert judged(3, "ours") == list(range(1, 9))
     assert judged(4, "faithful") == judged(4, "ours") == [1, 2, 3]
-    assert {(2, 1), (2, 12), (2, 17), (4, 4)} < FIX_THE_BOX
+    assert {(2, 1), (2, 12), (2, 17), (4, 4)} < BOX_FITTING_ROWS
     for row in TABLES[2][5:11]:
         assert verdict(2, row, "ours", None) is None
 
@@ -363,32 +363,32 @@ def test_what_was_run_is_not_run_again(tmp_path):
 )
 def test_a_spoilt_file_of_a_training_is_refused(tmp_path, spoil):
     training = training_of(2, TABLES[2][0], "ours", EFFORT, seed=0)
-    trained(training, tmp_path, lambda share, note: None)
+    run_training(training, tmp_path, lambda share, note: None)
     (file,) = tmp_path.iterdir()
     file.write_text(json.dumps(spoil(json.loads(file.read_text()))))
     with pytest.raises(InputError, match="not what a training leaves.*delete it") as told:
-        trained(training, tmp_path, lambda share, note: None)
+        run_training(training, tmp_path, lambda share, note: None)
     assert told.value.file == file
 
 
 def test_half_a_file_and_one_that_is_too_large_are_refused(tmp_path, monkeypatch):
     training = training_of(2, TABLES[2][0], "ours", EFFORT, seed=0)
-    done = trained(training, tmp_path, lambda share, note: None)
+    done = run_training(training, tmp_path, lambda share, note: None)
     (file,) = tmp_path.iterdir()
-    again = trained(training, tmp_path, lambda share, note: None)
-    np.testing.assert_array_equal(again.errors(10, FURTHER), done.errors(10, FURTHER))
+    again = run_training(training, tmp_path, lambda share, note: None)
+    np.testing.assert_array_equal(again.errors(10, TEST_STREAM), done.errors(10, TEST_STREAM))
     text = file.read_text()
     file.write_text(text[: len(text) // 2])
     with pytest.raises(InputError, match="delete it"):
-        trained(training, tmp_path, lambda share, note: None)
+        run_training(training, tmp_path, lambda share, note: None)
     file.write_text(text)
     monkeypatch.setattr("truearm.papers.gao2017_training.LARGEST_FILE", 100)
     with pytest.raises(InputError, match="at most 100 bytes"):
-        trained(training, tmp_path, lambda share, note: None)
+        run_training(training, tmp_path, lambda share, note: None)
     file.unlink()
     file.mkdir()
     with pytest.raises(InputError, match="expected a file"):
-        trained(training, tmp_path, lambda share, note: None)
+        run_training(training, tmp_path, lambda share, note: None)
 
 
 def test_a_training_of_another_recipe_is_another_training(monkeypatch):
@@ -402,13 +402,13 @@ def test_machine_and_time_of_day_stay_with_a_training(tmp_path):
     found = reproduce(["figure 7"], effort=EFFORT, folder=tmp_path)
     (file,) = tmp_path.iterdir()
     kept = json.loads(file.read_text())
-    assert kept["machine"] == machine()
+    assert kept["machine"] == machine_data()
     assert found["trained"] == [kept["ended"]] * 2
     kept["machine"]["cpu"] = "another"
     file.write_text(json.dumps(kept))
     assert reproduce(["figure 7"], effort=EFFORT, folder=tmp_path)["machines"] == [kept["machine"]]
     both = reproduce(["figure 7", "figure 4"], effort=EFFORT, folder=tmp_path)
-    assert {one["cpu"] for one in both["machines"]} == {"another", machine()["cpu"]}
+    assert {one["cpu"] for one in both["machines"]} == {"another", machine_data()["cpu"]}
     assert len(both["machines"]) == 2
 
 
@@ -430,7 +430,7 @@ def test_tests_on_further_poses_do_not_count_as_training_time(tmp_path, monkeypa
     monkeypatch.setattr("truearm.papers.gao2017_training._run", run)
     # Levels that are reached at once, and never.
     training = replace(training_of(2, TABLES[2][0], "ours", EFFORT, seed=0), levels_mm=(1e-9, 1e9))
-    done = trained(training, tmp_path, tell)
+    done = run_training(training, tmp_path, tell)
     assert clock[0] == 330
     assert done.seconds == 30
     assert done.reached == {1e9: (0, 10.0)}

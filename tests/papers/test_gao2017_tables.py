@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.arm.conventions import chain_from_dh
 from truearm.papers.gao2017 import PAPER_NETWORK_MM, PAPER_NOMINAL_MM
 from truearm.papers.gao2017_tables import FINAL_TEST, N_TEST, TABLE_1, TABLES, TIP_MM
@@ -48,7 +48,7 @@ def test_the_first_table_is_the_arm_that_we_ship():
     printed = chain_from_dh(a=a, d=d, alpha=np.radians(alpha), theta=np.radians(theta), tip_in_flange=TIP_MM)
     angles = np.linspace(-1, 1, 30).reshape(5, 6)
     # Equal but for rounding [mm].
-    np.testing.assert_allclose(printed.tip_in_base(angles), load("gao2017").chain.tip_in_base(angles), atol=1e-9)
+    np.testing.assert_allclose(printed.tip_in_base(angles), load_arm("gao2017").chain.tip_in_base(angles), atol=1e-9)
 
 
 def test_the_final_test_is_that_of_the_experiment():

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from truearm.arm.arm import Arm
-from truearm.arm.catalogue import load, names
+from truearm.arm.catalogue import load_arm, arm_names
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.plan.candidates import Candidates, bar_places, seat_poses, tracker_poses, volume_poses
-from truearm.plan.exchange import DesignProblem, choose, eliminated, mean_square, stacked
+from truearm.plan.exchange import DesignProblem, select_candidates, project_out, moment_matrix, stack_factors
 from truearm.poses import Sector
 from truearm.poses.measuring import END_STOP_MARGIN_RAD
 from truearm.poses.workspace import azimuth_of, joint_origins, stance
@@ -29,7 +29,7 @@ def gantry() -> Arm:
 def feasible(arm, candidates):
     """Within the limits, 2 deg off them, and above the table."""
     lower, upper = arm.limits.T
-    turns = ~arm.chain.slides
+    turns = ~arm.chain.is_prismatic
     margin = np.minimum(END_STOP_MARGIN_RAD, np.minimum(arm.working - lower, upper - arm.working))[turns]
     angles = candidates.angles
     # 1e-12 rad: rounding of limit and margin.
@@ -63,7 +63,7 @@ def same(one, other):
 
 @pytest.mark.parametrize("name", ["measuring7", "gao2017", "panda"])
 def test_the_tip_is_in_the_seat(name):
-    arm = load(name)
+    arm = load_arm(name)
     found = seat_poses(arm, seats=3, poses=8, seed=1)
     assert len(found) == 24
     assert found.seat.tolist() == ["S1"] * 8 + ["S2"] * 8 + ["S3"] * 8
@@ -75,7 +75,7 @@ def test_the_tip_is_in_the_seat(name):
 
 
 def test_seats_may_be_given():
-    arm = load("measuring7")
+    arm = load_arm("measuring7")
     where = stance(arm)
     points = where.shoulder_in_base + 0.5 * where.reach_mm * np.array([[1.0, 0.2, 0.0], [0.9, -0.3, 0.1]])
     found = seat_poses(arm, seats=points, poses=5, seed=0)
@@ -85,7 +85,7 @@ def test_seats_may_be_given():
 
 
 def test_a_seat_with_all_its_poses_may_be_one_candidate():
-    found = seat_poses(load("gao2017"), seats=11, poses=2, seed=0).by_place()
+    found = seat_poses(load_arm("gao2017"), seats=11, poses=2, seed=0).group_by_place()
     assert len(found) == 11
     assert found.candidate.tolist() == np.repeat(np.arange(11), 2).tolist()
     assert found.seat[found.readings([10, 1])].tolist() == ["S11", "S11", "S2", "S2"]
@@ -96,7 +96,7 @@ def test_a_seat_with_all_its_poses_may_be_one_candidate():
 
 @pytest.mark.parametrize("name", ["measuring7", "ur10"])
 def test_a_bar_has_its_length_at_every_place(name):
-    arm = load(name)
+    arm = load_arm(name)
     sector = Sector(0.3, 0.8, -0.2, 0.3, 50)
     found = bar_places(arm, 6, length_mm=300, poses=3, seed=2, sector=sector)
     assert len(found) == 6
@@ -112,7 +112,7 @@ def test_a_bar_has_its_length_at_every_place(name):
 
 
 def test_bars_lie_in_all_directions():
-    found = bar_places(load("measuring7"), 25, length_mm=200, poses=2, seed=0)
+    found = bar_places(load_arm("measuring7"), 25, length_mm=200, poses=2, seed=0)
     ends = found.seat_points.reshape(25, 2, 2, 3)[:, :, 0]
     spread = np.linalg.svd((ends[:, 1] - ends[:, 0]) / 200, compute_uv=False)
     assert spread[2] > 0.3 * spread[0]  # upright ones more often reach out of the sector, which is flat
@@ -121,9 +121,9 @@ def test_bars_lie_in_all_directions():
 # --- tracker ---
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", arm_names())
 def test_half_of_the_poses_under_a_tracker_are_a_technicians(name):
-    arm = load(name)
+    arm = load_arm(name)
     found = tracker_poses(arm, 41, seed=3)
     assert len(found) == 41
     assert found.technician.sum() == 20
@@ -134,7 +134,7 @@ def test_half_of_the_poses_under_a_tracker_are_a_technicians(name):
 
 
 def test_joints_go_through_their_range():
-    arm = load("measuring7")
+    arm = load_arm("measuring7")
     found = tracker_poses(arm, 600, seed=0)
     spread = np.ptp(found.angles[~found.technician], axis=0)
     assert (spread[[2, 4, 6]] > 0.9 * 2 * np.pi).all()  # those without limits
@@ -153,15 +153,15 @@ def test_an_arm_that_cannot_point_its_stylus_has_poses_and_a_volume_too():
 
 def jacobian(arm, angles):
     """By constants of all places behind the base, in units of their priors (1 mrad, 1 mm) [mm]."""
-    by_motion = arm.chain.small_motions(angles).by_motion[:, 1:] * np.repeat([1e-3, 1.0], 3)[:, None]
-    return by_motion.transpose(0, 3, 1, 2).reshape(len(angles), 3, -1)
+    motion_jacobian = arm.chain.tip_derivatives(angles).motion_jacobian[:, 1:] * np.repeat([1e-3, 1.0], 3)[:, None]
+    return motion_jacobian.transpose(0, 3, 1, 2).reshape(len(angles), 3, -1)
 
 
 @pytest.fixture(scope="module")
 def volume():
-    arm = load("measuring7")
+    arm = load_arm("measuring7")
     angles = volume_poses(arm, 60, seed=9)
-    return arm, mean_square(jacobian(arm, angles), arm.chain.tip_in_base(angles))
+    return arm, moment_matrix(jacobian(arm, angles), arm.chain.tip_in_base(angles))
 
 
 def test_poses_chosen_leave_less_uncertainty_than_poses_drawn(volume):
@@ -169,15 +169,15 @@ def test_poses_chosen_leave_less_uncertainty_than_poses_drawn(volume):
     found = tracker_poses(arm, 200, seed=0)
     J = jacobian(arm, found.angles) / 0.02
     problem = DesignProblem(J, np.eye(J.shape[2]), target)
-    best = problem.variance(choose(problem, 15).rows)
-    drawn = [problem.variance(choose(problem, 15, strategy="random", seed=seed).rows) for seed in range(5)]
+    best = problem.variance(select_candidates(problem, 15).rows)
+    drawn = [problem.variance(select_candidates(problem, 15, strategy="random", seed=seed).rows) for seed in range(5)]
     behaviour = np.flatnonzero(found.technician)
     technician = [
-        problem.variance(choose(problem, 15, strategy="random", among=behaviour, seed=seed).rows) for seed in range(5)
+        problem.variance(select_candidates(problem, 15, strategy="random", among=behaviour, seed=seed).rows) for seed in range(5)
     ]
     assert best < min(drawn)
     assert best < min(technician)
-    assert best <= problem.variance(choose(problem, 15, strategy="D-optimal").rows)
+    assert best <= problem.variance(select_candidates(problem, 15, strategy="D-optimal").rows)
 
 
 def test_places_of_a_bar_chosen_leave_less_uncertainty_than_places_drawn(volume):
@@ -194,10 +194,10 @@ def test_places_of_a_bar_chosen_leave_less_uncertainty_than_places_drawn(volume)
         nuisance = seats.copy()
         nuisance[24] = np.concatenate([-along, along]) / 0.005
         by_constants = np.concatenate([J[rows].reshape(24, -1), np.zeros((1, J.shape[2]))])
-        factors.append(eliminated(by_constants, nuisance))
-    problem = DesignProblem(stacked(factors), np.eye(J.shape[2]), target)
-    best = choose(problem, 3).rows
-    drawn = [problem.variance(choose(problem, 3, strategy="random", seed=seed).rows) for seed in range(5)]
+        factors.append(project_out(by_constants, nuisance))
+    problem = DesignProblem(stack_factors(factors), np.eye(J.shape[2]), target)
+    best = select_candidates(problem, 3).rows
+    drawn = [problem.variance(select_candidates(problem, 3, strategy="random", seed=seed).rows) for seed in range(5)]
     assert problem.variance(best) < min(drawn)
     # One place brings the scale: the error of a bar a hundredth of a millimetre wrong is small beside what was before.
     assert problem.course(best)[1] < 0.1 * problem.course(best)[0]
@@ -207,7 +207,7 @@ def test_places_of_a_bar_chosen_leave_less_uncertainty_than_places_drawn(volume)
 
 
 def test_candidates_are_checked():
-    arm = load("measuring7")
+    arm = load_arm("measuring7")
     for call, why in (
         (lambda: seat_poses(arm, seats=0, poses=3, seed=0), "at least one of seats"),
         (lambda: seat_poses(arm, seats=2, poses=0, seed=0), "at least one of poses"),
@@ -220,7 +220,7 @@ def test_candidates_are_checked():
         (lambda: bar_places(arm, 0, length_mm=100, poses=2, seed=0), "places"),
         (lambda: tracker_poses(arm, 0, seed=0), "poses"),
         (lambda: tracker_poses(gantry(), 5, seed=0, sector=Sector(0.9, 1.0, 3.0, 4.0)), "larger sector"),
-        (lambda: tracker_poses(arm, 4, seed=0).by_place(), "no seats"),
+        (lambda: tracker_poses(arm, 4, seed=0).group_by_place(), "no seats"),
     ):
         with pytest.raises(InputError, match=why):
             call()

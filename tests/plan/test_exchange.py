@@ -14,13 +14,13 @@ from truearm.plan.exchange import (
     DOptimality,
     IOptimality,
     _Posterior,
-    choose,
-    eliminated,
-    exchanged,
+    select_candidates,
+    project_out,
+    fedorov_exchange,
     factor_of,
     greedy,
-    mean_square,
-    stacked,
+    moment_matrix,
+    stack_factors,
 )
 
 CRITERIA = [IOptimality(), DOptimality()]
@@ -31,7 +31,7 @@ def made_up(seed=0, *, n=12, k=2, p=5, prior=1.0):
     rng = np.random.default_rng(seed)
     scale = 10 ** rng.uniform(-1, 1, p)
     factors = rng.standard_normal((n, k, p)) * 10 ** rng.uniform(-0.5, 0.5, (n, 1, 1)) * scale
-    target = mean_square(rng.standard_normal((20, 3, p)) * scale)
+    target = moment_matrix(rng.standard_normal((20, 3, p)) * scale)
     return DesignProblem(factors, prior * np.diag(scale**2), target)
 
 
@@ -42,7 +42,7 @@ def polynomial(copies):
         return np.stack([np.ones_like(x), x, x**2], axis=-1)[:, None]
 
     grid = np.repeat(np.linspace(-1, 1, 9), copies)
-    return grid, DesignProblem(terms(grid), 1e-6 * np.eye(3), mean_square(thrice(terms(np.linspace(-1, 1, 2001)))))
+    return grid, DesignProblem(terms(grid), 1e-6 * np.eye(3), moment_matrix(thrice(terms(np.linspace(-1, 1, 2001)))))
 
 
 def thrice(J):
@@ -56,7 +56,7 @@ def thrice(J):
 def test_the_d_optimal_design_of_a_parabola_is_a_third_at_each_end_and_in_the_middle():
     """Fedorov 1972, section 2.3; the determinant of p = 3 observations is greatest at -1, 0, 1."""
     grid, problem = polynomial(copies=4)
-    chosen = choose(problem, 9, strategy="D-optimal")
+    chosen = select_candidates(problem, 9, strategy="D-optimal")
     assert sorted(grid[chosen.rows]) == [-1] * 3 + [0] * 3 + [1] * 3
 
 
@@ -67,7 +67,7 @@ def test_the_i_optimal_design_of_a_parabola_is_a_half_in_the_middle():
     over [-1, 1]: with weights w, 1 - 2 w, w the mean variance is (4/15) / w + (8/15) / (1 - 2 w), least at w = 1/4.
     """
     grid, problem = polynomial(copies=8)
-    chosen = choose(problem, 8)
+    chosen = select_candidates(problem, 8)
     assert sorted(grid[chosen.rows]) == [-1] * 2 + [0] * 4 + [1] * 2
     # 1e-3: the target's grid of 2001 points, and the prior.
     assert problem.variance(chosen.rows) == pytest.approx(3 * 32 / 15 / 8, rel=1e-3)
@@ -77,8 +77,8 @@ def test_i_optimality_cares_for_the_target_only():
     """Of two parameters measured by different candidates only one matters."""
     factors = np.array([[[10.0, 0.0]], [[0.0, 1.0]], [[9.0, 0.0]]])
     problem = DesignProblem(factors, np.eye(2), np.diag([0.0, 1.0]))
-    assert choose(problem, 1).rows.tolist() == [1]
-    assert choose(problem, 1, strategy="D-optimal").rows.tolist() == [0]
+    assert select_candidates(problem, 1).rows.tolist() == [1]
+    assert select_candidates(problem, 1, strategy="D-optimal").rows.tolist() == [0]
     assert problem.course([1]) == pytest.approx([1.0, 0.5])
 
 
@@ -142,7 +142,7 @@ def test_variance_and_determinant_by_plain_algebra():
 def test_exchange_ends_where_no_swap_helps_and_is_never_worse_than_greedy(seed, n, criterion):
     problem = made_up(seed, prior=1e-2)
     start = greedy(problem, n, criterion)
-    best = exchanged(problem, start.rows, criterion)
+    best = fedorov_exchange(problem, start.rows, criterion)
     assert len(set(best.rows.tolist())) == n
     value = criterion.value(problem, best.rows)
     assert value <= criterion.value(problem, start.rows)
@@ -169,7 +169,7 @@ def test_against_all_choices(criterion):
     missed = 0
     for seed in range(20):
         problem = made_up(seed, prior=1e-2)
-        best = exchanged(problem, greedy(problem, 4, criterion).rows, criterion)
+        best = fedorov_exchange(problem, greedy(problem, 4, criterion).rows, criterion)
         truth = min(criterion.value(problem, rows) for rows in combinations(range(12), 4))
         excess = criterion.value(problem, best.rows) - truth
         missed += excess > 1e-9
@@ -180,7 +180,7 @@ def test_against_all_choices(criterion):
 def test_exchange_mends_a_bad_start():
     problem = made_up(3)
     worst = max(combinations(range(12), 4), key=problem.variance)
-    best = exchanged(problem, worst, IOptimality())
+    best = fedorov_exchange(problem, worst, IOptimality())
     assert best.swaps > 0
     assert problem.variance(best.rows) < 0.7 * problem.variance(worst)
 
@@ -188,15 +188,15 @@ def test_exchange_mends_a_bad_start():
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_every_strategy_repeats_and_each_reading_helps(strategy):
     problem = made_up(4)
-    chosen = choose(problem, 6, strategy=strategy, seed=3)
-    assert (choose(problem, 6, strategy=strategy, seed=3).rows == chosen.rows).all()
+    chosen = select_candidates(problem, 6, strategy=strategy, seed=3)
+    assert (select_candidates(problem, 6, strategy=strategy, seed=3).rows == chosen.rows).all()
     assert len(set(chosen.rows.tolist())) == 6
     assert (np.diff(problem.course(chosen.rows)) < 0).all()
 
 
 def test_equal_candidates_are_taken_in_order():
     problem = DesignProblem(np.ones((5, 1, 1)), np.eye(1), np.eye(1))
-    assert choose(problem, 3).rows.tolist() == [0, 1, 2]
+    assert select_candidates(problem, 3).rows.tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("strategy", ["I-optimal", "D-optimal"])
@@ -206,23 +206,23 @@ def test_the_choice_does_not_depend_on_the_parameters_units(strategy):
     other = DesignProblem(
         problem.factors @ mixed, mixed.T @ problem.prior_precision @ mixed, mixed.T @ problem.target @ mixed
     )
-    chosen = choose(problem, 5, strategy=strategy)
-    assert (choose(other, 5, strategy=strategy).rows == chosen.rows).all()
+    chosen = select_candidates(problem, 5, strategy=strategy)
+    assert (select_candidates(other, 5, strategy=strategy).rows == chosen.rows).all()
     assert other.variance(chosen.rows) == pytest.approx(problem.variance(chosen.rows), rel=1e-6)
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_what_is_taken_stays_and_only_what_is_allowed_is_chosen(strategy):
     problem = made_up(6)
-    chosen = choose(problem, 3, strategy=strategy, taken=[0, 1], among=[0, 1, 2, 3, 4, 5])
+    chosen = select_candidates(problem, 3, strategy=strategy, taken=[0, 1], among=[0, 1, 2, 3, 4, 5])
     assert set(chosen.rows.tolist()) <= {2, 3, 4, 5}
     more = DesignProblem(problem.factors[2:6], problem.information([0, 1]), problem.target)
-    assert (choose(more, 3, strategy=strategy).rows + 2 == chosen.rows).all()
+    assert (select_candidates(more, 3, strategy=strategy).rows + 2 == chosen.rows).all()
 
 
 def test_progress_is_told():
     told = []
-    choose(made_up(7), 4, progress=lambda what, done, of: told.append((what, done, of)))
+    select_candidates(made_up(7), 4, progress=lambda what, done, of: told.append((what, done, of)))
     assert told[:4] == [("choose", count, 4) for count in (1, 2, 3, 4)]
     assert told[-4:] == [("exchange", count, 4) for count in (1, 2, 3, 4)]
 
@@ -235,8 +235,8 @@ def test_candidates_that_help_only_together_are_found():
     factors = np.array([[[1.0, 0.0, 1.0]], [[-1.0, 0.0, 1.0]], [[0.0, 0.1, 0.0]], [[0.0, 0.1, 0.0]]]) * 10
     problem = DesignProblem(factors, np.diag([1.0, 1.0, 1e-12]), np.diag([1.0, 0.01, 0.0]))
     assert greedy(problem, 2, IOptimality()).rows.tolist() == [2, 3]
-    assert exchanged(problem, [2, 3], IOptimality()).swaps == 0
-    assert sorted(choose(problem, 2).rows.tolist()) == [0, 1]
+    assert fedorov_exchange(problem, [2, 3], IOptimality()).swaps == 0
+    assert sorted(select_candidates(problem, 2).rows.tolist()) == [0, 1]
 
 
 # --- the target ---
@@ -250,9 +250,9 @@ def test_an_error_that_a_frame_takes_up_is_none():
     scale = tips[:, :, None] - tips.mean(axis=0)[:, None]
     J = np.concatenate([turn, shift, scale], axis=2)
     # 1e-18 of the squares: rounding.
-    assert np.abs(mean_square(J, tips)[:2]).max() < 1e-18 * (J**2).sum()
-    assert mean_square(J, tips)[2, 2] == pytest.approx((scale**2).sum() / 30)
-    assert mean_square(J)[0, 0] == pytest.approx((turn**2).sum() / 30)
+    assert np.abs(moment_matrix(J, tips)[:2]).max() < 1e-18 * (J**2).sum()
+    assert moment_matrix(J, tips)[2, 2] == pytest.approx((scale**2).sum() / 30)
+    assert moment_matrix(J)[0, 0] == pytest.approx((turn**2).sum() / 30)
 
 
 # --- groups of readings ---
@@ -261,7 +261,7 @@ def test_an_error_that_a_frame_takes_up_is_none():
 def test_groups_of_unlike_size_are_filled_up_with_zeros():
     rng = np.random.default_rng(8)
     factors = [rng.standard_normal((k, 4)) for k in (1, 3, 9)]
-    together = stacked(factors)
+    together = stack_factors(factors)
     assert together.shape == (3, 4, 4)
     for factor, place in zip(factors, together, strict=True):
         assert place.T @ place == pytest.approx(factor.T @ factor)
@@ -272,19 +272,19 @@ def test_groups_of_unlike_size_are_filled_up_with_zeros():
 def test_eliminated_unknowns_leave_the_schur_complement(seed, q):
     rng = np.random.default_rng(seed)
     J, B = rng.standard_normal((8, 5)), rng.standard_normal((8, q))
-    left = eliminated(J, B)
+    left = project_out(J, B)
     assert left.shape == (8 - q, 5)
     schur = J.T @ J - J.T @ B @ np.linalg.solve(B.T @ B, B.T @ J)
     assert left.T @ left == pytest.approx(schur, abs=1e-9)
     # An unknown told twice, or not at all, is no further unknown.
-    again = eliminated(J, np.concatenate([B, B, np.zeros((8, 1))], axis=1))
+    again = project_out(J, np.concatenate([B, B, np.zeros((8, 1))], axis=1))
     assert again.T @ again == pytest.approx(schur, abs=1e-9)
 
 
 def test_a_seat_touched_k_times_tells_how_far_the_tips_lie_apart():
     """Eliminating the seat's point is the same as taking the mean off."""
     J = np.random.default_rng(9).standard_normal((4, 3, 6))
-    left = eliminated(J.reshape(12, 6), np.tile(np.eye(3), (4, 1)))
+    left = project_out(J.reshape(12, 6), np.tile(np.eye(3), (4, 1)))
     assert left.shape == (9, 6)
     apart = (J - J.mean(axis=0)).reshape(12, 6)
     assert left.T @ left == pytest.approx(apart.T @ apart)
@@ -297,7 +297,7 @@ def test_the_posterior_with_shared_unknowns_is_that_of_the_whole_problem():
     B = np.zeros((13, 6))
     B[:6, :3] = B[6:12, 3:] = np.tile(np.eye(3), (2, 1))
     B[12] = 50 * np.array([0, 0, 1, 0, 0, -1])
-    alone = DesignProblem(eliminated(J, B)[None], np.eye(5), np.eye(5))
+    alone = DesignProblem(project_out(J, B)[None], np.eye(5), np.eye(5))
     prior = np.diag([1.0] * 5 + [1e-10] * 6)
     whole = DesignProblem(np.concatenate([J, B], axis=1)[None], prior, np.diag([1.0] * 5 + [0.0] * 6))
     # 1e-6: the seats' own prior, wide but there.
@@ -354,19 +354,19 @@ def test_a_problem_is_checked():
 )
 def test_a_choice_is_checked(options, why):
     with pytest.raises(InputError, match=why):
-        choose(made_up(), **{"n": 2, **options})
+        select_candidates(made_up(), **{"n": 2, **options})
 
 
 def test_the_parts_are_checked():
     with pytest.raises(InputError, match="columns"):
-        stacked([np.ones((2, 3)), np.ones((2, 4))])
+        stack_factors([np.ones((2, 3)), np.ones((2, 4))])
     with pytest.raises(InputError, match="at least one"):
-        stacked([])
+        stack_factors([])
     with pytest.raises(InputError, match="as many rows"):
-        eliminated(np.ones((3, 2)), np.ones((2, 1)))
+        project_out(np.ones((3, 2)), np.ones((2, 1)))
     with pytest.raises(InputError, match="poses, 3, parameters"):
-        mean_square(np.ones((3, 2)))
+        moment_matrix(np.ones((3, 2)))
     with pytest.raises(InputError, match="finite tips"):
-        mean_square(np.ones((4, 3, 2)), np.ones((3, 3)))
+        moment_matrix(np.ones((4, 3, 2)), np.ones((3, 3)))
     with pytest.raises(InputError, match="shape"):
         factor_of(np.ones(3))

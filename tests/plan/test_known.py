@@ -3,37 +3,37 @@
 import numpy as np
 import pytest
 
-from truearm.arm.catalogue import load
+from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.models import KinematicModel, NominalModel
 from truearm.models.relations import state_of
 from truearm.plan.candidates import seat_poses, tracker_poses, volume_poses
-from truearm.plan.exchange import mean_square
+from truearm.plan.exchange import moment_matrix
 from truearm.plan.information import design_problem, tip_jacobian
-from truearm.plan.known import as_drawn, as_identified
+from truearm.plan.known import nominal_prior, identified_prior
 from truearm.readings import Readings
 from truearm.terms.basis import Constant
 from truearm.virtual import VirtualArm, load_preset
 
-ARM = load("gao2017")
+ARM = load_arm("gao2017")
 VOLUME = volume_poses(ARM, 30, seed=5)
 
 
 @pytest.fixture(scope="module")
 def drawn():
-    return as_drawn(ARM, terms="constants", noise_mm=0.02)
+    return nominal_prior(ARM, terms="constants", noise_mm=0.02)
 
 
 def uncertainty(known, *, scale=False):
     """Root mean square in the volume [mm]."""
-    tips, J = tip_jacobian(known.moved, known.state(VOLUME))
-    return float(np.sqrt(np.vdot(mean_square(J, tips, scale=scale), known.covariance)))
+    tips, J = tip_jacobian(known.perturbed_chain, known.state(VOLUME))
+    return float(np.sqrt(np.vdot(moment_matrix(J, tips, scale=scale), known.covariance)))
 
 
 def by_problem(known, candidates):
     """The same with all candidates measured, by the design problem."""
     problem = design_problem(
-        known.moved,
+        known.perturbed_chain,
         candidates,
         known.state(candidates.angles),
         known.state(VOLUME),
@@ -44,13 +44,13 @@ def by_problem(known, candidates):
 
 
 def test_a_drawing_is_known_as_well_as_the_priors_of_its_terms_say(drawn):
-    stds = np.concatenate([term.prior_stds for term in drawn.moved.terms])
+    stds = np.concatenate([term.prior_stds for term in drawn.perturbed_chain.terms])
     assert np.sqrt(drawn.covariance.diagonal()) == pytest.approx(stds)
-    assert all(term.place > 0 for term in drawn.moved.terms)
-    physical = as_drawn(ARM, noise_mm=0.02)
-    groups = {term.group for term in physical.moved.terms}
+    assert all(term.place > 0 for term in drawn.perturbed_chain.terms)
+    physical = nominal_prior(ARM, noise_mm=0.02)
+    groups = {term.group for term in physical.perturbed_chain.terms}
     assert {"joint zeros", "own axis, orders 3 to 4"} <= {name.removeprefix("J1 ") for name in groups} | groups
-    assert physical.moved.n_coefficients > 5 * drawn.moved.n_coefficients
+    assert physical.perturbed_chain.n_coefficients > 5 * drawn.perturbed_chain.n_coefficients
     # More may be wrong with the arm.
     assert uncertainty(physical) > uncertainty(drawn)
 
@@ -110,9 +110,9 @@ def test_a_seat_in_two_sessions_is_refused(drawn):
 def test_noise_must_be_positive():
     for noise in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="positive noise"):
-            as_drawn(ARM, noise_mm=noise)
+            nominal_prior(ARM, noise_mm=noise)
     with pytest.raises(InputError, match="constants or physical"):
-        as_drawn(ARM, terms="everything", noise_mm=0.1)
+        nominal_prior(ARM, terms="everything", noise_mm=0.1)
 
 
 # --- of a model ---
@@ -129,12 +129,12 @@ def model():
 
 def identified(model):
     state = state_of
-    return as_identified(model.arm_, model.fit_, noise_mm=0.02, state=lambda q: state(model.arm_, Readings(q)))
+    return identified_prior(model.arm_, model.fit_, noise_mm=0.02, state=lambda q: state(model.arm_, Readings(q)))
 
 
 def test_what_a_model_knows_is_its_posterior_without_the_base(model):
     arm, known = identified(model)
-    terms = model.fit_.moved.terms
+    terms = model.fit_.perturbed_chain.terms
     kept = np.repeat([term.place > 0 for term in terms], [term.n_coefficients for term in terms])
     assert all(isinstance(term.basis, Constant) for term in terms)
     assert not kept.all()
@@ -150,7 +150,7 @@ def test_an_identified_arm_makes_the_models_points_but_for_the_frame(model):
     tips, points = arm.chain.tip_in_base(VOLUME), model.predict(VOLUME)
     between = np.linalg.norm(tips[:, None] - tips, axis=2)
     assert between == pytest.approx(np.linalg.norm(points[:, None] - points, axis=2), abs=1e-9)
-    assert known.moved.tips(known.state(VOLUME), np.zeros(known.moved.n_coefficients)) == pytest.approx(tips)
+    assert known.perturbed_chain.tips(known.state(VOLUME), np.zeros(known.perturbed_chain.n_coefficients)) == pytest.approx(tips)
 
 
 def test_more_readings_leave_less_and_those_taken_count(model):
@@ -158,7 +158,7 @@ def test_more_readings_leave_less_and_those_taken_count(model):
     before = uncertainty(known)
     poses = tracker_poses(ARM, 10, seed=11)
     after = uncertainty(known.after(Readings(poses.angles, np.ones((10, 3)))))
-    assert after < before < uncertainty(as_drawn(ARM, terms="constants", noise_mm=0.02))
+    assert after < before < uncertainty(nominal_prior(ARM, terms="constants", noise_mm=0.02))
     assert by_problem(known.with_frame(), poses) == pytest.approx(after, rel=1e-6)
 
 

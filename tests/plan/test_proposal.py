@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from test_candidates import gantry
 
-from truearm.arm.catalogue import load
+from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
-from truearm.plan.exchange import mean_square
+from truearm.plan.exchange import moment_matrix
 from truearm.plan.information import tip_jacobian
-from truearm.plan.known import as_drawn
+from truearm.plan.known import nominal_prior
 from truearm.plan.proposal import STRATEGIES, Artefact, information_rows, propose
-from truearm.plan.untold import untold
+from truearm.plan.untold import limitations
 from truearm.poses import Sector
 
-ARM = load("gen3lite")
-KNOWN = as_drawn(ARM, terms="constants", noise_mm=0.02)
+ARM = load_arm("gen3lite")
+KNOWN = nominal_prior(ARM, terms="constants", noise_mm=0.02)
 ARTEFACTS = {"tracker": Artefact("tracker"), "seat": Artefact("seat", 3), "bar": Artefact("bar", 2, 200.0)}
 N = 26
 
@@ -52,10 +52,10 @@ def test_the_rank_is_that_of_theory(plan):
 
 
 def test_what_is_left_follows_from_the_rows_told(plan):
-    tips, J = tip_jacobian(KNOWN.moved, KNOWN.state(plan.volume))
-    target = mean_square(J, tips, scale=plan.artefact.kind == "seat")
+    tips, J = tip_jacobian(KNOWN.perturbed_chain, KNOWN.state(plan.volume))
+    target = moment_matrix(J, tips, scale=plan.artefact.kind == "seat")
     for proposal in plan.proposals.values():
-        after = KNOWN.told(information_rows(KNOWN, proposal.poses))
+        after = KNOWN.updated(information_rows(KNOWN, proposal.poses))
         # Seats and frame have wide priors in the one and none in the other: a hundred-thousandth.
         assert np.sqrt(np.vdot(target, after.covariance)) == pytest.approx(proposal.rms_mm[-1], rel=1e-4)
 
@@ -76,7 +76,7 @@ def test_poses_come_place_after_place(plan):
 
 
 def test_what_seats_do_not_tell_is_said(plan):
-    said = " ".join(untold(plan, plan.proposals["i-optimal"]))
+    said = " ".join(limitations(plan, plan.proposals["i-optimal"]))
     assert ("where the base stands" in said) == (plan.artefact.kind != "tracker")
     if plan.artefact.kind == "seat":
         assert "the scale: all lengths together" in said
@@ -88,7 +88,7 @@ def test_a_joint_that_hardly_moves_is_named():
     narrow = Sector(0.5, 0.55, -0.02, 0.02, 5.0)
     plan = propose(ARM, KNOWN, Artefact("tracker"), 3, volume=narrow, seed=0)
     proposal = plan.proposals["technician"]
-    said = untold(plan, proposal)
+    said = limitations(plan, proposal)
     moved = np.degrees(np.ptp(proposal.poses.angles, axis=0))
     named = {name for name in ARM.joint_names if any(f"each turn of {name}:" in phrase for phrase in said)}
     assert named == {name for name, degrees in zip(ARM.joint_names, moved, strict=True) if degrees < 90}
@@ -109,10 +109,10 @@ def test_the_same_seed_gives_the_same_plan_and_progress_is_told():
 
 def test_an_arm_that_cannot_point_its_stylus_has_no_technician():
     arm, volume = gantry(), Sector(0.1, 1.0, -1.0, 1.0, 90)
-    plan = propose(arm, as_drawn(arm, noise_mm=0.1), Artefact("tracker"), 5, volume=volume)
+    plan = propose(arm, nominal_prior(arm, noise_mm=0.1), Artefact("tracker"), 5, volume=volume)
     assert set(plan.proposals) == set(STRATEGIES) - {"technician"}
     with pytest.raises(InputError, match="five joints"):
-        propose(arm, as_drawn(arm, noise_mm=0.1), Artefact("seat", 1), 5, volume=volume)
+        propose(arm, nominal_prior(arm, noise_mm=0.1), Artefact("seat", 1), 5, volume=volume)
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from test_candidates import gantry
 
-from truearm.arm.catalogue import load
+from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.plan.candidates import bar_places, seat_poses, tracker_poses
 from truearm.plan.template import (
     bars,
     check_template_path,
     notes,
-    numbered_on,
+    continue_seat_numbers,
     place_names,
     write_bar_lengths,
     write_template,
@@ -21,7 +21,7 @@ from truearm.plan.template import (
 from truearm.poses import Sector
 from truearm.readings import read_lengths, read_session
 
-ARM = load("gao2017")
+ARM = load_arm("gao2017")
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def seats():
 
 @pytest.fixture(scope="module")
 def places():
-    return bar_places(ARM, 2, length_mm=250.0, poses=2, seed=0).one_by_one()
+    return bar_places(ARM, 2, length_mm=250.0, poses=2, seed=0).split_into_poses()
 
 
 def table(path):
@@ -100,7 +100,7 @@ def test_a_bars_places_stay_together_and_have_their_length(tmp_path, places):
 
 
 def test_a_bar_with_one_end_used_has_no_length(places):
-    one_end = places.one_by_one(np.flatnonzero(places.seat != "B2b"))
+    one_end = places.split_into_poses(np.flatnonzero(places.seat != "B2b"))
     assert bars(one_end) == [("B1a", "B1b")]
     assert place_names(one_end).tolist() == ["B1"] * 4 + ["B2"] * 2
 
@@ -114,14 +114,14 @@ def test_what_to_do_is_said_once_a_place(seats, places):
 
 
 def test_places_are_numbered_in_the_order_of_the_poses_and_on_from_those_taken(seats, places):
-    turned = seats.one_by_one([5, 3, 0, 1])
-    assert numbered_on(turned, ()).seat.tolist() == ["S1", "S1", "S2", "S2"]
+    turned = seats.split_into_poses([5, 3, 0, 1])
+    assert continue_seat_numbers(turned, ()).seat.tolist() == ["S1", "S1", "S2", "S2"]
     # Only names of this kind count; 10^5000 is a name too.
     taken = ["S2", "S7", "B40a", "S1x", "cone", "", "S" + "9" * 5000]
-    assert numbered_on(turned, taken).seat.tolist() == ["S8", "S8", "S9", "S9"]
-    assert numbered_on(places.one_by_one([5, 7, 0]), ["B3a", "S9"]).seat.tolist() == ["B4a", "B4b", "B5a"]
+    assert continue_seat_numbers(turned, taken).seat.tolist() == ["S8", "S8", "S9", "S9"]
+    assert continue_seat_numbers(places.split_into_poses([5, 7, 0]), ["B3a", "S9"]).seat.tolist() == ["B4a", "B4b", "B5a"]
     tracker = tracker_poses(ARM, 2, seed=0)
-    assert numbered_on(tracker, ["S1"]) is tracker
+    assert continue_seat_numbers(tracker, ["S1"]) is tracker
 
 
 def test_what_is_there_is_never_overwritten(tmp_path, seats):

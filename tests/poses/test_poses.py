@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.arm.arm import Arm
-from truearm.arm.catalogue import load, names
+from truearm.arm.catalogue import load_arm, arm_names
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.poses import STRATEGIES, Sector, box, measuring, seat, uniform
+from truearm.poses import STRATEGIES, Sector, box, measuring_poses, seat, uniform
 from truearm.poses.measuring import END_STOP_MARGIN_RAD, surface_normals
-from truearm.poses.seat import most_different
+from truearm.poses.seat import farthest_points
 from truearm.poses.workspace import azimuth_of, draw_points, joint_origins, stance, within_cone
 
 
@@ -34,10 +34,10 @@ def slider() -> Arm:
     return Arm("gantry", Chain(np.tile(np.eye(4), (3, 1, 1)), [0, 0, 0], np.array([True, False])))
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", arm_names())
 @pytest.mark.parametrize("strategy", list(STRATEGIES))
 def test_every_strategy_keeps_every_arm_inside_its_limits_and_repeats(name, strategy):
-    arm = load(name)
+    arm = load_arm(name)
     poses = STRATEGIES[strategy](arm, 30, seed=5)
     assert poses.angles.shape == (30, arm.n_joints)
     assert ((poses.angles >= arm.limits[:, 0]) & (poses.angles <= arm.limits[:, 1])).all()
@@ -60,7 +60,7 @@ def test_a_box_lies_about_the_working_pose(n, seed, half, sobol):
 
 
 def test_a_box_is_20_degrees_to_each_side_unless_told():
-    angles = np.degrees(box(load("gao2017"), 4000, seed=0).angles - load("gao2017").working)
+    angles = np.degrees(box(load_arm("gao2017"), 4000, seed=0).angles - load_arm("gao2017").working)
     assert angles.min(axis=0) == pytest.approx(np.full(6, -20), abs=0.1)
     assert angles.max(axis=0) == pytest.approx(np.full(6, 20), abs=0.1)
 
@@ -85,7 +85,7 @@ def test_a_joint_with_one_limit_gets_a_full_turn_from_it():
 
 def test_sobol_points_cover_more_evenly_than_independent_ones():
     """Of 16 equal slices along each joint each holds as many of 64 Sobol points."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     slices = np.floor((box(arm, 64, seed=0, sobol=True).angles - arm.working) / np.radians(40) * 16 + 8).astype(int)
     assert all((np.bincount(column, minlength=16) == 4).all() for column in slices.T)
 
@@ -95,8 +95,8 @@ def test_sobol_points_cover_more_evenly_than_independent_ones():
 
 @pytest.fixture(scope="module", params=["gao2017", "measuring7"])
 def technician(request):
-    arm = load(request.param)
-    return arm, measuring(arm, 300, seed=1)
+    arm = load_arm(request.param)
+    return arm, measuring_poses(arm, 300, seed=1)
 
 
 def test_measured_points_lie_in_the_front_sector(technician):
@@ -159,11 +159,11 @@ def test_what_was_rejected_is_counted_by_reason(technician):
 
 def test_a_sector_out_of_reach_is_told_with_its_reason():
     with pytest.raises(InputError, match=r"only 0 of 3 poses found for arm 'gao2017' in 90 targets: \d+ x target"):
-        measuring(load("gao2017"), 3, seed=0, sector=Sector(near=1.2, far=1.4))
+        measuring_poses(load_arm("gao2017"), 3, seed=0, sector=Sector(near=1.2, far=1.4))
 
 
 def test_surfaces_look_up_or_sideways_and_not_away_from_the_arm():
-    where = stance(load("gao2017"))
+    where = stance(load_arm("gao2017"))
     rng = np.random.default_rng(0)
     tips = draw_points(where, 2000, sector=Sector(), rng=rng)
     normals = surface_normals(tips, where, from_above=0.25, rng=rng)
@@ -188,7 +188,7 @@ def test_directions_fill_the_cone_evenly():
 
 
 def test_the_shoulder_is_joint_2_and_the_reach_goes_on_from_there():
-    where = stance(load("gao2017"))
+    where = stance(load_arm("gao2017"))
     assert where.shoulder_in_base == pytest.approx([0, 0, 376])
     # Links: 62 across and 751 along make two segments; 62, 500 and 15 + 98 along the last axis' normal.
     assert where.reach_mm == pytest.approx(62 + 751 + 62 + 500 + np.hypot(15, 98))
@@ -199,7 +199,7 @@ def test_the_shoulder_is_joint_2_and_the_reach_goes_on_from_there():
 
 
 def test_the_tip_stays_in_its_seat_while_the_joints_move():
-    arm = load("measuring7")
+    arm = load_arm("measuring7")
     poses = seat(arm, 31, seed=2, seats=3)
     assert poses.seat.tolist() == ["S1"] * 11 + ["S2"] * 10 + ["S3"] * 10
     assert np.abs(arm.chain.tip_in_base(poses.angles) - poses.seat_points).max() < 1e-6
@@ -210,7 +210,7 @@ def test_the_tip_stays_in_its_seat_while_the_joints_move():
 
 
 def test_given_seats_are_taken_in_their_order():
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     points = [[700.0, 0, 100], [500.0, 300, 200]]
     poses = seat(arm, 8, seed=0, seats=points)
     assert (poses.seat_points == np.repeat(points, 4, axis=0)).all()
@@ -218,14 +218,14 @@ def test_given_seats_are_taken_in_their_order():
 
 def test_the_most_different_rows_are_the_corners():
     angles = np.array([[0.0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0.5], [0.4, 0.6]])
-    assert set(most_different(angles, 4)) == {0, 1, 2, 3}
+    assert set(farthest_points(angles, 4)) == {0, 1, 2, 3}
 
 
 # --- what is refused ---
 
 
 def with_a_slider():
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     slides = np.array([False] * 5 + [True])
     return replace(arm, name="with_a_slider", chain=Chain(arm.chain.fixed, arm.chain.tip_in_flange, slides))
 
@@ -240,14 +240,14 @@ def with_a_slider():
         (lambda: box(limited(), 5, seed=0, half_width=float("nan")), "positive half-width"),
         (lambda: box(slider(), 5, seed=0), "sliding joints"),
         (lambda: uniform(slider(), 5, seed=0), "sliding joint J1 of arm 'gantry' has no limits"),
-        (lambda: measuring(limited(), 5, seed=0), "need five joints, arm 'limited' has 2"),
-        (lambda: measuring(load("gao2017"), 0, seed=0), "at least one"),
-        (lambda: measuring(with_a_slider(), 5, seed=0), "J6 of arm 'with_a_slider' slides"),
+        (lambda: measuring_poses(limited(), 5, seed=0), "need five joints, arm 'limited' has 2"),
+        (lambda: measuring_poses(load_arm("gao2017"), 0, seed=0), "at least one"),
+        (lambda: measuring_poses(with_a_slider(), 5, seed=0), "J6 of arm 'with_a_slider' slides"),
         (lambda: seat(limited(), 5, seed=0), "need five joints"),
-        (lambda: seat(load("gao2017"), 2, seed=0, seats=3), "2 poses for 3 seats"),
-        (lambda: seat(load("gao2017"), 2, seed=0, seats=0), "at least one of seats"),
-        (lambda: seat(load("gao2017"), 2, seed=0, seats=[[1, 2]]), r"\(n_seats, 3\)"),
-        (lambda: seat(load("gao2017"), 2, seed=0, seats=[[9000.0, 0, 0]]), "reached by fewer than 2 postures"),
+        (lambda: seat(load_arm("gao2017"), 2, seed=0, seats=3), "2 poses for 3 seats"),
+        (lambda: seat(load_arm("gao2017"), 2, seed=0, seats=0), "at least one of seats"),
+        (lambda: seat(load_arm("gao2017"), 2, seed=0, seats=[[1, 2]]), r"\(n_seats, 3\)"),
+        (lambda: seat(load_arm("gao2017"), 2, seed=0, seats=[[9000.0, 0, 0]]), "reached by fewer than 2 postures"),
     ],
 )
 def test_what_does_not_fit_is_refused(call, says):

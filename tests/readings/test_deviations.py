@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.readings import compared_errors, errors_of
+from truearm.readings import compare_errors, point_errors
 
 
 def test_errors_by_hand():
     points = np.array([[10.0, 20, 30], [1, 2, 3]])
-    errors = errors_of(points + [[3.0, 0, -4.0], [0, 0, 0]], points)
+    errors = point_errors(points + [[3.0, 0, -4.0], [0, 0, 0]], points)
     assert errors == {
         "mean_mm": 2.5,
         "rms_mm": pytest.approx(12.5**0.5),
@@ -26,25 +26,25 @@ def test_errors_by_hand():
 def test_the_papers_97_percent():
     """0.4492 mm before, 0.0136 mm after (Gao et al. 2017, section 4)."""
     points = np.zeros((5, 3))
-    assert compared_errors(points + 0.0136, points - 0.4492, points)["removed_percent"] == pytest.approx(
+    assert compare_errors(points + 0.0136, points - 0.4492, points)["removed_percent"] == pytest.approx(
         96.97, abs=0.005
     )
 
 
 def test_an_arm_without_error_has_nothing_to_remove():
     points = np.zeros((5, 3))
-    assert compared_errors(points, points, points)["removed_percent"] == 0
+    assert compare_errors(points, points, points)["removed_percent"] == 0
 
 
 def test_no_readings_no_errors():
     with pytest.raises(InputError, match="got none"):
-        errors_of(np.empty((0, 3)), np.empty((0, 3)))
+        point_errors(np.empty((0, 3)), np.empty((0, 3)))
 
 
 def test_readings_without_a_reference_point_count_nothing():
     points = np.array([[10.0, 20, 30], [np.nan] * 3, [1, 2, 3]])
     found = np.array([[13.0, 20, 26], [5, 5, 5], [1, 2, 3]])
-    assert errors_of(found, points) == errors_of(found[::2], points[::2])
-    assert errors_of(found, points)["n"] == 2
+    assert point_errors(found, points) == point_errors(found[::2], points[::2])
+    assert point_errors(found, points)["n"] == 2
     with pytest.raises(InputError, match="got none"):
-        errors_of(found[1:2], points[1:2])
+        point_errors(found[1:2], points[1:2])

@@ -97,6 +97,6 @@ def test_a_rounded_quaternion_is_made_one_and_an_exact_one_stays_as_it_is():
 
 def test_a_message_names_the_line_where_there_is_one():
     in_file = Readings([[1.0], [2.0]], file=Path("s.csv"), first_line=2)
-    assert in_file.called(1) == "line 3"
+    assert in_file.label(1) == "line 3"
     assert in_file.error("odd", 1).line == 3
-    assert Readings([[1.0]]).called(0) == "reading 1"
+    assert Readings([[1.0]]).label(0) == "reading 1"

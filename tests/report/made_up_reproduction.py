@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from truearm.arm.catalogue import load
+from truearm.arm.catalogue import load_arm
 from truearm.arm.frames import screw_x, screw_z
 from truearm.papers.gao2017_tables import TABLES
 
@@ -75,7 +75,7 @@ def made_up_row(random, table, row, seeds):
 
 def made_up_arm():
     """The founding paper's arm at its working pose, by Denavit and Hartenberg."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     table = [(0, 376, -90), (62, 0, -90), (0, 751, -90), (62, 0, -90), (0, 500, -90), (0, 15, 90)]
     frame, frames = np.eye(4), [np.eye(4)]
     for angle, (a, d, alpha) in zip(arm.working, table, strict=True):

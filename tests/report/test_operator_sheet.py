@@ -9,19 +9,19 @@ import pytest
 from test_print import printed
 
 from truearm.report.html import render
-from truearm.report.operator_sheet import Sheet, sheet_page, told
+from truearm.report.operator_sheet import OperatorSheet, operator_sheet_page, describe_direction
 from truearm.verify.artefacts import Artefacts
 from truearm.verify.example import example_artefacts
-from truearm.verify.layout import layout_of
-from truearm.verify.test_plan import PLANS, Plan, load_plan
+from truearm.verify.layout import lay_out_tests
+from truearm.verify.test_plan import PLANS, VerificationPlan, load_verification_plan
 
 RANGE = 2000.0
 
 
 def sheet_of(plan, artefacts=None):
     artefacts = artefacts or example_artefacts(RANGE)
-    layout = layout_of(plan, artefacts, RANGE)
-    return Sheet(plan, layout, artefacts, measuring_range_mm=RANGE, shoulder_mm=250.0)
+    layout = lay_out_tests(plan, artefacts, RANGE)
+    return OperatorSheet(plan, layout, artefacts, measuring_range_mm=RANGE, shoulder_mm=250.0)
 
 
 def section(page, title):
@@ -30,8 +30,8 @@ def section(page, title):
 
 @pytest.mark.parametrize("name", PLANS)
 def test_every_point_is_in_a_step_and_named_as_the_file_has_it(name):
-    sheet = sheet_of(load_plan(name))
-    steps = section(sheet_page(sheet), "Step by step").tables[0].rows
+    sheet = sheet_of(load_verification_plan(name))
+    steps = section(operator_sheet_page(sheet), "Step by step").tables[0].rows
     assert [row[0] for row in steps] == list(range(1, len(steps) + 1))
     assert sum(row[2] for row in steps) == sum(len(one.points) for one in sheet.layout)
     said = " ".join(row[1] for row in steps)
@@ -46,7 +46,7 @@ def test_every_point_is_in_a_step_and_named_as_the_file_has_it(name):
 
 
 def test_pages_hold_places_pictures_and_what_was_recalled():
-    page = sheet_page(sheet_of(load_plan("iso10360-12")))
+    page = operator_sheet_page(sheet_of(load_verification_plan("iso10360-12")))
     html = render(page)
     assert html == render(page)
     for phrase in ("bar\u00a07", "ball\u00a02", "check against your copy of the standard", "uni.positions = 7"):
@@ -59,7 +59,7 @@ def test_pages_hold_places_pictures_and_what_was_recalled():
         assert np.linalg.norm(end - start) == pytest.approx(1360, abs=20)  # told to a centimetre
         assert np.degrees(np.arcsin(abs(end - start)[2] / 1360)) == pytest.approx(row[7], abs=1.5)
     assert "below the base" in section(page, "Where").text
-    seats = sheet_page(sheet_of(load_plan("asme-b89.4.22")))
+    seats = operator_sheet_page(sheet_of(load_verification_plan("asme-b89.4.22")))
     assert [row[0] for row in section(seats, "Where").tables[0].rows][1:] == [
         "seat\u00a01",
         "seat\u00a02",
@@ -70,9 +70,9 @@ def test_pages_hold_places_pictures_and_what_was_recalled():
 
 @pytest.mark.parametrize("keep", ["probing", "articulation", "uni", "single_point"])
 def test_a_plan_of_one_test_has_no_empty_chapters(keep):
-    whole = {**load_plan("iso10360-12").tests, **load_plan("asme-b89.4.22").tests}
-    plan = Plan(name="mine", title="mine", standard="mine", **{keep: whole[keep]})
-    page = sheet_page(sheet_of(plan))
+    whole = {**load_verification_plan("iso10360-12").tests, **load_verification_plan("asme-b89.4.22").tests}
+    plan = VerificationPlan(name="mine", title="mine", standard="mine", **{keep: whole[keep]})
+    page = operator_sheet_page(sheet_of(plan))
     assert ("Where the bar lies" in [one.title for one in page.sections]) == (keep == "uni")
     assert ("Which way the stylus points" in [one.title for one in page.sections]) == (
         keep in ("probing", "articulation")
@@ -81,7 +81,7 @@ def test_a_plan_of_one_test_has_no_empty_chapters(keep):
 
 
 def test_the_sheet_says_how_seats_and_balls_are_touched():
-    page = sheet_page(sheet_of(load_plan("iso10360-12")))
+    page = operator_sheet_page(sheet_of(load_verification_plan("iso10360-12")))
     assert "on a ball five all over its half" in section(page, "Where the bar lies").text
     steps = [row[1] for row in section(page, "Step by step").tables[0].rows if "test 'uni'" in row[1]]
     assert steps
@@ -89,14 +89,14 @@ def test_the_sheet_says_how_seats_and_balls_are_touched():
     written = section(page, "What to write down").text
     assert "tip_diameter_mm" in written
     assert "switch that off for seats" in written
-    seats = sheet_page(sheet_of(load_plan("asme-b89.4.22")))
+    seats = operator_sheet_page(sheet_of(load_verification_plan("asme-b89.4.22")))
     assert any(row[1].startswith("Seat 1, the tip's centre") for row in section(seats, "Step by step").tables[0].rows)
 
 
 def test_names_are_text():
     whole = example_artefacts(RANGE)
     ball = whole.spheres[0].model_copy(update={"name": "<b>ball</b>", "certificate": "K & Co <script>"})
-    html = render(sheet_page(sheet_of(load_plan("iso10360-12"), Artefacts(spheres=(ball,), bars=whole.bars))))
+    html = render(operator_sheet_page(sheet_of(load_verification_plan("iso10360-12"), Artefacts(spheres=(ball,), bars=whole.bars))))
     assert "<script" not in html
     assert "<b>ball" not in html
     assert "&lt;b&gt;ball&lt;/b&gt;" in html
@@ -109,18 +109,18 @@ def test_directions_are_told_as_seen_from_the_arm():
 
     for ball in (-30.0, 0.0, 170.0):
         at = np.radians(ball)
-        assert told(leaning(ball, 0), at) == "from above"
-        assert told(leaning(ball, 40), at) == "from beyond, 40\u00a0deg off the vertical"
-        assert told(leaning(ball + 90, 60), at) == "from the left, 60\u00a0deg off the vertical"
-        assert told(leaning(ball + 180, 60), at) == "from the arm's side, 60\u00a0deg off the vertical"
-        assert told(leaning(ball - 90, 60), at) == "from the right, 60\u00a0deg off the vertical"
-        assert re.match("from beyond and the right", told(leaning(ball - 45, 30), at))
+        assert describe_direction(leaning(ball, 0), at) == "from above"
+        assert describe_direction(leaning(ball, 40), at) == "from beyond, 40\u00a0deg off the vertical"
+        assert describe_direction(leaning(ball + 90, 60), at) == "from the left, 60\u00a0deg off the vertical"
+        assert describe_direction(leaning(ball + 180, 60), at) == "from the arm's side, 60\u00a0deg off the vertical"
+        assert describe_direction(leaning(ball - 90, 60), at) == "from the right, 60\u00a0deg off the vertical"
+        assert re.match("from beyond and the right", describe_direction(leaning(ball - 45, 30), at))
 
 
 def test_it_prints_whole(tmp_path):
     """A4: heads of the step table on each of its sheets, no step lost, no caption parted from its picture."""
-    sheet = sheet_of(load_plan("iso10360-12"))
-    sheets = printed(sheet_page(sheet), tmp_path)
+    sheet = sheet_of(load_verification_plan("iso10360-12"))
+    sheets = printed(operator_sheet_page(sheet), tmp_path)
     assert 4 <= len(sheets) <= 6
     steps = [one for one in sheets if re.search(r"test '", one)]
     assert all("what to do" in one for one in steps)

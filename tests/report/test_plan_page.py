@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.arm.catalogue import load
-from truearm.plan.known import as_drawn
+from truearm.arm.catalogue import load_arm
+from truearm.plan.known import nominal_prior
 from truearm.plan.proposal import Artefact, propose
 from truearm.report.html import render
 from truearm.report.plan_page import course_figure, places_figure, plan_page, poses_figure
 
-ARM = load("gao2017")
+ARM = load_arm("gao2017")
 ARTEFACTS = {"tracker": Artefact("tracker"), "seat": Artefact("seat", 2), "bar": Artefact("bar", 2, 200.0)}
 
 
 @pytest.fixture(scope="module", params=ARTEFACTS)
 def plan(request):
-    return propose(ARM, as_drawn(ARM, terms="constants", noise_mm=0.02), ARTEFACTS[request.param], 9, seed=2)
+    return propose(ARM, nominal_prior(ARM, terms="constants", noise_mm=0.02), ARTEFACTS[request.param], 9, seed=2)
 
 
 def chosen(plan):
@@ -93,5 +93,5 @@ def test_names_are_text_whatever_they_hold(plan):
 
 
 def test_one_pose_is_a_plan_too():
-    plan = propose(ARM, as_drawn(ARM, terms="constants", noise_mm=0.02), Artefact("tracker"), 1, seed=0)
+    plan = propose(ARM, nominal_prior(ARM, terms="constants", noise_mm=0.02), Artefact("tracker"), 1, seed=0)
     assert "1 pose to take" in render(plan_page(plan, "random", plan.proposals["random"].poses))

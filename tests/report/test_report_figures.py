@@ -10,7 +10,7 @@ from matplotlib.image import imread
 
 from truearm.errors import InputError
 from truearm.report import figures
-from truearm.report.canvas import Style, svg
+from truearm.report.canvas import Style, svg_element
 from truearm.report.joints import running_median
 
 
@@ -44,7 +44,7 @@ def all_figures(readings=60, joints=6):
 
 
 def texts_of(figure):
-    return " ".join(svg(panel, "p-") for panel in figure.panels)
+    return " ".join(svg_element(panel, "p-") for panel in figure.panels)
 
 
 def visible_axes(figure):
@@ -69,7 +69,7 @@ def test_few_readings_and_any_number_of_joints_are_drawn(joints, readings):
     angles, _, _, lengths = made_up(readings, joints)
     figure = figures.error_against_joint(angles, lengths)
     assert len(figure.panels) == joints
-    assert f"q{joints}" in svg(figure.panels[-1], "p-")
+    assert f"q{joints}" in svg_element(figure.panels[-1], "p-")
     for other in (drawn or {}).values():
         assert texts_of(other)
 
@@ -155,7 +155,7 @@ def test_odd_names_are_drawn_as_they_are(name):
         figures.joint_ranges(angles, names=[name, "q2"]),
     ):
         assert "<script" not in texts_of(figure)
-    assert "<use" in svg(figures.before_after(odd).panels[0], "p-")
+    assert "<use" in svg_element(figures.before_after(odd).panels[0], "p-")
 
 
 def test_more_models_than_pens_are_drawn():
@@ -219,10 +219,10 @@ def test_the_arrays_given_are_left_as_they_were():
 
 def test_drawing_leaves_the_users_settings_alone_and_does_not_heed_them():
     _, _, _, lengths = made_up()
-    plain = svg(figures.before_after(lengths).panels[0], "p-")
+    plain = svg_element(figures.before_after(lengths).panels[0], "p-")
     with mpl.rc_context({"font.size": 30, "axes.facecolor": "black", "text.usetex": True}):
         kept = dict(mpl.rcParams)
-        assert svg(figures.before_after(lengths).panels[0], "p-") == plain
+        assert svg_element(figures.before_after(lengths).panels[0], "p-") == plain
         assert dict(mpl.rcParams) == kept
 
 

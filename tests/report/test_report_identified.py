@@ -8,20 +8,20 @@ from truearm.errors import InputError
 from truearm.identify.effects import Effect
 from truearm.identify.joint_errors import JointError
 from truearm.models.uncertainty import UncertaintyBudget
-from truearm.report.canvas import svg
+from truearm.report.canvas import svg_element
 from truearm.report.html import render
 from truearm.report.identified import (
-    FarOff,
+    OutlierRow,
     HeldOutErrors,
-    far_off_section,
-    joints_section,
-    open_section,
+    outlier_section,
+    joint_errors_section,
+    unidentifiable_section,
     terms_section,
     uncertainty_section,
 )
-from truearm.report.joint_errors import joint_errors
+from truearm.report.joint_errors import joint_error_figure
 from truearm.report.page import Page
-from truearm.report.seats import Seated, seats_page
+from truearm.report.seats import SeatComparison, seats_page
 
 ARCSEC = np.pi / 180 / 3600
 
@@ -43,7 +43,7 @@ def made_up_budget(**changed):
         "largest_mm": 0.08,
         "is_relative": False,
         "n_points": 200,
-        "n_held": 190,
+        "n_covered": 190,
     }
     return UncertaintyBudget(**(budget | changed))
 
@@ -68,7 +68,7 @@ def test_uncertainty_is_stated_with_its_coverage_factor_and_its_parts():
 
 
 def test_nothing_is_said_of_points_or_groups_that_there_are_not():
-    section = uncertainty_section(made_up_budget(n_points=0, n_held=0, is_relative=True), None, name="mine")
+    section = uncertainty_section(made_up_budget(n_points=0, n_covered=0, is_relative=True), None, name="mine")
     assert section.title == "Uncertainty: mine"
     assert "lie in their ellipsoids" not in section.text
     assert "a frame is fitted to the points" in section.text
@@ -93,7 +93,7 @@ def test_terms_have_a_row_each_and_those_not_needed_are_named():
 
 
 def test_a_joint_has_its_curve_and_its_spectrum_with_units():
-    figure = joint_errors({"model": [made_up_error(1), made_up_error(3)]}, np.zeros((5, 3)), names=["a", "b", "c"])
+    figure = joint_error_figure({"model": [made_up_error(1), made_up_error(3)]}, np.zeros((5, 3)), names=["a", "b", "c"])
     assert len(figure.panels) == 4
     for curve, spectrum in zip(figure.panels[::2], figure.panels[1::2], strict=True):
         assert curve.axes[0].get_xlabel() == "joint angle [deg]"
@@ -104,45 +104,45 @@ def test_a_joint_has_its_curve_and_its_spectrum_with_units():
     low, high = figure.panels[0].axes[0].get_ylim()
     largest = np.abs(made_up_error().error).max() / ARCSEC
     assert largest < high < -low < 2 * largest
-    assert "a: " in svg(figure.panels[0], "p-")
-    assert ">17<" in svg(figure.panels[1], "p-")
+    assert "a: " in svg_element(figure.panels[0], "p-")
+    assert ">17<" in svg_element(figure.panels[1], "p-")
 
 
 def test_joints_of_two_models_share_panels_and_say_whose_they_are():
     errors = {"July": [made_up_error()], "November": [made_up_error(std=5.0)]}
-    figure = joint_errors(errors, np.random.default_rng(0).uniform(-2, 1, (50, 2)))
+    figure = joint_error_figure(errors, np.random.default_rng(0).uniform(-2, 1, (50, 2)))
     assert len(figure.panels) == 2
-    assert "July" in svg(figure.panels[0], "p-")
-    assert "November" in svg(figure.panels[0], "p-")
+    assert "July" in svg_element(figure.panels[0], "p-")
+    assert "November" in svg_element(figure.panels[0], "p-")
 
 
 def test_a_joint_of_which_nothing_is_told_is_not_drawn():
     """An error smaller than its uncertainty, and one without an order that was kept."""
     vague, none = made_up_error(2, std=100.0), made_up_error(1, orders=())
-    assert not vague.is_told
-    assert not none.is_told
-    assert joints_section({"model": [none, vague]}, np.zeros((4, 2)), ["J1", "J2"]) is None
+    assert not vague.is_significant
+    assert not none.is_significant
+    assert joint_errors_section({"model": [none, vague]}, np.zeros((4, 2)), ["J1", "J2"]) is None
     with pytest.raises(InputError, match="joint of whose error readings tell"):
-        joint_errors({"model": [none, vague]}, np.zeros((4, 2)))
+        joint_error_figure({"model": [none, vague]}, np.zeros((4, 2)))
     with pytest.raises(InputError, match="joints 1 to 2, got one of joint 3"):
-        joint_errors({"model": [made_up_error(3)]}, np.zeros((4, 2)))
+        joint_error_figure({"model": [made_up_error(3)]}, np.zeros((4, 2)))
 
 
 def test_what_is_open_and_what_is_far_off_is_told_with_its_reason():
-    section = open_section(
+    section = unidentifiable_section(
         [("hysteresis", "the joints' directions are not known")],
         [(("d1", "base z"), "only together"), (("zero",), "not told")],
     )
     assert "as the joints&#39; directions are not known" in words(section)
     assert section.tables[0].rows == (("d1, base z", "only together"), ("zero", "not told"))
-    assert open_section([], []) is None
-    far = [FarOff(f"line {i}", 1.0 / i, 10.0 / i) for i in range(1, 40)]
-    section = far_off_section({"the readings of this page": far, "others": []})
+    assert unidentifiable_section([], []) is None
+    far = [OutlierRow(f"line {i}", 1.0 / i, 10.0 / i) for i in range(1, 40)]
+    section = outlier_section({"the readings of this page": far, "others": []})
     (table,) = section.tables
     assert len(table.rows) == 20
     assert table.rows[0] == ("line 1", 1.0, 10.0)
     assert "39 readings far off among the readings of this page, the 20 farthest" in table.caption
-    assert far_off_section({"others": []}) is None
+    assert outlier_section({"others": []}) is None
 
 
 def test_the_page_of_seats_says_how_well_they_agree(rng):
@@ -150,7 +150,7 @@ def test_the_page_of_seats_says_how_well_they_agree(rng):
     seat = np.repeat(["S1", "S2", "S3"], 8)
     points = np.repeat(rng.uniform(-300, 300, (3, 3)), 8, axis=0)
     off = points + np.tile([[0.5, 0, 0], [-0.5, 0, 0]], (12, 1))
-    seated = Seated(
+    seated = SeatComparison(
         angles=rng.uniform(-1, 1, (24, 6)),
         seat=seat,
         predicted={"nominal": off, "good": points},
@@ -174,6 +174,6 @@ def test_the_page_of_seats_says_how_well_they_agree(rng):
     outline = Outline(render(page))
     assert outline.tags.count("figure") == 5
     without = seats_page(
-        Seated(**{**vars(seated), "lengths": [], "length_errors": {}}), title="Seats", subtitle="", facts=[]
+        SeatComparison(**{**vars(seated), "lengths": [], "length_errors": {}}), title="Seats", subtitle="", facts=[]
     )
     assert "Lengths" not in [section.title for section in without.sections]

@@ -11,7 +11,7 @@ import pytest
 from truearm.errors import InputError
 from truearm.report import figures
 from truearm.report.html import paragraphs, render, write_page
-from truearm.report.page import Column, Page, Row, Section, Table
+from truearm.report.page import Column, Page, LabelledValue, Section, Table
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
 HOSTILE = "<script>alert('x')</script>"
@@ -69,12 +69,12 @@ def made_up_page(readings=200, joints=6, seed=5):
     return Page(
         "Error of an arm, before and after",
         "Made up for a test",
-        summary=(Row("mean error after", 0.01234, "mm", uncertainty=0.0003, limit=0.05), Row("readings", readings)),
+        summary=(LabelledValue("mean error after", 0.01234, "mm", uncertainty=0.0003, limit=0.05), LabelledValue("readings", readings)),
         sections=(
             Section("Before and after", "One.\n\nTwo.", (), (figures.before_after(lengths, styles=styles),), (table,)),
             Section(
                 "Measured",
-                rows=(Row("temperature", 20.31, "°C", 0.12), Row("arm", "virtual")),
+                rows=(LabelledValue("temperature", 20.31, "°C", 0.12), LabelledValue("arm", "virtual")),
                 figures=(figures.joint_ranges(angles), figures.workspace(points)),
             ),
             Section(
@@ -183,12 +183,12 @@ def test_what_others_wrote_is_text_and_not_markup():
     page = Page(
         HOSTILE,
         HOSTILE,
-        summary=(Row(HOSTILE, HOSTILE, HOSTILE),),
+        summary=(LabelledValue(HOSTILE, HOSTILE, HOSTILE),),
         sections=(
             Section(
                 HOSTILE,
                 HOSTILE,
-                (Row(HOSTILE, 1.0, HOSTILE),),
+                (LabelledValue(HOSTILE, 1.0, HOSTILE),),
                 (
                     figures.before_after(lengths),
                     figures.joint_ranges(np.ones((3, 1)), names=[HOSTILE]),
@@ -226,12 +226,12 @@ def test_paragraphs_part_at_empty_lines():
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda: Row("x", float("nan")), "row 'x', got nan. Try: None for no value"),
-        (lambda: Row("x", 1.0, uncertainty=float("inf")), "uncertainty of row 'x', got inf"),
-        (lambda: Row("x", 1.0, uncertainty=-1.0), "uncertainty of zero or more in row 'x'"),
-        (lambda: Row("x", 1.0, limit=float("nan")), "limit of row 'x', got nan"),
-        (lambda: Row(" ", 1.0), "a label for every row"),
-        (lambda: Row("x", [1.0]), r"row 'x', got \[1.0\]"),
+        (lambda: LabelledValue("x", float("nan")), "row 'x', got nan. Try: None for no value"),
+        (lambda: LabelledValue("x", 1.0, uncertainty=float("inf")), "uncertainty of row 'x', got inf"),
+        (lambda: LabelledValue("x", 1.0, uncertainty=-1.0), "uncertainty of zero or more in row 'x'"),
+        (lambda: LabelledValue("x", 1.0, limit=float("nan")), "limit of row 'x', got nan"),
+        (lambda: LabelledValue(" ", 1.0), "a label for every row"),
+        (lambda: LabelledValue("x", [1.0]), r"row 'x', got \[1.0\]"),
         (lambda: Table((), (), "t"), "at least one column, got none in 't'"),
         (lambda: Table((Column("a"), Column("b")), ((1,),), "t"), "2 cells in row 1 of the table 't', got 1"),
         (

@@ -12,7 +12,7 @@ from truearm.report.quantities import (
     MINUS,
     THIN_SPACE,
     TIMES,
-    format_given,
+    format_exact,
     format_in_text,
     format_number,
     format_quantity,
@@ -65,7 +65,7 @@ def test_counts_are_given_whole_and_parted_from_five_digits_on():
 
 @pytest.mark.parametrize(("value", "shown"), [(0.05, "0.05"), (22.0, "22"), (3, "3"), (-0.1, f"{MINUS}0.1")])
 def test_a_chosen_number_keeps_its_digits(value, shown):
-    assert format_given(value) == shown
+    assert format_exact(value) == shown
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), "0.1", None, True, [1.0]])

@@ -10,9 +10,9 @@ from test_report_page import HOSTILE, Outline
 
 from truearm.errors import InputError
 from truearm.report.html import render
-from truearm.report.reproduced import reproduced
+from truearm.report.reproduced import read_reproduction
 from truearm.report.reproduction import reproduction_page
-from truearm.report.wording import span_cell
+from truearm.report.wording import range_cell
 
 PARTS = {
     "figures.arm": ("The arm (Figures 1 and 2)", "--figure 1"),
@@ -171,7 +171,7 @@ def test_the_range_is_that_of_the_means_on_2000_poses(page, findings):
     where = [(column.group, column.heading) for column in accuracy.columns].index(("mean error", "faithful")) + 1
     for row, line in zip(findings["tables"]["4"], accuracy.rows, strict=True):
         errors = [run["mean_many_mm"] for run in row["faithful"]["runs"]]
-        assert line[where] == span_cell(errors)
+        assert line[where] == range_cell(errors)
     assert "median and range of the starts" in accuracy.caption
 
 
@@ -405,7 +405,7 @@ def test_a_missing_key_is_named_with_its_place(found, place, told):
         inner = inner[key]
     del inner[last]
     with pytest.raises(InputError, match=re.escape(told)):
-        reproduced(found)
+        read_reproduction(found)
 
 
 @pytest.mark.parametrize(
@@ -424,7 +424,7 @@ def test_a_missing_key_is_named_with_its_place(found, place, told):
 def test_a_bad_value_is_named_with_its_place(found, place, value, told):
     put(found, place, value)
     with pytest.raises(InputError, match=told):
-        reproduced(found)
+        read_reproduction(found)
 
 
 @pytest.mark.parametrize("found", [None, [], "x", {1: 2}])

@@ -11,8 +11,8 @@ from matplotlib.patches import Circle, Rectangle
 from truearm.arm.frames import screw_x, screw_z
 from truearm.errors import InputError
 from truearm.nets.perceptron import Perceptron
-from truearm.report.arm_drawing import arm_in_space, denavit_hartenberg, joint_frames, seen
-from truearm.report.canvas import drawing_rules, styles_of, svg
+from truearm.report.arm_drawing import arm_figure, denavit_hartenberg, frame_figure, project
+from truearm.report.canvas import figure_style, styles_of, svg_element
 from truearm.report.claims import (
     crossings,
     error_against_box,
@@ -22,7 +22,7 @@ from truearm.report.claims import (
     share_removed,
 )
 from truearm.report.layers import network_layers
-from truearm.report.paper_rows import PaperRow, gets_there, rows_beside_paper
+from truearm.report.paper_rows import TableFigureRow, reaches_paper_error, table_figure
 from truearm.report.predictions import predictions_by_pose
 
 PARAMETERS = np.array([[0, 376, -90], [62, 0, -90], [0, 751, -90], [62, 0, -90], [0, 500, -90], [0, 15, 90.0]])
@@ -47,15 +47,15 @@ def holds(lines, place):
 
 def every_figure():
     frames, tip = arm_at([0, -120, 0, 75, 0, -30])
-    row = PaperRow(
+    row = TableFigureRow(
         ("1", "10"), 8.5, 124.0, {"faithful": [8.0, 9.0], "lm": [5.0]}, {"faithful": [None, 3.0], "lm": [1.0]}
     )
     truth = np.arange(12.0).reshape(4, 3)
     return {
-        "arm": arm_in_space(frames, tip),
-        "frames": joint_frames(frames, tip),
+        "arm": arm_figure(frames, tip),
+        "frames": frame_figure(frames, tip),
         "network": network_layers([6, 30, 30, 3]),
-        "rows": rows_beside_paper([row, row], headings=("row", "units")),
+        "rows": table_figure([row, row], headings=("row", "units")),
         "scatter": scatter_of_starts([8.0, 9.0], [8.5]),
         "rate": error_against_rate([0.1, 1.0], [8.5, 8.0], 8.2),
         "box": error_against_box([20, 40], {"row 1": [1.0, 4.0]}, {"row 1": 2.0}, chosen=38),
@@ -67,7 +67,7 @@ def every_figure():
 
 def test_every_figure_is_drawn_told_and_labelled_with_its_unit():
     for name, figure in every_figure().items():
-        assert all(svg(panel, "p-").startswith("<svg") for panel in figure.panels), name
+        assert all(svg_element(panel, "p-").startswith("<svg") for panel in figure.panels), name
         assert len(figure.alt) > 40, name
         assert figure.caption.endswith("."), name
         for axes in (axes for panel in figure.panels for axes in panel.axes):
@@ -92,9 +92,9 @@ def test_parameters_of_the_frames_are_those_they_were_made_of():
 
 def test_the_sample_arm_of_the_tests_is_the_catalogues():
     made = made_up_arm()
-    from truearm.arm.catalogue import load
+    from truearm.arm.catalogue import load_arm
 
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     # The two ways to the tip agree to rounding [mm].
     np.testing.assert_allclose(arm.chain.tip_in_base(arm.working[None])[0], made["tip_mm"], atol=1e-9)
 
@@ -102,24 +102,24 @@ def test_the_sample_arm_of_the_tests_is_the_catalogues():
 def test_the_view_keeps_lengths_across_it_and_shortens_none_into_more():
     random = np.random.default_rng(5)
     points = random.normal(size=(200, 3))
-    flat = np.linalg.norm(seen(points), axis=1)
+    flat = np.linalg.norm(project(points), axis=1)
     assert (flat <= np.linalg.norm(points, axis=1) + 1e-12).all()
-    right, up = seen(np.eye(3)).T
+    right, up = project(np.eye(3)).T
     np.testing.assert_allclose([right @ right, up @ up, right @ up], [1, 1, 0], atol=1e-15)
 
 
 @pytest.mark.parametrize("angles", [(0, -120, 0, 75, 0, -30), (20, -100, 30, 60, -25, -10), (0, 0, 0, 0, 0, 0)])
 def test_the_arm_is_drawn_with_all_joints_and_its_tip(angles):
     frames, tip = arm_at(angles)
-    figure = arm_in_space(frames, tip)
+    figure = arm_figure(frames, tip)
     texts = [text.get_text() for text in figure.panels[0].axes[0].texts]
     assert {"q1", "q2", "q3", "q4", "q5", "q6", "tip", "x", "y"} < set(texts)
     lines = drawn_lines(figure)
-    assert holds(lines, seen([tip])[0])
+    assert holds(lines, project([tip])[0])
     for frame in frames:
-        assert holds(lines, seen([frame[:3, 3]])[0])
+        assert holds(lines, project([frame[:3, 3]])[0])
     assert "1864 mm from the base to the tip along the links" in figure.caption
-    details = joint_frames(frames, tip)
+    details = frame_figure(frames, tip)
     labels = [text.get_text() for panel in details.panels for text in panel.axes[0].texts]
     assert {f"{letter}{i}" for letter in "xz" for i in range(7)} < set(labels)
 
@@ -127,9 +127,9 @@ def test_the_arm_is_drawn_with_all_joints_and_its_tip(angles):
 @pytest.mark.parametrize("angles", [(0, -120, 0, 75, 0, -30), (20, -100, 30, 60, -25, -10), (35, -90, -20, 40, 10, 20)])
 def test_labels_of_the_arm_do_not_cover_each_other_nor_leave_the_paper(angles):
     frames, tip = arm_at(angles)
-    for figure in (arm_in_space(frames, tip), joint_frames(frames, tip)):
+    for figure in (arm_figure(frames, tip), frame_figure(frames, tip)):
         for panel in figure.panels:
-            with drawing_rules():
+            with figure_style():
                 panel.canvas.draw()
                 boxes = [text.get_window_extent() for text in panel.axes[0].texts if text.get_text()]
             for one, other in combinations(boxes, 2):
@@ -153,7 +153,7 @@ def test_labels_of_the_arm_do_not_cover_each_other_nor_leave_the_paper(angles):
 )
 def test_frames_of_another_kind_are_refused(frames, told):
     with pytest.raises(InputError, match=told):
-        arm_in_space(frames, [0.0, 0.0, 0.0])
+        arm_figure(frames, [0.0, 0.0, 0.0])
 
 
 # The network ---------------------------------------------------------------------------------------------------------
@@ -189,10 +189,10 @@ def test_what_is_no_network_is_refused(sizes):
 
 def test_every_start_the_median_and_the_papers_value_are_drawn():
     rows = [
-        PaperRow(("1", "10"), 8.5, 124.0, {"a": [8.0, 9.0, 10.0], "b": [5.0]}, {"a": [None, 3.0, None], "b": [1.0]}),
-        PaperRow(("2", "50"), 2.5, 21.0, {"a": [2.0, 3.0]}, {"a": [7.0, 8.0]}),
+        TableFigureRow(("1", "10"), 8.5, 124.0, {"a": [8.0, 9.0, 10.0], "b": [5.0]}, {"a": [None, 3.0, None], "b": [1.0]}),
+        TableFigureRow(("2", "50"), 2.5, 21.0, {"a": [2.0, 3.0]}, {"a": [7.0, 8.0]}),
     ]
-    figure = rows_beside_paper(rows, headings=("row", "units"))
+    figure = table_figure(rows, headings=("row", "units"))
     errors, times = (np.concatenate([line.get_xdata() for line in panel.axes[0].lines]) for panel in figure.panels)
     assert sorted(errors) == sorted([8.0, 9, 10, 5, 2, 3, 9.0, 5, 2.5, 8.5, 2.5])  # starts, medians, paper's
     # One start of three is no median; of two starts at 7 and 8 s the median is 7.5 s.
@@ -202,9 +202,9 @@ def test_every_start_the_median_and_the_papers_value_are_drawn():
 
 
 def test_a_trainer_keeps_its_colour_whoever_else_was_run():
-    row = PaperRow(("1",), 8.5, 124.0, {"lm": [5.0]}, {"lm": [1.0]})
+    row = TableFigureRow(("1",), 8.5, 124.0, {"lm": [5.0]}, {"lm": [1.0]})
     styles = styles_of(("faithful", "lm"))
-    figure = rows_beside_paper([row], headings=("row",), styles=styles)
+    figure = table_figure([row], headings=("row",), styles=styles)
     colours = {to_hex(line.get_color()) for line in figure.panels[0].axes[0].lines}
     assert styles["lm"].colour in colours
     assert styles["faithful"].colour not in colours
@@ -214,15 +214,15 @@ def test_a_trainer_keeps_its_colour_whoever_else_was_run():
     ("seconds", "there"), [([], False), ([None], False), ([1.0], True), ([1.0, None], True), ([1.0, None, None], False)]
 )
 def test_half_of_the_starts_are_enough(seconds, there):
-    assert gets_there(seconds) is there
+    assert reaches_paper_error(seconds) is there
 
 
 @pytest.mark.parametrize(
     ("draw", "told"),
     [
-        (lambda: rows_beside_paper([], headings=("row",)), "at least one row"),
+        (lambda: table_figure([], headings=("row",)), "at least one row"),
         (
-            lambda: rows_beside_paper([PaperRow(("1",), 1.0, 1.0, {}, {})], headings=("row", "units")),
+            lambda: table_figure([TableFigureRow(("1",), 1.0, 1.0, {}, {})], headings=("row", "units")),
             "a label of 2 cells for every row",
         ),
     ],

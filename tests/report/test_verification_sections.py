@@ -11,21 +11,21 @@ import pytest
 from test_report_page import Outline
 
 from truearm.errors import InputError
-from truearm.report.cells import grid_of_table, shown
+from truearm.report.cells import grid_of_table, format_cell
 from truearm.report.html import render
 from truearm.report.page import Column, Table
-from truearm.report.quantities import Rounded
-from truearm.report.verification import decided, limits_figure, verification_page
+from truearm.report.quantities import RoundedNumber
+from truearm.report.verification import describe_decision, limits_figure, verification_page
 from truearm.verify.artefacts import Artefacts
-from truearm.verify.decision import Budget, Contribution, Row, judged, overall
+from truearm.verify.decision import Budget, Contribution, ConformityResult, assess_conformity, overall_verdict
 from truearm.verify.limits import Specification
-from truearm.verify.measured import Group, Measured
-from truearm.verify.outcome import Outcome
-from truearm.verify.test_plan import CHECK, load_plan
+from truearm.verify.measured import PointGroup, MeasuredPoints
+from truearm.verify.outcome import VerificationRecord
+from truearm.verify.test_plan import CHECK_STANDARD, load_verification_plan
 from truearm.verify.verification import Verification
 
 DAY = datetime.date(2026, 11, 3)
-PLAN = load_plan("iso10360-12")
+PLAN = load_verification_plan("iso10360-12")
 SPECIFICATION = Specification(
     name="arm <7>", source="its data sheet", measuring_range_mm=2500.0, limits={"E_Uni": {"B_um": 50.0}}
 )
@@ -41,21 +41,21 @@ BUDGET = Budget((Contribution("calibration", 0.003, 4.0), Contribution("fixture"
 
 def outcome(rows, *, rule="iso14253-1", remarks=()):
     def group(artefact, degC, **keys):
-        return Group(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, (2,))
+        return PointGroup(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, (2,))
 
-    measured = Measured(
+    measured = MeasuredPoints(
         {
             "probing": (group("ball", 20.5, position="1"),),
             "uni": (group("bar", 19.0, length="900", position="1", repeat="1", end="A"),),
         },
         Path("points.csv"),
     )
-    found = Verification(tuple(rows), overall(rows), tuple(remarks))
-    return Outcome(found, measured, PLAN, ARTEFACTS, SPECIFICATION, rule)
+    found = Verification(tuple(rows), overall_verdict(rows), tuple(remarks))
+    return VerificationRecord(found, measured, PLAN, ARTEFACTS, SPECIFICATION, rule)
 
 
 def row(value, limit=0.05, *, label="E_Uni, 900", budget=BUDGET, rule="iso14253-1", where="position 1"):
-    return judged(label, value, budget, limit, rule=rule, where=where)
+    return assess_conformity(label, value, budget, limit, rule=rule, where=where)
 
 
 def table(page, title, number=0):
@@ -76,17 +76,17 @@ def test_a_value_ends_where_its_uncertainty_ends():
         (0.0996, 0.0996, "0.10"),
         (12.34567, 0.0, "12.3"),
     ]:
-        assert shown(Rounded(value, u)).text == text, (value, u)
+        assert format_cell(RoundedNumber(value, u)).text == text, (value, u)
 
 
 def test_a_rounded_cell_is_checked_as_any_other():
-    for cell in (Rounded(float("nan"), 1.0), Rounded(1.0, inf)):
+    for cell in (RoundedNumber(float("nan"), 1.0), RoundedNumber(1.0, inf)):
         with pytest.raises(InputError, match="finite"):
             Table((Column("a"),), ((cell,),), "caption")
 
 
 def test_every_row_stands_with_value_uncertainty_limit_and_verdict():
-    rows = [row(0.0102), row(-0.03, None, label="L_Dia.5x5"), Row("E_Uni, sets", 2, "", Budget(), None, None, "of 35")]
+    rows = [row(0.0102), row(-0.03, None, label="L_Dia.5x5"), ConformityResult("E_Uni, sets", 2, "", Budget(), None, None, "of 35")]
     page = verification_page(outcome(rows))
     # k is Student's t for 95.45 % and 30 effective degrees of freedom, 2.087 [tables of t: 2.09]: U = 0.0104.
     assert BUDGET.dof == pytest.approx(30.86, abs=0.01)
@@ -126,13 +126,13 @@ def test_only_the_artefacts_that_were_touched_are_listed():
 
 
 def test_recalled_numbers_of_what_was_tested_are_to_be_checked():
-    page = verification_page(outcome([row(0.01)], remarks=["not tested: bi", f"plan, uni: recalled, {CHECK}: 5"]))
+    page = verification_page(outcome([row(0.01)], remarks=["not tested: bi", f"plan, uni: recalled, {CHECK_STANDARD}: 5"]))
     section = page.sections[-1]
-    assert CHECK in section.text
+    assert CHECK_STANDARD in section.text
     assert {line[0] for line in table(page, section.title)} == {"probing", "uni"}
     decision = page.sections[0].text
     assert "Not tested: bi." in decision
-    assert CHECK not in decision
+    assert CHECK_STANDARD not in decision
 
 
 # Words ---------------------------------------------------------------------------------------------------------------
@@ -140,13 +140,13 @@ def test_recalled_numbers_of_what_was_tested_are_to_be_checked():
 
 def test_the_decision_names_what_decides():
     good, between, bad = row(0.01), row(0.045, label="E_Uni, 300"), row(0.07, label="E_Uni, 150")
-    assert "The values tested are within their limits: 1 value with a limit." in decided(outcome([good]))
-    assert "Outside its limit: E_Uni, 150, position 1, (0.070 ± 0.010)" in decided(outcome([good, between, bad]))
-    said = decided(outcome([good, between]))
+    assert "The values tested are within their limits: 1 value with a limit." in describe_decision(outcome([good]))
+    assert "Outside its limit: E_Uni, 150, position 1, (0.070 ± 0.010)" in describe_decision(outcome([good, between, bad]))
+    said = describe_decision(outcome([good, between]))
     assert "Undecided, within the uncertainty of the limit: E_Uni, 300" in said
     assert "better artefact" in said
     assert "ISO 14253-1:2013" in said
-    assert "simple acceptance" in decided(outcome([row(0.01, rule="simple")], rule="simple"))
+    assert "simple acceptance" in describe_decision(outcome([row(0.01, rule="simple")], rule="simple"))
     assert "Compared are the values before rounding" in said
 
 

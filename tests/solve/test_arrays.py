@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import cython_blas
 
 from truearm.solve import arrays
-from truearm.solve.arrays import add_product, add_to_diagonal, cholesky_solved, to_numpy, whitened
+from truearm.solve.arrays import add_product, add_to_diagonal, cholesky_solve, to_numpy, whiten
 
 
 @pytest.fixture(params=["numpy", "torch"])
@@ -60,12 +60,12 @@ def test_a_cholesky_factor_solves(made, rng):
     root, right = rng.normal(size=(6, 6)), rng.normal(size=(6, 2))
     matrix = root @ root.T + np.eye(6)
     for column in (right, right[:, 0]):
-        solution = to_numpy(cholesky_solved(made(matrix), made(column)))
+        solution = to_numpy(cholesky_solve(made(matrix), made(column)))
         np.testing.assert_allclose(matrix @ solution, column, atol=1e-12)
-    half = to_numpy(whitened(made(matrix), made(right)))
+    half = to_numpy(whiten(made(matrix), made(right)))
     np.testing.assert_allclose(half.T @ half, right.T @ np.linalg.solve(matrix, right), atol=1e-12)
-    assert cholesky_solved(made(-matrix), made(right)) is None
-    assert whitened(made(-matrix), made(right)) is None
+    assert cholesky_solve(made(-matrix), made(right)) is None
+    assert whiten(made(-matrix), made(right)) is None
 
 
 @pytest.mark.parametrize("other", [b"long int *", b"npy_int64 *"])

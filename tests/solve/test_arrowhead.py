@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
 from truearm.solve.arrowhead import Arrowhead
-from truearm.solve.group_evidence import GroupedPrior, marginals, posterior
+from truearm.solve.group_evidence import GroupedPrior, marginal_posterior, posterior
 
 P = 5  # in the head
 
@@ -43,7 +43,7 @@ def drawn(rng, sizes, n_shared=0, per_block=6):
     if n_shared:
         nothing = np.zeros((0, P + n_shared))
         parts.append(from_jacobian(nothing, np.zeros(0)))
-    joined = Arrowhead.joined(parts)
+    joined = Arrowhead.combine(parts)
     r = rng.normal(size=len(relations))
     whole = Arrowhead(
         joined.cost + 0.5 * float(r @ r),
@@ -76,11 +76,11 @@ def test_all_numbers_are_those_of_the_whole_matrix(seed, sizes, n_shared, precis
         np.array([1.0, 0.3, 1.0]),
         np.array([True, True, False]),
     )
-    left = whole.eliminated(np.full(u, precision), x, shared=shared)
-    assert sorted([*left.kept, *left.gone]) == list(range(n))
+    left = whole.eliminate(np.full(u, precision), x, shared=shared)
+    assert sorted([*left.kept, *left.eliminated]) == list(range(n))
     right = left.gram @ x[left.kept] - left.gradient
     dense = posterior(gram, gram @ x - whole.gradient, prior)
-    found = posterior(left.gram, right, prior.of(left.kept), size=left.size)
+    found = posterior(left.gram, right, prior.subset(left.kept), size=left.size)
     std = np.sqrt(dense.covariance.diagonal())
     kept = left.kept
     np.testing.assert_allclose(
@@ -90,7 +90,7 @@ def test_all_numbers_are_those_of_the_whole_matrix(seed, sizes, n_shared, precis
     )
     size = np.linalg.norm(dense.x / std)
     np.testing.assert_allclose((x + left.step(found.x - x[kept]) - dense.x) / std, 0, atol=1e-9 * size)
-    alone = marginals(left.gram, right, prior.of(kept), size=left.size)
+    alone = marginal_posterior(left.gram, right, prior.subset(kept), size=left.size)
     np.testing.assert_allclose(alone.variance, dense.covariance.diagonal()[kept], rtol=1e-9)
     # What every part determines, in all parameters: its matrix stands at its own unknowns.
     start, expected = P, []
@@ -100,10 +100,10 @@ def test_all_numbers_are_those_of_the_whole_matrix(seed, sizes, n_shared, precis
         start += part.blocks.shape[0]
     np.testing.assert_allclose(left.traces(parts, found.covariance), expected, rtol=1e-9, atol=1e-9)
     # The fall of the cost, those kept staying.
-    gone = left.gone
+    gone = left.eliminated
     D, g = gram[np.ix_(gone, gone)] + precision * np.eye(len(gone)), whole.gradient[gone] + precision * x[gone]
     assert left.gain == pytest.approx(g @ np.linalg.solve(D, g), rel=1e-8)
-    assert left.told == pytest.approx(len(gone) - precision * np.trace(np.linalg.inv(D)), rel=1e-8)
+    assert left.n_determined == pytest.approx(len(gone) - precision * np.trace(np.linalg.inv(D)), rel=1e-8)
     np.testing.assert_allclose(whole.times(x), gram @ x, rtol=1e-9, atol=1e-9 * np.abs(gram @ x).max())
     np.testing.assert_array_equal(whole.diagonal, gram.diagonal())
 
@@ -111,10 +111,10 @@ def test_all_numbers_are_those_of_the_whole_matrix(seed, sizes, n_shared, precis
 def test_no_unknowns_leave_the_head_as_it_is(rng):
     J, r = rng.normal(size=(9, P)), rng.normal(size=9)
     whole = from_jacobian(J, r)
-    left = whole.eliminated(np.zeros(0), np.zeros(P), shared=np.zeros(0, dtype=bool))
+    left = whole.eliminate(np.zeros(0), np.zeros(P), shared=np.zeros(0, dtype=bool))
     np.testing.assert_array_equal(left.gram, whole.head)
     np.testing.assert_array_equal(left.gradient, whole.gradient)
-    assert (left.told, left.gain) == (0, 0)
+    assert (left.n_determined, left.gain) == (0, 0)
     np.testing.assert_array_equal(left.step(np.arange(5.0)), np.arange(5.0))
     np.testing.assert_allclose(left.traces([whole], np.eye(P)), np.trace(whole.head))
 
@@ -123,13 +123,13 @@ def test_a_direction_that_no_data_determine_stays_out(rng):
     """Two unknowns of which only the sum shows, exactly: the head is as if they were one; the step moves the sum."""
     J = rng.normal(size=(12, P + 1))
     r = rng.normal(size=12)
-    one = from_jacobian(J, r).eliminated(np.zeros(1), np.zeros(P + 1), shared=np.zeros(1, dtype=bool))
+    one = from_jacobian(J, r).eliminate(np.zeros(1), np.zeros(P + 1), shared=np.zeros(1, dtype=bool))
     twice = from_jacobian(np.hstack([J, J[:, -1:]]), r)
-    two = twice.eliminated(np.full(2, 1e-18), np.zeros(P + 2), shared=np.zeros(2, dtype=bool))
+    two = twice.eliminate(np.full(2, 1e-18), np.zeros(P + 2), shared=np.zeros(2, dtype=bool))
     np.testing.assert_allclose(two.gram, one.gram, rtol=1e-9)
     np.testing.assert_allclose(two.gradient, one.gradient, rtol=1e-9)
     np.testing.assert_allclose(two.step(np.ones(P))[P:].sum(), one.step(np.ones(P))[P], rtol=1e-9)
-    assert two.told == pytest.approx(1, abs=1e-9)
+    assert two.n_determined == pytest.approx(1, abs=1e-9)
 
 
 def test_a_block_that_takes_up_the_head_leaves_it_its_prior(rng):
@@ -140,7 +140,7 @@ def test_a_block_that_takes_up_the_head_leaves_it_its_prior(rng):
     J[:, 0] = 1e5 * J[:, P]
     r = rng.normal(size=40)
     whole = from_jacobian(J, r)
-    left = whole.eliminated(np.full(3, 1e-12), np.zeros(P + 3), shared=np.zeros(3, dtype=bool))
+    left = whole.eliminate(np.full(3, 1e-12), np.zeros(P + 3), shared=np.zeros(3, dtype=bool))
     prior = GroupedPrior(np.ones(P), np.zeros(P, np.intp), np.ones(1), np.array([True]))
     found = posterior(left.gram, -left.gradient, prior, size=left.size)
     # Beside 40 x 1e10 the prior's 1 is 1e-12, of which rounding leaves four digits.

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from sklearn.linear_model import BayesianRidge
 
-from truearm.solve.evidence import Evidence, updated_evidence
+from truearm.solve.evidence import Evidence, update_evidence
 
 
 def test_one_parameter_by_hand():
     """J^T J = 8, beta = 0.5, alpha = 1: gamma = 1 - 1/(4 + 1) = 0.8, alpha = 0.8 / 4, beta = (10 - 0.8) / 23."""
-    found = updated_evidence(
+    found = update_evidence(
         Evidence(1.0, 0.5, 0.0), gram=np.array([[8.0]]), parameter_squares=4.0, residual_squares=23.0, n_residuals=10
     )
     assert found.gamma == pytest.approx(0.8)
@@ -22,7 +22,7 @@ def test_one_parameter_by_hand():
 def test_gamma_counts_what_the_data_determine():
     """Three directions known a million times better than the prior, two a million times worse."""
     gram = np.diag([1e6, 1e6, 1e6, 1e-6, 1e-6])
-    found = updated_evidence(
+    found = update_evidence(
         Evidence(1.0, 1.0, 0.0), gram=gram, parameter_squares=5.0, residual_squares=7.0, n_residuals=10
     )
     assert found.gamma == pytest.approx(3, abs=1e-4)
@@ -36,7 +36,7 @@ def test_planted_precisions_are_found(rng):
     for _ in range(30):
         x = np.linalg.solve(evidence.beta * gram + evidence.alpha * np.eye(40), evidence.beta * (J.T @ y))
         before = evidence
-        evidence = updated_evidence(
+        evidence = update_evidence(
             evidence, gram=gram, parameter_squares=x @ x, residual_squares=np.sum((J @ x - y) ** 2), n_residuals=2000
         )
     assert evidence.alpha == pytest.approx(before.alpha, rel=1e-9)  # the fixed point
@@ -62,7 +62,7 @@ def test_at_the_fixed_point_the_evidence_is_greatest(rng):
     evidence = Evidence(1.0, 1.0, 0.0)
     for _ in range(500):
         _, x, squares = fitted(evidence.alpha, evidence.beta)
-        evidence = updated_evidence(
+        evidence = update_evidence(
             evidence, gram=J.T @ J, parameter_squares=x @ x, residual_squares=squares, n_residuals=60
         )
     best = log_evidence(evidence.alpha, evidence.beta)
@@ -81,7 +81,7 @@ def test_the_fixed_point_is_scikit_learns(rng):
     evidence = Evidence(1.0, 1.0, 0.0)
     for _ in range(500):
         x = np.linalg.solve(evidence.beta * J.T @ J + evidence.alpha * np.eye(12), evidence.beta * (J.T @ y))
-        evidence = updated_evidence(
+        evidence = update_evidence(
             evidence, gram=J.T @ J, parameter_squares=x @ x, residual_squares=np.sum((J @ x - y) ** 2), n_residuals=40
         )
     assert evidence.beta == pytest.approx(peer.alpha_, rel=1e-6)  # scikit-learn's names are the other way round
@@ -92,14 +92,14 @@ def test_the_fixed_point_is_scikit_learns(rng):
 def test_directions_that_rounding_leaves_below_zero_count_for_nothing():
     """Eigenvalues 1 and -1e-9, as the sums over readings of a singular matrix may come out."""
     gram = np.array([[0.5, 0.5], [0.5, 0.5]]) + 1e-9 * np.array([[-0.5, 0.5], [0.5, -0.5]])
-    found = updated_evidence(
+    found = update_evidence(
         Evidence(1e-12, 1.0, 0.0), gram=gram, parameter_squares=1.0, residual_squares=1.0, n_residuals=10
     )
     assert found.gamma == pytest.approx(1, abs=1e-6)
 
 
 def test_nothing_to_learn_from_keeps_the_precisions():
-    found = updated_evidence(
+    found = update_evidence(
         Evidence(3.0, 4.0, 0.0), gram=np.zeros((2, 2)), parameter_squares=0.0, residual_squares=0.0, n_residuals=5
     )
     assert (found.alpha, found.beta) == (3.0, 4.0)

@@ -10,18 +10,18 @@ import pytest
 
 from truearm.errors import InputError, TruearmError
 from truearm.solve import (
-    Best,
-    Classical,
+    BestPoint,
+    MarquardtDamping,
     DampingLimit,
-    Epochs,
-    Goal,
-    Gradient,
-    Nielsen,
+    MaxEpochs,
+    CostGoal,
+    MinGradient,
+    NielsenDamping,
     NormalEquations,
-    Seconds,
-    Settled,
-    State,
-    Validation,
+    MaxSeconds,
+    CostConverged,
+    OptimizerState,
+    ValidationStop,
     levenberg_marquardt,
 )
 
@@ -69,10 +69,10 @@ def misra1a():
     )
 
 
-@pytest.mark.parametrize("damping", [Nielsen(), Classical()])
+@pytest.mark.parametrize("damping", [NielsenDamping(), MarquardtDamping()])
 @pytest.mark.parametrize("start", [[500.0, 0.1], [250.0, 0.5]])
 def test_certified_values_of_misra1a(damping, start):
-    result = levenberg_marquardt(misra1a(), start, damping=damping, stops=[Settled(1e-14), Epochs(500)])
+    result = levenberg_marquardt(misra1a(), start, damping=damping, stops=[CostConverged(1e-14), MaxEpochs(500)])
     assert result.reason.converged
     np.testing.assert_allclose(result.x * [1, 1e-3], MISRA1A_B, rtol=1e-7)
     assert 2 * result.cost == pytest.approx(MISRA1A_SQUARES, rel=1e-9)
@@ -80,16 +80,16 @@ def test_certified_values_of_misra1a(damping, start):
     np.testing.assert_allclose(std * [1, 1e-3], MISRA1A_STD, rtol=1e-6)
 
 
-@pytest.mark.parametrize("damping", [Nielsen(), Classical()])
+@pytest.mark.parametrize("damping", [NielsenDamping(), MarquardtDamping()])
 def test_rosenbrock_is_found_from_the_usual_start(damping):
-    result = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], damping=damping, stops=[Goal(1e-20), Epochs(300)])
+    result = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], damping=damping, stops=[CostGoal(1e-20), MaxEpochs(300)])
     np.testing.assert_allclose(result.x, [1, 1], atol=1e-9)
     assert result.reason.text == "Performance goal met."
 
 
 def test_the_cost_never_rises_and_every_epoch_is_told():
     told = []
-    result = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], stops=[Goal(1e-20), Epochs(300)], callback=told.append)
+    result = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], stops=[CostGoal(1e-20), MaxEpochs(300)], callback=told.append)
     assert all(after.cost < before.cost for before, after in itertools.pairwise(told))
     assert all(after.previous_cost == before.cost for before, after in itertools.pairwise(told))
     assert [state.epoch for state in told] == list(range(result.epochs + 1))
@@ -98,7 +98,7 @@ def test_the_cost_never_rises_and_every_epoch_is_told():
 
 def test_a_rejected_step_uses_the_same_equations_again():
     problem = rosenbrock()
-    result = levenberg_marquardt(problem, [-1.2, 1.0], stops=[Goal(1e-20), Epochs(300)])
+    result = levenberg_marquardt(problem, [-1.2, 1.0], stops=[CostGoal(1e-20), MaxEpochs(300)])
     assert problem.tried > result.epochs  # some steps were rejected
     assert problem.built == result.epochs + 1
 
@@ -107,14 +107,14 @@ def test_a_linear_problem_takes_two_epochs_without_damping():
     A = np.array([[2.0, 1], [1, 3], [0, 1]])
     b = np.array([1.0, 2, 3])
     problem = Residuals(lambda x: A @ x - b, lambda x: A)
-    result = levenberg_marquardt(problem, [0, 0], damping=Classical(mu=1e-12), stops=[Gradient(1e-9), Epochs(50)])
+    result = levenberg_marquardt(problem, [0, 0], damping=MarquardtDamping(mu=1e-12), stops=[MinGradient(1e-9), MaxEpochs(50)])
     np.testing.assert_allclose(result.x, np.linalg.lstsq(A, b)[0], rtol=1e-9)
     assert result.epochs <= 2
 
 
 def test_it_ends_where_no_step_helps():
     problem = Residuals(lambda x: np.array([1.0 + 0 * x[0]]), lambda x: np.array([[1.0]]))  # a wrong derivative
-    result = levenberg_marquardt(problem, [0.0], damping=Classical(), stops=[DampingLimit()])
+    result = levenberg_marquardt(problem, [0.0], damping=MarquardtDamping(), stops=[DampingLimit()])
     assert result.reason.text == "Maximum MU reached."
     without_that_rule = levenberg_marquardt(problem, [0.0], stops=[])
     assert "derivatives promise it" in without_that_rule.reason.text
@@ -130,7 +130,7 @@ def test_derivatives_of_the_wrong_sign_are_no_convergence():
     assert not result.reason.converged
 
 
-@pytest.mark.parametrize("damping", [Nielsen(), Classical()])
+@pytest.mark.parametrize("damping", [NielsenDamping(), MarquardtDamping()])
 def test_a_matrix_of_no_numbers_is_no_convergence(damping):
     problem = rosenbrock()
     problem.normal_equations = lambda x: NormalEquations(1.0, np.ones(2), np.full((2, 2), np.nan))
@@ -159,15 +159,15 @@ def test_a_step_is_tried_with_the_largest_damping_too():
     problem = Residuals(lambda x: np.array([x[0]]), lambda x: np.array([[1.0]]))
     problem.normal_equations = lambda x: NormalEquations(0.5 * float(x @ x), 40 * x, np.eye(1))
     told = []
-    stops = [Epochs(1)]
-    levenberg_marquardt(problem, [1.0], damping=Classical(1.0, maximum=100.0), stops=stops, callback=told.append)
-    assert told[1].moved
+    stops = [MaxEpochs(1)]
+    levenberg_marquardt(problem, [1.0], damping=MarquardtDamping(1.0, maximum=100.0), stops=stops, callback=told.append)
+    assert told[1].step_accepted
     assert told[1].x[0] == pytest.approx(1 - 40 / 101)
 
 
 def test_a_largest_damping_without_bound_ends_too():
     flat = Residuals(lambda x: np.array([1.0]), lambda x: np.array([[1.0]]))
-    assert not levenberg_marquardt(flat, [0.0], damping=Classical(maximum=np.inf), stops=[]).reason.converged
+    assert not levenberg_marquardt(flat, [0.0], damping=MarquardtDamping(maximum=np.inf), stops=[]).reason.converged
 
 
 def test_a_start_that_is_no_number_is_an_error():
@@ -186,14 +186,14 @@ def test_what_the_data_do_not_tell_has_a_large_variance():
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Classical(mu=0.0),
-        lambda: Classical(mu=np.nan),
-        lambda: Classical(decrease=1.0),
-        lambda: Classical(increase=1.0),
-        lambda: Classical(maximum=0.0),
-        lambda: Nielsen(relative_start=0.0),
-        lambda: Nielsen(mu=-1.0),
-        lambda: Nielsen(growth=1.0),
+        lambda: MarquardtDamping(mu=0.0),
+        lambda: MarquardtDamping(mu=np.nan),
+        lambda: MarquardtDamping(decrease=1.0),
+        lambda: MarquardtDamping(increase=1.0),
+        lambda: MarquardtDamping(maximum=0.0),
+        lambda: NielsenDamping(relative_start=0.0),
+        lambda: NielsenDamping(mu=-1.0),
+        lambda: NielsenDamping(growth=1.0),
     ],
 )
 def test_damping_that_could_never_end_is_refused(make):
@@ -201,11 +201,11 @@ def test_damping_that_could_never_end_is_refused(make):
         make()
 
 
-@pytest.mark.parametrize("rule", [Classical(mu=1e-19), Nielsen(mu=1e-19)])
+@pytest.mark.parametrize("rule", [MarquardtDamping(mu=1e-19), NielsenDamping(mu=1e-19)])
 def test_damping_never_falls_to_nothing(rule):
     for _ in range(1000):
-        rule = rule.succeeded(1.0)
-    assert rule.failed().mu > rule.mu > 0
+        rule = rule.after_success(1.0)
+    assert rule.after_failure().mu > rule.mu > 0
 
 
 def test_an_interrupt_passes_through():
@@ -218,18 +218,18 @@ def test_an_interrupt_passes_through():
 
 
 def test_nielsens_rule_by_hand():
-    start = Nielsen(relative_start=1e-3).started(NormalEquations(1.0, np.zeros(2), np.diag([4.0, 50.0])))
+    start = NielsenDamping(relative_start=1e-3).at_start(NormalEquations(1.0, np.zeros(2), np.diag([4.0, 50.0])))
     assert start.mu == pytest.approx(0.05)
-    assert start.succeeded(0.5).mu == pytest.approx(0.05)  # 1 - 0
-    assert start.succeeded(1.0).mu == pytest.approx(0.05 / 3)  # 1 - 1 = 0, held at 1/3
-    assert start.succeeded(0.25).mu == pytest.approx(0.05 * 1.125)  # 1 + 1/8
-    assert start.failed().mu == pytest.approx(0.1)
-    assert start.failed().failed().failed().mu == pytest.approx(0.05 * 2 * 4 * 8)
-    assert start.failed().succeeded(1.0).growth == 2
+    assert start.after_success(0.5).mu == pytest.approx(0.05)  # 1 - 0
+    assert start.after_success(1.0).mu == pytest.approx(0.05 / 3)  # 1 - 1 = 0, held at 1/3
+    assert start.after_success(0.25).mu == pytest.approx(0.05 * 1.125)  # 1 + 1/8
+    assert start.after_failure().mu == pytest.approx(0.1)
+    assert start.after_failure().after_failure().after_failure().mu == pytest.approx(0.05 * 2 * 4 * 8)
+    assert start.after_failure().after_success(1.0).growth == 2
 
 
 def test_nielsens_rule_starts_above_nothing_where_no_derivative_is_left():
-    start = Nielsen().started(NormalEquations(1.0, np.zeros(2), np.zeros((2, 2))))
+    start = NielsenDamping().at_start(NormalEquations(1.0, np.zeros(2), np.zeros((2, 2))))
     assert 0 < start.mu < start.maximum
     flat = Residuals(lambda x: np.array([1.0]), lambda x: np.array([[0.0]]))
     assert levenberg_marquardt(flat, [3.0], stops=[]).x.tolist() == [3.0]
@@ -246,36 +246,36 @@ def test_the_clock_counts_the_evaluation_at_the_start(monkeypatch):
         return plain(x)
 
     problem.normal_equations = slow
-    levenberg_marquardt(problem, [-1.2, 1.0], stops=[Epochs(2)], callback=told.append)
+    levenberg_marquardt(problem, [-1.2, 1.0], stops=[MaxEpochs(2)], callback=told.append)
     assert [state.seconds for state in told] == [7.0, 14.0, 21.0]
 
 
 def test_marquardts_rule_by_hand():
-    rule = Classical()
+    rule = MarquardtDamping()
     assert (rule.mu, rule.maximum) == (1e-3, 1e10)
-    assert rule.succeeded(0.9).mu == pytest.approx(1e-4)
-    assert rule.failed().failed().mu == pytest.approx(0.1)
+    assert rule.after_success(0.9).mu == pytest.approx(1e-4)
+    assert rule.after_failure().after_failure().mu == pytest.approx(0.1)
 
 
 def state(**changes):
     given = {
         "epoch": 3, "x": np.zeros(1), "cost": 1.0, "previous_cost": 2.0, "gradient_norm": 1.0, "seconds": 5.0,
     }  # fmt: skip
-    return State(**{**given, **changes})
+    return OptimizerState(**{**given, **changes})
 
 
 @pytest.mark.parametrize(
     ("stop", "ends", "goes_on"),
     [
-        (Goal(1.0), {"cost": 1.0}, {"cost": 1.1}),
-        (Epochs(3), {"epoch": 3}, {"epoch": 2}),
-        (Seconds(5.0), {"seconds": 5.0}, {"seconds": 4.9}),
-        (Gradient(0.1), {"gradient_norm": 0.1}, {"gradient_norm": 0.2}),
-        (DampingLimit(), {"damping": Classical(mu=1e10)}, {"damping": Classical(mu=1e9)}),
-        (DampingLimit(), {"damping": Classical(mu=2.0, maximum=1.0)}, {"damping": None}),
-        (Settled(0.1), {"cost": 1.85}, {"cost": 1.75}),
-        (Settled(0.1), {"cost": 2.0}, {"epoch": 0, "previous_cost": np.inf}),
-        (Settled(0.1), {"cost": 2.0}, {"cost": 2.0, "moved": False}),
+        (CostGoal(1.0), {"cost": 1.0}, {"cost": 1.1}),
+        (MaxEpochs(3), {"epoch": 3}, {"epoch": 2}),
+        (MaxSeconds(5.0), {"seconds": 5.0}, {"seconds": 4.9}),
+        (MinGradient(0.1), {"gradient_norm": 0.1}, {"gradient_norm": 0.2}),
+        (DampingLimit(), {"damping": MarquardtDamping(mu=1e10)}, {"damping": MarquardtDamping(mu=1e9)}),
+        (DampingLimit(), {"damping": MarquardtDamping(mu=2.0, maximum=1.0)}, {"damping": None}),
+        (CostConverged(0.1), {"cost": 1.85}, {"cost": 1.75}),
+        (CostConverged(0.1), {"cost": 2.0}, {"epoch": 0, "previous_cost": np.inf}),
+        (CostConverged(0.1), {"cost": 2.0}, {"cost": 2.0, "step_accepted": False}),
     ],
 )
 def test_each_stop_at_its_threshold(stop, ends, goes_on):
@@ -285,7 +285,7 @@ def test_each_stop_at_its_threshold(stop, ends, goes_on):
 
 def test_validation_stops_after_so_many_failures_and_keeps_the_best():
     errors = iter([5.0, 4.0, 3.0, 3.5, 3.0, 3.6, 3.7, 2.9])
-    watch = Validation(lambda x: next(errors), max_fail=3)
+    watch = ValidationStop(lambda x: next(errors), max_fail=3)
     reasons, failures = [], []
     for i in range(7):
         reasons.append(watch(state(epoch=i, x=np.array([float(i)]))))
@@ -298,14 +298,14 @@ def test_validation_stops_after_so_many_failures_and_keeps_the_best():
 
 
 def test_an_error_that_is_no_number_is_no_best():
-    best = Best(0, np.zeros(1), np.nan).followed_by(state(epoch=1), 7.0)
+    best = BestPoint(0, np.zeros(1), np.nan).updated_with(state(epoch=1), 7.0)
     assert (best.epoch, best.error) == (1, 7.0)
-    assert best.followed_by(state(epoch=2), np.nan).failures == 1
+    assert best.updated_with(state(epoch=2), np.nan).failures == 1
 
 
-@pytest.mark.parametrize("damping", [Nielsen(), Classical()])
+@pytest.mark.parametrize("damping", [NielsenDamping(), MarquardtDamping()])
 def test_a_minimisation_goes_on_from_any_state_as_if_it_had_not_ended(damping):
-    stops, told = [Goal(1e-20), Epochs(300)], []
+    stops, told = [CostGoal(1e-20), MaxEpochs(300)], []
     whole = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], damping=damping, stops=stops, callback=told.append)
     for part in told:
         again = []
@@ -328,7 +328,7 @@ def test_a_step_is_bent_by_its_second_derivative():
         return np.exp(x) * np.exp(x) * step**2
 
     problem = Residuals(np.exp, lambda x: np.exp(x)[:, None])
-    result = levenberg_marquardt(problem, [0.0], damping=Classical(1.0), stops=[Epochs(1)], bending=bending)
+    result = levenberg_marquardt(problem, [0.0], damping=MarquardtDamping(1.0), stops=[MaxEpochs(1)], acceleration=bending)
     assert told == [(0.0, pytest.approx(-0.5, rel=1e-15))]
     assert result.x[0] == pytest.approx(-0.5625, rel=1e-15)
     assert result.cost == pytest.approx(0.5 * np.exp(-1.125), rel=1e-15)
@@ -340,9 +340,9 @@ def test_a_bend_that_is_long_or_leads_up_or_is_no_number_is_not_taken(factor):
     result = levenberg_marquardt(
         problem,
         [0.0],
-        damping=Classical(1.0),
-        stops=[Epochs(1)],
-        bending=lambda x, step: factor * np.exp(2 * x) * step**2,
+        damping=MarquardtDamping(1.0),
+        stops=[MaxEpochs(1)],
+        acceleration=lambda x, step: factor * np.exp(2 * x) * step**2,
     )
     assert result.x[0] == pytest.approx(-0.5, rel=1e-15)
 
@@ -351,6 +351,6 @@ def test_bending_saves_epochs_in_a_narrow_valley():
     def bending(x, step):
         return rosenbrock().jacobian(x).T @ np.array([-20 * step[0] ** 2, 0.0])
 
-    plain, bent = (levenberg_marquardt(rosenbrock(), [-1.2, 1.0], bending=way) for way in (None, bending))
+    plain, bent = (levenberg_marquardt(rosenbrock(), [-1.2, 1.0], acceleration=way) for way in (None, bending))
     np.testing.assert_allclose(bent.x, [1, 1], atol=1e-6)
     assert bent.epochs < plain.epochs

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.catalogue import load
+from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.tasks import features
-from truearm.tasks.postures import held, middle_of
+from truearm.tasks.postures import feature_postures, middle_of
 
 AT = np.array([700.0, 100.0, 300.0])
 ALL = {
@@ -103,28 +103,28 @@ def test_features_that_are_none_are_refused(make, said):
 
 @pytest.mark.parametrize("name", ["gao2017", "measuring7"])
 def test_the_arm_is_held_with_its_tip_on_the_points(name):
-    arm = load(name)
+    arm = load_arm(name)
     middle, across = middle_of(arm)
     feature = features.length_at(middle, across, 300.0)
-    ways = held(arm, feature, 10, seed=1)
+    ways = feature_postures(arm, feature, 10, seed=1)
     assert len(ways) == 10
     tips = arm.chain.tip_in_base(ways.reshape(-1, arm.n_joints)).reshape(10, 2, 3)
     assert np.abs(tips - feature.points).max() < 1e-5  # mm
     lower, upper = arm.limits.T
     assert ((ways > lower) & (ways < upper)).all()
     assert np.degrees(ways.std(axis=0)).max() > 10
-    assert np.array_equal(ways, held(arm, feature, 10, seed=1))
+    assert np.array_equal(ways, feature_postures(arm, feature, 10, seed=1))
 
 
 def test_what_the_arm_does_not_reach_is_refused_with_where_it_would():
-    arm = load("measuring7")
+    arm = load_arm("measuring7")
     with pytest.raises(InputError, match="does not reach") as caught:
-        held(arm, features.sphere([5000, 0, 0], 25.0), 5, seed=0)
+        feature_postures(arm, features.sphere([5000, 0, 0], 25.0), 5, seed=0)
     assert "in front of the shoulder" in caught.value.hint
     with pytest.raises(InputError, match="does not reach .* Try: its place in mm: 600,0,300, not 0.6,0,0.3"):
-        held(arm, features.length_at([0.6, 0.0, 0.3], [0, 1, 0], 500.0), 5, seed=0)
+        feature_postures(arm, features.length_at([0.6, 0.0, 0.3], [0, 1, 0], 500.0), 5, seed=0)
     with pytest.raises(InputError, match="turning joints|five joints"):
-        held(load_short(), features.sphere(AT, 25.0), 5, seed=0)
+        feature_postures(load_short(), features.sphere(AT, 25.0), 5, seed=0)
 
 
 def load_short():
@@ -132,4 +132,4 @@ def load_short():
     from truearm.arm.arm import Arm
     from truearm.arm.chain import Chain
 
-    return Arm("short", Chain(load("gao2017").chain.fixed[:4], np.array([0.0, 0.0, 50.0])))
+    return Arm("short", Chain(load_arm("gao2017").chain.fixed[:4], np.array([0.0, 0.0, 50.0])))

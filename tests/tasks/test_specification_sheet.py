@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from truearm.arm.catalogue import load
+from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.tasks import features
 from truearm.tasks.postures import middle_of
-from truearm.tasks.specification_sheet import BEST_SHARE, ConstrainedErrors, share_of_limit
-from truearm.tasks.task import measured_by
+from truearm.tasks.specification_sheet import BEST_SHARE, SpecificationDistribution, share_of_limit
+from truearm.tasks.task import simulate_measurements
 from truearm.verify.circumscribed import circumscribed_sphere
 from truearm.verify.limits import Specification
 from truearm.verify.sphere import fit_sphere
 
-ARM = load("measuring7")
+ARM = load_arm("measuring7")
 ISO = {
     "P_Size.Sph.1x25": {"B_um": 15.0},
     "P_Form.Sph.1x25": {"B_um": 30.0},
@@ -40,7 +40,7 @@ def sheet(limits, *, range_mm=2500.0):
 @pytest.fixture(scope="module")
 def both():
     """Arms by limits of both standards."""
-    return ConstrainedErrors(ARM, sheet(ISO | ASME))
+    return SpecificationDistribution(ARM, sheet(ISO | ASME))
 
 
 def test_the_worst_result_of_a_drawn_arm_is_near_its_limit(both):
@@ -106,7 +106,7 @@ def test_a_sheet_of_twice_the_limits_gives_twice_the_uncertainty():
     middle, across = middle_of(ARM)
     feature = features.length_at(middle, across, 400.0)
     one, two = (
-        measured_by(ConstrainedErrors(ARM, sheet({"SPAT.Max": {"B_um": limit}})), feature, n_arms=100)
+        simulate_measurements(SpecificationDistribution(ARM, sheet({"SPAT.Max": {"B_um": limit}})), feature, n_arms=100)
         for limit in (30.0, 60.0)
     )
     assert two.estimates[0].errors == pytest.approx(2 * one.estimates[0].errors, abs=1e-5)
@@ -115,23 +115,23 @@ def test_a_sheet_of_twice_the_limits_gives_twice_the_uncertainty():
 def test_arms_at_their_limit_err_by_as_much_more_as_their_worst_result_was_below_it():
     middle, across = middle_of(ARM)
     feature = features.length_at(middle, across, 400.0)
-    known = ConstrainedErrors(ARM, sheet({"SPAT.Max": {"B_um": 30.0}}))
-    found = measured_by(known, feature, n_arms=100, share_of_limit=share_of_limit)
+    known = SpecificationDistribution(ARM, sheet({"SPAT.Max": {"B_um": 30.0}}))
+    found = simulate_measurements(known, feature, n_arms=100, share_of_limit=share_of_limit)
     larger = found.at_limit.errors / found.estimates[0].errors
     assert (larger >= 1 - 1e-12).all()
     assert (larger <= 1 / BEST_SHARE + 1e-12).all()
     assert found.at_limit.u_mm > found.estimates[0].u_mm
-    assert measured_by(known, feature, n_arms=100).at_limit is None
+    assert simulate_measurements(known, feature, n_arms=100).at_limit is None
 
 
 def test_a_sheet_without_limits_is_refused():
     with pytest.raises(InputError, match="states no limit"):
-        ConstrainedErrors(ARM, sheet({}))
+        SpecificationDistribution(ARM, sheet({}))
 
 
 def test_an_arm_of_another_size_is_refused():
     with pytest.raises(InputError, match="far beyond the measuring range") as caught:
-        ConstrainedErrors(ARM, sheet(ISO, range_mm=800.0))
+        SpecificationDistribution(ARM, sheet(ISO, range_mm=800.0))
     assert "--arm" in caught.value.hint
     with pytest.raises(InputError, match="does not reach"):
-        ConstrainedErrors(ARM, sheet(ISO, range_mm=4500.0))
+        SpecificationDistribution(ARM, sheet(ISO, range_mm=4500.0))

@@ -11,28 +11,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from truearm.arm.catalogue import load
+from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.poses.measuring import inner_limits
-from truearm.tasks.errors import PresetErrors
-from truearm.tasks.standard_test import distributions, measured_by, pose, share_of_all, simulated, verdicts
+from truearm.tasks.errors import PresetDistribution
+from truearm.tasks.standard_test import result_distributions, simulate_points, pose, proportion_interval, simulate_verification, verdict_shares
 from truearm.verify.artefacts import Artefacts
 from truearm.verify.decision import Verdict
 from truearm.verify.example import example_artefacts, example_specification
-from truearm.verify.layout import layout_of
-from truearm.verify.measurands import LengthMeasured, SphereMeasured
+from truearm.verify.layout import lay_out_tests
+from truearm.verify.measurands import LengthMeasurement, SphereMeasurement
 from truearm.verify.measured import read_points
-from truearm.verify.test_plan import load_plan
+from truearm.verify.test_plan import load_verification_plan
 from truearm.verify.verification import verify
 from truearm.virtual import load_preset
 
 RANGE = 2500.0
-ARM = load("measuring7")
+ARM = load_arm("measuring7")
 
 
 @cache
 def posed(name="iso10360-12"):
-    return pose(layout_of(load_plan(name), example_artefacts(RANGE), RANGE, shoulder_mm=320.0), ARM, seed=0)
+    return pose(lay_out_tests(load_verification_plan(name), example_artefacts(RANGE), RANGE, shoulder_mm=320.0), ARM, seed=0)
 
 
 def exact():
@@ -71,10 +71,10 @@ class MadeUp:
 
 
 def taken(errors, *, n_arms=1, name="iso10360-12", artefacts=None, seed=0):
-    return simulated(
+    return simulate_verification(
         errors,
         posed(name),
-        plan=load_plan(name),
+        plan=load_verification_plan(name),
         artefacts=artefacts or exact(),
         specification=example_specification(RANGE),
         n_arms=n_arms,
@@ -103,7 +103,7 @@ def test_the_nominal_tip_is_on_every_point_off_the_end_stops(name):
 def test_the_stylus_comes_from_where_it_is_wanted():
     """Nearly everywhere to rounding, and nowhere more than 60 deg off."""
     test = posed()
-    stylus = ARM.chain.small_motions(test.angles).by_motion[:, -1, 5]  # a shift along the flange's z
+    stylus = ARM.chain.tip_derivatives(test.angles).motion_jacobian[:, -1, 5]  # a shift along the flange's z
     approach = np.concatenate([one.approach for one in test.placements])
     off = np.degrees(np.arccos(np.clip(-(stylus * approach).sum(axis=1), -1, 1)))
     assert (off < 0.01).mean() > 0.9
@@ -125,13 +125,13 @@ def test_groups_are_taken_in_postures_of_their_own():
 
 
 def test_poses_are_those_of_the_seed():
-    layout = layout_of(load_plan("iso10360-12"), example_artefacts(RANGE), RANGE)[:2]
+    layout = lay_out_tests(load_verification_plan("iso10360-12"), example_artefacts(RANGE), RANGE)[:2]
     assert (pose(layout, ARM, seed=1).angles == pose(layout, ARM, seed=1).angles).all()
     assert (pose(layout, ARM, seed=1).angles != pose(layout, ARM, seed=2).angles).any()
 
 
 def test_what_is_not_reached_is_named():
-    far = layout_of(load_plan("iso10360-12"), example_artefacts(4000.0), 4000.0)
+    far = lay_out_tests(load_verification_plan("iso10360-12"), example_artefacts(4000.0), 4000.0)
     with pytest.raises(InputError) as refused:
         pose(far, ARM, seed=0)
     links = "beyond the arm's links"
@@ -216,10 +216,10 @@ def test_errors_of_artefacts_are_drawn_within_their_certificates():
     )
     sizes, lengths = [], []
     for seed in range(300):
-        shown = measured_by(MadeUp(), posed(), rough, seed=seed).tests
-        sizes.append(SphereMeasured(rough.spheres[0], shown["probing"][0].points).size_error(corrected=True))
+        shown = simulate_points(MadeUp(), posed(), rough, seed=seed).tests
+        sizes.append(SphereMeasurement(rough.spheres[0], shown["probing"][0].points).size_error(corrected=True))
         ends = [one for one in shown["uni"] if one.keys["length"] == "1700"][:2]
-        long = LengthMeasured(rough.bars[0], bar.length("1700"), ends[0].points, ends[1].points)
+        long = LengthMeasurement(rough.bars[0], bar.length("1700"), ends[0].points, ends[1].points)
         lengths.append(long.error(opposite=False, corrected=True))
     # The standard deviation of 300 draws is known to 4 %.
     assert np.std(sizes) == pytest.approx(0.01, rel=0.15)
@@ -230,8 +230,8 @@ def test_errors_of_artefacts_are_drawn_within_their_certificates():
 @pytest.mark.parametrize("name", ["iso10360-12", "asme-b89.4.22"])
 def test_points_in_a_file_are_judged_as_those_in_memory(tmp_path, name):
     """What a technician's program would write of the same points: the same rows, to the digits of the file."""
-    errors, artefacts = PresetErrors(ARM, load_preset("shop")), example_artefacts(RANGE)
-    shown = measured_by(errors.draw(3), posed(name), artefacts, seed=3)
+    errors, artefacts = PresetDistribution(ARM, load_preset("shop")), example_artefacts(RANGE)
+    shown = simulate_points(errors.draw(3), posed(name), artefacts, seed=3)
     lines = ["test,artefact,date,position,length,repeat,end,group,x_mm,y_mm,z_mm,artefact_degC"]
     for test, groups in shown.tests.items():
         for group in groups:
@@ -240,14 +240,14 @@ def test_points_in_a_file_are_judged_as_those_in_memory(tmp_path, name):
                 lines.append(f"{test},{group.artefact},{group.date},{told},{x:.9f},{y:.9f},{z:.9f},{group.degC}")
     path = tmp_path / "points.csv"
     path.write_text("\n".join(lines) + "\n")
-    given = {"plan": load_plan(name), "artefacts": artefacts, "specification": example_specification(RANGE)}
+    given = {"plan": load_verification_plan(name), "artefacts": artefacts, "specification": example_specification(RANGE)}
     ours, theirs = verify(shown, **given), verify(read_points(path), **given)
     assert [row.label for row in ours.rows] == [row.label for row in theirs.rows]
     assert [row.value for row in ours.rows] == pytest.approx([row.value for row in theirs.rows], abs=1e-7)
 
 
 def test_arms_are_told_by_the_seed_and_no_two_seeds_share_one():
-    errors = PresetErrors(ARM, load_preset("shop"))
+    errors = PresetDistribution(ARM, load_preset("shop"))
     first, again = (taken(errors, n_arms=2, seed=7) for _ in range(2))
     assert [values(one) for one in first] == [values(one) for one in again]
     sizes = {values(one)["E_Uni, 1700"] for seed in (7, 8) for one in taken(errors, n_arms=2, seed=seed)}
@@ -260,10 +260,10 @@ def test_arms_are_told_by_the_seed_and_no_two_seeds_share_one():
 def test_distributions_are_quantiles_and_shares_over_the_arms():
     found = taken(MadeUp(noise_mm=0.006), n_arms=21)
     told = []
-    simulated(
+    simulate_verification(
         MadeUp(),
         posed(),
-        plan=load_plan("iso10360-12"),
+        plan=load_verification_plan("iso10360-12"),
         artefacts=exact(),
         specification=example_specification(RANGE),
         n_arms=3,
@@ -271,15 +271,15 @@ def test_distributions_are_quantiles_and_shares_over_the_arms():
         progress=told.append,
     )
     assert told == [1, 2, 3]
-    shown = distributions(found)
+    shown = result_distributions(found)
     assert [one.label for one in shown] == [row.label for row in found[0].rows]
     size = np.sort(np.abs([one.rows[0].value for one in found]))
     assert (shown[0].median, shown[0].high) == pytest.approx((size[10], size[19]))  # of 21: the 11th and the 20th
     assert shown[0].limit == 0.025
     for one in shown:
         assert one.conform + one.not_conform + one.undecided == (0 if one.limit is None else pytest.approx(1))
-    assert sum(verdicts(found).values()) == pytest.approx(1)
-    labels = [one.label for one in distributions(taken(MadeUp(), name="asme-b89.4.22"))]
+    assert sum(verdict_shares(found).values()) == pytest.approx(1)
+    labels = [one.label for one in result_distributions(taken(MadeUp(), name="asme-b89.4.22"))]
     assert labels.count("SPAT.Max, position 1") == 1
     assert len(set(labels)) == len(labels)
 
@@ -287,9 +287,9 @@ def test_distributions_are_quantiles_and_shares_over_the_arms():
 def test_how_sure_a_share_is():
     """None of n: the upper bound p has (1 - p)^n = 2.5 %; 1 of 2: (1 - p)^2 = 2.5 % below it; and mirrored."""
     for n in (1, 5, 100):
-        assert share_of_all(0, n) == (0.0, pytest.approx(1 - 0.025 ** (1 / n)))
-        assert share_of_all(n, n) == (pytest.approx(0.025 ** (1 / n)), 1.0)
-    assert share_of_all(1, 2) == pytest.approx((1 - 0.975**0.5, 0.975**0.5))
+        assert proportion_interval(0, n) == (0.0, pytest.approx(1 - 0.025 ** (1 / n)))
+        assert proportion_interval(n, n) == (pytest.approx(0.025 ** (1 / n)), 1.0)
+    assert proportion_interval(1, 2) == pytest.approx((1 - 0.975**0.5, 0.975**0.5))
 
 
 @settings(deadline=None)
@@ -297,7 +297,7 @@ def test_how_sure_a_share_is():
 def test_bounds_of_a_share_hold_as_many_draws_as_they_say(n, data):
     """At either bound, as many or more (as few or fewer) come with 2.5 %: sums of binomial probabilities."""
     count = data.draw(st.integers(1, n - 1) if n > 1 else st.just(1))
-    low, high = share_of_all(count, n)
+    low, high = proportion_interval(count, n)
     assert 0 < low < count / n <= high <= 1
     assert binom.sf(count - 1, n, low) == pytest.approx(0.025, rel=1e-6)
     if count < n:

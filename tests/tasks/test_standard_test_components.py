@@ -16,9 +16,9 @@ import pytest
 
 from truearm.arm.arm import Arm
 from truearm.arm.conventions import chain_from_dh
-from truearm.arm.inverse import solve_inverse
-from truearm.tasks.errors import PresetErrors
-from truearm.verify.asme_b89_4_22 import Seated, single_point
+from truearm.arm.inverse import solve_inverse_kinematics
+from truearm.tasks.errors import PresetDistribution
+from truearm.verify.asme_b89_4_22 import SeatPoints, single_point
 from truearm.verify.example import example_artefacts, example_specification
 from truearm.virtual import Preset
 
@@ -51,7 +51,7 @@ def in_seats(rng, n_seats):
     """Poses that put the tip in random seats, found from starts all over the joints' full turns, (n, POSES, 6)."""
     starts = 6 * POSES
     points = rng.uniform(LOW, HIGH, (n_seats, 3))
-    found = solve_inverse(
+    found = solve_inverse_kinematics(
         ARM.chain, np.repeat(points, starts, axis=0), start=rng.uniform(-np.pi, np.pi, (n_seats * starts, 6))
     )
     reached = found.reached.reshape(n_seats, starts)
@@ -76,14 +76,14 @@ def table_row(preset, geometry, poses, seed):
     rng = np.random.default_rng([seed, 1])
     specification, seat = example_specification(2600.0), example_artefacts(2600.0).seats[0]
     for trial, here in enumerate(poses):
-        drawn = PresetErrors(ARM, preset).draw(seed + trial)
+        drawn = PresetDistribution(ARM, preset).draw(seed + trial)
         if geometry is not None:
             systematic = drawn.virtual.systematic.with_constants(dh_errors(geometry, rng))
             drawn = replace(drawn, virtual=replace(drawn.virtual, systematic=systematic))
         angles = here.reshape(-1, 6)
         errors = (drawn.systematic(angles) + drawn.random(angles, rng)).reshape(SEATS, POSES, 3)
         tips = ARM.chain.tip_in_base(angles).reshape(SEATS, POSES, 3)
-        rows = single_point([Seated(seat, one) for one in tips + errors], specification)
+        rows = single_point([SeatPoints(seat, one) for one in tips + errors], specification)
         largest += [row.value for row in rows if row.label == "SPAT.Max"]
         twice += [row.value for row in rows if row.label == "SPAT.2s"]
         for i, j in ((0, 1), (1, 2), (2, 0)):

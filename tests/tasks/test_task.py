@@ -7,14 +7,14 @@ import pytest
 from scipy.stats import norm
 
 from truearm.arm.arm import Arm
-from truearm.arm.catalogue import load
+from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.tasks import features
-from truearm.tasks.features import Quantity
+from truearm.tasks.features import FeatureQuantity
 from truearm.tasks.postures import middle_of
-from truearm.tasks.task import SHORTEST, Answer, Estimate, advice, fitness, in_words, measured_by, shortest_interval
+from truearm.tasks.task import SHORTEST, FitnessDecision, Estimate, advice, fitness, describe_fitness, simulate_measurements, shortest_interval
 
-ARM = load("gao2017")
+ARM = load_arm("gao2017")
 MIDDLE, ACROSS = middle_of(ARM)
 
 
@@ -53,11 +53,11 @@ KNOWN = Scaled(ARM, 2e-5, 0.01)
 @pytest.mark.parametrize(("length", "points"), [(50.0, 2), (1000.0, 2), (1000.0, 18)])
 def test_the_arm_s_errors_go_with_the_length_and_the_points_are_averaged(length, points):
     """By hand: u of the arm is the scale's times the length; of n points at each end sqrt(2 / n) of one point's."""
-    found = measured_by(KNOWN, features.length_at(MIDDLE, ACROSS, length, points=points), n_arms=800).estimates[0]
+    found = simulate_measurements(KNOWN, features.length_at(MIDDLE, ACROSS, length, points=points), n_arms=800).estimates[0]
     of_arm, of_points = 2e-5 * length, 0.01 * np.sqrt(2 / (points / 2))
     # 800 draws: a standard deviation is known to 2.5 %; five of them.
-    assert found.u_of_arm_mm == pytest.approx(of_arm, rel=0.13)
-    assert found.u_of_points_mm == pytest.approx(of_points, rel=0.13)
+    assert found.u_systematic_mm == pytest.approx(of_arm, rel=0.13)
+    assert found.u_random_mm == pytest.approx(of_points, rel=0.13)
     assert found.u_mm == pytest.approx(np.hypot(of_arm, of_points), rel=0.13)
     assert abs(found.bias_mm) < 5 * found.standard_errors.bias_mm + 1e-4
     low, high = found.interval_mm
@@ -66,14 +66,14 @@ def test_the_arm_s_errors_go_with_the_length_and_the_points_are_averaged(length,
 
 def test_the_same_seed_gives_the_same_numbers():
     feature = features.length_at(MIDDLE, ACROSS, 200.0)
-    one, again, other = (measured_by(KNOWN, feature, n_arms=100, seed=s).estimates[0] for s in (3, 3, 4))
+    one, again, other = (simulate_measurements(KNOWN, feature, n_arms=100, seed=s).estimates[0] for s in (3, 3, 4))
     assert np.array_equal(one.errors, again.errors)
     assert not np.array_equal(one.errors, other.errors)
 
 
 def test_progress_tells_every_arm():
     told = []
-    measured_by(KNOWN, features.length_at(MIDDLE, ACROSS, 200.0), n_arms=100, progress=lambda n, _: told.append(n))
+    simulate_measurements(KNOWN, features.length_at(MIDDLE, ACROSS, 200.0), n_arms=100, progress=lambda n, _: told.append(n))
     assert told == list(range(1, 101))
 
 
@@ -93,7 +93,7 @@ def test_the_standard_errors_are_those_of_other_ways_too():
     runs = []
     for _ in range(40):
         errors = (rng.standard_normal(10) + 0.3 * rng.standard_normal((20, 10))).ravel()
-        runs.append(estimate(errors, n_ways=10))
+        runs.append(estimate(errors, n_postures=10))
     scatter = np.std([run.bias_mm for run in runs], ddof=1)
     stated = np.mean([run.standard_errors.bias_mm for run in runs])
     assert scatter > 0.2  # 0.07 if all draws were independent
@@ -135,20 +135,20 @@ def test_the_shortest_interval_is_no_longer_than_the_one_in_the_middle(rng):
 # Tolerances -----------------------------------------------------------------------------------------------------------
 
 
-def estimate(errors, *, is_form=False, n_ways=1):
+def estimate(errors, *, is_form=False, n_postures=1):
     """An estimate of these errors."""
     errors = np.asarray(errors, dtype=float)
-    quantity = Quantity("flatness", 0.0, True) if is_form else Quantity("length", 100.0)
-    return Estimate(quantity, errors, errors, np.zeros_like(errors), n_ways)
+    quantity = FeatureQuantity("flatness", 0.0, True) if is_form else FeatureQuantity("length", 100.0)
+    return Estimate(quantity, errors, errors, np.zeros_like(errors), n_postures)
 
 
 @pytest.mark.parametrize(
     ("tolerance", "answer", "ratio", "left"),
     [
-        (0.2, Answer.YES, 5.0, 0.16),
-        (0.08, Answer.GUARDED, 2.0, 0.04),
-        (0.04, Answer.NO, 1.0, 0.0),
-        (0.01, Answer.NO, 0.25, 0.0),
+        (0.2, FitnessDecision.YES, 5.0, 0.16),
+        (0.08, FitnessDecision.GUARDED, 2.0, 0.04),
+        (0.04, FitnessDecision.NO, 1.0, 0.0),
+        (0.01, FitnessDecision.NO, 0.25, 0.0),
     ],
 )
 def test_answers_to_a_tolerance_by_hand(tolerance, answer, ratio, left):
@@ -158,18 +158,18 @@ def test_answers_to_a_tolerance_by_hand(tolerance, answer, ratio, left):
     fit = fitness(found, tolerance)
     assert fit.answer is answer
     assert fit.ratio == pytest.approx(ratio)
-    assert fit.left_mm == pytest.approx(left)
-    said = in_words(found, fit)
-    assert {Answer.YES: "Yes", Answer.NO: "No:", Answer.GUARDED: "guard bands"}[answer] in said
+    assert fit.acceptance_zone_mm == pytest.approx(left)
+    said = describe_fitness(found, fit)
+    assert {FitnessDecision.YES: "Yes", FitnessDecision.NO: "No:", FitnessDecision.GUARDED: "guard bands"}[answer] in said
     assert "U = 0.0200 mm" in said
 
 
 def test_a_tolerance_of_form_has_one_side():
     found = estimate(np.repeat([0.01, 0.02], 50), is_form=True)
     fit = fitness(found, 0.08)
-    assert fit.answer is Answer.YES
-    assert fit.left_mm == pytest.approx(0.06)
-    said = in_words(found, fit)
+    assert fit.answer is FitnessDecision.YES
+    assert fit.acceptance_zone_mm == pytest.approx(0.06)
+    said = describe_fitness(found, fit)
     assert "Parts of up to 0.0600 mm are found to conform" in said
     assert "up to 0.08 mm of a nearly perfect one" in said
 
@@ -178,9 +178,9 @@ def test_a_form_below_the_uncertainty_can_still_be_shown_of_a_nearly_perfect_par
     """Errors add to form: 0.01 mm measured with U = 0.02 mm is not from a part of 0.015 mm whose errors took it off."""
     found = estimate(np.repeat([0.01, 0.02], 50), is_form=True)
     fit = fitness(found, 0.015)
-    assert fit.answer is Answer.NO
-    assert fit.left_mm == 0
-    said = in_words(found, fit)
+    assert fit.answer is FitnessDecision.NO
+    assert fit.acceptance_zone_mm == 0
+    said = describe_fitness(found, fit)
     assert "A perfect part may be found outside" in said
     assert "No measured value" not in said
 
@@ -200,7 +200,7 @@ def test_a_measured_flatness_differs_from_the_part_s_by_no_more_than_that_of_the
 
 def test_an_arm_without_errors_is_good_for_everything():
     fit = fitness(estimate(np.zeros(100)), 1e-6)
-    assert fit.answer is Answer.YES
+    assert fit.answer is FitnessDecision.YES
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -0.1, np.nan, np.inf])
@@ -218,11 +218,11 @@ def test_a_tolerance_that_is_none_is_refused(tolerance):
     ],
 )
 def test_whether_more_points_would_help(known, said):
-    found = measured_by(known, features.length_at(MIDDLE, ACROSS, 500.0), n_arms=100)
+    found = simulate_measurements(known, features.length_at(MIDDLE, ACROSS, 500.0), n_arms=100)
     assert said in advice(found)
 
 
 @pytest.mark.parametrize(("n_arms", "seed"), [(99, 0), (100_001, 0), (100, -1)])
 def test_numbers_out_of_bounds_are_refused(n_arms, seed):
     with pytest.raises(InputError):
-        measured_by(KNOWN, features.length_at(MIDDLE, ACROSS, 500.0), n_arms=n_arms, seed=seed)
+        simulate_measurements(KNOWN, features.length_at(MIDDLE, ACROSS, 500.0), n_arms=n_arms, seed=seed)

@@ -7,14 +7,14 @@ from contextlib import contextmanager
 import pytest
 import typer
 
-from truearm.arm.catalogue import load
+from truearm.arm.catalogue import load_arm
 from truearm.cli import task as command
 from truearm.cli.main import run
 from truearm.cli.task import CODES, task
 from truearm.errors import InputError
 from truearm.models import KinematicModel, NominalModel
 from truearm.models.file import save_model
-from truearm.poses.measuring import measuring
+from truearm.poses.measuring import measuring_poses
 from truearm.virtual import VirtualArm, load_preset
 
 SHEET = """
@@ -31,9 +31,9 @@ E_Uni = { A_um = 15, K_mm_per_um = 80, B_um = 50 }
 @pytest.fixture(scope="module")
 def model_file(tmp_path_factory):
     """A model of a shop arm."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     virtual = VirtualArm.draw(arm, load_preset("shop"), seed=1)
-    readings = virtual.measure(measuring(arm, 50, seed=1).angles, seed=1).readings
+    readings = virtual.measure(measuring_poses(arm, 50, seed=1).angles, seed=1).readings
     path = tmp_path_factory.mktemp("task") / "arm.truearm"
     save_model(KinematicModel(arm).fit_readings(readings), path)
     return path
@@ -227,9 +227,9 @@ def test_a_model_has_its_own_arm(model_file):
 
 def test_a_nominal_model_can_be_asked_too(capsys, tmp_path):
     """Its errors are all unexplained: none of its terms is uncertain but base and tip."""
-    arm = load("gao2017")
+    arm = load_arm("gao2017")
     virtual = VirtualArm.draw(arm, load_preset("research"), seed=1)
-    readings = virtual.measure(measuring(arm, 40, seed=1).angles, seed=1).readings
+    readings = virtual.measure(measuring_poses(arm, 40, seed=1).angles, seed=1).readings
     save_model(NominalModel(arm).fit_readings(readings), tmp_path / "n.truearm")
     ran(str(tmp_path / "n.truearm"), length=300.0, as_json=True)
     (length,) = json.loads(capsys.readouterr().out)["quantities"]

@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.arm.catalogue import load
+from truearm.arm.catalogue import load_arm
 from truearm.models import KinematicModel
-from truearm.poses.measuring import measuring
-from truearm.tasks.errors import ModelErrors
+from truearm.poses.measuring import measuring_poses
+from truearm.tasks.errors import PosteriorDistribution
 from truearm.tasks.features import UP, length_at, plane, sphere
-from truearm.tasks.postures import held, middle_of
-from truearm.tasks.task import measured_by
+from truearm.tasks.postures import feature_postures, middle_of
+from truearm.tasks.task import simulate_measurements
 from truearm.virtual import VirtualArm, load_preset
 
-ARM = load("gao2017")
+ARM = load_arm("gao2017")
 MIDDLE, ACROSS = middle_of(ARM)
-N_ARMS, WAYS = 8, 25
+N_ARMS, N_POSTURES = 8, 25
 
 
 @pytest.fixture(scope="module")
@@ -28,17 +28,17 @@ def identified():
     found = []
     for seed in range(N_ARMS):
         virtual = VirtualArm.draw(ARM, load_preset("shop"), seed=seed)
-        readings = virtual.measure(measuring(ARM, 80, seed=seed).angles, seed=seed).readings
+        readings = virtual.measure(measuring_poses(ARM, 80, seed=seed).angles, seed=seed).readings
         found.append((virtual, KinematicModel(ARM).fit_readings(readings)))
     return found
 
 
 def shares(identified, feature, n_arms):
     """Of true errors in the interval, of those no larger than U, and true over stated size, root mean square."""
-    ways = held(ARM, feature, WAYS, seed=77)
+    ways = feature_postures(ARM, feature, N_POSTURES, seed=77)
     inside, within, times = [], [], []
     for seed, (virtual, model) in enumerate(identified):
-        stated = measured_by(ModelErrors(model), feature, n_arms=n_arms, seed=seed).estimates[0]
+        stated = simulate_measurements(PosteriorDistribution(model), feature, n_arms=n_arms, seed=seed).estimates[0]
         poses = ways.reshape(-1, ARM.n_joints)
         taken = virtual.measure(poses, seed=500 + seed, temperature_degC=model.temperature_degC_, reference=False)
         shown = model.predict_readings(replace(taken.readings, directions=None))

@@ -23,7 +23,7 @@ from truearm.terms import (
     Temperature,
     basis_from_data,
     harmonics,
-    registered,
+    register_basis,
     uniform_links,
 )
 
@@ -89,7 +89,7 @@ def test_what_the_base_bears_is_the_work_of_the_weights_in_a_small_turn_of_the_b
     for k in range(1, 6):
         fixed = np.concatenate([state.chain.fixed[:k], np.eye(4)[None]])
         upto = Chain(fixed, links.centre_in_joint_mm[k - 1])
-        work -= links.mass_kg[k - 1] * G * 1e-3 * upto.small_motions(state.angles[:, :k]).by_motion[:, 0, :3, 2].T
+        work -= links.mass_kg[k - 1] * G * 1e-3 * upto.tip_derivatives(state.angles[:, :k]).motion_jacobian[:, 0, :3, 2].T
     for axis in range(3):
         # Torques reach 1e2 N m: rounding is 1e-13.
         assert GravityTorque(0, axis).values(state) == pytest.approx(work[[axis]], abs=1e-10)
@@ -231,7 +231,7 @@ def test_hostile_data_make_a_basis_or_an_input_error(data):
 
 
 def test_a_basis_of_ones_own_comes_back_from_a_file_too(make_state):
-    @registered
+    @register_basis
     @dataclass(frozen=True)
     class Cage(Basis):
         joint: int
@@ -246,14 +246,14 @@ def test_a_basis_of_ones_own_comes_back_from_a_file_too(make_state):
     basis = Cage(2)
     assert basis_from_data(json.loads(json.dumps(basis.as_data()))) == basis
     assert basis.values(make_state()).shape == (basis.n_functions, 40)
-    assert registered(Cage) is Cage
+    assert register_basis(Cage) is Cage
     with pytest.raises(InputError, match="fields of a basis 'Cage'"):
         basis_from_data({"kind": "Cage"})
 
 
 def test_a_second_class_of_the_same_name_is_refused():
     with pytest.raises(InputError, match="'Constant' is registered already"):
-        registered(type("Constant", (Basis,), {}))
+        register_basis(type("Constant", (Basis,), {}))
 
 
 @pytest.mark.parametrize(

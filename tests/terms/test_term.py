@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.terms import (
@@ -17,7 +17,7 @@ from truearm.terms import (
     Column,
     Constant,
     Harmonics,
-    LeftOut,
+    SkippedTerm,
     Term,
     candidate_terms,
     catalogue,
@@ -115,7 +115,7 @@ def test_constants_known_exactly_are_left_out(make_chain):
 
 def test_constants_that_a_free_base_or_tip_makes_up_for_keep_their_prior():
     """Of a UR10: what turns and shifts joint 1 along its axis, all shifts of joint 6, joint 5's along that axis."""
-    chain = load("ur10").chain
+    chain = load_arm("ur10").chain
     groups = {"base": set(), "tip": set()}
     for part, names in groups.items():
         names |= {t.name for t in constants(chain, free=(part,)) if t.group == f"what a free {part} makes up for"}
@@ -124,7 +124,7 @@ def test_constants_that_a_free_base_or_tip_makes_up_for_keep_their_prior():
     assert not [t for t in constants(chain, free=()) if "makes up for" in t.group]
     # They do move tips as a shift of the tip or base does.
     q = np.random.default_rng(0).uniform(-2, 2, (20, 6))
-    by = chain.small_motions(q).by_motion
+    by = chain.tip_derivatives(q).motion_jacobian
     np.testing.assert_allclose(np.abs(by[:, 5, 4]), np.abs(by[:, 7, 5]), atol=1e-9)
     np.testing.assert_allclose(by[:, 1, [2, 5]], by[:, 0, [2, 5]], atol=1e-9)
 
@@ -235,9 +235,9 @@ def test_what_is_missing_is_said(make_state):
     state = make_state(n=400, temperature_degC=None, directions=None, columns={"load_tip_N": np.arange(400.0)})
     _, left_out = candidate_terms(state)
     assert left_out == [
-        LeftOut("thermal growth", "the readings have no temperature"),
-        LeftOut("hysteresis", "the joints' directions of movement are not known"),
-        LeftOut("load_tip_N", "its name does not say which joint it acts on"),
+        SkippedTerm("thermal growth", "the readings have no temperature"),
+        SkippedTerm("hysteresis", "the joints' directions of movement are not known"),
+        SkippedTerm("load_tip_N", "its name does not say which joint it acts on"),
     ]
 
 
@@ -264,7 +264,7 @@ def test_a_joint_that_hardly_moved_loses_slow_harmonics_and_the_reason_says_so()
     state = turning(rng.uniform(-3, 3, 2000), np.radians(np.linspace(-6, 6, 2000)))
     terms, left_out = candidate_terms(state)
     # A quarter of a period is 12 deg at order 7.5.
-    assert LeftOut("J2 orders 1 to 7", "J2 moved by 12 deg only") in left_out
+    assert SkippedTerm("J2 orders 1 to 7", "J2 moved by 12 deg only") in left_out
     assert orders_of(terms, 2) == list(range(8, 111))
     assert orders_of(terms, 1) == list(range(1, 111))
     assert not any(t.name.startswith("J2 wobble") for t in terms)
@@ -276,7 +276,7 @@ def test_a_joint_that_stood_still_has_no_harmonics():
     state = turning(np.linspace(-3, 3, 50), np.full(50, 0.7))
     terms, left_out = candidate_terms(state)
     assert orders_of(terms, 2) == []
-    assert LeftOut("J2 orders 1 to 110", "J2 moved by 0 deg only") in left_out
+    assert SkippedTerm("J2 orders 1 to 110", "J2 moved by 0 deg only") in left_out
 
 
 @settings(deadline=None, max_examples=25)
@@ -301,12 +301,12 @@ def test_jitter_about_a_few_angles_does_not_count_as_angles():
     angles = np.repeat(np.radians([-150, -90, -30, 30, 90, 150]), 100) + np.radians(rng.normal(0, 0.02, 600))
     terms, left_out = candidate_terms(turning(angles))
     assert orders_of(terms, 1) == [1, 2]
-    assert LeftOut("J1 orders 3 to 110", "J1 stood at 6 angles only") in left_out
+    assert SkippedTerm("J1 orders 3 to 110", "J1 stood at 6 angles only") in left_out
 
 
 def test_a_sliding_joint_is_offered_the_rest(make_state):
     terms, left_out = candidate_terms(make_state(n=3000, sliding=True, columns={"load_3_N": np.arange(3000.0)}))
-    assert left_out == [LeftOut("J3 harmonics", "J3 slides")]
+    assert left_out == [SkippedTerm("J3 harmonics", "J3 slides")]
     own = [t for t in terms if t.name in ("J3 hysteresis", "J3 shift along z by load_3_N")]
     assert [t.direction for t in own] == [(0, 0, 0, 0, 0, 1)] * 2
 

@@ -84,7 +84,7 @@ def test_torque_is_the_work_of_the_weights_in_a_small_turn(make_chain, seed, sli
         upto = Chain(
             np.concatenate([chain.fixed[:k], np.eye(4)[None]]), links.centre_in_joint_mm[k - 1], chain.prismatic[:k]
         )
-        height_by_motion = upto.small_motions(angles[:, :k]).by_motion[:, 1 : k + 1, :, 2]
+        height_by_motion = upto.tip_derivatives(angles[:, :k]).motion_jacobian[:, 1 : k + 1, :, 2]
         work[:, :k] += -links.mass_kg[k - 1] * G * height_by_motion
     # Torques reach 1e2 N m, forces 1e2 N: rounding is 1e-13.
     assert loads.torque_in_joint == pytest.approx(work[..., :3] * 1e-3, abs=1e-10)

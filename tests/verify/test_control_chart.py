@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.stats import binom, kstest
 
 from truearm.errors import InputError
-from truearm.verify.control_chart import FALSE_ALARMS, NEEDED, Rules, _change, control_chart, rules_for
+from truearm.verify.control_chart import FALSE_ALARMS, MIN_BASELINE_CHECKS, ControlRules, _change, control_chart, control_rules
 
-TWO = rules_for(2)
+TWO = control_rules(2)
 
 
 def chart(values, u=0.0, rules=TWO, **options):
@@ -19,7 +19,7 @@ def chart(values, u=0.0, rules=TWO, **options):
 
 
 def alarmed(one):
-    return one.signalled is not None or one.beyond.any()
+    return one.signal_index is not None or one.out_of_limits.any()
 
 
 def shewhart_and_page(n_histories, n, rules, seed):
@@ -45,11 +45,11 @@ def test_one_chart_has_the_limits_of_the_textbooks():
 
 
 def test_several_charts_share_one_rate_of_false_alarms():
-    rules = rules_for(8)
+    rules = control_rules(8)
     assert TWO.limit < rules.limit
     assert TWO.decision_interval < rules.decision_interval
     with pytest.raises(InputError, match="one chart or more"):
-        rules_for(0)
+        control_rules(0)
 
 
 def test_the_sums_of_an_unchanged_process_run_370_values_on_average():
@@ -94,9 +94,9 @@ def test_with_an_expected_scatter_it_alarms_no_more_often(rng):
 
 def test_scatters_from_few_readings_alarm_as_often_too(rng):
     """s of three readings in a seat, six degrees of freedom: skew. One chart with one side, limits alone."""
-    rules = Rules(rules_for(1).limit, np.inf)
+    rules = ControlRules(control_rules(1).limit, np.inf)
     s = np.sqrt(rng.chisquare(6, (600, 25)) / 6)
-    beyond = sum(int(chart(row, rules=rules, scale=True, upper_only=True).beyond.sum()) for row in s)
+    beyond = sum(int(chart(row, rules=rules, scale=True, upper_only=True).out_of_limits.sum()) for row in s)
     assert binom.ppf(0.0005, 600 * 23, FALSE_ALARMS) <= beyond <= binom.ppf(0.9995, 600 * 23, FALSE_ALARMS)
 
 
@@ -130,12 +130,12 @@ def planted(rng, shape, n_histories, before=20, n_sides=8):
     for _ in range(n_histories):
         values = rng.standard_normal(before + 40)
         values[before:] += shape(np.arange(1, 41))
-        one = chart(values, rules=rules_for(n_sides))
-        if one.signalled is not None and one.signalled < before:
+        one = chart(values, rules=control_rules(n_sides))
+        if one.signal_index is not None and one.signal_index < before:
             continue  # a false alarm
-        first = int(np.argmax(one.beyond[before:])) if one.beyond[before:].any() else 40
-        seen.append(1 + min(first, 40 if one.signalled is None else one.signalled - before))
-        off.append(40 if one.changed is None else one.changed - before)
+        first = int(np.argmax(one.out_of_limits[before:])) if one.out_of_limits[before:].any() else 40
+        seen.append(1 + min(first, 40 if one.signal_index is None else one.signal_index - before))
+        off.append(40 if one.change_index is None else one.change_index - before)
     return np.array(seen), np.array(off)
 
 
@@ -157,12 +157,12 @@ def test_a_slow_drift_is_seen_when_it_comes_to_three_standard_deviations(rng):
 def test_a_change_downwards_is_one_but_not_of_a_scatter(rng):
     values = np.r_[rng.standard_normal(20), rng.standard_normal(10) - 5.0]
     one = chart(values)
-    assert one.changed == 20
-    assert one.drift[1, -1] > TWO.decision_interval > one.drift[0, -1]
+    assert one.change_index == 20
+    assert one.cusum[1, -1] > TWO.decision_interval > one.cusum[0, -1]
     scatter = np.abs(10 + values)
     assert chart(scatter, scale=True, upper_only=True).since is None
     up = chart(np.r_[scatter[:20], scatter[:10] + 6.0], scale=True, upper_only=True)
-    assert up.changed == 20
+    assert up.change_index == 20
     assert np.isnan(up.lower).all()
 
 
@@ -173,7 +173,7 @@ def test_a_change_stays_one_though_the_values_stay_where_they_went(rng):
     assert one.since == 20
     assert (one.n_before[30:] == one.n_before[-1]).all()
     assert one.n_before[-1] <= 20
-    assert one.beyond[30:].mean() > 0.5
+    assert one.out_of_limits[30:].mean() > 0.5
 
 
 def test_a_single_value_far_off_tells_only_while_it_is_the_last(rng):
@@ -190,10 +190,10 @@ def test_values_far_off_to_either_side_are_single_ones(side):
     """Dirt in one seat of a bar, then in the other: the last one stands alone, until the next is on its side."""
     steady, far = np.resize([1.0, -1.0, 0.5, -0.5], 20), 40.0 * side
     for tail, since in (([far, -far], 21), ([far, far, -far], 22), ([far, -far, -far], 21), ([far, far], 20)):
-        one = chart(np.r_[steady, tail], rules=rules_for(8))
-        assert one.beyond[20:].all()
-        assert (one.since, one.changed) == (since, None)
-    assert chart(np.r_[steady, far, -far, 0.0], rules=rules_for(8)).since is None
+        one = chart(np.r_[steady, tail], rules=control_rules(8))
+        assert one.out_of_limits[20:].all()
+        assert (one.since, one.change_index) == (since, None)
+    assert chart(np.r_[steady, far, -far, 0.0], rules=control_rules(8)).since is None
 
 
 @pytest.mark.parametrize("begins", [3, 7, 10])
@@ -210,8 +210,8 @@ def test_the_expected_scatter_is_a_floor_while_values_are_few():
     values = 1e-3 * np.tile([1.0, -1.0], 8)
     one = chart(values, u=1.0)
     wide = one.upper - one.lower > 2.0
-    assert wide[2:NEEDED].all()
-    assert not wide[NEEDED:].any()
+    assert wide[2:MIN_BASELINE_CHECKS].all()
+    assert not wide[MIN_BASELINE_CHECKS:].any()
     assert not chart(values[:10], u=1.0).enough
     assert chart(values[:11], u=1.0).enough
 
@@ -237,7 +237,7 @@ def test_rules_may_be_of_each_value(rng):
     one = chart(values)
     each = chart(values, rules=[TWO] * 20)
     np.testing.assert_array_equal(one.upper, each.upper)
-    wide = chart(values, rules=[TWO] * 10 + [rules_for(8)] * 10)
+    wide = chart(values, rules=[TWO] * 10 + [control_rules(8)] * 10)
     np.testing.assert_array_equal(wide.upper[:10], one.upper[:10])
     assert (wide.upper[10:] > one.upper[10:]).all()
     with pytest.raises(InputError, match="rules for 20 values, got 3"):
@@ -251,8 +251,8 @@ def test_dirt_in_one_check_leaves_no_trace_in_the_sums(side):
     dirty = chart(np.insert(values, 12, side * 9.0))
     clean = chart(values)
     assert not alarmed(clean)
-    assert dirty.beyond.tolist() == [*clean.beyond[:12], True, *clean.beyond[12:]]
-    assert dirty.drift[:, 12].max() > TWO.limit - 0.5 - 1e-12  # while nobody knows
-    np.testing.assert_allclose(np.delete(dirty.drift, 12, axis=1), clean.drift, atol=1e-12)
+    assert dirty.out_of_limits.tolist() == [*clean.out_of_limits[:12], True, *clean.out_of_limits[12:]]
+    assert dirty.cusum[:, 12].max() > TWO.limit - 0.5 - 1e-12  # while nobody knows
+    np.testing.assert_allclose(np.delete(dirty.cusum, 12, axis=1), clean.cusum, atol=1e-12)
     twice = chart(np.insert(values, 12, [side * 9.0, side * 9.0]))
-    assert twice.drift[:, 13].max() > TWO.decision_interval
+    assert twice.cusum[:, 13].max() > TWO.decision_interval

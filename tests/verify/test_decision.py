@@ -11,16 +11,16 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.verify.decision import (
-    LEVEL,
-    RULES,
+    COVERAGE_PROBABILITY,
+    DECISION_RULES,
     Budget,
     Contribution,
-    Row,
+    ConformityResult,
     Verdict,
     decide,
-    decisive,
-    judged,
-    overall,
+    worst_result,
+    assess_conformity,
+    overall_verdict,
 )
 
 # The end gauge of the GUM, JCGM 100:2008, H.1, table H.1 and H.1.6: nm and degrees of freedom.
@@ -61,7 +61,7 @@ def test_coverage_factors_of_the_guide(dof, k):
 
 
 def test_the_level_is_that_of_two_standard_deviations():
-    assert pytest.approx(0.9545, abs=5e-5) == LEVEL
+    assert pytest.approx(0.9545, abs=5e-5) == COVERAGE_PROBABILITY
 
 
 @settings(deadline=None)
@@ -112,7 +112,7 @@ def test_simple_acceptance(value, uncertainty, verdict):
 
 
 @settings(deadline=None)
-@given(st.floats(-1, 1), st.floats(0, 1), st.floats(0.01, 1), st.sampled_from(RULES))
+@given(st.floats(-1, 1), st.floats(0, 1), st.floats(0.01, 1), st.sampled_from(DECISION_RULES))
 def test_more_uncertainty_decides_less(value, uncertainty, limit, rule):
     """A decision that is made stays the same or is made no more when the uncertainty grows; it never turns round."""
     before, after = (decide(value, u, limit, rule=rule) for u in (uncertainty, uncertainty * 1.5))
@@ -147,8 +147,8 @@ def test_bad_contributions_are_refused(u, dof, phrase):
         Contribution("thermal", u, dof)
 
 
-def row(value, limit, u=0.001) -> Row:
-    return judged("test", value, Budget((Contribution("all", u),)), limit, rule="iso14253-1", where=str(value))
+def row(value, limit, u=0.001) -> ConformityResult:
+    return assess_conformity("test", value, Budget((Contribution("all", u),)), limit, rule="iso14253-1", where=str(value))
 
 
 def test_the_worst_row_decides():
@@ -159,17 +159,17 @@ def test_the_worst_row_decides():
         Verdict.NOT_CONFORM,
         None,
     ]
-    assert decisive([good, near, free]) is near
-    assert decisive([good, bad, near]) is bad
+    assert worst_result([good, near, free]) is near
+    assert worst_result([good, bad, near]) is bad
     # Of several that conform: the one nearest to its own limit, not the largest.
-    assert decisive([row(0.02, 0.05), row(0.015, 0.02)]).where == "0.015"
-    assert decisive([row(1.0, None), row(-2.0, None)]).where == "-2.0"
-    assert overall([good, near, bad, free]) is Verdict.NOT_CONFORM
-    assert overall([good, near, free]) is Verdict.UNDECIDED
-    assert overall([good, free]) is Verdict.CONFORM
-    assert overall([free]) is None
+    assert worst_result([row(0.02, 0.05), row(0.015, 0.02)]).where == "0.015"
+    assert worst_result([row(1.0, None), row(-2.0, None)]).where == "-2.0"
+    assert overall_verdict([good, near, bad, free]) is Verdict.NOT_CONFORM
+    assert overall_verdict([good, near, free]) is Verdict.UNDECIDED
+    assert overall_verdict([good, free]) is Verdict.CONFORM
+    assert overall_verdict([free]) is None
 
 
 def test_a_row_says_its_uncertainty():
     two = Budget((Contribution("a", 0.003), Contribution("b", 0.004)))
-    assert judged("test", 0.0, two, 1.0, rule="simple").uncertainty == pytest.approx(2 * sqrt(25e-6))
+    assert assess_conformity("test", 0.0, two, 1.0, rule="simple").uncertainty == pytest.approx(2 * sqrt(25e-6))

@@ -17,18 +17,18 @@ import pytest
 import truearm.verify.history
 from truearm.errors import InputError, TruearmError
 from truearm.verify.history import APPLICATION_ID, VERSION, History
-from truearm.verify.interim import Check, Recalibrate, Value
+from truearm.verify.interim import InterimCheck, RecalibrationAdvice, CheckValue
 from truearm.verify.limits import Specification
 
 MODEL, OTHER = "a" * 64, "b" * 64
 VALUES = (
-    Value("SPAT.2s", "cône; DROP TABLE checks", 0.0123456789012345, 0.001, 0.0, 10),
-    Value("length error", "A to B", -0.004, 0.002, 0.0005, 8, 600.0021),
+    CheckValue("SPAT.2s", "cône; DROP TABLE checks", 0.0123456789012345, 0.001, 0.0, 10),
+    CheckValue("length error", "A to B", -0.004, 0.002, 0.0005, 8, 600.0021),
 )
 
 
 def check(day=1, model=MODEL, session=None, **changed):
-    one = Check(datetime.datetime(2026, 1, day, 8, 30), model, session or f"{day:064x}", 20.5, VALUES)
+    one = InterimCheck(datetime.datetime(2026, 1, day, 8, 30), model, session or f"{day:064x}", 20.5, VALUES)
     return replace(one, **changed)
 
 
@@ -139,7 +139,7 @@ def test_the_last_check_is_completed_by_what_was_left_out(filled):
     history, day = History(filled), datetime.datetime(2026, 2, 1)
     part = check(4, values=VALUES[:1])
     assert history.append(part)
-    assert history.joined(check(4, date=day)) == (*history.checks(MODEL)[:3], check(4))
+    assert history.with_check(check(4, date=day)) == (*history.checks(MODEL)[:3], check(4))
     assert history.append(check(4, date=day))
     assert history.checks(MODEL)[-1] == check(4)  # with the date that it had
     assert not history.append(part)  # nothing is taken out
@@ -171,42 +171,42 @@ def test_what_could_not_be_read_again_is_not_written(filled, changed):
 
 def test_other_models_are_named_and_what_their_charts_said(filled):
     history = History(filled)
-    assert history.others(MODEL, arm="gao2017") == ()
+    assert history.other_models(MODEL, arm="gao2017") == ()
     assert history.append(check(4, model=OTHER), name="new.truearm", arm="gao2017")
     assert history.append(check(5, model=OTHER), name="renamed.truearm", arm="gao2017")
-    (other,) = history.others(MODEL, arm="gao2017")
+    (other,) = history.other_models(MODEL, arm="gao2017")
     assert (other.name, other.arm, [one.date.day for one in other.checks]) == ("new.truearm", "gao2017", [4, 5])
-    words = other.told(other.assessed())
+    words = other.describe(other.assess())
     assert words.startswith("2 checks of new.truearm in this history, not compared; the charts of the last one")
     assert words.endswith(
         '2026-01-05 08:30, say "recalibrate: not enough checks yet, 1 before this one, 10 are needed"'
     )
-    (unnamed,) = history.others(OTHER, arm="gao2017")  # its checks were added without names
-    assert unnamed.told(unnamed.assessed()).startswith("3 checks of another model (SHA-256 aaaaaaaaaaaa..)")
+    (unnamed,) = history.other_models(OTHER, arm="gao2017")  # its checks were added without names
+    assert unnamed.describe(unnamed.assess()).startswith("3 checks of another model (SHA-256 aaaaaaaaaaaa..)")
     assert history.append(check(6, model="c" * 64), name="un\nprintable", arm="gao2017")
-    assert [one.name for one in history.others(MODEL, arm="gao2017")] == ["", "new.truearm"]  # the last one first
+    assert [one.name for one in history.other_models(MODEL, arm="gao2017")] == ["", "new.truearm"]  # the last one first
 
 
 def test_another_models_charts_are_told_without_what_was_retired_and_with_the_specification(path):
     """A cone whose scatter rose tenfold at check 12 and was replaced; ten checks with the cone that was not."""
     history, steady = History(path), 0.01 + 0.0005 * np.resize([1.0, -1.0, 0.5, -0.5], 16)
     for day in range(1, 16):
-        good = Value("SPAT.2s", "second cone", steady[day], 0.0005, 0.0, 10)
+        good = CheckValue("SPAT.2s", "second cone", steady[day], 0.0005, 0.0, 10)
         worn = replace(good, artefact="cone", value_mm=steady[day] if day < 12 else 0.1)
         history.append(check(day, model=OTHER, values=(good, worn)[: 2 if day < 14 else 1]))
-    (other,) = history.others(MODEL, arm="gao2017")
-    assert other.told(other.assessed()).endswith('say "recalibrate: yes, since check 12 of 2026-01-12 08:30"')
+    (other,) = history.other_models(MODEL, arm="gao2017")
+    assert other.describe(other.assess()).endswith('say "recalibrate: yes, since check 12 of 2026-01-12 08:30"')
     known = ["cone", "nowhere", "second cone"]  # the last one is in its last check
-    assert other.told(other.assessed(retired=known)).endswith('say "recalibrate: no"')
+    assert other.describe(other.assess(retired=known)).endswith('say "recalibrate: no"')
     strict = Specification(name="arm", source="sheet", measuring_range_mm=2000, limits={"SPAT.2s": {"B_um": 1}})
-    assert other.assessed(strict, retired=["cone"]).recalibrate is Recalibrate.YES
+    assert other.assess(strict, retired=["cone"]).recalibrate is RecalibrationAdvice.YES
 
 
 def test_a_model_of_another_arm_is_refused(path):
     history = History(path)
     assert history.append(check(4, model=OTHER), name="new.truearm", arm="gao2017")
     with pytest.raises(InputError, match="are of arm 'gao2017', the model is of arm 'measuring7'"):
-        history.others(MODEL, arm="measuring7")
+        history.other_models(MODEL, arm="measuring7")
 
 
 def test_of_two_arms_that_begin_a_history_at_once_one_has_it(path, monkeypatch):
@@ -220,11 +220,11 @@ def test_of_two_arms_that_begin_a_history_at_once_one_has_it(path, monkeypatch):
 
     monkeypatch.setattr(truearm.verify.history, "_create", meanwhile)
     history = History(path)
-    assert history.others(MODEL, arm="measuring7") == ()
+    assert history.other_models(MODEL, arm="measuring7") == ()
     with pytest.raises(InputError, match="are of arm 'gao2017', the model is of arm 'measuring7'"):
         history.append(check(2), arm="measuring7")
     assert history.checks(MODEL) == ()
-    assert history.others(OTHER, arm="gao2017") == ()
+    assert history.other_models(OTHER, arm="gao2017") == ()
     assert history.append(check(2, model=OTHER), arm="gao2017")
 
 
@@ -235,9 +235,9 @@ def test_a_history_of_version_1_with_two_arms_is_of_both(path):
     assert history.append(check(2, model=OTHER))
     execute(path, "DROP TABLE models", "PRAGMA user_version = 1")
     for day, model, arm in ((3, MODEL, "gao2017"), (4, OTHER, "measuring7"), (5, "c" * 64, "gao2017")):
-        history.others(model, arm=arm)
+        history.other_models(model, arm=arm)
         assert history.append(check(day, model=model), arm=arm)
-    for refused in (lambda: history.others("d" * 64, arm="ur5"), lambda: history.append(check(6), arm="ur5")):
+    for refused in (lambda: history.other_models("d" * 64, arm="ur5"), lambda: history.append(check(6), arm="ur5")):
         with pytest.raises(InputError, match="are of arm 'gao2017', 'measuring7', the model is of arm 'ur5'"):
             refused()
 
@@ -246,12 +246,12 @@ def test_a_history_of_version_1_is_read_and_becomes_one_of_version_2_with_its_ne
     execute(filled, "DROP TABLE models", "PRAGMA user_version = 1")
     history = History(filled)
     assert len(history.checks(MODEL)) == 3
-    assert history.others(OTHER, arm="gao2017")[0].name == ""
+    assert history.other_models(OTHER, arm="gao2017")[0].name == ""
     assert not history.append(check(3))
     assert history.append(check(4), name="arm.truearm", arm="gao2017")
     with closing(sqlite3.connect(filled)) as database:
         assert database.execute("PRAGMA user_version").fetchone() == (VERSION,)
-    (other,) = History(filled).others(OTHER, arm="gao2017")
+    (other,) = History(filled).other_models(OTHER, arm="gao2017")
     assert (other.name, len(other.checks)) == ("arm.truearm", 4)
 
 
@@ -260,11 +260,11 @@ def test_a_history_of_version_1_with_two_models_goes_on(filled):
     assert History(filled).append(check(4, model=OTHER))
     execute(filled, "DROP TABLE models", "PRAGMA user_version = 1")
     assert History(filled).append(check(5, model=OTHER), name="new.truearm", arm="gao2017")
-    (old,) = History(filled).others(OTHER, arm="gao2017")
+    (old,) = History(filled).other_models(OTHER, arm="gao2017")
     assert (old.name, old.arm, len(old.checks)) == ("", "", 3)
     assert History(filled).append(check(6, model=OTHER), name="new.truearm", arm="gao2017")
     assert History(filled).append(check(7), name="old.truearm", arm="gao2017")
-    (old,) = History(filled).others(OTHER, arm="gao2017")
+    (old,) = History(filled).other_models(OTHER, arm="gao2017")
     assert (old.name, old.arm, len(old.checks)) == ("old.truearm", "gao2017", 4)
 
 
@@ -275,7 +275,7 @@ def test_a_history_of_version_1_with_two_models_goes_on(filled):
 def test_names_that_no_model_has_are_refused(filled, statement):
     execute(filled, statement)
     with pytest.raises(InputError, match="damaged"):
-        History(filled).others(OTHER, arm="gao2017")
+        History(filled).other_models(OTHER, arm="gao2017")
 
 
 def test_a_folder_in_which_nothing_can_be_made_is_named(path, monkeypatch):
@@ -399,7 +399,7 @@ def test_text_that_is_no_utf_8_is_damage(path, text, changed):
 
     def read():
         found = History(path)
-        return found.checks(MODEL), found.others(OTHER, arm="gao2017")
+        return found.checks(MODEL), found.other_models(OTHER, arm="gao2017")
 
     with pytest.raises(InputError, match="the history is damaged") as raised:
         read()

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from truearm.errors import InputError
 from truearm.readings import Lengths
 from truearm.readings.expansion import ARTEFACT_U_K
-from truearm.verify.control_chart import NEEDED
-from truearm.verify.interim import Check, Recalibrate, Value, assess, in_words, interim_values, told
+from truearm.verify.control_chart import MIN_BASELINE_CHECKS
+from truearm.verify.interim import InterimCheck, RecalibrationAdvice, CheckValue, assess, describe_assessment, interim_values, format_date
 from truearm.verify.limits import Specification
 
 POLES = np.concatenate([np.eye(3), -np.eye(3)])
@@ -71,7 +71,7 @@ def test_a_length_that_is_not_at_20_degC_has_no_limit_and_a_chart_of_its_own():
     as_measured = replace(check, values=(replace(check.values[0], length_mm=None),))
     limits = limited(E_Uni=10)
     found = assess([as_measured], limits)
-    assert (found.recalibrate, found.trends[0].limit_mm) == (Recalibrate.NOT_ENOUGH, None)
+    assert (found.recalibrate, found.trends[0].limit_mm) == (RecalibrationAdvice.NOT_ENOUGH, None)
     assert "length A to B, length error as measured: not compared" in found.remarks[0]
     assert assess([as_measured]).remarks == ()
     as_they_are = limits.model_copy(update={"corrected_to_20_degC": False})
@@ -141,12 +141,12 @@ def checks_of(errors, scatters=None, artefact="A to B"):
     """A check a day with a length error and, on the days that have one, the scatter in a seat."""
     made = []
     for i, error in enumerate(errors):
-        values = [Value("length error", artefact, float(error), 0.001, 0.001, 8, 100.0)]
+        values = [CheckValue("length error", artefact, float(error), 0.001, 0.001, 8, 100.0)]
         if scatters is not None and np.isfinite(scatters[i]):
-            values.append(Value("SPAT.2s", "cone", float(scatters[i]), 0.001, 0.0, 8))
-            values.append(Value("SPAT.Max", "cone", float(scatters[i]), 0.001, 0.0, 8))
+            values.append(CheckValue("SPAT.2s", "cone", float(scatters[i]), 0.001, 0.0, 8))
+            values.append(CheckValue("SPAT.Max", "cone", float(scatters[i]), 0.001, 0.0, 8))
         day = datetime.datetime(2026, 1, 1) + datetime.timedelta(days=i)
-        made.append(Check(day, "m" * 64, f"{i:064x}", 20.0, tuple(values)))
+        made.append(InterimCheck(day, "m" * 64, f"{i:064x}", 20.0, tuple(values)))
     return made
 
 
@@ -157,12 +157,12 @@ def limited(**limits):
 
 
 def test_it_takes_ten_checks_to_say_no(rng):
-    checks = checks_of(0.001 * rng.standard_normal(NEEDED + 1))
-    found = assess(checks[:NEEDED])
-    assert found.recalibrate is Recalibrate.NOT_ENOUGH
-    assert found.n_before == NEEDED - 1
-    assert assess(checks).recalibrate is Recalibrate.NO
-    assert assess(checks[:1]).recalibrate is Recalibrate.NOT_ENOUGH
+    checks = checks_of(0.001 * rng.standard_normal(MIN_BASELINE_CHECKS + 1))
+    found = assess(checks[:MIN_BASELINE_CHECKS])
+    assert found.recalibrate is RecalibrationAdvice.NOT_ENOUGH
+    assert found.n_before == MIN_BASELINE_CHECKS - 1
+    assert assess(checks).recalibrate is RecalibrationAdvice.NO
+    assert assess(checks[:1]).recalibrate is RecalibrationAdvice.NOT_ENOUGH
     with pytest.raises(InputError, match="one check or more"):
         assess([])
 
@@ -171,16 +171,16 @@ def test_a_blow_is_seen_though_there_are_few_checks_and_one_more_is_asked_for(rn
     steady = 0.001 * rng.standard_normal(6)
     checks = checks_of(np.r_[steady, 0.2])
     found = assess(checks)
-    assert (found.recalibrate, found.since) == (Recalibrate.AGAIN, None)
+    assert (found.recalibrate, found.since) == (RecalibrationAdvice.AGAIN, None)
     assert found.reasons == ("length A to B, length error: beyond the limits of its chart in check 7 alone",)
-    assert "check once more" in in_words(found, checks)
+    assert "check once more" in describe_assessment(found, checks)
     checks = checks_of(np.r_[steady, 0.2, 0.21])
     found = assess(checks)
-    assert (found.recalibrate, found.since) == (Recalibrate.YES, 6)
+    assert (found.recalibrate, found.since) == (RecalibrationAdvice.YES, 6)
     assert found.reasons[0].endswith("check 7")
-    assert in_words(found, checks) == "recalibrate: yes, since check 7 of 2026-01-07"
+    assert describe_assessment(found, checks) == "recalibrate: yes, since check 7 of 2026-01-07"
     found = assess(checks_of(np.r_[steady, 0.2, steady[0]]))
-    assert (found.recalibrate, found.reasons) == (Recalibrate.NOT_ENOUGH, ())
+    assert (found.recalibrate, found.reasons) == (RecalibrationAdvice.NOT_ENOUGH, ())
 
 
 def test_a_single_value_beyond_its_limits_does_not_date_a_change_of_another_chart():
@@ -188,11 +188,11 @@ def test_a_single_value_beyond_its_limits_does_not_date_a_change_of_another_char
     steady = 0.001 * np.resize([1, -1, 0.5, -0.5], 30)
     scatters = 0.02 + np.where(np.arange(30) < 29, steady, 0.1)
     found = assess(checks_of(np.where(np.arange(30) < 15, steady, steady + 0.02), scatters))
-    assert (found.recalibrate, found.since) == (Recalibrate.YES, 15)
+    assert (found.recalibrate, found.since) == (RecalibrationAdvice.YES, 15)
     assert found.reasons[1].endswith("beyond the limits of its chart in check 30 alone")
     left_out = [*checks_of(steady, scatters), checks_of([0.0])[0]]
     found = assess(left_out)
-    assert found.recalibrate is Recalibrate.AGAIN
+    assert found.recalibrate is RecalibrationAdvice.AGAIN
     assert found.reasons[0].endswith("in check 30 alone, measured last in check 30")
 
 
@@ -202,7 +202,7 @@ def test_since_is_the_first_check_of_the_earliest_change(rng):
     errors[25:] += 0.006
     scatters[30:] += 0.008
     found = assess(checks_of(errors, scatters))
-    assert found.recalibrate is Recalibrate.YES
+    assert found.recalibrate is RecalibrationAdvice.YES
     assert abs(found.since - 25) <= 2
     assert len(found.reasons) == 2
     assert "length A to B, length error: a jump at about check" in found.reasons[0]
@@ -227,15 +227,15 @@ def test_a_change_that_was_found_stands_until_its_artefact_is_retired(rng):
     checks = checks_of(errors, 0.02 + 0.001 * np.resize([1, -1, 0.5, -0.5], 30))
     seat_only = [*checks, replace(checks[-1], values=checks[-1].values[1:])]
     for history in (checks, seat_only):
-        assert (assess(history).recalibrate, assess(history).since) == (Recalibrate.YES, 15)
+        assert (assess(history).recalibrate, assess(history).since) == (RecalibrationAdvice.YES, 15)
     assert assess(seat_only).reasons[0].endswith(", measured last in check 30")
     assert not assess(seat_only).trends[-1].current
-    assert assess(seat_only, retired=["B"]).recalibrate is Recalibrate.NO
+    assert assess(seat_only, retired=["B"]).recalibrate is RecalibrationAdvice.NO
     over = [*checks_of([0.05, 0.05], [0.02, 0.02]), replace(checks[1], values=checks[1].values[1:])]
-    assert assess(over, limited(E_Uni=10)).recalibrate is Recalibrate.YES
+    assert assess(over, limited(E_Uni=10)).recalibrate is RecalibrationAdvice.YES
     renamed = [*checks, *checks_of([0.0], artefact="A2 to B2")]
-    assert assess(renamed).recalibrate is Recalibrate.YES
-    assert assess(renamed, retired=["A", "B"]).recalibrate is Recalibrate.NOT_ENOUGH
+    assert assess(renamed).recalibrate is RecalibrationAdvice.YES
+    assert assess(renamed, retired=["A", "B"]).recalibrate is RecalibrationAdvice.NOT_ENOUGH
     with pytest.raises(InputError, match="is in the last check"):
         assess(renamed, retired=["A2"])
     with pytest.raises(InputError, match="no check has the retired 'A3'"):
@@ -246,7 +246,7 @@ def test_an_artefact_that_was_unchanged_is_remarked_when_it_is_left_out():
     steady = 0.001 * np.resize([1, -1, 0.5, -0.5], 20)
     checks = checks_of(steady, 0.02 + steady)
     found = assess([*checks, replace(checks[-1], values=checks[-1].values[:1])])
-    assert found.recalibrate is Recalibrate.NO
+    assert found.recalibrate is RecalibrationAdvice.NO
     assert found.remarks == ("seat cone, SPAT.2s: not in this check; unchanged in check 20",)
 
 
@@ -256,8 +256,8 @@ def test_no_is_not_said_of_what_was_never_charted(rng):
         replace(check, values=check.values[1:]) for check in checks_of(np.zeros(20), 0.02 + 0.001 * rng.random(20))
     ]
     found = assess([*seats, replace(checks_of([0.2], [0.0205])[0], session="f" * 64)])
-    assert (found.recalibrate, found.n_before) == (Recalibrate.NOT_ENOUGH, 0)
-    assert found.remarks == (f"length A to B, length error: not judged yet, 0 of {NEEDED} checks before",)
+    assert (found.recalibrate, found.n_before) == (RecalibrationAdvice.NOT_ENOUGH, 0)
+    assert found.remarks == (f"length A to B, length error: not judged yet, 0 of {MIN_BASELINE_CHECKS} checks before",)
 
 
 @settings(max_examples=40, deadline=None)
@@ -278,23 +278,23 @@ def test_what_was_said_of_a_check_does_not_change_with_those_after_it(seed, n, m
         m = len(trend.checks)
         for name in ("scores", "upper", "beyond", "drift"):
             np.testing.assert_array_equal(getattr(trend.chart, name), getattr(later.chart, name)[..., :m])
-        if trend.chart.signalled is not None:
-            assert (later.chart.signalled, later.chart.changed) == (trend.chart.signalled, trend.chart.changed)
+        if trend.chart.signal_index is not None:
+            assert (later.chart.signal_index, later.chart.change_index) == (trend.chart.signal_index, trend.chart.change_index)
 
 
 def test_a_value_over_its_limit_beyond_the_artefacts_uncertainty_says_yes_the_second_time():
     """ISO 14253-1: 0.0125 mm with U = 2 x 0.001 mm is over 0.010, but not proved over 0.011."""
     checks = checks_of([-0.0125])
     over = assess(checks, limited(E_Uni=10))
-    assert (over.recalibrate, over.since) == (Recalibrate.AGAIN, None)
+    assert (over.recalibrate, over.since) == (RecalibrationAdvice.AGAIN, None)
     assert over.reasons[0].endswith("-0.0125 mm is over the limit of 0.0100 mm in check 1 alone")
     twice = assess(checks_of([-0.0125, -0.0126]), limited(E_Uni=10))
-    assert (twice.recalibrate, twice.since) == (Recalibrate.YES, None)
+    assert (twice.recalibrate, twice.since) == (RecalibrationAdvice.YES, None)
     assert twice.reasons[0].endswith("-0.0126 mm is over the limit of 0.0100 mm")
-    assert assess(checks_of([-0.0125, 0.0]), limited(E_Uni=10)).recalibrate is Recalibrate.NOT_ENOUGH
+    assert assess(checks_of([-0.0125, 0.0]), limited(E_Uni=10)).recalibrate is RecalibrationAdvice.NOT_ENOUGH
     scatter = assess(checks_of([0.0], [0.02]), limited(**{"SPAT.Max": 10})).reasons[0]
     assert scatter.startswith("seat cone, SPAT.Max: 0.0200 mm is over")  # no sign: it is never negative
-    assert assess(checks, limited(E_Uni=11)).recalibrate is Recalibrate.NOT_ENOUGH
+    assert assess(checks, limited(E_Uni=11)).recalibrate is RecalibrationAdvice.NOT_ENOUGH
     stricter = {"E_Uni": 30, "Volumetric.Max": 10}
     assert assess(checks, limited(**stricter)).trends[0].limit_mm == 0.010
     assert assess(checks, limited(**{"SPAT.2s": 1})).trends[0].limit_mm is None
@@ -305,17 +305,17 @@ def test_an_error_that_is_too_large_and_then_too_small_is_no_change(rng):
     steady = 0.001 * rng.standard_normal(15)
     checks = checks_of(np.r_[steady, 0.05, -0.05])
     found = assess(checks)
-    assert (found.recalibrate, found.since) == (Recalibrate.AGAIN, None)
+    assert (found.recalibrate, found.since) == (RecalibrationAdvice.AGAIN, None)
     assert found.reasons[0].endswith("in check 17 alone")
     back = assess(checks_of(np.r_[steady, 0.05, -0.05, -0.05]))
-    assert (back.recalibrate, back.since) == (Recalibrate.YES, 16)
+    assert (back.recalibrate, back.since) == (RecalibrationAdvice.YES, 16)
     limits = limited(**{"E_Uni": 10, "SPAT.Max": 10})
     over = assess(checks_of([0.0125, -0.0125]), limits)
-    assert over.recalibrate is Recalibrate.AGAIN
+    assert over.recalibrate is RecalibrationAdvice.AGAIN
     assert over.reasons[0].endswith("in check 2 alone")
-    assert assess(checks_of([0.0, 0.0], [0.02, 0.02]), limits).recalibrate is Recalibrate.YES
+    assert assess(checks_of([0.0, 0.0], [0.02, 0.02]), limits).recalibrate is RecalibrationAdvice.YES
 
 
 def test_days_are_told_with_their_time_where_there_is_one():
-    assert told(datetime.datetime(2026, 1, 2)) == "2026-01-02"
-    assert told(datetime.datetime(2026, 1, 2, 8, 30)) == "2026-01-02 08:30"
+    assert format_date(datetime.datetime(2026, 1, 2)) == "2026-01-02"
+    assert format_date(datetime.datetime(2026, 1, 2, 8, 30)) == "2026-01-02 08:30"

@@ -12,36 +12,36 @@ from hypothesis import strategies as st
 from truearm.errors import InputError
 from truearm.verify.artefacts import Artefacts
 from truearm.verify.example import example_artefacts, example_specification
-from truearm.verify.layout import chosen_lengths, directions, hemisphere, layout_of, out_of_seat
-from truearm.verify.measured import KEYS, Group, Measured
-from truearm.verify.test_plan import PLANS, load_plan
+from truearm.verify.layout import select_lengths, directions, hemisphere, lay_out_tests, seat_normal
+from truearm.verify.measured import KEY_COLUMNS, PointGroup, MeasuredPoints
+from truearm.verify.test_plan import PLANS, load_verification_plan
 from truearm.verify.verification import SAME_PLACE_MM, verify
 
 RANGE = 2500.0
 
 
 def laid_out(name="iso10360-12", artefacts=None):
-    return layout_of(load_plan(name), artefacts or example_artefacts(RANGE), RANGE)
+    return lay_out_tests(load_verification_plan(name), artefacts or example_artefacts(RANGE), RANGE)
 
 
 def as_measured(layout, artefacts):
     """The nominal points, as if a perfect arm had shown them."""
     dates = {one.name: one.date for kind in (artefacts.spheres, artefacts.bars, artefacts.seats) for one in kind}
-    return Measured.of(
-        (one.test, Group(one.artefact, dict(one.keys), one.points, 20.0, 0.0, dates[one.artefact])) for one in layout
+    return MeasuredPoints.of(
+        (one.test, PointGroup(one.artefact, dict(one.keys), one.points, 20.0, 0.0, dates[one.artefact])) for one in layout
     )
 
 
 def edited(name, **tests):
     """A plan with numbers of its tests changed: ``probing=dict(positions=3)``."""
-    raw = load_plan(name).model_dump()
+    raw = load_verification_plan(name).model_dump()
     for test, numbers in tests.items():
         for key, value in numbers.items():
             if isinstance(raw[test][key], dict):
                 raw[test][key]["value"] = value
             else:
                 raw[test][key] = value
-    return type(load_plan(name)).model_validate(raw)
+    return type(load_verification_plan(name)).model_validate(raw)
 
 
 @pytest.mark.parametrize("name", PLANS)
@@ -49,9 +49,9 @@ def edited(name, **tests):
 def test_a_perfect_arm_at_the_nominal_points_conforms(name, measuring_range_mm):
     """Every count and length is what the plan, the certificates and `verify` want; what is left is rounding."""
     artefacts, specification = example_artefacts(measuring_range_mm), example_specification(measuring_range_mm)
-    layout = layout_of(load_plan(name), artefacts, measuring_range_mm)
+    layout = lay_out_tests(load_verification_plan(name), artefacts, measuring_range_mm)
     found = verify(
-        as_measured(layout, artefacts), plan=load_plan(name), artefacts=artefacts, specification=specification
+        as_measured(layout, artefacts), plan=load_verification_plan(name), artefacts=artefacts, specification=specification
     )
     assert found.verdict.value == "conform"
     assert max(abs(row.value) for row in found.rows) < 1e-9
@@ -67,7 +67,7 @@ def test_other_counts_are_laid_out_too():
         bi={"required": True, "lengths": 1, "positions": 2, "repeats": 2},
     )
     artefacts = example_artefacts(RANGE)
-    layout = layout_of(plan, artefacts, RANGE)
+    layout = lay_out_tests(plan, artefacts, RANGE)
     found = verify(
         as_measured(layout, artefacts), plan=plan, artefacts=artefacts, specification=example_specification(RANGE)
     )
@@ -81,7 +81,7 @@ def test_other_counts_are_laid_out_too():
 def test_points_are_within_reach_and_directions_are_unit_vectors(name):
     shoulder = np.array([0, 0, 0.25 * RANGE / 2])
     for one in laid_out(name):
-        assert set(one.keys) == set(KEYS[one.test])
+        assert set(one.keys) == set(KEY_COLUMNS[one.test])
         assert (np.linalg.norm(one.points - shoulder, axis=1) < 0.9 * RANGE / 2).all()
         for directions_ in (one.normals, one.approach):
             assert directions_.shape == one.points.shape
@@ -129,10 +129,10 @@ def least_apart(layout, test, step_mm=None):
 def test_no_two_positions_of_a_length_are_one_place(name, test, positions, n, reach_mm, share, shoulder_mm):
     """Nor when an operator goes by the sheet, which rounds x, y and z to 10 mm."""
     changed = {"lengths": n, "positions": positions}
-    if "longest_share" in type(getattr(load_plan(name), test)).model_fields:
+    if "longest_share" in type(getattr(load_verification_plan(name), test)).model_fields:
         changed["longest_share"] = 0.0
     artefacts = bar_of(*(share * reach_mm * np.linspace(1.0, 0.2, n)))
-    layout = layout_of(edited(name, **{test: changed}), artefacts, 2 * reach_mm, shoulder_mm=shoulder_mm)
+    layout = lay_out_tests(edited(name, **{test: changed}), artefacts, 2 * reach_mm, shoulder_mm=shoulder_mm)
     assert len({one.keys["position"] for one in layout if one.test == test}) == positions
     assert least_apart(layout, test) >= SAME_PLACE_MM
     assert least_apart(layout, test, step_mm=10.0) >= SAME_PLACE_MM
@@ -144,7 +144,7 @@ def test_one_bar_of_one_length_takes_all_places_of_the_volumetric_test():
     """Place 8 came again as 16, turned end for end, and 13 as 18: `verify` refuses a place that comes twice."""
     plan, artefacts = edited("asme-b89.4.22", volumetric={"lengths": 1}), bar_of(1500.0125)
     found = verify(
-        as_measured(layout_of(plan, artefacts, RANGE), artefacts),
+        as_measured(lay_out_tests(plan, artefacts, RANGE), artefacts),
         plan=plan,
         artefacts=artefacts,
         specification=example_specification(RANGE),
@@ -215,17 +215,17 @@ def test_lengths_are_spread_from_the_shortest_to_the_longest():
         bar.lengths[0].model_copy(update={"name": f"{mm}", "length_mm": float(mm)}) for mm in range(100, 1800, 50)
     )
     artefacts = Artefacts(bars=(bar.model_copy(update={"lengths": many}),))
-    chosen = chosen_lengths(artefacts, "uni", load_plan("iso10360-12").uni, RANGE)
+    chosen = select_lengths(artefacts, "uni", load_verification_plan("iso10360-12").uni, RANGE)
     assert [length.length_mm for _, length in chosen] == [100, 500, 900, 1350, 1750]
-    chosen = chosen_lengths(artefacts, "volumetric", load_plan("asme-b89.4.22").volumetric, RANGE)
+    chosen = select_lengths(artefacts, "volumetric", load_verification_plan("asme-b89.4.22").volumetric, RANGE)
     assert [length.length_mm / 1250 for _, length in chosen] == pytest.approx([0.625, 1.35], abs=0.03)
 
 
 def test_seats_of_bars_look_across_them():
     for along in np.random.default_rng(0).normal(size=(50, 3)):
         unit = along / np.linalg.norm(along)
-        assert out_of_seat(unit, np.array([500.0, 200.0, 0.0])) @ unit == pytest.approx(0, abs=1e-12)
-    assert out_of_seat(np.array([0.0, 0.0, 1.0]), np.array([500.0, 0.0, 0.0])) == pytest.approx([-1, 0, 0])
+        assert seat_normal(unit, np.array([500.0, 200.0, 0.0])) @ unit == pytest.approx(0, abs=1e-12)
+    assert seat_normal(np.array([0.0, 0.0, 1.0]), np.array([500.0, 0.0, 0.0])) == pytest.approx([-1, 0, 0])
 
 
 def without(kind, **changes):
@@ -244,25 +244,25 @@ def without(kind, **changes):
 )
 def test_artefacts_that_do_not_serve_are_refused(plan, artefacts, problem):
     with pytest.raises(InputError, match=problem) as refused:
-        layout_of(load_plan(plan), artefacts, RANGE)
+        lay_out_tests(load_verification_plan(plan), artefacts, RANGE)
     assert refused.value.hint
 
 
 def test_what_has_no_place_is_refused():
     plan = edited("iso10360-12", uni={"longest_share": 0.0})
     with pytest.raises(InputError, match="has no place before an arm with a reach of 900 mm"):
-        layout_of(plan, example_artefacts(RANGE), 1800.0)
+        lay_out_tests(plan, example_artefacts(RANGE), 1800.0)
     plan = edited("asme-b89.4.22", volumetric={"lengths": 1, "positions": 1000})
     with pytest.raises(InputError, match=r"has \d+ places 30 mm apart .* 1000 mm, the plan wants 1000") as refused:
-        layout_of(plan, bar_of(1500.0), 2000.0)
+        lay_out_tests(plan, bar_of(1500.0), 2000.0)
     assert "fewer positions" in refused.value.hint
     with pytest.raises(InputError, match="positive measuring range"):
-        layout_of(plan, example_artefacts(RANGE), float("nan"))
+        lay_out_tests(plan, example_artefacts(RANGE), float("nan"))
     nothing = edited(
         "asme-b89.4.22", **{test: {"required": False} for test in ("effective_diameter", "single_point", "volumetric")}
     )
     with pytest.raises(InputError, match="requires no test"):
-        layout_of(nothing, example_artefacts(RANGE), RANGE)
+        lay_out_tests(nothing, example_artefacts(RANGE), RANGE)
 
 
 def test_groups_from_memory_are_checked():
@@ -271,8 +271,8 @@ def test_groups_from_memory_are_checked():
     for test, changed, problem in (
         ("probbing", group, "unknown test"),
         ("articulation", group, "is told by position, group, got position"),
-        ("probing", Group("ball", group.keys, group.points[:0], 20.0, 0.0, group.date), "finite points"),
-        ("probing", Group("ball", group.keys, group.points * np.nan, 20.0, 0.0, group.date), "finite points"),
+        ("probing", PointGroup("ball", group.keys, group.points[:0], 20.0, 0.0, group.date), "finite points"),
+        ("probing", PointGroup("ball", group.keys, group.points * np.nan, 20.0, 0.0, group.date), "finite points"),
     ):
         with pytest.raises(InputError, match=problem):
-            Measured.of([(test, changed)])
+            MeasuredPoints.of([(test, changed)])

@@ -15,7 +15,7 @@ from truearm.errors import InputError
 from truearm.verify.circle import fit_circle
 from truearm.verify.cylinder import fit_cylinder
 from truearm.verify.line import fit_line
-from truearm.verify.orthogonal import radial, tilted
+from truearm.verify.orthogonal import radial_distances, tilt_frame
 from truearm.verify.plane import fit_plane
 from truearm.verify.sphere import fit_sphere
 
@@ -203,10 +203,10 @@ def test_derivatives_of_the_distance_from_an_axis(rng):
     points, frame, origin = rng.normal(size=(9, 3)), TURN, rng.normal(size=3)
 
     def distance(step):
-        moved = tilted(frame, step[3], step[4])
-        return radial((points - origin - frame @ step[:3]) @ moved, moves=())[0] - step[5]
+        moved = tilt_frame(frame, step[3], step[4])
+        return radial_distances((points - origin - frame @ step[:3]) @ moved, moves=())[0] - step[5]
 
-    _, jacobian = radial((points - origin) @ frame, moves=(0, 1, 2))
+    _, jacobian = radial_distances((points - origin) @ frame, moves=(0, 1, 2))
     steps = 1e-6 * np.eye(6)
     quotients = np.column_stack([(distance(h) - distance(-h)) / 2e-6 for h in steps])
     np.testing.assert_allclose(jacobian, quotients, atol=1e-9)

@@ -8,38 +8,38 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.verify import slips
+from truearm.verify import blunders
 from truearm.verify.artefacts import CalibratedSphere
-from truearm.verify.decision import Budget, Row
+from truearm.verify.decision import Budget, ConformityResult
 from truearm.verify.layout import hemisphere
-from truearm.verify.measurands import SphereMeasured
-from truearm.verify.measured import Group
+from truearm.verify.measurands import SphereMeasurement
+from truearm.verify.measured import PointGroup
 
 DAY = datetime.date(2026, 1, 1)
 BALL = CalibratedSphere(
     name="ball", diameter_mm=25.0, u_diameter_mm=0.0005, certificate="K-1", date=DAY, expires=DAY.replace(year=2027),
     form_mm=0.0, u_fixture_mm=0.0, expansion_per_K=1e-5, u_expansion_per_K=1e-6, u_temperature_K=0.5,
 )  # fmt: skip
-SIZE = Row("P_Size", 0.0, "mm", Budget(()), None, None)
+SIZE = ConformityResult("P_Size", 0.0, "mm", Budget(()), None, None)
 FALSE_REMARKS = 1e-3
 
 
-def group(points) -> Group:
-    return Group("it", {"position": "1"}, points, 20.0, 0.0, DAY, tuple(range(2, 2 + len(points))))
+def group(points) -> PointGroup:
+    return PointGroup("it", {"position": "1"}, points, 20.0, 0.0, DAY, tuple(range(2, 2 + len(points))))
 
 
 def of_ball(points) -> list[str]:
-    return list(slips.on_spheres("probing", [group(points)], [SphereMeasured(BALL, points)], SIZE))
+    return list(blunders.on_spheres("probing", [group(points)], [SphereMeasurement(BALL, points)], SIZE))
 
 
 def of_seat(points) -> list[str]:
-    return list(slips.in_seats("single_point", [group(points)]))
+    return list(blunders.in_seats("single_point", [group(points)]))
 
 
 def of_groups(centres) -> list[str]:
     balls = [12.5 * hemisphere(9) + centre for centre in centres]
-    measured = [SphereMeasured(BALL, points) for points in balls]
-    return list(slips.in_groups("articulation", [group(points) for points in balls], measured))
+    measured = [SphereMeasurement(BALL, points) for points in balls]
+    return list(blunders.in_groups("articulation", [group(points) for points in balls], measured))
 
 
 @pytest.mark.parametrize("n", [7, 8, 9])

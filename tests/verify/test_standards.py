@@ -9,13 +9,13 @@ import pytest
 
 from truearm.errors import InputError
 from truearm.verify.artefacts import CalibratedBar, CalibratedLength, CalibratedSphere, Seat
-from truearm.verify.asme_b89_4_22 import Seated, effective_diameter, single_point, volumetric
+from truearm.verify.asme_b89_4_22 import SeatPoints, effective_diameter, single_point, volumetric
 from truearm.verify.circumscribed import circumscribed_sphere
 from truearm.verify.decision import Verdict
 from truearm.verify.iso10360_12 import e_bi, e_uni, l_dia, p_form, p_size
 from truearm.verify.layout import hemisphere
 from truearm.verify.limits import Specification
-from truearm.verify.measurands import LengthMeasured, SphereMeasured, check_spread
+from truearm.verify.measurands import LengthMeasurement, SphereMeasurement, check_spread
 from truearm.verify.sphere import fit_sphere
 
 CALIBRATED = {
@@ -46,12 +46,12 @@ def octahedron(radius, middle=(0.0, 0.0, 0.0)):
 
 
 def ball(radius, *, where="", degC=20.0, tip_mm=0.0, middle=(0.0, 0.0, 0.0), sphere=BALL):
-    return SphereMeasured(sphere, octahedron(radius, middle), degC, tip_mm, where)
+    return SphereMeasurement(sphere, octahedron(radius, middle), degC, tip_mm, where)
 
 
 def bar(start, end, *, length=LONG, position="1", repeat="1", degC=20.0, tip_mm=0.0):
     start, end = np.atleast_2d(start), np.atleast_2d(end)
-    return LengthMeasured(BAR, length, start, end, degC, tip_mm, position, repeat)
+    return LengthMeasurement(BAR, length, start, end, degC, tip_mm, position, repeat)
 
 
 def straight(length_mm, **others):
@@ -84,7 +84,7 @@ def test_a_tip_is_taken_off_and_a_warm_ball_is_brought_to_20_degrees():
 def test_probing_form_is_the_thickness_of_the_shell():
     points = np.concatenate([octahedron(15.01), octahedron(14.99)])
     rough = BALL.model_copy(update={"form_mm": 0.002, "u_form_mm": 0.0005, "u_fixture_mm": 0.001})
-    row = p_form([SphereMeasured(rough, points, where="position 1"), ball(15.0)], specified(P_Form__Sph__1x25=30))
+    row = p_form([SphereMeasurement(rough, points, where="position 1"), ball(15.0)], specified(P_Form__Sph__1x25=30))
     assert row.value == pytest.approx(0.02, abs=1e-11)
     # Half the form deviation, its calibration, the fixture.
     assert row.uncertainty == pytest.approx(2 * np.sqrt(0.001**2 + 0.0005**2 + 0.001**2), rel=1e-12)
@@ -226,7 +226,7 @@ def test_a_set_measured_again_counts_instead_where_the_plan_tolerates_it():
     assert e_uni(runs(0, 0.09, 0, 0, 0.09, 0), spec, tolerated_sets=1)[0].verdict is Verdict.NOT_CONFORM
     assert e_uni(runs(0, 0.09, 0, *good), spec, tolerated_sets=0)[0].verdict is Verdict.NOT_CONFORM
     elsewhere = [
-        LengthMeasured(BAR, LONG, one.start, one.end, 20, 0, "2", one.repeat) for one in runs(0.09, 0, 0, *good)
+        LengthMeasurement(BAR, LONG, one.start, one.end, 20, 0, "2", one.repeat) for one in runs(0.09, 0, 0, *good)
     ]
     assert e_uni(runs(0, 0.09, 0, *good) + elsewhere, spec, tolerated_sets=1)[0].verdict is Verdict.NOT_CONFORM
 
@@ -244,14 +244,14 @@ def test_effective_diameter_is_the_worst_run():
 def test_single_point_articulation_by_hand():
     """Four points at 3, 3 and 4, 4 um from their mean: s^2 = (9 + 9 + 16 + 16) / 3."""
     points = np.array([[800.003, 0, 0], [799.997, 0, 0], [800, 0.004, 0], [800, -0.004, 0]])
-    largest, two_s, half = single_point([Seated(CONE, points, "position far")], specified(SPAT__Max=10, SPAT__2s=6))
+    largest, two_s, half = single_point([SeatPoints(CONE, points, "position far")], specified(SPAT__Max=10, SPAT__2s=6))
     assert largest.value == pytest.approx(0.004, abs=1e-12)
     assert two_s.value == pytest.approx(2 * np.sqrt(50 / 3) * 1e-3, abs=1e-12)
     assert half.value == pytest.approx(0.004, abs=1e-12)
     assert [row.verdict for row in (largest, two_s, half)] == [Verdict.CONFORM, Verdict.NOT_CONFORM, None]
     assert largest.uncertainty == pytest.approx(0.002)
     with pytest.raises(InputError, match="two points or more"):
-        single_point([Seated(CONE, points[:1])], NO_LIMITS)
+        single_point([SeatPoints(CONE, points[:1])], NO_LIMITS)
 
 
 def test_volumetric_by_hand():

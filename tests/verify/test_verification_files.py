@@ -7,17 +7,17 @@ import datetime
 import pytest
 
 from truearm.errors import InputError
-from truearm.toml_documents import parsed
+from truearm.toml_documents import parse_toml
 from truearm.verify.artefacts import Artefacts, read_artefacts
 from truearm.verify.limits import SYMBOLS, Specification, read_specification
-from truearm.verify.test_plan import PLANS, TESTS, Plan, load_plan, plan_text
+from truearm.verify.test_plan import PLANS, TESTS, VerificationPlan, load_verification_plan, plan_text
 
 # Plans ---------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", PLANS)
 def test_every_recalled_number_of_a_plan_is_marked(name):
-    plan, text = load_plan(name), plan_text(name)
+    plan, text = load_verification_plan(name), plan_text(name)
     assert "check against your copy of the standard" in text
     assert set(plan.tests) <= set(TESTS)
     marked = list(plan.unconfirmed())
@@ -33,7 +33,7 @@ def test_every_recalled_number_of_a_plan_is_marked(name):
 def test_a_plan_of_ones_own(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(plan_text("asme-b89.4.22").replace("value = 10, confirmed = false", "value = 12, confirmed = true"))
-    plan = load_plan(str(path))
+    plan = load_verification_plan(str(path))
     assert plan.single_point is not None
     assert plan.single_point.points.value == 12
     assert "single_point.points" not in [key for key, _, _ in plan.unconfirmed()]
@@ -67,7 +67,7 @@ def test_a_wrong_plan_is_refused(tmp_path, before, after, phrase):
     path = tmp_path / "plan.toml"
     path.write_text(plan_text("iso10360-12").replace(before, after, 1))
     with pytest.raises(InputError) as refused:
-        load_plan(path)
+        load_verification_plan(path)
     assert phrase in str(refused.value)
     assert str(refused.value).startswith(str(path))
 
@@ -75,25 +75,25 @@ def test_a_wrong_plan_is_refused(tmp_path, before, after, phrase):
 def test_numbers_other_than_the_programs_own_are_told(tmp_path):
     """Whoever confirms them: a plan after a standard that asks for less is not told by its title."""
     text = plan_text("iso10360-12")
-    assert not list(load_plan("iso10360-12").departures())
+    assert not list(load_verification_plan("iso10360-12").changed_numbers())
     (tmp_path / "same.toml").write_text(text.replace("confirmed = false", "confirmed = true"))
-    assert not list(load_plan(tmp_path / "same.toml").departures())
+    assert not list(load_verification_plan(tmp_path / "same.toml").changed_numbers())
     less = text.replace(
         "longest_share = { value = 0.66, confirmed = false", "longest_share = { value = 0.36, confirmed = true", 1
     )
     (tmp_path / "less.toml").write_text(less)
-    assert list(load_plan(tmp_path / "less.toml").departures()) == [("uni.longest_share", 0.36, 0.66)]
+    assert list(load_verification_plan(tmp_path / "less.toml").changed_numbers()) == [("uni.longest_share", 0.36, 0.66)]
     (tmp_path / "other.toml").write_text(less.replace('standard = "ISO 10360-12:2016"', 'standard = "our own"'))
-    assert not list(load_plan(tmp_path / "other.toml").departures())
+    assert not list(load_verification_plan(tmp_path / "other.toml").changed_numbers())
 
 
 def test_a_plan_that_is_not_there():
     with pytest.raises(InputError, match=r"no plan 'iso10360-2'.*iso10360-12, asme-b89.4.22, or a file"):
-        load_plan("iso10360-2")
+        load_verification_plan("iso10360-2")
     with pytest.raises(InputError, match="no such file"):
-        load_plan("mine.toml")
+        load_verification_plan("mine.toml")
     with pytest.raises(InputError, match="expected a test, got none"):
-        parsed(b'name = "a"\ntitle = "b"\nstandard = "c"\n', Plan)
+        parse_toml(b'name = "a"\ntitle = "b"\nstandard = "c"\n', VerificationPlan)
 
 
 # Artefacts -----------------------------------------------------------------------------------------------------------
@@ -157,7 +157,7 @@ def test_wrong_or_inconsistent_certificates_are_refused(tmp_path, text, phrase):
 
 
 def test_an_artefact_is_looked_up_by_kind_and_serves_while_its_certificate_does():
-    artefacts = parsed((BALL + BAR.replace('"ball"', '"bar"')).encode(), Artefacts)
+    artefacts = parse_toml((BALL + BAR.replace('"ball"', '"bar"')).encode(), Artefacts)
     artefacts.sphere("ball").check_valid(datetime.date(2026, 1, 15))
     artefacts.sphere("ball").check_valid(datetime.date(2027, 1, 15))
     with pytest.raises(InputError, match=r"'K-1' of 'ball' expired on 2027-01-15; points were taken on 2027-01-16"):
@@ -180,7 +180,7 @@ MPE = 'name = "arm"\nsource = "data sheet"\nmeasuring_range_mm = 2500\n[limits]\
 
 
 def test_the_three_forms_of_a_limit():
-    spec = parsed(
+    spec = parse_toml(
         (
             MPE
             + '"E_Uni:0:Tact.AArm" = { A_um = 8, K_mm_per_um = 40, B_um = 30 }\n'

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from truearm.arm.catalogue import load
-from truearm.virtual import PRESETS, State, VirtualArm
+from truearm.arm.catalogue import load_arm
+from truearm.virtual import PRESETS, VirtualArmState, VirtualArm
 from truearm.virtual.constrained import TESTS, _test_of, box_sample, to_mean
 from truearm.virtual.motions import MotionFunctions, motions
-from truearm.virtual.systematic import draw_constants, draw_systematic, geometry_stream
+from truearm.virtual.systematic import draw_constants, draw_systematic_errors, geometry_stream
 
 RESEARCH = PRESETS["research"]
 
@@ -26,7 +26,7 @@ def errors_of_nominal(arm: VirtualArm) -> np.ndarray:
 
 @pytest.mark.parametrize(("name", "seed"), [("gao2017", 0), ("measuring7", 7)])
 def test_the_draw_kept_is_one_of_the_stream_at_the_scale_that_a_root_finder_gives(name, seed):
-    arm = VirtualArm.draw(load(name), RESEARCH, seed=seed)
+    arm = VirtualArm.draw(load_arm(name), RESEARCH, seed=seed)
     kept = arm.systematic.constants
     stream = geometry_stream(seed)
     for _ in range(1000):
@@ -49,8 +49,8 @@ def test_the_draw_kept_is_one_of_the_stream_at_the_scale_that_a_root_finder_give
 
 def test_an_arm_is_that_of_its_seed_whatever_was_drawn_before():
     """What is kept from draw to draw serves the same drawing and preset again, and no other, to the last bit."""
-    arm, warm = load("gao2017"), replace(RESEARCH, temperature_degC=RESEARCH.temperature_degC + 10)
-    draws = [(arm, RESEARCH, 1), (arm, RESEARCH, 2), (arm, RESEARCH, 1), (arm, warm, 1), (load("ur5"), warm, 1)]
+    arm, warm = load_arm("gao2017"), replace(RESEARCH, temperature_degC=RESEARCH.temperature_degC + 10)
+    draws = [(arm, RESEARCH, 1), (arm, RESEARCH, 2), (arm, RESEARCH, 1), (arm, warm, 1), (load_arm("ur5"), warm, 1)]
     _test_of.cache_clear()
     kept = [VirtualArm.draw(nominal, preset, seed=seed).systematic.constants for nominal, preset, seed in draws]
     assert (_test_of.cache_info().hits, _test_of.cache_info().misses) == (2, 3)
@@ -81,16 +81,16 @@ def test_errors_that_are_too_large_without_geometry_leave_numbers_all_the_same()
 
 
 def test_arms_that_share_functions_move_as_each_alone():
-    arm, rng = load("measuring7"), np.random.default_rng(5)
+    arm, rng = load_arm("measuring7"), np.random.default_rng(5)
     angles = rng.uniform(-2, 2, (40, arm.n_joints))
-    state = State(
+    state = VirtualArmState(
         rng.choice([-1.0, 1.0], angles.shape),
         20 + rng.standard_normal((40, arm.n_joints + 1)),
         rng.standard_normal((40, 3)),
         rng.uniform(0, 6, arm.n_joints),
     )
     drawn = [
-        draw_systematic(arm, PRESETS[name], seed=seed) for name, seed in (("shop", 0), ("perfect", 0), ("shop", 1))
+        draw_systematic_errors(arm, PRESETS[name], seed=seed) for name, seed in (("shop", 0), ("perfect", 0), ("shop", 1))
     ]
     first = drawn[0]
     functions = MotionFunctions(

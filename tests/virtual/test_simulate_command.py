@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from truearm.arm.catalogue import load
+from truearm.arm.catalogue import load_arm
 from truearm.cli.simulate import simulate
 from truearm.errors import InputError
 from truearm.readings import length_errors, read_lengths
@@ -29,7 +29,7 @@ def test_two_sessions_of_one_arm_have_its_errors_in_common(tmp_path):
     for seed in (1, 2):
         simulate("gao2017", tmp_path / "s.csv", poses=30, seed=seed, arm_seed=4)
         readings = read_session(tmp_path / "s.csv")
-        arm = VirtualArm.draw(load("gao2017"), PRESETS["research"], seed=4)
+        arm = VirtualArm.draw(load_arm("gao2017"), PRESETS["research"], seed=4)
         assert np.abs(arm.true_tip(readings.angles) - readings.points).max() < 0.06  # noise: 5 sigma of 0.01 mm
 
 
@@ -63,7 +63,7 @@ def test_a_bar_keeps_its_length_wherever_it_lies(tmp_path, seats):
     assert np.abs(known.length_mm - 400).max() < 5 * known.u_mm[0] == 5 * 0.005
     assert known.length_mm[0] == known.length_mm[1]
     assert known.artefact.tolist() == ["bar 400", "bar 400"]
-    tips = load("gao2017").chain.tip_in_base(readings.angles)
+    tips = load_arm("gao2017").chain.tip_in_base(readings.angles)
     assert np.abs(length_errors(tips, readings.seat, known)).max() < 5 * 0.005 + 1e-3
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.arm.catalogue import load
-from truearm.readings import errors_of
+from truearm.arm.catalogue import load_arm
+from truearm.readings import point_errors
 from truearm.virtual import PRESETS, VirtualArm
 
 RESEARCH = PRESETS["research"]
@@ -14,7 +14,7 @@ RESEARCH = PRESETS["research"]
 
 @pytest.fixture(scope="module", params=range(10))
 def arm(request) -> VirtualArm:
-    return VirtualArm.draw(load("gao2017"), RESEARCH, seed=request.param)
+    return VirtualArm.draw(load_arm("gao2017"), RESEARCH, seed=request.param)
 
 
 def box(arm: VirtualArm, n: int, seed: int) -> np.ndarray:
@@ -42,7 +42,7 @@ def test_a_perfect_model_of_linear_terms_comes_within_3_per_cent_of_the_floor(ar
     state = arm.resting(3000)
     air = np.repeat(taken.readings.temperature_degC[:, None], 7, axis=1)
     tips = perfect.true_tip(taken.readings.angles, replace(state, link_temperature_degC=air))
-    error = errors_of(tips, taken.readings.points)["mean_abs_coordinate_mm"]
+    error = point_errors(tips, taken.readings.points)["mean_abs_coordinate_mm"]
     floor = arm.noise_floor(taken)["mean_abs_coordinate_mm"]
     assert floor < error < 1.03 * floor
     # What it misses is real: at the true angles, some tenths of um, below 2 um.
@@ -60,7 +60,7 @@ def test_geometry_is_the_largest_class_and_of_the_size_of_identified_arms(arm):
 
 @pytest.mark.parametrize("name", ["ur10", "ur5", "wam", "panda", "gen3lite", "measuring7"])
 def test_research_can_be_drawn_for_every_arm_of_the_catalogue(name):
-    arm = VirtualArm.draw(load(name), RESEARCH, seed=0)
+    arm = VirtualArm.draw(load_arm(name), RESEARCH, seed=0)
     lower, upper = arm.nominal.limits.T
     working = arm.nominal.working
     angles = np.random.default_rng(1).uniform(
@@ -73,7 +73,7 @@ def test_research_can_be_drawn_for_every_arm_of_the_catalogue(name):
 
 
 def test_shop_is_quieter_than_research():
-    shop = VirtualArm.draw(load("gao2017"), PRESETS["shop"], seed=0)
+    shop = VirtualArm.draw(load_arm("gao2017"), PRESETS["shop"], seed=0)
     taken = shop.measure(box(shop, 2000, 0), seed=0)
     assert shop.noise_floor(taken)["mean_abs_coordinate_mm"] < 0.006
     assert np.ptp(taken.readings.temperature_degC) > 3

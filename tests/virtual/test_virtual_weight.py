@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.arm import LinkMasses, load
+from truearm.arm import LinkMasses, load_arm
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.models import PhysicalModel
@@ -49,7 +49,7 @@ def test_known_masses_hang_on_the_joints():
 
 @pytest.mark.parametrize("name", ["research", "shop"])
 def test_an_upright_arm_of_uniform_links_is_the_one_of_which_nothing_is_known(name):
-    arm, preset = load("gao2017"), PRESETS[name]
+    arm, preset = load_arm("gao2017"), PRESETS[name]
     told = replace(
         arm, masses=uniform_links(arm.chain, kg_per_m=preset.link_kg_per_m), gravity_in_base=np.array([0, 0, -1.0])
     )
@@ -61,7 +61,7 @@ def test_an_upright_arm_of_uniform_links_is_the_one_of_which_nothing_is_known(na
 def test_an_arm_on_a_wall_is_fitted_as_well_as_an_upright_one():
     errors, shown = [], []
     for along in ([0, 0, -1.0], [1.0, 0, 0]):
-        arm = replace(load("gao2017"), gravity_in_base=along)
+        arm = replace(load_arm("gao2017"), gravity_in_base=along)
         virtual = VirtualArm.draw(arm, WEIGHT_PRESET, seed=1)
         rng = np.random.default_rng(0)
         angles, fresh = (arm.working + 0.8 * rng.uniform(-1, 1, (150, 6)) for _ in range(2))

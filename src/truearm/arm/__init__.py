@@ -1,11 +1,11 @@
 """Arms: kinematic chains, the files they come from, a catalogue of them, and inverse kinematics."""
 
 from truearm.arm.arm import Arm
-from truearm.arm.catalogue import arm_from, load, names
-from truearm.arm.chain import Chain, Pose, SmallMotions, exponential_derivative
+from truearm.arm.catalogue import resolve_arm, load_arm, arm_names
+from truearm.arm.chain import Chain, Pose, TipDerivatives, exponential_derivative
 from truearm.arm.conventions import DHTable, chain_from_dh, chain_from_mdh, dh_table, mdh_table
 from truearm.arm.files import read_arm, write_arm
-from truearm.arm.inverse import InverseResult, solve_inverse
+from truearm.arm.inverse import InverseKinematicsResult, solve_inverse_kinematics
 from truearm.arm.masses import LinkMasses
 from truearm.arm.urdf import read_urdf, write_urdf
 
@@ -13,21 +13,21 @@ __all__ = [
     "Arm",
     "Chain",
     "DHTable",
-    "InverseResult",
+    "InverseKinematicsResult",
     "LinkMasses",
     "Pose",
-    "SmallMotions",
-    "arm_from",
+    "TipDerivatives",
+    "resolve_arm",
     "chain_from_dh",
     "chain_from_mdh",
     "dh_table",
     "exponential_derivative",
-    "load",
+    "load_arm",
     "mdh_table",
-    "names",
+    "arm_names",
     "read_arm",
     "read_urdf",
-    "solve_inverse",
+    "solve_inverse_kinematics",
     "write_arm",
     "write_urdf",
 ]

@@ -7,7 +7,7 @@ from pathlib import Path
 from truearm.errors import InputError
 
 
-def read_bounded(path: str | Path, *, limit_bytes: int) -> bytes:
+def read_limited(path: str | Path, *, limit_bytes: int) -> bytes:
     """Read a file of at most `limit_bytes`.
 
     Raises

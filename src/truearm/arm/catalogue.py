@@ -13,12 +13,12 @@ from truearm.errors import InputError
 _SUFFIXES = (".toml", ".urdf")
 
 
-def names() -> tuple[str, ...]:
+def arm_names() -> tuple[str, ...]:
     """Give the names of the arms in the box, in alphabetical order."""
     return tuple(sorted(_files()))
 
 
-def load(name: str) -> Arm:
+def load_arm(name: str) -> Arm:
     """Load an arm of the box by its name.
 
     Raises
@@ -37,7 +37,7 @@ def load(name: str) -> Arm:
         return read_arm(path)
 
 
-def arm_from(text: str | Path) -> Arm:
+def resolve_arm(text: str | Path) -> Arm:
     """Load an arm by what a user typed: a name of the catalogue, or the path of an arm file or a URDF.
 
     What ends in ``.toml`` or ``.urdf``, or holds a path separator, is a path.
@@ -50,7 +50,7 @@ def arm_from(text: str | Path) -> Arm:
     path = Path(text)
     if isinstance(text, Path) or path.suffix.lower() in _SUFFIXES or len(path.parts) > 1:
         return read_arm(path)
-    return load(text)
+    return load_arm(text)
 
 
 def _files() -> dict[str, resources.abc.Traversable]:

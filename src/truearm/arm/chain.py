@@ -29,7 +29,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.motions import exponential_derivative as exponential_derivative
-from truearm.arm.motions import moved_by, rotations_and_jacobians
+from truearm.arm.motions import apply_motions, rotations_and_jacobians
 from truearm.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
@@ -38,7 +38,7 @@ FloatArray = npt.NDArray[np.float64]
 # (about 60 components) inside a 2 MiB cache.
 CHUNK = 4096
 # A hundred kilometres: what is longer is a wrong unit, or a number made to overflow.
-LONGEST_MM = 1e8
+MAX_LENGTH_MM = 1e8
 
 
 class Pose(NamedTuple):
@@ -56,20 +56,20 @@ class Pose(NamedTuple):
     tip_in_base: FloatArray
 
 
-class SmallMotions(NamedTuple):
+class TipDerivatives(NamedTuple):
     """Tip positions and their derivatives by the six small motions at every place.
 
     Attributes
     ----------
     tip_in_base : (n, 3) array
         [mm].
-    by_motion : (n, n_places, 6, 3) array
+    motion_jacobian : (n, n_places, 6, 3) array
         Derivative of the tip by a motion at a place: rotations about the place's x, y, z [mm/rad], then
         translations along them [mm/mm].
     """
 
     tip_in_base: FloatArray
-    by_motion: FloatArray
+    motion_jacobian: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +110,8 @@ class Chain:
             raise InputError(f"expected {len(fixed) - 1} joint types, got shape {prismatic.shape}")
         if not (np.isfinite(fixed).all() and np.isfinite(tip).all()):
             raise InputError("a chain's constants must be finite numbers")
-        if max(np.abs(fixed).max(), np.abs(tip).max()) > LONGEST_MM:
-            raise InputError(f"a chain's lengths must stay below {LONGEST_MM:g} mm: check their units")
+        if max(np.abs(fixed).max(), np.abs(tip).max()) > MAX_LENGTH_MM:
+            raise InputError(f"a chain's lengths must stay below {MAX_LENGTH_MM:g} mm: check their units")
         R = fixed[:, :3, :3]
         skew = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
         rigid = (skew < 1e-6) & (np.linalg.det(R) > 0) & (np.abs(fixed[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-12)
@@ -133,7 +133,7 @@ class Chain:
         return len(self.fixed) - 1
 
     @property
-    def slides(self) -> npt.NDArray[np.bool_]:
+    def is_prismatic(self) -> npt.NDArray[np.bool_]:
         """(n_joints,) True for the joints that slide along their z axis instead of turning about it."""
         assert self.prismatic is not None  # set in __post_init__
         return self.prismatic
@@ -190,7 +190,7 @@ class Chain:
             tip[:, rows] = _last(self._outward(q, turns, None))
         return Pose(R.transpose(2, 0, 1), tip.T)
 
-    def small_motions(self, angles: npt.ArrayLike) -> SmallMotions:
+    def tip_derivatives(self, angles: npt.ArrayLike) -> TipDerivatives:
         """Tip positions and their derivatives by the six small motions at every place.
 
         With ``z`` an axis of the place and ``o`` its origin, the derivative of the tip ``p`` is ``z x (p - o)`` for a
@@ -203,12 +203,12 @@ class Chain:
         """
         angles = self._checked(angles)
         tip = np.empty((3, len(angles)))
-        by_motion = np.empty((self.n_places, 6, 3, len(angles)))
+        motion_jacobian = np.empty((self.n_places, 6, 3, len(angles)))
         for rows in _chunks(len(angles)):
-            tip[:, rows], _ = self._small_motions_into(_by_component(angles[rows]), by_motion[..., rows])
-        return SmallMotions(tip.T, by_motion.transpose(3, 0, 1, 2))
+            tip[:, rows], _ = self._small_motions_into(_by_component(angles[rows]), motion_jacobian[..., rows])
+        return TipDerivatives(tip.T, motion_jacobian.transpose(3, 0, 1, 2))
 
-    def small_motions_by_chunk(
+    def tip_derivatives_by_chunk(
         self,
         angles: npt.ArrayLike,
         motions: Callable[[slice], FloatArray] | None = None,
@@ -233,8 +233,8 @@ class Chain:
             The poses of this piece.
         tip_in_base : (3, m) array
             [mm].
-        by_motion : (n_places, 6, 3, m) array
-            As in `SmallMotions`, poses last. The array is used again for the next piece.
+        motion_jacobian : (n_places, 6, 3, m) array
+            As in `TipDerivatives`, poses last. The array is used again for the next piece.
         """
         angles = self._checked(angles)
         work = np.empty((self.n_places, 6, 3, min(chunk, len(angles))))
@@ -266,7 +266,7 @@ class Chain:
             tip = turned.T @ tip
         return Chain(fixed, tip, self.prismatic)
 
-    def placed(self, T_reference_base: npt.ArrayLike) -> Chain:
+    def with_reference_frame(self, T_reference_base: npt.ArrayLike) -> Chain:
         """Build the chain as seen from another frame: its tips come out in the reference frame.
 
         Parameters
@@ -298,11 +298,11 @@ class Chain:
             v = np.matmul(self.fixed[i, :3, :3], v)
             v += self.fixed[i, :3, 3, None]
             if motions is not None:
-                v = moved_by(v, motions[i])
+                v = apply_motions(v, motions[i])
             yield i, v
             v = self._joint(i, q, cos, sin, v)
         if motions is not None:
-            v = moved_by(v, motions[0])
+            v = apply_motions(v, motions[0])
         yield 0, v
         v = np.matmul(self.fixed[0, :3, :3], v)
         v += self.fixed[0, :3, 3, None]
@@ -311,7 +311,7 @@ class Chain:
     def _joint(self, i: int, q: FloatArray, cos: FloatArray, sin: FloatArray, v: FloatArray) -> FloatArray:
         """Turn or shift the vectors `v` (3, m) from joint i's moving frame to its fixed one."""
         out = np.empty_like(v)
-        if self.slides[i - 1]:
+        if self.is_prismatic[i - 1]:
             out[:2] = v[:2]
             np.add(v[2], q[i - 1], out=out[2])
             return out
@@ -339,7 +339,7 @@ class Chain:
                 R = np.einsum("abm,bcm->acm", R, turned_by[i - 1])
             if i > 1:
                 R = np.matmul(self.fixed[i - 1, :3, :3].T, R)
-            if not self.slides[i - 1]:
+            if not self.is_prismatic[i - 1]:
                 c, s = cos[i - 1], sin[i - 1]
                 turned = np.empty_like(R)
                 np.multiply(c, R[:, 0], out=turned[:, 0])

@@ -131,7 +131,7 @@ def chain_from_mdh(
     return _folded(_links("mdh", _rows(a, d, alpha, theta, kinds)), base, flange, tip_in_flange)
 
 
-def row_ends(
+def row_end_frames(
     convention: Convention,
     *,
     a: npt.ArrayLike,
@@ -354,4 +354,4 @@ def _table(
     flange: FloatArray,
 ) -> DHTable:
     theta, d, a, alpha = np.array(rows).T
-    return DHTable(convention, a, d, alpha, theta, chain.slides, base, flange, chain.tip_in_flange)
+    return DHTable(convention, a, d, alpha, theta, chain.is_prismatic, base, flange, chain.tip_in_flange)

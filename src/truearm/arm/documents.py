@@ -19,7 +19,7 @@ class Element(ET.Element):
     line: int
 
 
-def parsed(content: bytes) -> Element:
+def parse_xml(content: bytes) -> Element:
     """Parse XML without document types, so that no entity can expand or reach another file."""
     parser = expat.ParserCreate()
 
@@ -70,7 +70,7 @@ def attribute(element: Element, name: str) -> str:
     return value
 
 
-def numbers(element: Element, name: str, what: str, count: int) -> FloatArray:
+def float_attribute(element: Element, name: str, what: str, count: int) -> FloatArray:
     """Give `count` finite numbers out of an attribute; `what` they belong to stands in the message."""
     text = attribute(element, name)
     try:

@@ -43,7 +43,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from truearm.arm.arm import Arm
-from truearm.arm.bounded import read_bounded
+from truearm.arm.bounded import read_limited
 from truearm.arm.chain import Chain
 from truearm.arm.conventions import (
     Convention,
@@ -53,14 +53,14 @@ from truearm.arm.conventions import (
     chain_from_mdh,
     dh_table,
     mdh_table,
-    row_ends,
+    row_end_frames,
 )
-from truearm.arm.frames import FloatArray, frame_from_xyz_rpy, xyz_rpy_of
-from truearm.arm.masses import LinkMasses, Lump, gathered
+from truearm.arm.frames import FloatArray, frame_from_xyz_rpy, xyz_rpy_from_frame
+from truearm.arm.masses import LinkMasses, PointMass, combine_point_masses
 from truearm.arm.urdf import read_urdf, write_urdf
 from truearm.errors import InputError
-from truearm.toml_documents import parsed
-from truearm.writing import whole_file
+from truearm.toml_documents import parse_toml
+from truearm.writing import atomic_file
 
 MAX_BYTES = 1_000_000
 
@@ -189,7 +189,7 @@ def read_arm(path: str | Path) -> Arm:
     if path.suffix.lower() != ".toml":
         raise _wrong_suffix(path)
     try:
-        return _arm_of(parsed(read_bounded(path, limit_bytes=MAX_BYTES), _ArmFile))
+        return _arm_of(parse_toml(read_limited(path, limit_bytes=MAX_BYTES), _ArmFile))
     except InputError as error:
         raise error.in_file(path) from None
 
@@ -216,7 +216,7 @@ def write_arm(arm: Arm, path: str | Path, *, convention: Convention = "dh") -> N
     if path.suffix.lower() != ".toml":
         raise _wrong_suffix(path)
     table = dh_table(arm.chain) if convention == "dh" else mdh_table(arm.chain)
-    with whole_file(path) as beside:
+    with atomic_file(path) as beside:
         beside.write_text("\n".join(_toml_lines(arm, table)) + "\n", encoding="utf-8")
 
 
@@ -259,11 +259,11 @@ def _chain_of(file: _ArmFile) -> Chain:
 
 def _masses_of(file: _ArmFile) -> LinkMasses | None:
     """Masses of the links, those of fixed rows with the link that carries them; what does not move has no say."""
-    ends = row_ends(file.convention, **_table_of(file))
+    ends = row_end_frames(file.convention, **_table_of(file))
     lumps = []
     for joint, (number, end) in zip(file.joints, ends, strict=True):
         if joint.mass_kg is not None and number > 0:
-            lumps.append(Lump(number, joint.mass_kg, end[:3, :3] @ _triple(joint, "centre_of_mass") + end[:3, 3]))
+            lumps.append(PointMass(number, joint.mass_kg, end[:3, :3] @ _triple(joint, "centre_of_mass") + end[:3, 3]))
     given = {lump.joint for lump in lumps}
     if not given:
         return None
@@ -274,7 +274,7 @@ def _masses_of(file: _ArmFile) -> LinkMasses | None:
             f"links or none, got {len(given)}",
             hint="mass_kg = 0 for a link that weighs next to nothing",
         )
-    return gathered(lumps, n_joints)
+    return combine_point_masses(lumps, n_joints)
 
 
 def _states_of(joint: _Joint) -> tuple[float, float, float]:
@@ -335,7 +335,7 @@ def _centres_at_row_ends(chain: Chain, masses: LinkMasses, table: DHTable) -> Fl
     The table's places lie on the same axes as the chain's, but turned about and shifted along them.
     """
     kinds: list[Kind] = ["prismatic" if slides else "revolute" for slides in table.prismatic]
-    ends = row_ends(table.convention, a=table.a, d=table.d, alpha=table.alpha, theta=table.theta, kinds=kinds)
+    ends = row_end_frames(table.convention, a=table.a, d=table.d, alpha=table.alpha, theta=table.theta, kinds=kinds)
     places = [np.stack(list(accumulate(c.fixed[:-1], np.matmul))) for c in (chain, table.chain())]
     at_ends = np.linalg.inv(places[0]) @ places[1] @ np.stack([end for _, end in ends])
     off = masses.centre_in_joint_mm - at_ends[:, :3, 3]
@@ -345,7 +345,7 @@ def _centres_at_row_ends(chain: Chain, masses: LinkMasses, table: DHTable) -> Fl
 def _frame_lines(key: str, frame: FloatArray) -> Iterator[str]:
     if (frame == np.eye(4)).all():
         return
-    xyz, rpy = xyz_rpy_of(frame)
+    xyz, rpy = xyz_rpy_from_frame(frame)
     yield from ("", f"[{key}]", f"xyz_mm = {_listed(xyz)}", f"rpy_deg = {_listed(np.rad2deg(rpy))}")
 
 

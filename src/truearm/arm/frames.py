@@ -42,7 +42,7 @@ def frame_from_xyz_rpy(xyz: npt.ArrayLike, rpy: npt.ArrayLike) -> FloatArray:
     return frame
 
 
-def xyz_rpy_of(frame: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+def xyz_rpy_from_frame(frame: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Position [mm] and roll, pitch, yaw [rad] of a frame: the inverse of `frame_from_xyz_rpy`.
 
     Each angle is taken from what the ones before leave over, so the three together are exact even where roll and
@@ -69,11 +69,11 @@ def xyz_rpy_of(frame: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     return frame[:3, 3].copy(), np.array([roll, pitch, yaw])
 
 
-def turn_of_z_to(axis: npt.ArrayLike) -> FloatArray:
+def rotation_from_z_to(axis: npt.ArrayLike) -> FloatArray:
     """(3, 3) smallest rotation that brings the z axis to the unit vector `axis` (3,); about x for the opposite one."""
     axis = np.asarray(axis, dtype=float)
     if axis[2] < 0:  # go round by -z, so that 1 + z below stays away from zero
-        return turn_of_z_to(-axis) @ np.diag([1.0, -1.0, -1.0])
+        return rotation_from_z_to(-axis) @ np.diag([1.0, -1.0, -1.0])
     x, y, z = axis
     K = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # cross product with z x axis
     turn: FloatArray = np.eye(3) + K + K @ K / (1 + z)

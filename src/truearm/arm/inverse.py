@@ -26,7 +26,7 @@ _PULL = 0.3  # share of the way to the posture that the first of them asks for
 
 
 @dataclass(frozen=True, eq=False)
-class InverseResult:
+class InverseKinematicsResult:
     """Joint angles that bring the tip to its targets, row by row, and how well they do.
 
     Attributes
@@ -47,7 +47,7 @@ class InverseResult:
     axis_error_rad: FloatArray
 
 
-def solve_inverse(
+def solve_inverse_kinematics(
     chain: Chain,
     tips_in_base: npt.ArrayLike,
     *,
@@ -59,7 +59,7 @@ def solve_inverse(
     tolerance_mm: float = 1e-6,
     tolerance_rad: float = 1e-8,
     max_steps: int = 100,
-) -> InverseResult:
+) -> InverseKinematicsResult:
     """Find joint angles that put the tip on each target.
 
     A local method: it follows the slope from `start` and may stop at a limit or in a fold of the arm although another
@@ -97,7 +97,7 @@ def solve_inverse(
         q = part.start if part.posture is None else _drawn(part)
         angles[rows], distance[rows], axis_error[rows] = _closed_in(part, q, tolerance_mm, tolerance_rad, max_steps)
     reached = (distance <= tolerance_mm) & (axis_error <= tolerance_rad)
-    return InverseResult(angles, reached, distance, axis_error)
+    return InverseKinematicsResult(angles, reached, distance, axis_error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ class _Problem:
     @property
     def mm_per_unit(self) -> FloatArray:
         """(n, n_joints) `scale` for joints that turn, 1 for joints that slide."""
-        return np.where(self.chain.slides, 1.0, self.scale[:, None])
+        return np.where(self.chain.is_prismatic, 1.0, self.scale[:, None])
 
     def rows(self, which: slice | npt.NDArray[np.intp]) -> _Problem:
         return replace(
@@ -130,13 +130,13 @@ class _Problem:
 
     def linearised(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Give what is missing (n, 3 or 5) [mm] and how the joints make up for it (n, 3 or 5, n_joints) [mm/mm]."""
-        tips, by_motion = self.chain.small_motions(q)
-        joints = by_motion[:, 1:-1]
-        own = np.where(self.chain.slides[:, None], joints[:, :, 5], joints[:, :, 2])
+        tips, motion_jacobian = self.chain.tip_derivatives(q)
+        joints = motion_jacobian[:, 1:-1]
+        own = np.where(self.chain.is_prismatic[:, None], joints[:, :, 5], joints[:, :, 2])
         missing, J = self.targets - tips, own.transpose(0, 2, 1)
         if self.axes is not None:
-            x, y, z = by_motion[:, -1, 3:].transpose(1, 0, 2)
-            joint_axes = np.where(self.chain.slides[:, None], 0.0, joints[:, :, 5])
+            x, y, z = motion_jacobian[:, -1, 3:].transpose(1, 0, 2)
+            joint_axes = np.where(self.chain.is_prismatic[:, None], 0.0, joints[:, :, 5])
             turn = _turn_between(z, self.axes)
             about = np.stack([x, y], axis=1)  # a turn about z itself does not move the probe axis
             about *= self.scale[:, None, None]

@@ -55,7 +55,7 @@ class LinkMasses:
             object.__setattr__(self, name, value)
 
 
-class Lump(NamedTuple):
+class PointMass(NamedTuple):
     """A mass that moves with a joint.
 
     Attributes
@@ -72,7 +72,7 @@ class Lump(NamedTuple):
     centre_in_joint_mm: FloatArray
 
 
-def gathered(lumps: Iterable[Lump], n_joints: int) -> LinkMasses:
+def combine_point_masses(lumps: Iterable[PointMass], n_joints: int) -> LinkMasses:
     """Masses of links that are made up of lumps; a link without any has none."""
     mass, moment = np.zeros(n_joints), np.zeros((n_joints, 3))
     for lump in lumps:

@@ -48,7 +48,7 @@ def cross_matrix(v: FloatArray) -> FloatArray:
     return K - np.swapaxes(K, -1, -2)
 
 
-def moved_by(v: FloatArray, motion: FloatArray) -> FloatArray:
+def apply_motions(v: FloatArray, motion: FloatArray) -> FloatArray:
     """Apply finite motions (6, m) to vectors (3, m) by Rodrigues' formula."""
     r, t = motion[:3], motion[3:]
     angle = np.sqrt((r * r).sum(axis=0))

@@ -15,13 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
-from truearm.arm.bounded import read_bounded
+from truearm.arm.bounded import read_limited
 from truearm.arm.chain import Chain
-from truearm.arm.documents import Element, attribute, child, children, numbers, parsed
-from truearm.arm.frames import FloatArray, frame_from_xyz_rpy, turn_of_z_to, xyz_rpy_of
-from truearm.arm.masses import Lump, gathered
+from truearm.arm.documents import Element, attribute, child, children, float_attribute, parse_xml
+from truearm.arm.frames import FloatArray, frame_from_xyz_rpy, rotation_from_z_to, xyz_rpy_from_frame
+from truearm.arm.masses import PointMass, combine_point_masses
 from truearm.errors import InputError
-from truearm.writing import whole_file
+from truearm.writing import atomic_file
 
 MAX_BYTES = 5_000_000
 MM_PER_M = 1000.0
@@ -54,7 +54,7 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
         unique, has no moving joint, or has one that a serial chain cannot hold (floating, planar, mimic).
     """
     try:
-        tree = _Tree(parsed(read_bounded(path, limit_bytes=MAX_BYTES)))
+        tree = _Tree(parse_xml(read_limited(path, limit_bytes=MAX_BYTES)))
         joints = tree.path(base, tip)
         return _arm_of(tree, joints)
     except InputError as error:
@@ -131,12 +131,12 @@ class _Tree:
 def _arm_of(tree: _Tree, joints: list[_Joint]) -> Arm:
     robot = tree.robot
     fixed, prismatic, names, limits = [np.eye(4)], [], [], []
-    lumps: list[Lump] = []
+    lumps: list[PointMass] = []
     for joint in joints:
         fixed[-1] = fixed[-1] @ _origin_of(joint)
         if joint.kind != "fixed":
             turn = np.eye(4)
-            turn[:3, :3] = turn_of_z_to(_axis_of(joint))
+            turn[:3, :3] = rotation_from_z_to(_axis_of(joint))
             fixed[-1] = fixed[-1] @ turn
             fixed.append(turn.T)
             prismatic.append(joint.kind == "prismatic")
@@ -145,14 +145,14 @@ def _arm_of(tree: _Tree, joints: list[_Joint]) -> Arm:
         inertial = child(tree.links[joint.child], "inertial")
         if inertial is not None and names:  # what does not move has no say
             mass, centre = _mass_of(joint.child, inertial)
-            lumps.append(Lump(len(names), mass, fixed[-1][:3, :3] @ centre + fixed[-1][:3, 3]))
+            lumps.append(PointMass(len(names), mass, fixed[-1][:3, :3] @ centre + fixed[-1][:3, 3]))
     if not names:
         raise InputError("there is no moving joint between the base and the tip")
     lower, upper = np.array(limits).T
     extra = child(robot, "truearm")
     gravity = None
     if extra is not None and "gravity_in_base" in extra.attrib:
-        gravity = numbers(extra, "gravity_in_base", "the direction of gravity", 3)
+        gravity = float_attribute(extra, "gravity_in_base", "the direction of gravity", 3)
     return Arm(
         name=attribute(robot, "name"),
         chain=Chain(np.array(fixed), np.zeros(3), np.array(prismatic)),
@@ -162,7 +162,7 @@ def _arm_of(tree: _Tree, joints: list[_Joint]) -> Arm:
         upper=upper,
         working_pose=_working_pose(extra, names, np.array(prismatic), np.clip(0.0, lower, upper)),
         source="" if extra is None else extra.get("source", ""),
-        masses=gathered(lumps, len(names)),
+        masses=combine_point_masses(lumps, len(names)),
         gravity_in_base=gravity,
     )
 
@@ -176,7 +176,7 @@ def _working_pose(
         if joint not in names:
             raise InputError(f"the working pose names a joint {joint!r} that is not in the chain", line=working.line)
         i = names.index(joint)
-        pose[i] = numbers(working, "position", "a working pose", 1)[0] * (MM_PER_M if prismatic[i] else 1.0)
+        pose[i] = float_attribute(working, "position", "a working pose", 1)[0] * (MM_PER_M if prismatic[i] else 1.0)
     return pose
 
 
@@ -208,8 +208,8 @@ def _origin_of(joint: _Joint) -> FloatArray:
     if origin is None:
         return np.eye(4)
     what = f"the origin of joint {joint.name!r}"
-    xyz = numbers(origin, "xyz", what, 3) if "xyz" in origin.attrib else np.zeros(3)
-    rpy = numbers(origin, "rpy", what, 3) if "rpy" in origin.attrib else np.zeros(3)
+    xyz = float_attribute(origin, "xyz", what, 3) if "xyz" in origin.attrib else np.zeros(3)
+    rpy = float_attribute(origin, "rpy", what, 3) if "rpy" in origin.attrib else np.zeros(3)
     return frame_from_xyz_rpy(MM_PER_M * xyz, rpy)
 
 
@@ -217,7 +217,7 @@ def _axis_of(joint: _Joint) -> FloatArray:
     axis_element = child(joint.element, "axis")
     if axis_element is None:
         return np.array([1.0, 0.0, 0.0])  # URDF's default
-    axis = numbers(axis_element, "xyz", f"the axis of joint {joint.name!r}", 3)
+    axis = float_attribute(axis_element, "xyz", f"the axis of joint {joint.name!r}", 3)
     largest = float(np.abs(axis).max())
     if not 1e-9 < largest < 1e9:
         raise InputError(
@@ -235,7 +235,7 @@ def _limits_of(joint: _Joint) -> tuple[float, float]:
     what = f"the limit of joint {joint.name!r}"
     unit = MM_PER_M if joint.kind == "prismatic" else 1.0
     lower, upper = (
-        unit * float(numbers(limit, end, what, 1)[0]) if end in limit.attrib else 0.0 for end in ("lower", "upper")
+        unit * float(float_attribute(limit, end, what, 1)[0]) if end in limit.attrib else 0.0 for end in ("lower", "upper")
     )
     return lower, upper
 
@@ -245,13 +245,13 @@ def _mass_of(link: str, inertial: Element) -> tuple[float, FloatArray]:
     mass = child(inertial, "mass")
     if mass is None:
         raise InputError(f"the <inertial> of link {link!r} has no <mass>", line=inertial.line)
-    value = float(numbers(mass, "value", f"the mass of link {link!r}", 1)[0])
+    value = float(float_attribute(mass, "value", f"the mass of link {link!r}", 1)[0])
     if value < 0:
         raise InputError(f"the mass of link {link!r} is negative: {value:g} kg", line=mass.line)
     origin = child(inertial, "origin")
     if origin is None or "xyz" not in origin.attrib:
         return value, np.zeros(3)
-    return value, MM_PER_M * numbers(origin, "xyz", f"the centre of mass of link {link!r}", 3)
+    return value, MM_PER_M * float_attribute(origin, "xyz", f"the centre of mass of link {link!r}", 3)
 
 
 def _unique(names: list[str], what: str) -> list[str]:
@@ -299,21 +299,21 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
         ET.SubElement(extra, "working", joint=name, position=repr(float(position)))
     ET.indent(robot)
     content: bytes = ET.tostring(robot, encoding="utf-8", xml_declaration=True)
-    parsed(content)  # a control character in a name would make a file that nobody can read
-    with whole_file(path) as beside:
+    parse_xml(content)  # a control character in a name would make a file that nobody can read
+    with atomic_file(path) as beside:
         beside.write_bytes(content)
 
 
 def _unit_of(arm: Arm) -> FloatArray:
     """(n_joints,) mm in a metre for sliding joints, 1 for the others."""
-    return np.where(arm.chain.slides, MM_PER_M, 1.0)
+    return np.where(arm.chain.is_prismatic, MM_PER_M, 1.0)
 
 
 def _kind_of(arm: Arm, i: int) -> str:
     limited = np.isfinite(arm.limits[i])
     if limited.any() and not limited.all():
         raise InputError(f"joint {arm.joint_names[i]} has one limit only, which a URDF cannot say", hint="a .toml file")
-    if arm.chain.slides[i]:
+    if arm.chain.is_prismatic[i]:
         return "prismatic"
     return "revolute" if limited.all() else "continuous"
 
@@ -322,7 +322,7 @@ def _joint_element(robot: ET.Element, name: str, kind: str, links: list[str], fr
     joint = ET.SubElement(robot, "joint", name=name, type=kind)
     ET.SubElement(joint, "parent", link=links[0])
     ET.SubElement(joint, "child", link=links[1])
-    xyz, rpy = xyz_rpy_of(frame)
+    xyz, rpy = xyz_rpy_from_frame(frame)
     ET.SubElement(joint, "origin", xyz=_spaced(xyz / MM_PER_M), rpy=_spaced(rpy))
     return joint
 
@@ -341,7 +341,7 @@ def _add_limit(joint: ET.Element, arm: Arm, i: int) -> None:
     if np.isfinite(limits).all():
         lower, upper = map(repr, limits.tolist())
         ET.SubElement(joint, "limit", lower=lower, upper=upper, effort="0", velocity="0")
-    elif arm.chain.slides[i]:
+    elif arm.chain.is_prismatic[i]:
         ET.SubElement(joint, "limit", effort="0", velocity="0")  # only a turning joint can be called continuous
 
 

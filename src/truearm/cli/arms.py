@@ -8,7 +8,7 @@ from zipfile import is_zipfile
 
 import typer
 
-from truearm.cli.console import Json, check_apart, say, say_json, say_table
+from truearm.cli.console import Json, check_output_is_not_input, print_line, print_json, print_table
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
@@ -32,26 +32,26 @@ def arms(
     Without a name: the list. With a name: its drawing. With a model file: the arm as identified, base and tip where the
     reference saw them. With --out as well: an arm file, to edit into your own arm's, or to use elsewhere.
     """
-    from truearm.arm import arm_from, load, names, write_arm
+    from truearm.arm import resolve_arm, load_arm, arm_names, write_arm
     from truearm.errors import InputError
 
     if not arm:
         if out is not None:
             raise InputError("--out needs the name of an arm", hint="truearm arms gao2017 --out my-arm.toml")
-        listed = [load(name) for name in names()]
+        listed = [load_arm(name) for name in arm_names()]
         if as_json:
-            say_json({a.name: {"title": a.title, "n_joints": a.n_joints, "reach_mm": a.chain.reach} for a in listed})
+            print_json({a.name: {"title": a.title, "n_joints": a.n_joints, "reach_mm": a.chain.reach} for a in listed})
         else:
             rows = [[a.name, str(a.n_joints), f"{a.chain.reach:.0f}", a.title] for a in listed]
-            say_table(["name", "joints", "reach mm", "what it is"], rows, left=(0, 3))
+            print_table(["name", "joints", "reach mm", "what it is"], rows, left_aligned=(0, 3))
         return
-    chosen = _identified(Path(arm)) if Path(arm).is_file() and is_zipfile(arm) else arm_from(arm)
+    chosen = _identified(Path(arm)) if Path(arm).is_file() and is_zipfile(arm) else resolve_arm(arm)
     if out is not None:
-        check_apart(out, Path(arm))
+        check_output_is_not_input(out, Path(arm))
         write_arm(chosen, out, convention=convention)
-        say(f"{out}: {chosen.name}, {chosen.n_joints} joints")
+        print_line(f"{out}: {chosen.name}, {chosen.n_joints} joints")
     elif as_json:
-        say_json(_facts(chosen, convention))
+        print_json(_facts(chosen, convention))
     else:
         _show(chosen, convention)
 
@@ -86,10 +86,10 @@ def _facts(arm: Arm, convention: Literal["dh", "mdh"]) -> dict[str, Any]:
     import numpy as np
 
     from truearm.arm import dh_table, mdh_table
-    from truearm.arm.frames import xyz_rpy_of
+    from truearm.arm.frames import xyz_rpy_from_frame
     from truearm.errors import InputError
 
-    frames = [xyz_rpy_of(frame) for frame in arm.chain.fixed]
+    frames = [xyz_rpy_from_frame(frame) for frame in arm.chain.fixed]
     facts: dict[str, Any] = {
         "name": arm.name,
         "title": arm.title,
@@ -127,17 +127,17 @@ def _show(arm: Arm, convention: Literal["dh", "mdh"]) -> None:
         columns = dict(zip(heads, frames.T.tolist(), strict=True))
     rows = []
     for i, name in enumerate(arm.joint_names):
-        unit, limits = ("mm", arm.limits[i]) if arm.chain.slides[i] else ("deg", np.degrees(arm.limits[i]))
+        unit, limits = ("mm", arm.limits[i]) if arm.chain.is_prismatic[i] else ("deg", np.degrees(arm.limits[i]))
         ends = [f"{end:.1f}" for end in limits]
         rows.append([name, *(f"{column[i]:.4f}" for column in columns.values()), *ends, unit])
-    say(f"{arm.name}: {arm.title}")
-    say_table(["joint", *columns, "min", "max", ""], rows)
+    print_line(f"{arm.name}: {arm.title}")
+    print_table(["joint", *columns, "min", "max", ""], rows)
     if (arm.chain.fixed[0] != np.eye(4)).any():
         xyz, rpy = (", ".join(f"{v:.4f}" for v in facts[key][0]) for key in ("fixed_xyz_mm", "fixed_rpy_deg"))
-        say(f"before joint 1: {xyz} mm, roll pitch yaw {rpy} deg")
-    say(f"tip in the flange: {', '.join(f'{x:.4f}' for x in facts['tip_in_flange_mm'])} mm")
+        print_line(f"before joint 1: {xyz} mm, roll pitch yaw {rpy} deg")
+    print_line(f"tip in the flange: {', '.join(f'{x:.4f}' for x in facts['tip_in_flange_mm'])} mm")
     if arm.masses is not None:
-        say(f"masses of the links: {', '.join(f'{mass:.4g}' for mass in arm.masses.mass_kg)} kg")
+        print_line(f"masses of the links: {', '.join(f'{mass:.4g}' for mass in arm.masses.mass_kg)} kg")
     if (arm.gravity_direction != [0, 0, -1]).any():
-        say(f"weight pulls along {', '.join(f'{x:.4f}' for x in arm.gravity_direction)} of the base frame")
-    say(f"source: {arm.source}")
+        print_line(f"weight pulls along {', '.join(f'{x:.4f}' for x in arm.gravity_direction)} of the base frame")
+    print_line(f"source: {arm.source}")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truearm.cli.console import check_apart, check_page, say
+from truearm.cli.console import check_output_is_not_input, check_page_path, print_line
 
 if TYPE_CHECKING:
-    from truearm.verify.decision import Rule
+    from truearm.verify.decision import DecisionRule
 
 
 def certificate(
@@ -36,12 +36,12 @@ def certificate(
     paper.
     """
     from truearm.errors import InputError
-    from truearm.export.about import read_about
+    from truearm.export.about import read_administrative_data
     from truearm.export.about import template as template_text
-    from truearm.writing import check_writable, whole_file
+    from truearm.writing import check_writable, atomic_file
 
     if template:
-        say(template_text().rstrip("\n"))
+        print_line(template_text().rstrip("\n"))
         return
     given = {"--plan": plan or None, "--points": points, "--artefacts": artefacts, "--mpe": mpe, "--about": about}
     for option, value in (given | {"--out": out}).items():
@@ -58,37 +58,37 @@ def certificate(
     inputs = (Path(plan), points, artefacts, mpe, about)
     if out.suffix != ".xml":
         raise InputError(f"expected a file name that ends in .xml, got {out.name!r}", file=out)
-    check_apart(out, *inputs)
+    check_output_is_not_input(out, *inputs)
     check_writable(out)
     if html is not None:
-        check_page(html, *inputs, out)
+        check_page_path(html, *inputs, out)
 
     from truearm.cli.verify import digests, facts, files_of
-    from truearm.export.certificate import administrative, certificate_of, check_uncertainties
+    from truearm.export.certificate import administrative_sections, make_certificate, check_uncertainties
     from truearm.export.dcc import write_dcc
     from truearm.report.html import write_page
-    from truearm.report.verification import certificate_page, decided, rule_in_words
+    from truearm.report.verification import certificate_page, describe_decision, describe_rule
     from truearm.verify.artefacts import read_artefacts
     from truearm.verify.limits import read_specification
     from truearm.verify.measured import read_points
-    from truearm.verify.outcome import Outcome
-    from truearm.verify.test_plan import load_plan
+    from truearm.verify.outcome import VerificationRecord
+    from truearm.verify.test_plan import load_verification_plan
     from truearm.verify.verification import verify
 
     files = files_of(plan, *inputs[1:])
     known = digests(files)
-    told = read_about(about)
-    rule: Rule = "simple" if simple else "iso14253-1"
-    planned, specification = load_plan(plan), read_specification(mpe)
+    told = read_administrative_data(about)
+    rule: DecisionRule = "simple" if simple else "iso14253-1"
+    planned, specification = load_verification_plan(plan), read_specification(mpe)
     measured, certified = read_points(points), read_artefacts(artefacts)
     found = verify(measured, plan=planned, artefacts=certified, specification=specification, rule=rule)
-    outcome = Outcome(found, measured, planned, certified, specification, rule, known.get(Path(plan)))
+    outcome = VerificationRecord(found, measured, planned, certified, specification, rule, known.get(Path(plan)))
     try:
         check_uncertainties(outcome)
     except InputError as error:
         raise error.in_file(artefacts) from None
     try:
-        stated = certificate_of(told, outcome, decision=decided(outcome).split("\n\n"), rule=rule_in_words(rule))
+        stated = make_certificate(told, outcome, decision=describe_decision(outcome).split("\n\n"), rule=describe_rule(rule))
     except InputError as error:
         raise error.in_file(about) from None
     now = digests(files)
@@ -99,14 +99,14 @@ def certificate(
         write_dcc(stated, out)
     else:
         # Both are written before one of them stands, the certificate first: no page of one that is not there.
-        with whole_file(html) as page_beside, whole_file(out) as beside:
+        with atomic_file(html) as page_beside, atomic_file(out) as beside:
             write_dcc(stated, beside)
             same = f"the same for machines, SHA-256 {sha256(beside.read_bytes()).hexdigest()}"
             page = certificate_page(
                 outcome,
                 number=told.number,
-                stated=administrative(stated),
+                administrative_data=administrative_sections(stated),
                 facts=[(out.name, same), *facts(known, plan=planned)],
             )
             write_page(page, page_beside)
-    say(f"{out}: certificate {told.number}, {found.verdict.value}")
+    print_line(f"{out}: certificate {told.number}, {found.verdict.value}")

@@ -10,14 +10,14 @@ import typer
 from truearm.cli.console import (
     Json,
     SessionFile,
-    check_apart,
-    check_page,
-    note,
+    check_output_is_not_input,
+    check_page_path,
+    print_status,
     progress,
-    say,
-    say_json,
-    say_table,
-    versions,
+    print_line,
+    print_json,
+    print_table,
+    version_row,
 )
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from truearm.models.compensator import BoolArray
     from truearm.readings import Lengths, Readings
     from truearm.verify.history import OtherModel
-    from truearm.verify.interim import Assessment, Check, Trend, Value
+    from truearm.verify.interim import Assessment, InterimCheck, Trend, CheckValue
 
 CODES = {"no": 0, "yes": 1, "check once more": 3, "not enough checks yet": 3}
 
@@ -65,25 +65,25 @@ def check(
     """
     from truearm.models.compensator import fingerprint
     from truearm.verify.history import History
-    from truearm.verify.interim import Check, assess
+    from truearm.verify.interim import InterimCheck, assess
     from truearm.verify.limits import read_specification
 
     files = [model, session, *(path for path in (lengths, mpe) if path is not None)]
-    check_apart(history, *files)
+    check_output_is_not_input(history, *files)
     if report is not None:
-        check_page(report, *files, history)
+        check_page_path(report, *files, history)
     day = _date(date)
     specification = None if mpe is None else read_specification(mpe)
     kept = History(history)
     with progress(f"checking {session.name}"):
         fitted, readings = _readings(model, session)
         values, whose, name = _values(fitted, readings, lengths), _fingerprint(model), fitted.arm.name
-        new = Check(day, whose, fingerprint(readings), _temperature(readings), values)
-        others = kept.others(whose, arm=name)
-        n_before, checks = len(kept.checks(whose)), kept.joined(new)
+        new = InterimCheck(day, whose, fingerprint(readings), _temperature(readings), values)
+        others = kept.other_models(whose, arm=name)
+        n_before, checks = len(kept.checks(whose)), kept.with_check(new)
         gone = retired or []
         found = assess(checks, specification, retired=_gone(gone, checks, others))  # what it refuses is not added
-        before = [(one, one.assessed(specification, retired=gone)) for one in others]
+        before = [(one, one.assess(specification, retired=gone)) for one in others]
         added = kept.append(new, name=model.name, arm=name)
         completed = added and len(checks) == n_before
         changed = _of_other_models(before, checks)
@@ -95,31 +95,31 @@ def check(
             write_page(drift_page(checks, found, arm=name, remarks=changed, facts=facts), report)
     if as_json:
         told = {"added": added and not completed, "completed": completed, **_for_machines(checks, found)}
-        say_json({**told, "other_models": [_of_another(*one) for one in before]})
+        print_json({**told, "other_models": [_of_another(*one) for one in before]})
     else:
         if completed:
-            say("this session is in the history already and is completed")
+            print_line("this session is in the history already and is completed")
         elif not added:
-            say(f"{_same(checks, new)}, and is not added again; what follows is of the last check")
+            print_line(f"{_same(checks, new)}, and is not added again; what follows is of the last check")
         _tell(checks, found, changed, model=model, outside=fitted.outside_training(readings.angles))
         if report is not None:
-            say(f"{report}: the trend charts")
+            print_line(f"{report}: the trend charts")
     raise typer.Exit(CODES[found.recalibrate.value])
 
 
-def _same(checks: Sequence[Check], new: Check) -> str:
+def _same(checks: Sequence[InterimCheck], new: InterimCheck) -> str:
     """Which check a session already is."""
-    from truearm.verify.interim import told
+    from truearm.verify.interim import format_date
 
     number = [one.session for one in checks].index(new.session)
-    return f"this session is check {number + 1} of {told(checks[number].date)} in the history already"
+    return f"this session is check {number + 1} of {format_date(checks[number].date)} in the history already"
 
 
 def _readings(model: Path, session: Path) -> tuple[Compensator, Readings]:
     from truearm.cli.predict import load_for
 
     fitted, readings = load_for(model, session)
-    if fitted.learned_from(readings):
+    if fitted.is_trained_on(readings):
         raise readings.error(
             "these are the readings that the model learned from, and they agree with it whatever the arm does",
             hint="readings taken since",
@@ -139,10 +139,10 @@ def _note_lone(readings: Readings, lengths: Lengths | None) -> None:
     for name in sorted(name for name, count in counts.items() if name and count == 1 and name not in ends):
         close = get_close_matches(name, [other for other, count in counts.items() if other and count > 1], n=1)
         meant = f"; {close[0]!r}, misspelt?" if close else ""
-        note(f"seat {name!r} has one reading, which is left out{meant}")
+        print_status(f"seat {name!r} has one reading, which is left out{meant}")
 
 
-def _values(fitted: Compensator, readings: Readings, lengths: Path | None) -> tuple[Value, ...]:
+def _values(fitted: Compensator, readings: Readings, lengths: Path | None) -> tuple[CheckValue, ...]:
     """The test values of the points that the model makes of the readings."""
     import numpy as np
 
@@ -201,52 +201,52 @@ def _date(given: str | None) -> datetime.datetime:
     return day.replace(microsecond=0)
 
 
-def _gone(retired: list[str], checks: tuple[Check, ...], others: tuple[OtherModel, ...]) -> list[str]:
+def _gone(retired: list[str], checks: tuple[InterimCheck, ...], others: tuple[OtherModel, ...]) -> list[str]:
     """Artefacts that are retired, but for those that only checks of other models have: retired before this one."""
-    from truearm.verify.interim import was_measured
+    from truearm.verify.interim import has_measured
 
     elsewhere = [check for one in others for check in one.checks]
-    return [name for name in retired if was_measured(name, checks) or not was_measured(name, elsewhere)]
+    return [name for name in retired if has_measured(name, checks) or not has_measured(name, elsewhere)]
 
 
-def _of_other_models(others: list[tuple[OtherModel, Assessment]], checks: tuple[Check, ...]) -> list[str]:
+def _of_other_models(others: list[tuple[OtherModel, Assessment]], checks: tuple[InterimCheck, ...]) -> list[str]:
     """What other models' checks say, while this one is new or after checks with another one."""
-    from truearm.verify.control_chart import NEEDED
+    from truearm.verify.control_chart import MIN_BASELINE_CHECKS
 
-    if not others or (len(checks) > NEEDED and checks[-2].date > others[0][0].checks[-1].date):
+    if not others or (len(checks) > MIN_BASELINE_CHECKS and checks[-2].date > others[0][0].checks[-1].date):
         return []
-    return [f"{'a new model: ' if len(checks) == 1 else ''}{one.told(found)}" for one, found in others]
+    return [f"{'a new model: ' if len(checks) == 1 else ''}{one.describe(found)}" for one, found in others]
 
 
-def _when(one: Check) -> str:
-    from truearm.verify.interim import told
+def _when(one: InterimCheck) -> str:
+    from truearm.verify.interim import format_date
 
-    return told(one.date)
+    return format_date(one.date)
 
 
-def _tell(checks: tuple[Check, ...], found: Assessment, changed: list[str], *, model: Path, outside: BoolArray) -> None:
-    from truearm.verify.interim import in_words
+def _tell(checks: tuple[InterimCheck, ...], found: Assessment, changed: list[str], *, model: Path, outside: BoolArray) -> None:
+    from truearm.verify.interim import describe_assessment
 
     last = checks[-1]
     warm = "" if last.temperature_degC is None else f", {last.temperature_degC:.1f} degC"
-    say(f"check {len(checks)} of {model.name}, {_when(last)}{warm}")
+    print_line(f"check {len(checks)} of {model.name}, {_when(last)}{warm}")
     current = [trend for trend in found.trends if trend.current]
     charts = [trend.chart for trend in current if trend.chart is not None and trend.chart.n_before[-1] > 1]
     heads = ["value", "found [mm]", "mean before [mm]", "limits of the chart [mm]", "drift", "MPE [mm]", ""]
     rows = [_cells(trend) for trend in current]
     shown = [i for i, head in enumerate(heads) if i < 2 or any(row[i] for row in rows)]
-    say_table(
+    print_table(
         [heads[i] for i in shown],
         [[row[i] for i in shown] for row in rows],
-        left=(0, *(at for at, i in enumerate(shown) if not heads[i])),
+        left_aligned=(0, *(at for at, i in enumerate(shown) if not heads[i])),
     )
     if charts:
         interval = charts[0].rules.decision_interval
-        say(f"drift: the larger cumulative sum, in standard deviations; above {interval:.2f} it tells of a change")
+        print_line(f"drift: the larger cumulative sum, in standard deviations; above {interval:.2f} it tells of a change")
     if outside.any():
-        say(f"{int(outside.sum())} of {len(outside)} readings have a joint away from the training angles.")
-    for remark in (*found.reasons, *found.remarks, *changed, in_words(found, checks)):
-        say(remark)
+        print_line(f"{int(outside.sum())} of {len(outside)} readings have a joint away from the training angles.")
+    for remark in (*found.reasons, *found.remarks, *changed, describe_assessment(found, checks)):
+        print_line(remark)
 
 
 def _cells(trend: Trend) -> list[str]:
@@ -258,8 +258,8 @@ def _cells(trend: Trend) -> list[str]:
     low, high = chart.lower[-1], chart.upper[-1]
     between = f"up to {high:.4f}" if low != low else f"{low:{sign}.4f} to {high:{sign}.4f}"
     said = [
-        *(["beyond"] if chart.beyond[-1] else []),
-        *(["drift"] if chart.signalled is not None else []),
+        *(["beyond"] if chart.out_of_limits[-1] else []),
+        *(["drift"] if chart.signal_index is not None else []),
         *(["over"] if trend.over_limit else []),
     ]
     return [
@@ -267,14 +267,14 @@ def _cells(trend: Trend) -> list[str]:
         f"{latest.value_mm:{sign}.4f}",
         f"{chart.centre[-1]:{sign}.4f}",
         between,
-        f"{chart.drift[:, -1].max():.2f}",
+        f"{chart.cusum[:, -1].max():.2f}",
         limit,
         ", ".join(said),
     ]
 
 
-def _for_machines(checks: tuple[Check, ...], found: Assessment) -> dict[str, Any]:
-    from truearm.verify.control_chart import NEEDED
+def _for_machines(checks: tuple[InterimCheck, ...], found: Assessment) -> dict[str, Any]:
+    from truearm.verify.control_chart import MIN_BASELINE_CHECKS
 
     last = checks[-1]
     since = None if found.since is None else {"check": found.since + 1, "date": _when(checks[found.since])}
@@ -284,7 +284,7 @@ def _for_machines(checks: tuple[Check, ...], found: Assessment) -> dict[str, Any
         "date": _when(last),
         "temperature_degC": last.temperature_degC,
         "n_checks": len(checks),
-        "n_needed": NEEDED,
+        "n_needed": MIN_BASELINE_CHECKS,
         "recalibrate": found.recalibrate.value,
         "since": since,
         "reasons": list(found.reasons),
@@ -313,9 +313,9 @@ def _of_trend(trend: Trend) -> dict[str, Any]:
             "mean_before_mm": _or_none(chart.centre[-1]),
             "lower_mm": _or_none(chart.lower[-1]),
             "upper_mm": _or_none(chart.upper[-1]),
-            "beyond": bool(chart.beyond[-1]),
-            "cusum_up": float(chart.drift[0, -1]),
-            "cusum_down": float(chart.drift[1, -1]),
+            "beyond": bool(chart.out_of_limits[-1]),
+            "cusum_up": float(chart.cusum[0, -1]),
+            "cusum_down": float(chart.cusum[1, -1]),
             "decision_interval": chart.rules.decision_interval,
             "changed_since_check": None if trend.since is None else trend.since + 1,
         }
@@ -341,5 +341,5 @@ def _facts(fitted: Compensator, model: Path, history: Path) -> list[tuple[str, s
         ("model", f"{model.name}, {fitted.n_train_} training readings, SHA-256 of the file {_fingerprint(model)}"),
         ("arm", f"{fitted.arm.name}: {fitted.arm.title}. {fitted.arm.source}"),
         ("history", history.name),
-        versions(),
+        version_row(),
     ]

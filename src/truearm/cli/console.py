@@ -13,13 +13,13 @@ from typing import Annotated, Any
 import typer
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON for machines.")]
-ArmName = Annotated[str, typer.Option("--arm", help="A name from `truearm arms`, or an arm (.toml) or URDF file.")]
+ArmOption = Annotated[str, typer.Option("--arm", help="A name from `truearm arms`, or an arm (.toml) or URDF file.")]
 
 
 SessionFile = Annotated[Path, typer.Argument(metavar="SESSION", help="Session file, .csv or .parquet.")]
 
 
-def say(text: str) -> None:
+def print_line(text: str) -> None:
     """Print a line of the result."""
     typer.echo(printable(text))
 
@@ -29,7 +29,7 @@ def printable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()
 
 
-def note(text: str) -> None:
+def print_status(text: str) -> None:
     """Print a remark on how it goes; a terminal that is gone (a closed window) is no error."""
     with suppress(OSError):
         typer.echo(printable(text), err=True)
@@ -39,23 +39,23 @@ def _silent(done: int, note: str) -> None:
     """Tell nobody: nobody watches."""
 
 
-def say_json(result: Mapping[str, Any]) -> None:
+def print_json(result: Mapping[str, Any]) -> None:
     """Print a result for machines: JSON with numbers in full."""
     typer.echo(json.dumps(result, indent=2, allow_nan=False))
 
 
-def say_table(columns: list[str], rows: list[list[str]], *, left: tuple[int, ...] = (0,)) -> None:
-    """Print rows under column heads: the columns numbered in `left` to the left, the others to the right."""
+def print_table(columns: list[str], rows: list[list[str]], *, left_aligned: tuple[int, ...] = (0,)) -> None:
+    """Print rows under column heads: the columns numbered in `left_aligned` to the left, the others to the right."""
     widths = [max(len(row[i]) for row in [columns, *rows]) for i in range(len(columns))]
     for row in [columns, *rows]:
         cells = [
-            cell.ljust(width) if i in left else cell.rjust(width)
+            cell.ljust(width) if i in left_aligned else cell.rjust(width)
             for i, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
-        say("  ".join(cells).rstrip())
+        print_line("  ".join(cells).rstrip())
 
 
-def check_apart(out: Path, *inputs: Path) -> None:
+def check_output_is_not_input(out: Path, *inputs: Path) -> None:
     """Check that a file to write is none of those that are read: readings cannot be measured again.
 
     Raises
@@ -69,7 +69,7 @@ def check_apart(out: Path, *inputs: Path) -> None:
         raise InputError("the file to write is the file to read, and would be lost", file=out, hint="another name")
 
 
-def check_page(page: Path, *inputs: Path) -> None:
+def check_page_path(page: Path, *inputs: Path) -> None:
     """Check, before long work, that a page can be written under a name, which is that of no file that is read.
 
     Raises
@@ -82,11 +82,11 @@ def check_page(page: Path, *inputs: Path) -> None:
 
     if page.suffix not in (".html", ".htm"):
         raise InputError(f"expected a file name that ends in .html, got {page.name!r}", file=page)
-    check_apart(page, *inputs)
+    check_output_is_not_input(page, *inputs)
     check_writable(page)
 
 
-def versions() -> tuple[str, str]:
+def version_row() -> tuple[str, str]:
     """The row of a page that says which programs reckoned it."""
     import numpy
     import scipy

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, progress, say, say_json, say_table
+from truearm.cli.console import Json, progress, print_line, print_json, print_table
 
 if TYPE_CHECKING:
     from truearm.papers.gao2017 import Experiment
@@ -33,15 +33,15 @@ def demo(
     import numpy as np
 
     from truearm.errors import InputError
-    from truearm.papers.gao2017 import PAPER, QUICK, experiment
+    from truearm.papers.gao2017 import PAPER_SETTINGS, QUICK_SETTINGS, experiment
     from truearm.report.figures import before_after, save_png
     from truearm.report.html import render
-    from truearm.writing import whole_file
+    from truearm.writing import atomic_file
 
     if out.exists() and not out.is_dir():
         raise InputError("expected a folder to write to, got a file", file=out)
     _check_folder(out)
-    settings = QUICK if quick else PAPER
+    settings = QUICK_SETTINGS if quick else PAPER_SETTINGS
     with progress("measuring, fitting", total=settings.epochs) as tell:
         done = experiment(seed=seed, settings=settings, progress=tell)
     with progress("drawing the report"):
@@ -56,10 +56,10 @@ def demo(
     out.mkdir(parents=True, exist_ok=True)
     save_png(picture, out / "before_after.png")
     for name, text in files.items():
-        with whole_file(out / name) as beside:
+        with atomic_file(out / name) as beside:
             beside.write_text(text, encoding="utf-8", newline="\n")
     if as_json:
-        say_json(summary)
+        print_json(summary)
     else:
         _say(summary, out)
 
@@ -104,12 +104,12 @@ def _say(summary: dict[str, Any], out: Path) -> None:
         ]
     )
     n_train, n = summary["models"]["network"]["n_train"], summary["models"]["network"]["n"]
-    say(f"Virtual arm {summary['arm']}, seed {summary['seed']}: {n_train} poses to learn from, {n} + {n} to test on.")
-    say("Absolute error of a coordinate [mm], in the box of joint angles learned from, and in everyday measuring:")
-    say_table(["model", "mean", "max", "removed %", "outside mean", "outside max", "fit s"], rows)
-    say(f"The paper's network, on its own arm: mean {PAPER_NETWORK_MM[0]}, max {PAPER_NETWORK_MM[1]}, 97 % removed.")
-    say("The network holds only inside the box it learned; the kinematic model holds outside it too.")
-    say(f"Look at {out / 'report.html'}; the figures are in {out / 'summary.json'}.")
+    print_line(f"Virtual arm {summary['arm']}, seed {summary['seed']}: {n_train} poses to learn from, {n} + {n} to test on.")
+    print_line("Absolute error of a coordinate [mm], in the box of joint angles learned from, and in everyday measuring:")
+    print_table(["model", "mean", "max", "removed %", "outside mean", "outside max", "fit s"], rows)
+    print_line(f"The paper's network, on its own arm: mean {PAPER_NETWORK_MM[0]}, max {PAPER_NETWORK_MM[1]}, 97 % removed.")
+    print_line("The network holds only inside the box it learned; the kinematic model holds outside it too.")
+    print_line(f"Look at {out / 'report.html'}; the figures are in {out / 'summary.json'}.")
 
 
 def demo_page(done: Experiment, *, quick: bool) -> Page:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, progress, say, say_json, say_table
+from truearm.cli.console import Json, progress, print_line, print_json, print_table
 
 if TYPE_CHECKING:
     from truearm.models.compensator import FloatArray
@@ -36,7 +36,7 @@ def evaluate(
     from truearm.cli.predict import check_reference, load_for, without_served
     from truearm.cli.report import remarks
     from truearm.models import NominalModel
-    from truearm.readings import check_sessions, compared_errors, errors_of
+    from truearm.readings import check_sessions, compare_errors, point_errors
 
     with progress(f"reading {session.name}"):
         fitted, readings = load_for(model, session)
@@ -50,26 +50,26 @@ def evaluate(
     in_seats = {name: _in_seats(points, readings, known) for name, points in predicted.items()}
     errors = None
     if readings.points is not None:
-        errors = compared_errors(predicted["model"], predicted["nominal"], readings.points)
+        errors = compare_errors(predicted["model"], predicted["nominal"], readings.points)
     if as_json:
         left_out = {"n_left_out": n_served} if n_served else {}
-        say_json({**(errors or {}), **in_seats["model"], **left_out})
+        print_json({**(errors or {}), **in_seats["model"], **left_out})
         return
     if n_served:
-        say(f"{n_served} readings served to refit the model and are left out")
+        print_line(f"{n_served} readings served to refit the model and are left out")
     names = ["nominal"] if isinstance(fitted, NominalModel) else ["nominal", "model"]
     if readings.points is not None and errors is not None:
-        of_points = {name: errors_of(predicted[name], readings.points) for name in names}
+        of_points = {name: point_errors(predicted[name], readings.points) for name in names}
         _say_errors(f"{errors['n']} readings", {name: dict(found) for name, found in of_points.items()})
         if len(names) > 1:
-            say(_compared(errors["removed_percent"]))
+            print_line(_compared(errors["removed_percent"]))
     in_seats = {name: in_seats[name] for name in names}
     if seats := in_seats["nominal"].get("seats"):
         _say_errors(f"{in_seats['nominal']['n_in_seats']} readings in {len(seats)} seats", in_seats)
     if known is not None:
         _say_lengths(known, in_seats)
     for remark in remarks(fitted, readings):
-        say(remark)
+        print_line(remark)
 
 
 def _in_seats(points: FloatArray, readings: Readings, known: Lengths | None) -> dict[str, Any]:
@@ -95,7 +95,7 @@ def _in_seats(points: FloatArray, readings: Readings, known: Lengths | None) -> 
 def _say_errors(head: str, columns: dict[str, dict[str, Any]]) -> None:
     first = next(iter(columns.values()))
     rows = [[name, *(f"{c[name]:.4f}" for c in columns.values())] for name in first if name.endswith("_mm")]
-    say_table([head, *columns], rows)
+    print_table([head, *columns], rows)
 
 
 def _say_lengths(known: Lengths, in_seats: dict[str, dict[str, Any]]) -> None:
@@ -104,7 +104,7 @@ def _say_lengths(known: Lengths, in_seats: dict[str, dict[str, Any]]) -> None:
         + [f"{found['lengths'][i]['length_error_mm']:+.4f}" for found in in_seats.values()]
         for i, one in enumerate(in_seats["nominal"]["lengths"])
     ]
-    say_table([f"length_error_mm of {len(known)} lengths", "length_mm", "u_mm", *in_seats], rows)
+    print_table([f"length_error_mm of {len(known)} lengths", "length_mm", "u_mm", *in_seats], rows)
 
 
 def _compared(removed_percent: float) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from truearm.cli.console import progress, say, say_table
+from truearm.cli.console import progress, print_line, print_table
 
 
 def fetch(
@@ -23,10 +23,10 @@ def fetch(
     from truearm import datasets
     from truearm.errors import InputError
     from truearm.readings import check_session_path, write_lengths, write_session
-    from truearm.writing import check_writable, whole_file
+    from truearm.writing import check_writable, atomic_file
 
     if show or not name:
-        say_table(["name", "set", "arm"], [[n, s.title, s.arm] for n, s in datasets.SETS.items()], left=(0, 1, 2))
+        print_table(["name", "set", "arm"], [[n, s.title, s.arm] for n, s in datasets.DATASETS.items()], left_aligned=(0, 1, 2))
         return
     path = out or Path(f"{name}.csv")
     beside = path.with_name(f"{path.stem}-lengths.csv")
@@ -37,16 +37,16 @@ def fetch(
     check_session_path(path)
     check_writable(beside)
     with progress(f"getting {name}"):
-        readings = datasets.load(name)
-        data_set = datasets.SETS[name]
+        readings = datasets.load_readings(name)
+        data_set = datasets.DATASETS[name]
         # Both or none, as they belong together.
-        with whole_file(path) as session:
+        with atomic_file(path) as session:
             write_session(readings, session, angle_unit=data_set.angle_unit)
             if lengths:
                 write_lengths(lengths, beside)
     source = data_set.source
-    say(f"{path}: {len(readings)} readings of {readings.n_joints} joints, nominal arm {data_set.arm}.")
+    print_line(f"{path}: {len(readings)} readings of {readings.n_joints} joints, nominal arm {data_set.arm}.")
     if lengths:
-        say(f"{beside}: {len(lengths)} lengths between its seats; their uncertainty is our assumption.")
+        print_line(f"{beside}: {len(lengths)} lengths between its seats; their uncertainty is our assumption.")
     repository = datasets.UPSTREAM[source].rpartition("/")[0]
-    say(f"From github.com/{repository} (MIT licence). Cite: {datasets.CITATION[source]}.")
+    print_line(f"From github.com/{repository} (MIT licence). Cite: {datasets.CITATION[source]}.")

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from truearm.cli.console import ArmName, Json, check_apart, note, progress, say, say_json, say_table
+from truearm.cli.console import ArmOption, Json, check_output_is_not_input, print_status, progress, print_line, print_json, print_table
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
-    from truearm.identify.outliers import WrongLength
+    from truearm.identify.outliers import LengthOutlier
     from truearm.models import Compensator, NominalModel
     from truearm.models.identified import IdentifiedModel
     from truearm.models.network import Member
-    from truearm.models.selection import Compared
-    from truearm.readings import ComparedErrors, Lengths, Readings
+    from truearm.models.selection import ModelScore
+    from truearm.readings import ErrorComparison, Lengths, Readings
 
 # Below so many readings a kinematic model's training error says little: it has some 50 constants, 27 of them
 # determined.
@@ -34,7 +34,7 @@ SUSPECT_NOMINAL_ERROR = 0.01
 
 def fit(
     session: Annotated[Path, typer.Argument(metavar="SESSION", help="Session file with reference points or seats.")],
-    arm: ArmName,
+    arm: ArmOption,
     out: Annotated[Path, typer.Option("--out", help="Model file to write; .truearm by custom.")],
     model: Annotated[
         Literal["auto", "nominal", "kinematic", "physical", "network"],
@@ -85,7 +85,7 @@ def fit(
     A network's training may be stopped (Ctrl-C, kill): what it has reached stays in the folder OUT.training, and the
     same command goes on from there to the same model. The folder is removed when the model is written.
     """
-    from truearm.arm import arm_from
+    from truearm.arm import resolve_arm
     from truearm.models import MODELS, NetworkModel
     from truearm.models.file import save_model
     from truearm.models.relations import check_spread
@@ -93,8 +93,8 @@ def fit(
     from truearm.readings import read_session
     from truearm.writing import check_writable
 
-    nominal = arm_from(arm)
-    check_apart(out, session, Path(arm), *([] if lengths is None else [lengths]))
+    nominal = resolve_arm(arm)
+    check_output_is_not_input(out, session, Path(arm), *([] if lengths is None else [lengths]))
     check_writable(out)
     parts = free_parts(free)
     network = None
@@ -111,7 +111,7 @@ def fit(
             check_spread(readings, nominal)
         as_drawn = _fitted_as_drawn(nominal, parts, readings, known)
     fitted: Compensator
-    table: tuple[Compared, ...] = ()
+    table: tuple[ModelScore, ...] = ()
     if network is not None:
         with Kept(out) as kept, progress("fitting network", total=epochs * restarts * members) as tell:
             network.fit_readings(
@@ -169,7 +169,7 @@ class Kept:
 
         def told(done: int, text: str) -> None:
             if self._found:
-                note(f"going on with the training kept in {self.folder}")
+                print_status(f"going on with the training kept in {self.folder}")
                 self._found = False
             tell(done, text)
 
@@ -181,13 +181,13 @@ class Kept:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         from truearm.errors import InputError
         from truearm.models.network import checkpoints, remove_checkpoints
-        from truearm.nets.checkpoint import ANEW
+        from truearm.nets.checkpoint import RESTART_HINT
 
         if error is None or not checkpoints(self.folder):
             remove_checkpoints(self.folder)
         elif isinstance(error, KeyboardInterrupt | SystemExit):
-            note(f"the training so far is kept in {self.folder}: the same command goes on with it")
-        elif isinstance(error, InputError) and error.file is not None and error.hint == ANEW:
+            print_status(f"the training so far is kept in {self.folder}: the same command goes on with it")
+        elif isinstance(error, InputError) and error.file is not None and error.hint == RESTART_HINT:
             raise InputError(
                 f"{error.file.name}: {error.problem}",
                 file=self.folder,
@@ -234,44 +234,44 @@ def lengths_of(path: Path, readings: Readings, used: Readings | None = None) -> 
     known = stated.between(readings.seat.tolist())
     if len(known) < len(stated):
         left = len(stated) - len(known)
-        note(f"{left} of {len(stated)} lengths are between seats that the session has not: left out")
+        print_status(f"{left} of {len(stated)} lengths are between seats that the session has not: left out")
     if used is None or used.seat is None:
         return known
     within = known.within(used.seat.tolist())
     if left := len(known) - (0 if within is None else len(within)):
-        note(f"{left} of {len(known)} lengths are left out: none of the readings used is in one of their seats")
+        print_status(f"{left} of {len(known)} lengths are left out: none of the readings used is in one of their seats")
     return within
 
 
 def as_measured(lengths: Lengths | None, readings: Readings) -> Lengths | None:
     """Lengths as they are at the temperature of the readings, told where that is not known."""
-    from truearm.readings.expansion import as_they_are
+    from truearm.readings.expansion import at_measured_temperature
 
     note_expansion(lengths, readings)
     if lengths is None or readings.seat is None:
         return None
-    return as_they_are(lengths, readings.seat, readings.temperature_degC)
+    return at_measured_temperature(lengths, readings.seat, readings.temperature_degC)
 
 
 def note_expansion(lengths: Lengths | None, readings: Readings) -> None:
     """Tell of lengths that are taken as at 20 degC for want of a temperature or an expansion, where that matters."""
     import numpy as np
 
-    from truearm.readings.expansion import REFERENCE_DEGC, STEEL_PER_K, growth_of
+    from truearm.readings.expansion import REFERENCE_DEGC, STEEL_PER_K, thermal_expansion_of
 
     if lengths is None:
         return
     degC = readings.temperature_degC
     if degC is None:
         if lengths.expansion_per_K is not None:
-            note(f"lengths are taken as at {REFERENCE_DEGC:g} degC: the session states no temperature")
+            print_status(f"lengths are taken as at {REFERENCE_DEGC:g} degC: the session states no temperature")
         return
     assert readings.seat is not None  # checked by the caller
-    growth = growth_of(lengths, readings.seat, degC)
+    growth = thermal_expansion_of(lengths, readings.seat, degC)
     steel = np.abs(lengths.length_mm * STEEL_PER_K * (degC.mean() - REFERENCE_DEGC))
     unknown = ~growth.known & (steel > lengths.u_mm)
     if unknown.any():
-        note(
+        print_status(
             f"{int(unknown.sum())} of {len(lengths)} lengths are taken as at {REFERENCE_DEGC:g} degC; at the readings' "
             f"{degC.mean():.1f} degC they differ by {steel[unknown].max():.4f} mm, if they are of steel: columns "
             "expansion_per_K and u_expansion_per_K of the lengths tell"
@@ -281,11 +281,11 @@ def note_expansion(lengths: Lengths | None, readings: Readings) -> None:
 def _fitted_as_drawn(arm: Arm, free: tuple[str, ...], readings: Readings, lengths: Lengths | None) -> NominalModel:
     """The arm as drawn, put to the readings; refuse those that no arm of this drawing can have made."""
     from truearm.models import NominalModel
-    from truearm.models.compensator import MOST_NOMINAL_ERROR
+    from truearm.models.compensator import MAX_NOMINAL_ERROR
 
     as_drawn = NominalModel(arm, free=free).fit_readings(readings, lengths=lengths)
     mean = nominal_miss(as_drawn)
-    if not mean < MOST_NOMINAL_ERROR * arm.chain.reach:
+    if not mean < MAX_NOMINAL_ERROR * arm.chain.reach:
         raise readings.error(
             f"the arm {arm.name!r} as drawn misses its references by {mean:.4g} mm on average"
             f" at a reach of {arm.chain.reach:.4g} mm: the readings are not of this arm, or it is described wrongly",
@@ -328,7 +328,7 @@ def layer_sizes(text: str) -> tuple[int, ...]:
 def _say_result(
     fitted: Compensator,
     readings: Readings,
-    table: tuple[Compared, ...],
+    table: tuple[ModelScore, ...],
     out: Path,
     *,
     lengths: Lengths | None,
@@ -340,14 +340,14 @@ def _say_result(
     from truearm.identify.outliers import outliers
     from truearm.models import MODELS, KinematicModel, NetworkModel, NominalModel
     from truearm.models.identified import IdentifiedModel
-    from truearm.models.relations import LEAST_ON, too_few_on
-    from truearm.readings import compared_errors, seat_errors
+    from truearm.models.relations import MIN_READINGS_ON, surfaces_with_too_few_readings
+    from truearm.readings import compare_errors, seat_errors
 
     model = next(name for name, kind in MODELS.items() if type(fitted) is kind)
     errors = None
     predicted, nominal = fitted.predict_readings(readings), fitted.predict_nominal_readings(readings)
     if readings.points is not None:
-        errors = compared_errors(predicted, nominal, readings.points)
+        errors = compare_errors(predicted, nominal, readings.points)
     scatter = None
     if errors is None and readings.seat is not None:
         scatter = seat_errors(predicted, readings.seat)
@@ -359,54 +359,54 @@ def _say_result(
         if isinstance(fitted, NetworkModel):
             told["network"] = {"trainer": fitted.trainer, "members": [_facts(member) for member in fitted.members_]}
         if isinstance(fitted, IdentifiedModel):
-            told["unexplained_std_mm"] = fitted.unexplained_std_
+            told["unexplained_std_mm"] = fitted.residual_std_
             told["groups"] = [asdict(group) for group in fitted.fit_.groups]
-            told["left_out"] = [left_out._asdict() for left_out in fitted.left_out_]
+            told["left_out"] = [left_out._asdict() for left_out in fitted.excluded_terms_]
             told["identifiability"] = asdict(identifiability(fitted.fit_))
             told["outliers"] = [asdict(outlier) for outlier in outliers(fitted.fit_)]
             told["wrong_lengths"] = [asdict(wrong) for wrong in _wrong_lengths(fitted, readings, lengths)]
-            told["too_few_on"] = [{"kind": k, "name": name, "readings": n} for k, name, n in too_few_on(readings)]
-        say_json(told)
+            told["too_few_on"] = [{"kind": k, "name": name, "readings": n} for k, name, n in surfaces_with_too_few_readings(readings)]
+        print_json(told)
         return
     if table:
         _say_table(table)
-    say(f"{out}: {model} model of {fitted.arm.name} from {len(readings)} readings in {fitted.fit_seconds_:.1f} s")
+    print_line(f"{out}: {model} model of {fitted.arm.name} from {len(readings)} readings in {fitted.fit_seconds_:.1f} s")
     if isinstance(fitted, NetworkModel):
         for number, member in enumerate(fitted.members_, 1):
             facts = _facts(member)
             who = f"member {number}, start {facts['start']}" if len(fitted.members_) > 1 else "training"
-            say(f"{who}: {facts['stop'].rstrip('.')} after {facts['epochs']} epochs, the best {facts['best_epoch']}")
+            print_line(f"{who}: {facts['stop'].rstrip('.')} after {facts['epochs']} epochs, the best {facts['best_epoch']}")
     if errors is not None:
-        say(_sentence(errors, compare=model != "nominal"))
+        print_line(_sentence(errors, compare=model != "nominal"))
     elif scatter is not None:
         said = f"mean {scatter['seat_mean_mm']:.4f} mm, maximum {scatter['seat_max_mm']:.4f} mm"
-        say(f"training error, distance of points from the mean of their seat: {said}")
+        print_line(f"training error, distance of points from the mean of their seat: {said}")
     if isinstance(fitted, IdentifiedModel):
         _say_identified(fitted, readings, lengths)
-        few = too_few_on(readings)
+        few = surfaces_with_too_few_readings(readings)
         for kind, name, n in few[:MOST_NAMED]:
-            say(f"left out: {kind} {name}, as {n} of its readings have no point and {LEAST_ON[kind]} find a {kind}")
+            print_line(f"left out: {kind} {name}, as {n} of its readings have no point and {MIN_READINGS_ON[kind]} find a {kind}")
         if len(few) > MOST_NAMED:
-            say(f"left out: {len(few) - MOST_NAMED} more (--json names all)")
+            print_line(f"left out: {len(few) - MOST_NAMED} more (--json names all)")
     if fitted.session_frames_:
         first, *others = fitted.session_frames_
-        say(f"A frame for each session: points are in that of {first}, those of {', '.join(others)} in their own.")
+        print_line(f"A frame for each session: points are in that of {first}, those of {', '.join(others)} in their own.")
     if errors is None and lengths is None and readings.sphere_distance is None:
-        say("No point and no length is known: the arm's size stays as drawn.")
+        print_line("No point and no length is known: the arm's size stays as drawn.")
     if not getattr(fitted, "fit_", fitted.nominal_).converged:
-        say("The fit has not settled: more readings, or poses more different from one another, may help.")
+        print_line("The fit has not settled: more readings, or poses more different from one another, may help.")
     if not isinstance(fitted, NominalModel | NetworkModel) and len(readings) < FEW_READINGS:
-        say(f"Only {len(readings)} readings: the training error says little. Some {FEW_READINGS} serve.")
+        print_line(f"Only {len(readings)} readings: the training error says little. Some {FEW_READINGS} serve.")
     if isinstance(fitted, KinematicModel) or model == "physical":
         missed = nominal_miss(fitted)
         if missed > SUSPECT_NOMINAL_ERROR * fitted.arm.chain.reach:
-            say(
+            print_line(
                 f"The arm as drawn misses the readings by {missed:.1f} mm on average: is --arm {fitted.arm.name} right?"
             )
-    say("These are the readings it learned from: judge it on others, with truearm evaluate.")
+    print_line("These are the readings it learned from: judge it on others, with truearm evaluate.")
 
 
-def _say_table(table: tuple[Compared, ...]) -> None:
+def _say_table(table: tuple[ModelScore, ...]) -> None:
     rows = [
         [
             row.name,
@@ -418,16 +418,16 @@ def _say_table(table: tuple[Compared, ...]) -> None:
         ]
         for row in table
     ]
-    say_table(["held out [mm]", "mean +- its error", "95 %", "max", "parameters", ""], rows)
+    print_table(["held out [mm]", "mean +- its error", "95 %", "max", "parameters", ""], rows)
 
 
-def _wrong_lengths(fitted: IdentifiedModel, readings: Readings, lengths: Lengths | None) -> list[WrongLength]:
-    from truearm.identify.outliers import wrong_lengths
-    from truearm.models.frames import carried
+def _wrong_lengths(fitted: IdentifiedModel, readings: Readings, lengths: Lengths | None) -> list[LengthOutlier]:
+    from truearm.identify.outliers import length_outliers
+    from truearm.models.frames import to_first_session_frame
     from truearm.models.relations import references_of
 
-    readings = carried(readings, fitted.session_frames_)
-    return wrong_lengths(fitted.fit_, fitted.state(readings), references_of(readings, lengths))
+    readings = to_first_session_frame(readings, fitted.session_frames_)
+    return length_outliers(fitted.fit_, fitted.state(readings), references_of(readings, lengths))
 
 
 def _say_identified(fitted: IdentifiedModel, readings: Readings, lengths: Lengths | None) -> None:
@@ -435,35 +435,35 @@ def _say_identified(fitted: IdentifiedModel, readings: Readings, lengths: Length
     from truearm.identify.identifiability import identifiability
     from truearm.identify.outliers import outliers
 
-    say(f"unexplained: {fitted.unexplained_std_:.4f} mm, standard deviation of a coordinate")
+    print_line(f"unexplained: {fitted.residual_std_:.4f} mm, standard deviation of a coordinate")
     if len(fitted.fit_.groups) > 5:
         found = [group for group in fitted.fit_.groups if group.effective >= 0.5]
         none = len(fitted.fit_.groups) - len(found)
         largest = sorted(found, key=lambda group: -group.effective)[:8]
         names = ", ".join(f"{group.name} ({group.effective:.0f})" for group in largest)
-        say(f"terms with most determined coefficients: {names}; {none} of {len(fitted.fit_.groups)} groups not needed")
-    for left_out in fitted.left_out_[:MOST_NAMED]:
-        say(f"not offered: {left_out.name}, as {left_out.reason}")
-    if len(fitted.left_out_) > MOST_NAMED:
-        say(f"not offered: {len(fitted.left_out_) - MOST_NAMED} more (--json names all)")
+        print_line(f"terms with most determined coefficients: {names}; {none} of {len(fitted.fit_.groups)} groups not needed")
+    for left_out in fitted.excluded_terms_[:MOST_NAMED]:
+        print_line(f"not offered: {left_out.name}, as {left_out.reason}")
+    if len(fitted.excluded_terms_) > MOST_NAMED:
+        print_line(f"not offered: {len(fitted.excluded_terms_) - MOST_NAMED} more (--json names all)")
     # What no readings tell is no fault of these.
-    untold = [one for one in identifiability(fitted.fit_).untold if one.ever]
-    if untold:
-        more = f"; {len(untold) - 3} more (--json names all)" if len(untold) > 3 else ""
-        say(f"not determined by these readings: {'; '.join(map(str, untold[:3]))}{more}")
+    unidentifiable = [one for one in identifiability(fitted.fit_).unidentifiable if one.at_other_poses]
+    if unidentifiable:
+        more = f"; {len(unidentifiable) - 3} more (--json names all)" if len(unidentifiable) > 3 else ""
+        print_line(f"not determined by these readings: {'; '.join(map(str, unidentifiable[:3]))}{more}")
     far = outliers(fitted.fit_)
     for outlier in far[:MOST_NAMED]:
-        say(f"far off: {readings.called(outlier.row)}, {outlier.error_mm:.3f} mm, {outlier.times:.0f} times the usual")
+        print_line(f"far off: {readings.label(outlier.row)}, {outlier.error_mm:.3f} mm, {outlier.normalized_residual:.0f} times the usual")
     if len(far) > MOST_NAMED:
-        say(f"far off: {len(far) - MOST_NAMED} more readings (--json names all)")
+        print_line(f"far off: {len(far) - MOST_NAMED} more readings (--json names all)")
     wrong = _wrong_lengths(fitted, readings, lengths)
     for one in wrong[:MOST_NAMED]:
-        say(
+        print_line(
             f"far off: {one.name}, stated {abs(one.error_mm):.3f} mm too {'long' if one.error_mm > 0 else 'short'} "
-            f"against all else, {one.times:.0f} standard deviations"
+            f"against all else, {one.normalized_residual:.0f} standard deviations"
         )
     if len(wrong) > MOST_NAMED:
-        say(f"far off: {len(wrong) - MOST_NAMED} more lengths (--json names all)")
+        print_line(f"far off: {len(wrong) - MOST_NAMED} more lengths (--json names all)")
 
 
 def _facts(member: Member) -> dict[str, Any]:
@@ -479,7 +479,7 @@ def _facts(member: Member) -> dict[str, Any]:
     }
 
 
-def _sentence(errors: ComparedErrors, *, compare: bool) -> str:
+def _sentence(errors: ErrorComparison, *, compare: bool) -> str:
     said = f"training error: mean {errors['mean_mm']:.4f} mm, maximum {errors['max_mm']:.4f} mm"
     if not compare:
         return said

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from truearm.cli.console import check_apart, progress, say, say_table
+from truearm.cli.console import check_output_is_not_input, progress, print_line, print_table
 
 if TYPE_CHECKING:
     from truearm.readings import JointScale, Readings
@@ -51,7 +51,7 @@ def import_table(
     """
     from truearm import readings as room
 
-    check_apart(out, table)
+    check_output_is_not_input(out, table)
     room.check_session_path(out)
 
     scale = room.JointScale(
@@ -80,7 +80,7 @@ def import_table(
         units = scale.units(readings.n_joints)
         unit = "rad" if "rad" in units else "deg"
         room.write_session(readings, out, prismatic=[u == "mm" for u in units], angle_unit=cast(Any, unit))
-    say(f"{out}: {len(readings)} readings of {readings.n_joints} joints from {table.name}")
+    print_line(f"{out}: {len(readings)} readings of {readings.n_joints} joints from {table.name}")
     _say_ranges(readings, scale)
 
 
@@ -97,10 +97,10 @@ def _say_ranges(readings: Readings, scale: JointScale) -> None:
     if readings.temperature_degC is not None:
         degC = readings.temperature_degC
         rows.append(["temperature", "", f"{degC.min():.2f}", f"{degC.max():.2f}", "degC"])
-    say_table(["", "from", "least", "most", "unit"], rows)
+    print_table(["", "from", "least", "most", "unit"], rows)
     for name in ("position", "seat", "session"):
         if (words := getattr(readings, name)) is not None:
-            say(f"{name}s: {len(set(words.tolist()))}")
+            print_line(f"{name}s: {len(set(words.tolist()))}")
 
 
 def _listed(text: str) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from truearm.cli.console import check_page, say
+from truearm.cli.console import check_page_path, print_line
 
 RANGE_MM = 2500.0
 
@@ -13,16 +13,16 @@ def write_sheet(plan: str, out: Path, *, artefacts: Path | None, mpe: Path | Non
     """Write the page by which an operator measures a plan's points."""
     from truearm.cli.standard_test import given_or_example
     from truearm.report.html import write_page
-    from truearm.report.operator_sheet import Sheet, sheet_page
-    from truearm.verify.layout import SHOULDER_SHARE, layout_of
-    from truearm.verify.test_plan import load_plan
+    from truearm.report.operator_sheet import OperatorSheet, operator_sheet_page
+    from truearm.verify.layout import SHOULDER_SHARE, lay_out_tests
+    from truearm.verify.test_plan import load_verification_plan
 
-    check_page(out, *(file for file in (Path(plan), artefacts, mpe) if file is not None))
-    planned = load_plan(plan)
+    check_page_path(out, *(file for file in (Path(plan), artefacts, mpe) if file is not None))
+    planned = load_verification_plan(plan)
     specification, certified = given_or_example(RANGE_MM, mpe=mpe, artefacts=artefacts)
     range_mm = specification.measuring_range_mm
-    layout = layout_of(planned, certified, range_mm)
-    sheet = Sheet(
+    layout = lay_out_tests(planned, certified, range_mm)
+    sheet = OperatorSheet(
         planned,
         layout,
         certified,
@@ -31,7 +31,7 @@ def write_sheet(plan: str, out: Path, *, artefacts: Path | None, mpe: Path | Non
         arm="" if mpe is None else specification.name,
     )
     examples = [what for what, file in (("measuring range", mpe), ("artefacts", artefacts)) if file is None]
-    write_page(sheet_page(sheet), out)
-    say(f"{out}: {sum(len(one.points) for one in layout)} points of {planned.title}, to print")
+    write_page(operator_sheet_page(sheet), out)
+    print_line(f"{out}: {sum(len(one.points) for one in layout)} points of {planned.title}, to print")
     if examples:
-        say(f"{' and '.join(examples)}: examples; give your own by --mpe and --artefacts")
+        print_line(f"{' and '.join(examples)}: examples; give your own by --mpe and --artefacts")

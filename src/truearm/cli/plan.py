@@ -10,13 +10,13 @@ from zipfile import is_zipfile
 
 import typer
 
-from truearm.cli.console import Json, check_page, progress, say, say_json, say_table, versions
+from truearm.cli.console import Json, check_page_path, progress, print_line, print_json, print_table, version_row
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
     from truearm.models.identified import IdentifiedModel
-    from truearm.plan.known import Known
-    from truearm.plan.proposal import Plan
+    from truearm.plan.known import Prior
+    from truearm.plan.proposal import CalibrationPlan
     from truearm.poses import Sector
     from truearm.readings import Readings
 
@@ -78,14 +78,14 @@ def plan(
     """
     from truearm.errors import InputError
     from truearm.plan.proposal import STRATEGIES, Artefact, propose
-    from truearm.plan.template import check_template_path, numbered_on, write_bar_lengths, write_template
+    from truearm.plan.template import check_template_path, continue_seat_numbers, write_bar_lengths, write_template
 
     check_template_path(out)
     lengths = out.with_name(f"{out.stem}-lengths.csv") if artefact == "bar" else None
     if lengths is not None:
         check_template_path(lengths)
     if page is not None:
-        check_page(page, Path(arm), *([] if taken is None else [taken]))
+        check_page_path(page, Path(arm), *([] if taken is None else [taken]))
     held = Artefact(artefact, seats or (0 if artefact == "tracker" else usual_seats(artefact, poses)), length)
     with progress("planning", total=len(STRATEGIES)) as tell:
         nominal, known, seats_before = _before(arm, noise=noise, terms=terms, taken=taken)
@@ -103,7 +103,7 @@ def plan(
                 f"a technician's poses need five turning joints or more, which arm {nominal.name!r} has not",
                 hint="--strategy i-optimal",
             )
-        chosen = numbered_on(planned.proposals[strategy].poses, seats_before)
+        chosen = continue_seat_numbers(planned.proposals[strategy].poses, seats_before)
         result = _result(planned, strategy, out=out, lengths=lengths, page=page)
         if page is not None:
             from truearm.report.html import write_page
@@ -116,7 +116,7 @@ def plan(
             write_bar_lengths(chosen, lengths)
         write_template(nominal, chosen, out)
     if as_json:
-        say_json(result)
+        print_json(result)
     else:
         _tell(result)
 
@@ -148,11 +148,11 @@ def sector_of(text: str, arm: Arm) -> Sector:
 
 def _before(
     arm: str, *, noise: float | None, terms: Literal["physical", "constants"] | None, taken: Path | None
-) -> tuple[Arm, Known, list[str]]:
+) -> tuple[Arm, Prior, list[str]]:
     """The arm, what is known of it, and the names of seats that readings have been taken in."""
-    from truearm.arm import arm_from
+    from truearm.arm import resolve_arm
     from truearm.errors import InputError
-    from truearm.plan.known import as_drawn
+    from truearm.plan.known import nominal_prior
 
     model = None
     if _is_model(arm):
@@ -163,12 +163,12 @@ def _before(
         seats = [name for reference in model.fit_.references for name in reference.unknowns]
         seats = [found[1] for name in seats if (found := re.fullmatch(r"x of seat (.+) \[mm\]", name))]
     else:
-        nominal, seats = arm_from(arm), []
-        known = as_drawn(nominal, terms=terms or "physical", noise_mm=NOISE_MM if noise is None else noise)
+        nominal, seats = resolve_arm(arm), []
+        known = nominal_prior(nominal, terms=terms or "physical", noise_mm=NOISE_MM if noise is None else noise)
     if taken is None:
         return nominal, known, seats
     readings = _readings(taken, nominal)
-    if model is not None and model.learned_from(readings):
+    if model is not None and model.is_trained_on(readings):
         raise InputError("the model learned from these readings and knows what they told", file=taken)
     return nominal, known.after(readings), seats + ([] if readings.seat is None else readings.seat.tolist())
 
@@ -190,15 +190,15 @@ def _model(path: Path) -> IdentifiedModel:
     return model
 
 
-def _of_model(model: IdentifiedModel, noise: float | None) -> tuple[Arm, Known]:
+def _of_model(model: IdentifiedModel, noise: float | None) -> tuple[Arm, Prior]:
     """A model's arm, and what the model knows of it."""
-    from truearm.plan.known import as_identified
+    from truearm.plan.known import identified_prior
     from truearm.readings import Readings
 
-    return as_identified(
+    return identified_prior(
         model.arm_,
         model.fit_,
-        noise_mm=model.unexplained_std_ if noise is None else noise,
+        noise_mm=model.residual_std_ if noise is None else noise,
         state=lambda angles: model.state(Readings(angles)),
     )
 
@@ -212,12 +212,12 @@ def _readings(session: Path, arm: Arm) -> Readings:
     return readings
 
 
-def _facts(planned: Plan, name: str, *, taken: Path | None, seed: int) -> list[tuple[str, str]]:
+def _facts(planned: CalibrationPlan, name: str, *, taken: Path | None, seed: int) -> list[tuple[str, str]]:
     """What a page about a plan rests on."""
     from truearm.plan.proposal import LENGTH_U_MM
 
     arm = planned.arm
-    groups = ", ".join(dict.fromkeys(term.group for term in planned.known.moved.terms))
+    groups = ", ".join(dict.fromkeys(term.group for term in planned.prior.perturbed_chain.terms))
     rows = [
         ("arm", f"{arm.name}: {arm.title}. {arm.source}"),
         (
@@ -225,9 +225,9 @@ def _facts(planned: Plan, name: str, *, taken: Path | None, seed: int) -> list[t
             f"the model {Path(name).name}" if _is_model(name) else "the arm as drawn, with the priors of its terms",
         ),
         ("groups of terms", groups),
-        ("noise of a coordinate", f"{planned.known.noise_mm:.4g} mm"),
+        ("noise of a coordinate", f"{planned.prior.noise_mm:.4g} mm"),
         ("seed", str(seed)),
-        versions(),
+        version_row(),
     ]
     if taken is not None:
         rows.insert(2, ("readings taken since", taken.name))
@@ -236,8 +236,8 @@ def _facts(planned: Plan, name: str, *, taken: Path | None, seed: int) -> list[t
     return rows
 
 
-def _result(planned: Plan, strategy: str, *, out: Path, lengths: Path | None, page: Path | None) -> dict[str, Any]:
-    from truearm.plan.untold import untold
+def _result(planned: CalibrationPlan, strategy: str, *, out: Path, lengths: Path | None, page: Path | None) -> dict[str, Any]:
+    from truearm.plan.untold import limitations
 
     chosen = next(proposal for name, proposal in planned.proposals.items() if name == strategy)
     return {
@@ -249,7 +249,7 @@ def _result(planned: Plan, strategy: str, *, out: Path, lengths: Path | None, pa
         "strategy": strategy,
         "n": len(chosen.poses),
         "places": 0 if chosen.poses.place is None else len(set(chosen.poses.place.tolist())),
-        "noise_mm": planned.known.noise_mm,
+        "noise_mm": planned.prior.noise_mm,
         "before_mm": float(chosen.rms_mm[0]),
         "after_mm": float(chosen.rms_mm[-1]),
         "strategies": {
@@ -262,7 +262,7 @@ def _result(planned: Plan, strategy: str, *, out: Path, lengths: Path | None, pa
             }
             for name, proposal in planned.proposals.items()
         },
-        "untold": untold(planned, chosen),
+        "untold": limitations(planned, chosen),
     }
 
 
@@ -273,12 +273,12 @@ def _tell(result: dict[str, Any]) -> None:
         "seat": f"in {result['places']} seat{many}",
         "bar": f"at {result['places']} place{many} of a bar",
     }[result["artefact"]]
-    say(f"{result['session']}: {result['n']} pose{'s' * (result['n'] != 1)} {where} for {result['arm']}")
+    print_line(f"{result['session']}: {result['n']} pose{'s' * (result['n'] != 1)} {where} for {result['arm']}")
     for name, what in (("lengths", "the bar's lengths, for truearm fit --lengths"), ("page", "the plan with pictures")):
         if result[name] is not None:
-            say(f"{result[name]}: {what}")
+            print_line(f"{result[name]}: {what}")
     apart = ", apart from the scale" if result["artefact"] == "seat" else ""
-    say(
+    print_line(
         f"uncertainty of a point in the volume, root mean square{apart}: {result['before_mm']:.4g} mm before, "
         f"{result['after_mm']:.4g} mm after (noise of a coordinate {result['noise_mm']:.4g} mm)"
     )
@@ -292,7 +292,7 @@ def _tell(result: dict[str, Any]) -> None:
         ]
         for name, row in result["strategies"].items()
     ]
-    say_table(["strategy", "after [mm]", *(f"O{i}" for i in range(1, 6)), "rank", ""], rows)
-    say("These poses will not tell:")
+    print_table(["strategy", "after [mm]", *(f"O{i}" for i in range(1, 6)), "rank", ""], rows)
+    print_line("These poses will not tell:")
     for phrase in result["untold"]:
-        say(f"- {phrase}")
+        print_line(f"- {phrase}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truearm.cli.console import Json, check_apart, note, progress, say, say_json
+from truearm.cli.console import Json, check_output_is_not_input, print_status, progress, print_line, print_json
 
 if TYPE_CHECKING:
     from truearm.models import Compensator
@@ -44,21 +44,21 @@ def predict(
 
     if out.suffix != ".csv":
         raise InputError(f"expected a file name that ends in .csv, got {out.name!r}", file=out)
-    check_apart(out, model, session)
+    check_output_is_not_input(out, model, session)
     check_writable(out)
     with progress(f"predicting {session.name}"):
         fitted, readings = load_for(model, session)
         points, covariance = fitted.predict_readings(readings, return_cov=True)
         std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         outside = fitted.outside_training(readings.angles)
-        not_given = fitted.not_given(readings) if isinstance(fitted, IdentifiedModel) else {}
+        unstated_input_covariances = fitted.unstated_input_covariances(readings) if isinstance(fitted, IdentifiedModel) else {}
         _write(out, readings, points, std, outside)
     not_given_mm = {
-        name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in not_given.items()
+        name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in unstated_input_covariances.items()
     }
     elsewhere, n_elsewhere = _in_no_session(fitted, readings)
     if as_json:
-        say_json(
+        print_json(
             {
                 "file": str(out),
                 "n_readings": len(points),
@@ -70,13 +70,13 @@ def predict(
             }
         )
         return
-    say(f"{out}: {len(points)} points, standard uncertainty of a coordinate {np.median(std):.4f} mm (median)")
+    print_line(f"{out}: {len(points)} points, standard uncertainty of a coordinate {np.median(std):.4f} mm (median)")
     if not_given_mm:
         sizes = [f"{name} ({size:.4f} mm)" for name, size in not_given_mm.items()]
-        say(f"Not given at all readings, taken at the mean, which is in the uncertainty: {', '.join(sizes)}.")
+        print_line(f"Not given at all readings, taken at the mean, which is in the uncertainty: {', '.join(sizes)}.")
     if n_elsewhere:
         unknown = f"{n_elsewhere} readings are in no session that the model knows"
-        say(f"{unknown}: their points are in the frame of {elsewhere}")
+        print_line(f"{unknown}: their points are in the frame of {elsewhere}")
     if outside.any():
         if isinstance(fitted, NetworkModel):
             advice = ": do not rely on them"
@@ -84,7 +84,7 @@ def predict(
             advice = f"; there it is {np.median(std[outside]):.4f} mm"
         else:
             advice = ": errors may be larger there than it says"
-        say(f"{int(outside.sum())} of {len(points)} readings have a joint away from the training angles{advice}.")
+        print_line(f"{int(outside.sum())} of {len(points)} readings have a joint away from the training angles{advice}.")
 
 
 def _in_no_session(fitted: Compensator, readings: Readings) -> tuple[str, int]:
@@ -102,7 +102,7 @@ def _write(out: Path, readings: Readings, points: FloatArray, std: FloatArray, o
     import pandas as pd
 
     from truearm.readings.readings import NAMED
-    from truearm.writing import whole_file
+    from truearm.writing import atomic_file
 
     columns: dict[str, object] = {f"{axis}_mm": points[:, i] for i, axis in enumerate("xyz")}
     columns |= {f"s{axis}_mm": std[:, i] for i, axis in enumerate("xyz")}
@@ -110,7 +110,7 @@ def _write(out: Path, readings: Readings, points: FloatArray, std: FloatArray, o
     for name in NAMED:
         if getattr(readings, name) is not None:
             columns[name] = getattr(readings, name)
-    with whole_file(out) as beside:
+    with atomic_file(out) as beside:
         # To the nanometre: below it lies nothing but the look of exactness.
         pd.DataFrame(columns).to_csv(beside, index=False, float_format="%.6f", lineterminator="\n")
 
@@ -148,7 +148,7 @@ def load_with_reference(model: Path, session: Path, *, purpose: str) -> tuple[Co
         useful, lacking = readings.seat != "", "are in no seat"
     if useful.all():
         return fitted, readings
-    note(f"{int((~useful).sum())} of {len(readings)} readings {lacking} and are left out")
+    print_status(f"{int((~useful).sum())} of {len(readings)} readings {lacking} and are left out")
     return fitted, readings.rows(useful)
 
 
@@ -156,9 +156,9 @@ def without_served(models: Sequence[Compensator], readings: Readings) -> tuple[R
     """The readings without those that served to refit a model, and how many these were; all, if no other is left."""
     import numpy as np
 
-    from truearm.models.refit import served
+    from truearm.models.refit import used_in_refit
 
-    used = np.any([served(model, readings) for model in models], axis=0)
+    used = np.any([used_in_refit(model, readings) for model in models], axis=0)
     if not used.any() or used.all():
         return readings, 0
     return readings.rows(~used), int(used.sum())

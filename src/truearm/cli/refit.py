@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, check_apart, progress, say, say_json
+from truearm.cli.console import Json, check_output_is_not_input, progress, print_line, print_json
 
 
 def refit(
@@ -43,22 +43,22 @@ def refit(
     from truearm.cli.predict import check_reference, load_for
     from truearm.errors import InputError
     from truearm.identify.outliers import outliers
-    from truearm.models.compensator import MOST_NOMINAL_ERROR
+    from truearm.models.compensator import MAX_NOMINAL_ERROR
     from truearm.models.file import save_model
     from truearm.models.identified import IdentifiedModel
     from truearm.models.refit import refit as refitted
-    from truearm.readings import spread_rows
+    from truearm.readings import stratified_rows
     from truearm.writing import check_writable
 
     parts = free_parts(free)
     if not parts:
         raise InputError("with --free none nothing is new", hint="--free base,tip")
-    check_apart(out, session, *([] if lengths is None else [lengths]))
+    check_output_is_not_input(out, session, *([] if lengths is None else [lengths]))
     check_writable(out)
     with progress(f"reading {session.name}"):
         known, readings = load_for(model, session)
         check_reference(readings, known, purpose="refit to", seats=True)
-        which = np.arange(len(readings)) if rows is None else spread_rows(readings, rows, seed=seed)
+        which = np.arange(len(readings)) if rows is None else stratified_rows(readings, rows, seed=seed)
         taken = readings.rows(which)
         between = None if lengths is None else lengths_of(lengths, readings, taken)
         note_expansion(between, taken)
@@ -67,7 +67,7 @@ def refit(
         assert isinstance(known, IdentifiedModel)  # a network was refused
         assert isinstance(new, IdentifiedModel)
         missed = nominal_miss(new)
-        if not missed < MOST_NOMINAL_ERROR * new.arm.chain.reach:
+        if not missed < MAX_NOMINAL_ERROR * new.arm.chain.reach:
             raise readings.error(
                 f"the arm {new.arm.name!r} as drawn misses its references by {missed:.4g} mm on average: the readings "
                 "are not of this arm",
@@ -79,21 +79,21 @@ def refit(
     far = [replace(outlier, row=int(which[outlier.row])) for outlier in outliers(new.fit_)]
     if as_json:
         told: dict[str, Any] = {"file": str(out), "free": list(new.free_), "n": len(taken)}
-        told |= {"fit_seconds": new.fit_seconds_, "unexplained_std_mm": new.unexplained_std_}
-        told |= {"unexplained_std_before_mm": known.unexplained_std_, "median_std_mm": std}
-        say_json(told | {"outliers": [asdict(outlier) for outlier in far]})
+        told |= {"fit_seconds": new.fit_seconds_, "unexplained_std_mm": new.residual_std_}
+        told |= {"unexplained_std_before_mm": known.residual_std_, "median_std_mm": std}
+        print_json(told | {"outliers": [asdict(outlier) for outlier in far]})
         return
     of = f"{len(taken)} of {len(readings)}" if len(taken) < len(readings) else f"{len(taken)}"
-    say(f"{out}: {' and '.join(new.free_)} of {new.arm.name} from {of} readings in {new.fit_seconds_:.1f} s")
+    print_line(f"{out}: {' and '.join(new.free_)} of {new.arm.name} from {of} readings in {new.fit_seconds_:.1f} s")
     if "base" in parts and "base" not in new.free_:
-        say("The base stays where it was: only reference points say where it stands.")
-    unexplained = f"unexplained: {new.unexplained_std_:.4f} mm, standard deviation of a coordinate"
-    if new.unexplained_std_ > known.unexplained_std_:
-        say(f"{unexplained}; {known.unexplained_std_:.4f} mm before: the new readings scatter more")
+        print_line("The base stays where it was: only reference points say where it stands.")
+    unexplained = f"unexplained: {new.residual_std_:.4f} mm, standard deviation of a coordinate"
+    if new.residual_std_ > known.residual_std_:
+        print_line(f"{unexplained}; {known.residual_std_:.4f} mm before: the new readings scatter more")
     else:
-        say(f"{unexplained}, as it was")
-    say(f"standard uncertainty of a coordinate over the session: {std:.4f} mm (median)")
+        print_line(f"{unexplained}, as it was")
+    print_line(f"standard uncertainty of a coordinate over the session: {std:.4f} mm (median)")
     for outlier in far:
-        say(f"far off: {readings.called(outlier.row)}, {outlier.error_mm:.3f} mm, {outlier.times:.0f} times the usual")
+        print_line(f"far off: {readings.label(outlier.row)}, {outlier.error_mm:.3f} mm, {outlier.normalized_residual:.0f} times the usual")
     if len(taken) < len(readings):
-        say("truearm evaluate on this session leaves these readings out and tests on the others.")
+        print_line("truearm evaluate on this session leaves these readings out and tests on the others.")

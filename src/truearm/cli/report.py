@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import check_page, progress, say, versions
+from truearm.cli.console import check_page_path, progress, print_line, version_row
 
 if TYPE_CHECKING:
     from truearm.identify.joint_errors import JointError
     from truearm.models import Compensator
     from truearm.models.identified import IdentifiedModel
-    from truearm.models.uncertainty import FarReading
+    from truearm.models.uncertainty import PredictionOutlier
     from truearm.readings import Lengths, Readings
-    from truearm.report.comparison import Compared
-    from truearm.report.identified import FarOff, HeldOutErrors
+    from truearm.report.comparison import ModelComparison
+    from truearm.report.identified import OutlierRow, HeldOutErrors
     from truearm.report.page import Page, Section
-    from truearm.report.seats import Seated
+    from truearm.report.seats import SeatComparison
 
 # Points of a joint's curve for each wave of the highest order.
 POINTS_A_WAVE = 10
@@ -58,7 +58,7 @@ def report(
         raise InputError(
             "expected one or more model files, then a session file", hint="truearm report MODEL SESSION --out FILE"
         )
-    check_page(out, *files, *([] if lengths is None else [lengths]))
+    check_page_path(out, *files, *([] if lengths is None else [lengths]))
     with progress("drawing the report"):
         first, readings = load_with_reference(paths[0], session, purpose="compare with")
         # The others are of the same arm, or `compared` refuses them: the readings are checked once for all.
@@ -74,8 +74,8 @@ def report(
         known = as_measured(None if lengths is None else lengths_of(lengths, whole, readings), readings)
         write_page(_page(models, readings, known, session, title), out)
     if n_served:
-        say(f"{n_served} readings served to refit a model and are left out")
-    say(f"{out}: {len(models)} model{'s' * (len(models) > 1)} compared on {len(readings)} readings")
+        print_line(f"{n_served} readings served to refit a model and are left out")
+    print_line(f"{out}: {len(models)} model{'s' * (len(models) > 1)} compared on {len(readings)} readings")
 
 
 def _page(models: dict[str, Compensator], readings: Readings, known: Lengths | None, session: Path, title: str) -> Page:
@@ -94,22 +94,22 @@ def _page(models: dict[str, Compensator], readings: Readings, known: Lengths | N
     return comparison_page(compared(models, readings), **told, more=found_by(models, readings))
 
 
-def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
+def compared(models: dict[str, Compensator], readings: Readings) -> ModelComparison:
     """What the models make of the readings, each beside its own nominal arm; the first one's stands for all."""
     from truearm.models import NominalModel
-    from truearm.readings import compared_errors
-    from truearm.report.comparison import Compared
+    from truearm.readings import compare_errors
+    from truearm.report.comparison import ModelComparison
 
     points = readings.points
     assert points is not None  # checked by the caller
     first = _of_one_arm(models)
     nominal = first.predict_nominal_readings(readings)
-    predicted, errors = {"nominal": nominal}, {"nominal": compared_errors(nominal, nominal, points)}
+    predicted, errors = {"nominal": nominal}, {"nominal": compare_errors(nominal, nominal, points)}
     for name, model in models.items():
         if not isinstance(model, NominalModel):  # it is the first row already
             predicted[name] = model.predict_readings(readings)
-            errors[name] = compared_errors(predicted[name], model.predict_nominal_readings(readings), points)
-    return Compared(
+            errors[name] = compare_errors(predicted[name], model.predict_nominal_readings(readings), points)
+    return ModelComparison(
         angles=readings.angles,
         points=points,
         predicted=predicted,
@@ -118,13 +118,13 @@ def compared(models: dict[str, Compensator], readings: Readings) -> Compared:
     )
 
 
-def seated(models: dict[str, Compensator], readings: Readings, known: Lengths | None) -> Seated:
+def seated(models: dict[str, Compensator], readings: Readings, known: Lengths | None) -> SeatComparison:
     """What the models make of readings in seats; those alone in their seat are left out."""
     import numpy as np
 
     from truearm.models import NominalModel
     from truearm.readings import check_sessions, length_errors
-    from truearm.report.seats import Seated
+    from truearm.report.seats import SeatComparison
 
     assert readings.seat is not None  # checked by the caller
     check_sessions(readings, known)
@@ -143,7 +143,7 @@ def seated(models: dict[str, Compensator], readings: Readings, known: Lengths | 
         of_lengths = {name: length_errors(points, readings.seat, known) for name, points in predicted.items()}
         columns = (getattr(known, name).tolist() for name in ("seat_a", "seat_b", "length_mm", "u_mm"))
         rows = list(zip(*columns, strict=True))
-    return Seated(
+    return SeatComparison(
         angles=readings.angles[several],
         seat=readings.seat[several],
         predicted={name: points[several] for name, points in predicted.items()},
@@ -159,7 +159,7 @@ def _joints(model: Compensator) -> dict[str, Any]:
         "joint_names": model.arm.joint_names,
         "lower": lower,
         "upper": upper,
-        "sliding": model.arm.chain.slides.tolist(),
+        "sliding": model.arm.chain.is_prismatic.tolist(),
     }
 
 
@@ -192,7 +192,7 @@ def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section
     from truearm.models import NominalModel
     from truearm.models.identified import IdentifiedModel
     from truearm.models.uncertainty import uncertainty_budget
-    from truearm.report import identified
+    from truearm.report import identification_sections
     from truearm.report.figures import styles_of
 
     found = {
@@ -205,29 +205,29 @@ def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section
     states = {name: model.state(readings) for name, model in found.items()}
     sections = [
         *(
-            identified.uncertainty_section(budgets[name][0], _held_out(model), name=titles[name])
+            identification_sections.uncertainty_section(budgets[name][0], _held_out(model), name=titles[name])
             for name, model in found.items()
         ),
         *(
-            identified.terms_section(effects(model.fit_, states[name]), name=titles[name])
+            identification_sections.terms_section(effects(model.fit_, states[name]), name=titles[name])
             for name, model in found.items()
         ),
-        identified.joints_section(
+        identification_sections.joint_errors_section(
             {name: _joint_errors(model, readings) for name, model in found.items()},
             readings.angles,
             next(iter(models.values())).arm.joint_names,
             styles=styles_of(["nominal", *(n for n, model in models.items() if not isinstance(model, NominalModel))]),
         ),
         *(
-            identified.open_section(
-                model.left_out_,
-                [(one.constants, one.known) for one in identifiability(model.fit_).untold],
+            identification_sections.unidentifiable_section(
+                model.excluded_terms_,
+                [(one.constants, one.status) for one in identifiability(model.fit_).unidentifiable],
                 name=titles[name],
             )
             for name, model in found.items()
         ),
         *(
-            identified.far_off_section(_far_off(model, readings, budgets[name][1]), name=titles[name])
+            identification_sections.outlier_section(_far_off(model, readings, budgets[name][1]), name=titles[name])
             for name, model in found.items()
         ),
     ]
@@ -254,7 +254,7 @@ def _joint_errors(model: IdentifiedModel, readings: Readings) -> list[JointError
     from truearm.identify.joint_errors import joint_error
 
     found = []
-    for joint in (np.flatnonzero(~model.arm.chain.slides) + 1).tolist():
+    for joint in (np.flatnonzero(~model.arm.chain.is_prismatic) + 1).tolist():
         read = readings.angles[:, joint - 1]
         highest = joint_error(model.fit_, joint, read[:1], mean_at=read).orders.max(initial=1)
         low, high = model.angle_ranges_[joint - 1]
@@ -263,36 +263,36 @@ def _joint_errors(model: IdentifiedModel, readings: Readings) -> list[JointError
     return found
 
 
-def _far_off(model: IdentifiedModel, readings: Readings, far: tuple[FarReading, ...]) -> dict[str, list[FarOff]]:
+def _far_off(model: IdentifiedModel, readings: Readings, far: tuple[PredictionOutlier, ...]) -> dict[str, list[OutlierRow]]:
     """Readings far off among those the model learned from, and, where these are others, among those of the page."""
     from truearm.identify.outliers import outliers
-    from truearm.report.identified import FarOff
+    from truearm.report.identified import OutlierRow
 
-    learned = model.learned_from(readings)
+    learned = model.is_trained_on(readings)
     found = {
         "the readings it learned from": [
-            FarOff(
-                readings.called(outlier.row) if learned else f"reading {outlier.row + 1}",
+            OutlierRow(
+                readings.label(outlier.row) if learned else f"reading {outlier.row + 1}",
                 outlier.error_mm,
-                outlier.times,
+                outlier.normalized_residual,
             )
             for outlier in outliers(model.fit_)
         ]
     }
     if not learned:
-        found["the readings of this page"] = [FarOff(readings.called(one.row), one.error_mm, one.times) for one in far]
+        found["the readings of this page"] = [OutlierRow(readings.label(one.row), one.error_mm, one.normalized_residual) for one in far]
     return found
 
 
 def remarks(model: Compensator, readings: Readings) -> list[str]:
     """What must be known of a model before its errors on these readings are believed."""
-    from truearm.models.compensator import MOST_NOMINAL_ERROR
-    from truearm.readings import errors_of
+    from truearm.models.compensator import MAX_NOMINAL_ERROR
+    from truearm.readings import point_errors
 
     said = []
     if readings.points is not None:
-        missed = errors_of(model.predict_nominal_readings(readings), readings.points)["mean_mm"]
-        if missed > MOST_NOMINAL_ERROR * model.arm.chain.reach:
+        missed = point_errors(model.predict_nominal_readings(readings), readings.points)["mean_mm"]
+        if missed > MAX_NOMINAL_ERROR * model.arm.chain.reach:
             said.append(
                 f"The nominal arm misses these points by {missed:.0f} mm: probably they are of another arm or set-up, "
                 "or a unit, sign or zero is wrong. Check the session."
@@ -300,7 +300,7 @@ def remarks(model: Compensator, readings: Readings) -> list[str]:
     outside = int(model.outside_training(readings.angles).sum())
     if outside:
         said.append(f"{outside} of {len(readings)} readings have a joint away from the training angles.")
-    if model.learned_from(readings):
+    if model.is_trained_on(readings):
         said.append("These are the readings it learned from: an honest test needs others (truearm split).")
     return said
 
@@ -322,7 +322,7 @@ def facts(models: dict[str, Compensator], readings: Readings) -> list[tuple[str,
     rows.append(("fingerprint", "SHA-256 of all columns but notes, numbers in rad and mm as little-endian doubles"))
     arm = next(iter(models.values())).arm
     rows.append(("arm", f"{arm.name}: {arm.title}. {arm.source}"))
-    rows.append(versions())
+    rows.append(version_row())
     return rows
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from truearm.cli.console import Json, note, progress, say, say_json, say_table
+from truearm.cli.console import Json, print_status, progress, print_line, print_json, print_table
 
 TABLE_HEADS = {
     2: "Table 2, simulation 1",
@@ -42,12 +42,12 @@ def reproduce(
     import json
 
     from truearm.errors import InputError
-    from truearm.papers.gao2017_plan import FULL, PARTS, QUICK
+    from truearm.papers.gao2017_plan import FULL_EFFORT, PARTS, QUICK_EFFORT
     from truearm.papers.gao2017_reproduction import reproduce as reproduced
     from truearm.report.figures import save_png
     from truearm.report.html import render
     from truearm.report.reproduction import reproduction_page
-    from truearm.writing import check_writable, whole_file
+    from truearm.writing import check_writable, atomic_file
 
     parts = _parts(PARTS, table=table, figure=figure, everything=everything, quick=quick)
     if out.exists() and not out.is_dir():
@@ -63,12 +63,12 @@ def reproduce(
         with progress("reproducing", total=STEPS) as tell:
             found = reproduced(
                 parts,
-                effort=QUICK if quick else FULL,
+                effort=QUICK_EFFORT if quick else FULL_EFFORT,
                 folder=runs,
                 tell=lambda share, how: tell(round(STEPS * share), how),
             )
     except (KeyboardInterrupt, SystemExit):
-        note(f"truearm: the same command goes on from what is in {runs}")
+        print_status(f"truearm: the same command goes on from what is in {runs}")
         raise
     with progress("drawing the page"):
         page = reproduction_page(found)
@@ -77,10 +77,10 @@ def reproduce(
         if picture.number == figure:
             save_png(picture, files[2])
     for file, text in zip(files, (json.dumps(found, indent=1, allow_nan=False) + "\n", html), strict=False):
-        with whole_file(file) as beside:
+        with atomic_file(file) as beside:
             beside.write_text(text, encoding="utf-8", newline="\n")
     if as_json:
-        say_json(found)
+        print_json(found)
     else:
         _say(found, files)
 
@@ -110,22 +110,22 @@ def _parts(
 
 def _say(found: Mapping[str, Any], files: Sequence[Path]) -> None:
     if any(found["tables"].values()):
-        say("trainlm fits 70 % of the poses (15 % stop it, 15 % are MATLAB's test set), lm fits all of them.")
+        print_line("trainlm fits 70 % of the poses (15 % stop it, 15 % are MATLAB's test set), lm fits all of them.")
     for number, head in TABLE_HEADS.items():
         rows = found["tables"][str(number)]
         if rows is not None:
-            say(f"{head}: absolute error of a coordinate [mm], median over starts [least, largest]")
-            say_table(
+            print_line(f"{head}: absolute error of a coordinate [mm], median over starts [least, largest]")
+            print_table(
                 ["row", "network", "by", "mean", "", "epochs", "s", "ratio", "verdict"],
                 [line for row in rows for line in _lines(row)],
-                left=(0, 1, 2, 4, 8),
+                left_aligned=(0, 1, 2, 4, 8),
             )
-            say("")
+            print_line("")
     if found["final_test"] is not None:
         _say_final(found["final_test"])
     for part in found["left_out"]:
-        say(f"left out: {part}")
-    say(f"Look at {files[1]}; the numbers are in {files[0]}{''.join(f', the picture in {f}' for f in files[2:])}.")
+        print_line(f"left out: {part}")
+    print_line(f"Look at {files[1]}; the numbers are in {files[0]}{''.join(f', the picture in {f}' for f in files[2:])}.")
 
 
 def _lines(row: Mapping[str, Any]) -> list[list[str]]:
@@ -152,7 +152,7 @@ def _effort(result: Mapping[str, Any]) -> list[str]:
 
 def _say_final(test: Mapping[str, Any]) -> None:
     paper = test["paper"]
-    say(f"Final test: {test['poses']} further poses of each arm, absolute error of a coordinate [mm]")
+    print_line(f"Final test: {test['poses']} further poses of each arm, absolute error of a coordinate [mm]")
     rows = [
         ["paper", "nominal", f"{paper['nominal']['mean_mm']:.4f}", f"{paper['nominal']['max_mm']:.4f}", "", "", ""],
         ["", "network", *_compensated(paper["network"])],
@@ -161,8 +161,8 @@ def _say_final(test: Mapping[str, Any]) -> None:
         nominal = [f"{run['nominal']['mean_mm']:.4f}", f"{run['nominal']['max_mm']:.4f}"]
         rows.append([f"seed {run['seed']}", "nominal", *nominal, "", "", ""])
         rows += [["", model, *_compensated(run[model])] for model in ("faithful", "ours", "kinematic") if run[model]]
-    say_table(["arm", "model", "mean", "max", "> 0.05", "> 0.08", "removed %"], rows, left=(0, 1))
-    say("")
+    print_table(["arm", "model", "mean", "max", "> 0.05", "> 0.08", "removed %"], rows, left_aligned=(0, 1))
+    print_line("")
 
 
 def _compensated(errors: Mapping[str, Any]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, progress, say, say_json
+from truearm.cli.console import Json, progress, print_line, print_json
 
 if TYPE_CHECKING:
     from truearm.arm.arm import Arm
@@ -65,14 +65,14 @@ def simulate(
     out evenly among them. --bars 2 lays a bar with two seats in two places more; what its certificate states of its
     length, true but for its uncertainty of 0.005 mm, goes to the file of --lengths.
     """
-    from truearm.arm.catalogue import arm_from
+    from truearm.arm.catalogue import resolve_arm
     from truearm.errors import InputError
     from truearm.readings import write_lengths
     from truearm.readings.files import check_session_path, write_session
     from truearm.virtual import VirtualArm, load_preset
-    from truearm.writing import check_writable, whole_file
+    from truearm.writing import check_writable, atomic_file
 
-    nominal, magnitudes = arm_from(arm), load_preset(preset)
+    nominal, magnitudes = resolve_arm(arm), load_preset(preset)
     check_session_path(out)
     if bool(bars) != (lengths is not None):
         raise InputError("--bars and --lengths belong together", hint="--bars 2 --lengths lengths.csv")
@@ -94,17 +94,17 @@ def simulate(
             write_session(measured.readings, out)
         else:
             # Both or none, as they belong together.
-            with whole_file(out) as session:
+            with atomic_file(out) as session:
                 write_session(measured.readings, session)
                 write_lengths(certificate, lengths)
         result = _result(virtual, measured, taken, out=out, strategy=strategy, seed=seed)
     if as_json:
-        say_json(result)
+        print_json(result)
     else:
         _tell(result, taken)
         if certificate is not None:
             stated = f"{certificate.length_mm[0]:.4f} mm, u = {BAR_U_MM} mm"
-            say(f"{lengths}: length of the bar by its certificate, {stated}, at {bars} place{'s' * (bars > 1)}")
+            print_line(f"{lengths}: length of the bar by its certificate, {stated}, at {bars} place{'s' * (bars > 1)}")
 
 
 def _poses(nominal: Arm, strategy: str, n: int, *, seed: int, seats: int | None, half_width_deg: float | None) -> Poses:
@@ -198,15 +198,15 @@ def _result(
 
 
 def _tell(result: dict[str, Any], taken: Poses) -> None:
-    from truearm.poses.measuring import told
+    from truearm.poses.measuring import describe_rejections
 
-    say(
+    print_line(
         f"{result['session']}: {result['n']} readings of virtual arm {result['arm']}, "
         f"preset {result['preset']}, arm seed {result['arm_seed']}"
     )
     if taken.rejected:
-        say(f"rejected: {told(taken.rejected)}")
+        print_line(f"rejected: {describe_rejections(taken.rejected)}")
     for label, key in (("nominal error", "nominal"), ("noise floor", "noise_floor")):
         if result[key] is not None:
             mean, largest = result[key]["mean_abs_coordinate_mm"], result[key]["max_abs_coordinate_mm"]
-            say(f"{label} of a coordinate: {mean:.4f} mm on average, {largest:.4f} mm at most")
+            print_line(f"{label} of a coordinate: {mean:.4f} mm on average, {largest:.4f} mm at most")

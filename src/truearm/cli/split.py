@@ -7,7 +7,7 @@ from typing import Annotated, cast
 
 import typer
 
-from truearm.cli.console import SessionFile, check_apart, progress, say
+from truearm.cli.console import SessionFile, check_output_is_not_input, progress, print_line
 
 
 def split(
@@ -25,20 +25,20 @@ def split(
     """
     from truearm.errors import InputError
     from truearm.readings import check_session_path, hold_out, read_session, write_session
-    from truearm.readings.split import By
-    from truearm.writing import whole_file
+    from truearm.readings.split import SplitBy
+    from truearm.writing import atomic_file
 
     if train.resolve() == test.resolve():
         raise InputError("--train and --test are the same file", file=train)
     for path in (train, test):
-        check_apart(path, session)
+        check_output_is_not_input(path, session)
         check_session_path(path)
     with progress(f"splitting {session.name}"):
         readings = read_session(session)
-        parts = hold_out(readings, by=cast(By, by), fraction=share, seed=seed)
+        parts = hold_out(readings, by=cast(SplitBy, by), fraction=share, seed=seed)
         # Both or none: a new training file beside an old test file would hold the same readings.
-        with whole_file(train) as new_train, whole_file(test) as new_test:
+        with atomic_file(train) as new_train, atomic_file(test) as new_test:
             for path, part in zip((new_train, new_test), parts, strict=True):
                 write_session(part, path)
     for path, part in zip((train, test), parts, strict=True):
-        say(f"{path}: {len(part)} of {len(readings)} readings")
+        print_line(f"{path}: {len(part)} of {len(readings)} readings")

@@ -7,16 +7,16 @@ from math import ceil, floor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from truearm.cli.console import progress, say, say_json, say_table
+from truearm.cli.console import progress, print_line, print_json, print_table
 
 if TYPE_CHECKING:
     from truearm.arm.arm import Arm
-    from truearm.tasks.errors import ArmErrors
-    from truearm.tasks.standard_test import PosedTest, RowDistribution
+    from truearm.tasks.errors import ArmDistribution
+    from truearm.tasks.standard_test import PosedTest, ResultDistribution
     from truearm.verify.artefacts import Artefacts
-    from truearm.verify.decision import Rule
+    from truearm.verify.decision import DecisionRule
     from truearm.verify.limits import Specification
-    from truearm.verify.test_plan import Plan
+    from truearm.verify.test_plan import VerificationPlan
 
 ARM = "measuring7"
 SHARES = (1.0, 0.9, 0.8, 0.7, 0.6)
@@ -31,20 +31,20 @@ def simulate_test(
     mpe: Path | None,
     n_arms: int,
     seed: int,
-    rule: Rule,
+    rule: DecisionRule,
     as_json: bool,
 ) -> None:
     """Take a test with virtual arms of a preset or a model, and print what they would pass."""
-    from truearm.tasks.standard_test import distributions, share_of_all, simulated, verdicts
+    from truearm.tasks.standard_test import result_distributions, proportion_interval, simulate_verification, verdict_shares
     from truearm.verify.decision import Verdict
-    from truearm.verify.test_plan import load_plan
+    from truearm.verify.test_plan import load_verification_plan
 
-    planned = load_plan(plan)
+    planned = load_verification_plan(plan)
     errors = _errors(what, arm)
     with progress("finding poses"):
         specification, certified, posed = _prepared(errors.arm, planned, artefacts=artefacts, mpe=mpe, seed=seed)
     with progress(f"taking the test with {n_arms} virtual arms", n_arms) as tell:
-        found = simulated(
+        found = simulate_verification(
             errors,
             posed,
             plan=planned,
@@ -55,12 +55,12 @@ def simulate_test(
             rule=rule,
             progress=lambda done: tell(done, ""),
         )
-    shares = verdicts(found)
+    shares = verdict_shares(found)
     conform = sum(one.verdict is Verdict.CONFORM for one in found)
-    low, high = share_of_all(conform, n_arms)
-    rows = distributions(found)
+    low, high = proportion_interval(conform, n_arms)
+    rows = result_distributions(found)
     if as_json:
-        say_json(
+        print_json(
             {
                 "simulated": what,
                 "arm": errors.arm.name,
@@ -90,22 +90,22 @@ def simulate_test(
             }
         )
         return
-    say(f"{planned.title}: {n_arms} virtual arms {errors.arm.name}, {what}")
-    say(f"limits: {specification.name}, {specification.source}")
+    print_line(f"{planned.title}: {n_arms} virtual arms {errors.arm.name}, {what}")
+    print_line(f"limits: {specification.name}, {specification.source}")
     if artefacts is None:
-        say("artefacts: examples, no calibration of yours")
+        print_line("artefacts: examples, no calibration of yours")
     _say_rows(rows, [shares[verdict] for verdict in (Verdict.CONFORM, Verdict.NOT_CONFORM, Verdict.UNDECIDED)])
-    say("median, 95 %: half of the arms, and 95 % of them, have a smaller magnitude")
-    say(
+    print_line("median, 95 %: half of the arms, and 95 % of them, have a smaller magnitude")
+    print_line(
         f"conform in all: {conform} of {n_arms} arms, which means {floor(100 * low)} % to {ceil(100 * high)} % of all "
-        f"such arms (95 % confidence); 100 % in a line means {floor(100 * share_of_all(n_arms, n_arms)[0])} % or more"
+        f"such arms (95 % confidence); 100 % in a line means {floor(100 * proportion_interval(n_arms, n_arms)[0])} % or more"
     )
     for remark in found[0].remarks:
-        say(remark)
+        print_line(remark)
 
 
 def _prepared(
-    arm: Arm, plan: Plan, *, artefacts: Path | None, mpe: Path | None, seed: int
+    arm: Arm, plan: VerificationPlan, *, artefacts: Path | None, mpe: Path | None, seed: int
 ) -> tuple[Specification, Artefacts, PosedTest]:
     """The test as posed for an arm.
 
@@ -113,19 +113,19 @@ def _prepared(
     links add up to in which all points are reached.
     """
     from truearm.errors import InputError
-    from truearm.poses.measuring import needs_five_turning_joints
+    from truearm.poses.measuring import check_five_rotary_joints
     from truearm.poses.workspace import stance
     from truearm.tasks.standard_test import pose
-    from truearm.verify.layout import layout_of
+    from truearm.verify.layout import lay_out_tests
 
-    needs_five_turning_joints(arm)
+    check_five_rotary_joints(arm)
     stands = stance(arm)
     for share in SHARES:
         whole = 2 * share * stands.reach_mm
         # In round numbers, as data sheets have it.
         specification, certified = given_or_example(100 * int(whole / 100) or whole, mpe=mpe, artefacts=artefacts)
         shoulder = float(stands.shoulder_in_base[2])
-        layout = layout_of(plan, certified, specification.measuring_range_mm, shoulder_mm=shoulder)
+        layout = lay_out_tests(plan, certified, specification.measuring_range_mm, shoulder_mm=shoulder)
         try:
             return specification, certified, pose(layout, arm, seed=seed)
         except InputError as error:
@@ -150,16 +150,16 @@ def given_or_example(
     return specification, example_artefacts(range_mm) if artefacts is None else read_artefacts(artefacts)
 
 
-def _errors(what: str, arm: str | None) -> ArmErrors:
-    from truearm.arm.catalogue import arm_from, names
+def _errors(what: str, arm: str | None) -> ArmDistribution:
+    from truearm.arm.catalogue import resolve_arm, arm_names
     from truearm.errors import InputError
     from truearm.models.file import load_model
-    from truearm.tasks.errors import ModelErrors, PresetErrors
+    from truearm.tasks.errors import PosteriorDistribution, PresetDistribution
     from truearm.virtual import PRESETS
 
     if what in PRESETS:
-        return PresetErrors(arm_from(arm or ARM), PRESETS[what])
-    if what in names() or Path(what).suffix.lower() in (".toml", ".urdf"):
+        return PresetDistribution(resolve_arm(arm or ARM), PRESETS[what])
+    if what in arm_names() or Path(what).suffix.lower() in (".toml", ".urdf"):
         raise InputError(
             f"expected a preset or a model file to simulate, got the arm {what!r}", hint=f"--simulate shop --arm {what}"
         )
@@ -170,10 +170,10 @@ def _errors(what: str, arm: str | None) -> ArmErrors:
         )
     if arm is not None:
         raise InputError("--arm is for presets: a model has its arm", hint="leave --arm out")
-    return ModelErrors(load_model(what))
+    return PosteriorDistribution(load_model(what))
 
 
-def _say_rows(rows: Sequence[RowDistribution], whole: Sequence[float]) -> None:
+def _say_rows(rows: Sequence[ResultDistribution], whole: Sequence[float]) -> None:
     cells = []
     for row in rows:
         digits = ".4f" if row.unit == "mm" else "g"  # else a count
@@ -181,7 +181,7 @@ def _say_rows(rows: Sequence[RowDistribution], whole: Sequence[float]) -> None:
         shares = ["", "", ""] if row.limit is None else _percent([row.conform, row.not_conform, row.undecided])
         cells.append([row.label, format(row.median, digits), format(row.high, digits), limit, *shares])
     cells.append(["all of it", "", "", "", *_percent(whole)])
-    say_table(["test", "median [mm]", "95 % [mm]", "limit [mm]", "conform", "not conform", "undecided"], cells)
+    print_table(["test", "median [mm]", "95 % [mm]", "limit [mm]", "conform", "not conform", "undecided"], cells)
 
 
 def _percent(shares: Sequence[float]) -> list[str]:

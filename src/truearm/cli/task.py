@@ -9,13 +9,13 @@ from zipfile import is_zipfile
 
 import typer
 
-from truearm.cli.console import Json, check_page, progress, say, say_json, say_table, versions
+from truearm.cli.console import Json, check_page_path, progress, print_line, print_json, print_table, version_row
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
-    from truearm.tasks.errors import ArmErrors
+    from truearm.tasks.errors import ArmDistribution
     from truearm.tasks.features import Feature
-    from truearm.tasks.task import Estimate, Fitness, Task
+    from truearm.tasks.task import Estimate, Fitness, TaskResult
 
 
 CODES = {"yes": 0, "no": 1, "only with guard bands": 3}
@@ -107,12 +107,12 @@ def task(
     from truearm.errors import InputError
 
     if report is not None:
-        check_page(report, *[Path(path) for path in (what, spec, arm) if path is not None])
+        check_page_path(report, *[Path(path) for path in (what, spec, arm) if path is not None])
     if tolerance is not None and not (isfinite(tolerance) and tolerance > 0):
         raise InputError(f"--tolerance expects a width above zero in mm, got {tolerance}", hint="0.1 for +-0.05 mm")
     with progress(f"measuring a {feature}", total=arms) as tell:
-        from truearm.tasks.specification_sheet import ConstrainedErrors, share_of_limit
-        from truearm.tasks.task import fitness, measured_by
+        from truearm.tasks.specification_sheet import SpecificationDistribution, share_of_limit
+        from truearm.tasks.task import fitness, simulate_measurements
 
         errors, about = _errors(what, spec, arm, repeatability)
         measured = _feature(
@@ -129,8 +129,8 @@ def task(
                 f"--tolerance expects a width in mm below the {nominal:g} mm that are measured, got {tolerance:g}",
                 hint="0.05 for 50 micrometres",
             )
-        share = share_of_limit if isinstance(errors, ConstrainedErrors) else None
-        found = measured_by(errors, measured, n_arms=arms, seed=seed, share_of_limit=share, progress=tell)
+        share = share_of_limit if isinstance(errors, SpecificationDistribution) else None
+        found = simulate_measurements(errors, measured, n_arms=arms, seed=seed, share_of_limit=share, progress=tell)
         fit = None if tolerance is None else fitness(found.estimates[0], tolerance)
         remarks = [*_remarks(errors, found), *assumptions(errors)]
         if found.at_limit is not None:
@@ -144,21 +144,21 @@ def task(
             facts = _facts(errors, about, found, seed)
             write_page(task_page(found, fit, about=about, remarks=remarks, facts=facts), report)
     if as_json:
-        say_json(_result(found, fit, about, remarks, errors))
+        print_json(_result(found, fit, about, remarks, errors))
     else:
         _tell(found, fit, about, remarks)
         if report is not None:
-            say(f"{report}: the result with a picture of its distribution")
+            print_line(f"{report}: the result with a picture of its distribution")
     if fit is not None:
         raise typer.Exit(CODES[fit.answer.value])
 
 
-def _errors(what: str | None, spec: Path | None, arm: str | None, repeatability: float | None) -> tuple[ArmErrors, str]:
+def _errors(what: str | None, spec: Path | None, arm: str | None, repeatability: float | None) -> tuple[ArmDistribution, str]:
     """The arms that may be the one in question, and what is known of it in a few words."""
-    from truearm.arm import arm_from
+    from truearm.arm import resolve_arm
     from truearm.errors import InputError
     from truearm.models.file import load_model
-    from truearm.tasks.errors import ModelErrors, PresetErrors
+    from truearm.tasks.errors import PosteriorDistribution, PresetDistribution
     from truearm.virtual.presets import PRESETS, load_preset
 
     if (what is None) == (spec is None):
@@ -169,18 +169,18 @@ def _errors(what: str | None, spec: Path | None, arm: str | None, repeatability:
         if arm is not None:
             raise InputError("--arm is for a preset or --spec; a model has its own", file=what)
         try:
-            return ModelErrors(load_model(what), repeatability), f"the model {Path(what).name}"
+            return PosteriorDistribution(load_model(what), repeatability), f"the model {Path(what).name}"
         except InputError as error:
             raise error.in_file(what) from None
     if repeatability is not None:
         raise InputError("--repeatability is for a model; a preset or specification says how points scatter")
     if spec is not None:
-        from truearm.tasks.specification_sheet import ConstrainedErrors
+        from truearm.tasks.specification_sheet import SpecificationDistribution
         from truearm.verify.limits import read_specification
 
-        promised, nominal = read_specification(spec), arm_from(ARM if arm is None else arm)
+        promised, nominal = read_specification(spec), resolve_arm(ARM if arm is None else arm)
         try:
-            return ConstrainedErrors(nominal, promised), f"the specification of {promised.name}, arm {nominal.name}"
+            return SpecificationDistribution(nominal, promised), f"the specification of {promised.name}, arm {nominal.name}"
         except InputError as error:
             raise error.in_file(spec) from None
     assert what is not None
@@ -189,8 +189,8 @@ def _errors(what: str | None, spec: Path | None, arm: str | None, repeatability:
             f"expected a model file or a preset ({', '.join(PRESETS)}), got {what!r}",
             hint="truearm fit makes a model file" if not Path(what).exists() else "a file that truearm fit wrote",
         )
-    nominal = arm_from(ARM if arm is None else arm)
-    return PresetErrors(nominal, load_preset(what)), f"the preset {what}, arm {nominal.name}"
+    nominal = resolve_arm(ARM if arm is None else arm)
+    return PresetDistribution(nominal, load_preset(what)), f"the preset {what}, arm {nominal.name}"
 
 
 def _feature(
@@ -246,13 +246,13 @@ def numbers(option: str, text: str) -> list[float]:
     return found
 
 
-def assumptions(errors: ArmErrors) -> list[str]:
+def assumptions(errors: ArmDistribution) -> list[str]:
     """What a result rests on, in sentences."""
-    from truearm.tasks.errors import ModelErrors
-    from truearm.tasks.specification_sheet import BEST_SHARE, LEAST_SHARE, TRIES, ConstrainedErrors
+    from truearm.tasks.errors import PosteriorDistribution
+    from truearm.tasks.specification_sheet import BEST_SHARE, LEAST_SHARE, TRIES, SpecificationDistribution
 
     perfect = "The part is perfect and at 20 degC; its temperature and its form are uncertainties besides."
-    if isinstance(errors, ModelErrors):
+    if isinstance(errors, PosteriorDistribution):
         if errors.repeatability_mm is None:
             random = "No repeatability is given, so all that the model leaves unexplained counts as the same at the "
             random += "same pose: for means of many points that errs to the safe side."
@@ -264,7 +264,7 @@ def assumptions(errors: ArmErrors) -> list[str]:
             "The arm is at the mean temperature of the model's readings.",
             perfect,
         ]
-    if isinstance(errors, ConstrainedErrors):
+    if isinstance(errors, SpecificationDistribution):
         limits = ", ".join(errors.specification.limits)
         assumed = (
             f"Assumed: their worst result is {BEST_SHARE:.0%} to 100% of its limit; an arm with another below "
@@ -274,10 +274,10 @@ def assumptions(errors: ArmErrors) -> list[str]:
     return [perfect]
 
 
-def _remarks(errors: ArmErrors, found: Task) -> list[str]:
-    from truearm.tasks.errors import ModelErrors
+def _remarks(errors: ArmDistribution, found: TaskResult) -> list[str]:
+    from truearm.tasks.errors import PosteriorDistribution
 
-    if not isinstance(errors, ModelErrors):
+    if not isinstance(errors, PosteriorDistribution):
         return []
     outside = errors.model.outside_training(found.angles.reshape(-1, errors.arm.n_joints)).mean()
     if outside < 0.005:
@@ -285,19 +285,19 @@ def _remarks(errors: ArmErrors, found: Task) -> list[str]:
     return [f"{outside:.0%} of the poses are away from those that the model learned from; it may be worse there."]
 
 
-def _facts(errors: ArmErrors, about: str, found: Task, seed: int) -> list[tuple[str, str]]:
+def _facts(errors: ArmDistribution, about: str, found: TaskResult, seed: int) -> list[tuple[str, str]]:
     arm = errors.arm
     return [
         ("known of the arm", about),
         ("arm", f"{arm.name}: {arm.title}. {arm.source}"),
         ("arms drawn", f"{found.n_arms}, seed {seed}"),
         ("ways to hold the arm", str(len(found.angles))),
-        versions(),
+        version_row(),
     ]
 
 
-def _result(found: Task, fit: Fitness | None, about: str, remarks: list[str], errors: ArmErrors) -> dict[str, Any]:
-    from truearm.tasks.task import LEVEL
+def _result(found: TaskResult, fit: Fitness | None, about: str, remarks: list[str], errors: ArmDistribution) -> dict[str, Any]:
+    from truearm.tasks.task import COVERAGE_PROBABILITY
 
     return {
         "feature": found.feature.name,
@@ -305,7 +305,7 @@ def _result(found: Task, fit: Fitness | None, about: str, remarks: list[str], er
         "arm": errors.arm.name,
         "points_mm": found.feature.points.tolist(),
         "n_arms": found.n_arms,
-        "level": LEVEL,
+        "level": COVERAGE_PROBABILITY,
         "quantities": [_for_machines(one) for one in found.estimates],
         "expanded_at_limit_mm": None if found.at_limit is None else found.at_limit.expanded_mm,
         "tolerance": None
@@ -314,7 +314,7 @@ def _result(found: Task, fit: Fitness | None, about: str, remarks: list[str], er
             "tolerance_mm": fit.tolerance_mm,
             "answer": fit.answer.value,
             "ratio": fit.ratio if isfinite(fit.ratio) else None,
-            "left_mm": fit.left_mm,
+            "left_mm": fit.acceptance_zone_mm,
         },
         "remarks": remarks,
     }
@@ -328,8 +328,8 @@ def _for_machines(estimate: Estimate) -> dict[str, Any]:
         "nominal_mm": estimate.quantity.nominal_mm,
         "bias_mm": estimate.bias_mm,
         "u_mm": estimate.u_mm,
-        "u_of_arm_mm": estimate.u_of_arm_mm,
-        "u_of_points_mm": estimate.u_of_points_mm,
+        "u_of_arm_mm": estimate.u_systematic_mm,
+        "u_of_points_mm": estimate.u_random_mm,
         "interval_mm": [low, high],
         "expanded_mm": estimate.expanded_mm,
         "standard_errors_mm": {
@@ -342,10 +342,10 @@ def _for_machines(estimate: Estimate) -> dict[str, Any]:
     }
 
 
-def _tell(found: Task, fit: Fitness | None, about: str, remarks: list[str]) -> None:
-    from truearm.tasks.task import advice, in_words
+def _tell(found: TaskResult, fit: Fitness | None, about: str, remarks: list[str]) -> None:
+    from truearm.tasks.task import advice, describe_fitness
 
-    say(f"{found.feature.name}, by {about}: errors of {found.n_arms} drawn arms")
+    print_line(f"{found.feature.name}, by {about}: errors of {found.n_arms} drawn arms")
     rows = []
     for one in found.estimates:
         low, high = one.interval_mm
@@ -355,18 +355,18 @@ def _tell(found: Task, fit: Fitness | None, about: str, remarks: list[str]) -> N
                 f"{one.bias_mm:+.4f}",
                 f"{one.u_mm:.4f}",
                 f"{low:+.4f} to {high:+.4f}",
-                f"{one.u_of_arm_mm:.4f}",
-                f"{one.u_of_points_mm:.4f}",
+                f"{one.u_systematic_mm:.4f}",
+                f"{one.u_random_mm:.4f}",
             ]
         )
-    say_table(["quantity", "bias [mm]", "u [mm]", "95 % of errors [mm]", "u of arm", "u of points"], rows)
+    print_table(["quantity", "bias [mm]", "u [mm]", "95 % of errors [mm]", "u of arm", "u of points"], rows)
     of_draws = found.estimates[0].standard_errors
-    say(
+    print_line(
         f"known by the number of draws to: bias {of_draws.bias_mm:.4f}, u {of_draws.u_mm:.4f}, ends "
         f"{of_draws.low_mm:.4f} and {of_draws.high_mm:.4f} mm (standard errors, {found.estimates[0].quantity.name})"
     )
-    say(advice(found))
+    print_line(advice(found))
     for remark in remarks:
-        say(remark)
+        print_line(remark)
     if fit is not None:
-        say(in_words(found.estimates[0], fit))
+        print_line(describe_fitness(found.estimates[0], fit))

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, check_page, say, say_json, say_table, versions
+from truearm.cli.console import Json, check_page_path, print_line, print_json, print_table, version_row
 
 if TYPE_CHECKING:
-    from truearm.verify.decision import Row, Rule
-    from truearm.verify.test_plan import Plan
+    from truearm.verify.decision import ConformityResult, DecisionRule
+    from truearm.verify.test_plan import VerificationPlan
 
 CODES = {"conform": 0, "not conform": 1, "undecided": 3}
 
@@ -86,7 +86,7 @@ def verify(
             "--json": as_json or None,
         },
     )
-    rule: Rule = "simple" if simple else "iso14253-1"
+    rule: DecisionRule = "simple" if simple else "iso14253-1"
     if print_plan is not None:
         from truearm.verify.test_plan import plan_text
 
@@ -139,32 +139,32 @@ def _check_together(modes: list[str], others: dict[str, object]) -> None:
 
 
 def _judge(
-    points: Path, *, plan: str, artefacts: Path, mpe: Path, rule: Rule, report: Path | None, as_json: bool
+    points: Path, *, plan: str, artefacts: Path, mpe: Path, rule: DecisionRule, report: Path | None, as_json: bool
 ) -> None:
     """Judge measured points, print the verdict and end with its exit code."""
     from truearm.verify.artefacts import read_artefacts
-    from truearm.verify.decision import LEVEL, Verdict
+    from truearm.verify.decision import COVERAGE_PROBABILITY, Verdict
     from truearm.verify.limits import read_specification
     from truearm.verify.measured import read_points
-    from truearm.verify.test_plan import load_plan
+    from truearm.verify.test_plan import load_verification_plan
     from truearm.verify.verification import verify as verified
 
     if report is not None:
-        check_page(report, Path(plan), points, artefacts, mpe)
+        check_page_path(report, Path(plan), points, artefacts, mpe)
     read = files_of(plan, points, artefacts, mpe)
     known = {} if report is None else digests(read)
-    planned, specification = load_plan(plan), read_specification(mpe)
+    planned, specification = load_verification_plan(plan), read_specification(mpe)
     measured, certified = read_points(points), read_artefacts(artefacts)
     found = verified(measured, plan=planned, artefacts=certified, specification=specification, rule=rule)
     if report is not None:
         from truearm.report.html import write_page
         from truearm.report.verification import verification_page
-        from truearm.verify.outcome import Outcome
+        from truearm.verify.outcome import VerificationRecord
 
-        outcome = Outcome(found, measured, planned, certified, specification, rule, known.get(Path(plan)))
+        outcome = VerificationRecord(found, measured, planned, certified, specification, rule, known.get(Path(plan)))
         write_page(verification_page(outcome, facts=facts(known, plan=planned)), report)
     if as_json:
-        say_json(
+        print_json(
             {
                 "plan": planned.name,
                 "standard": planned.standard,
@@ -176,21 +176,21 @@ def _judge(
             }
         )
     else:
-        say(f"{planned.title}: {specification.name}")
-        say_table(
+        print_line(f"{planned.title}: {specification.name}")
+        print_table(
             ["test", "value [mm]", "U [mm]", "limit [mm]", "verdict", "where"],
             [_cells(row) for row in found.rows],
-            left=(0, 4, 5),
+            left_aligned=(0, 4, 5),
         )
-        say(f"U: expanded uncertainty of artefact and set-up, {LEVEL:.2%} (k = 2, or more of few degrees of freedom)")
+        print_line(f"U: expanded uncertainty of artefact and set-up, {COVERAGE_PROBABILITY:.2%} (k = 2, or more of few degrees of freedom)")
         for remark in found.remarks:
-            say(remark)
+            print_line(remark)
         closing = {
             Verdict.CONFORM: "conform: the values tested are within their limits",
             Verdict.NOT_CONFORM: "not conform: outside the specification",
             Verdict.UNDECIDED: "undecided: within the uncertainty of a limit; a better artefact or set-up decides",
         }
-        say(closing[found.verdict])
+        print_line(closing[found.verdict])
     raise typer.Exit(CODES[found.verdict.value])
 
 
@@ -213,16 +213,16 @@ def digests(files: Sequence[Path]) -> dict[Path, str]:
     return found
 
 
-def facts(known: Mapping[Path, str], *, plan: Plan) -> list[tuple[str, str]]:
+def facts(known: Mapping[Path, str], *, plan: VerificationPlan) -> list[tuple[str, str]]:
     """What a page about a verification rests on: the plan, the files with their SHA-256, the program."""
     return [
         ("plan", f"{plan.name}: {plan.standard}"),
         *((file.name, f"SHA-256 {digest}") for file, digest in known.items()),
-        versions(),
+        version_row(),
     ]
 
 
-def _cells(row: Row) -> list[str]:
+def _cells(row: ConformityResult) -> list[str]:
     verdict = "" if row.verdict is None else row.verdict.value
     limit = "" if row.limit is None else f"{row.limit:.4f}"
     if row.unit != "mm":  # a count
@@ -230,7 +230,7 @@ def _cells(row: Row) -> list[str]:
     return [row.label, f"{row.value:+.4f}", f"{row.uncertainty:.4f}", limit, verdict, row.where]
 
 
-def _for_machines(row: Row) -> dict[str, Any]:
+def _for_machines(row: ConformityResult) -> dict[str, Any]:
     dof = row.budget.dof
     return {
         "label": row.label,

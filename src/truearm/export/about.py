@@ -23,7 +23,7 @@ MOST_K_FROM_ROOM = 3.0
 _NOT_XML = re.compile("[^\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
 
 
-def plain(text: str) -> str:
+def xml_text(text: str) -> str:
     """Give a text on one line that XML can hold: single spaces, and a sign for every character that it cannot hold."""
     return _NOT_XML.sub("\ufffd", " ".join(text.split()))
 
@@ -31,7 +31,7 @@ def plain(text: str) -> str:
 def _filled_in(text: str) -> str:
     if not text.strip():
         raise InputError("it is empty", hint="fill it in")
-    return plain(text)
+    return xml_text(text)
 
 
 def _country(text: str) -> str:
@@ -103,7 +103,7 @@ class Conditions(Document):
         return self
 
 
-class About(Document):
+class AdministrativeData(Document):
     """What a certificate says beside the results.
 
     Attributes
@@ -173,7 +173,7 @@ class About(Document):
             )
 
 
-def read_about(path: str | Path) -> About:
+def read_administrative_data(path: str | Path) -> AdministrativeData:
     """Read the file of what a certificate says beside the results.
 
     Raises
@@ -181,7 +181,7 @@ def read_about(path: str | Path) -> About:
     InputError
         If the file is missing or breaks a rule of its format; what is not filled in is named.
     """
-    return read_document(path, About)
+    return read_document(path, AdministrativeData)
 
 
 def template() -> str:

@@ -9,11 +9,11 @@ from decimal import Decimal
 
 from truearm import __version__
 from truearm.errors import InputError
-from truearm.export.about import About, Contact, Person, plain
+from truearm.export.about import AdministrativeData, Contact, Person, xml_text
 from truearm.verify.artefacts import Artefact, CalibratedBar, CalibratedSphere
-from truearm.verify.decision import LEVEL, Row, Verdict
-from truearm.verify.outcome import Outcome
-from truearm.verify.test_plan import PLANS, load_plan
+from truearm.verify.decision import COVERAGE_PROBABILITY, ConformityResult, Verdict
+from truearm.verify.outcome import VerificationRecord
+from truearm.verify.test_plan import PLANS, load_verification_plan
 
 SOFTWARE = "truearm"
 # By the non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their
@@ -22,7 +22,7 @@ CONFORMITIES = ("pass", "conditionalPass", "conditionalFail", "fail")
 
 
 @dataclass(frozen=True)
-class Quantity:
+class StatedQuantity:
     """A number with unit and uncertainty, to the digits that are stated.
 
     Parameters
@@ -46,11 +46,11 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Result:
+class StatedResult:
     """A test value with the limit of its magnitude, and one of `CONFORMITIES`; None where it has no limit."""
 
-    quantity: Quantity
-    limit: Quantity | None
+    quantity: StatedQuantity
+    limit: StatedQuantity | None
     conformity: str | None
 
 
@@ -70,7 +70,7 @@ class Equipment:
     name: str
     description: str
     certificate: str
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[StatedQuantity, ...]
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Certificate:
 
     Parameters
     ----------
-    about : About
+    about : AdministrativeData
     begin, end : date
         First and last day of the measurement.
     software, release : str
@@ -94,10 +94,10 @@ class Certificate:
     equipment : tuple of Equipment
     artefact_degC : (Decimal, Decimal) or None
         Lowest and highest temperature of an artefact, each the mean of a group of points.
-    results : tuple of Result
+    results : tuple of StatedResult
     """
 
-    about: About
+    about: AdministrativeData
     begin: datetime.date
     end: datetime.date
     software: str
@@ -108,16 +108,16 @@ class Certificate:
     methods: tuple[Method, ...]
     equipment: tuple[Equipment, ...]
     artefact_degC: tuple[Decimal, Decimal] | None
-    results: tuple[Result, ...]
+    results: tuple[StatedResult, ...]
 
 
-def certificate_of(about: About, outcome: Outcome, *, decision: Sequence[str], rule: str) -> Certificate:
+def make_certificate(about: AdministrativeData, outcome: VerificationRecord, *, decision: Sequence[str], rule: str) -> Certificate:
     """State a verification.
 
     Parameters
     ----------
-    about : About
-    outcome : Outcome
+    about : AdministrativeData
+    outcome : VerificationRecord
     decision : sequence of str
         The decision in words, a paragraph each.
     rule : str
@@ -141,8 +141,8 @@ def certificate_of(about: About, outcome: Outcome, *, decision: Sequence[str], r
             "uncertainty times the coverage factor k of Student's t for the effective degrees of freedom.",
             "JCGM 100:2008",
         ),
-        Method(plain(outcome.plan.title), plain(_plan_in_words(outcome)), plain(outcome.plan.standard)),
-        Method("Decision rule", plain(rule), "ISO 14253-1:2013" if outcome.rule == "iso14253-1" else None),
+        Method(xml_text(outcome.plan.title), xml_text(_plan_in_words(outcome)), xml_text(outcome.plan.standard)),
+        Method("Decision rule", xml_text(rule), "ISO 14253-1:2013" if outcome.rule == "iso14253-1" else None),
     ]
     return Certificate(
         about=about,
@@ -150,17 +150,17 @@ def certificate_of(about: About, outcome: Outcome, *, decision: Sequence[str], r
         end=max(days),
         software=SOFTWARE,
         release=__version__,
-        title=plain(f"Verification: {outcome.specification.name}"),
-        declarations=tuple(plain(text) for text in (*decision, *outcome.found.remarks)),
+        title=xml_text(f"Verification: {outcome.specification.name}"),
+        declarations=tuple(xml_text(text) for text in (*decision, *outcome.verification.remarks)),
         conformity=_overall(outcome),
         methods=tuple(methods),
-        equipment=tuple(_equipment(one, outcome) for one in outcome.used),
+        equipment=tuple(_equipment(one, outcome) for one in outcome.used_artefacts),
         artefact_degC=None if degC is None else (_to(degC[0], 2), _to(degC[1], 2)),
-        results=tuple(_result(row) for row in outcome.found.rows),
+        results=tuple(_result(row) for row in outcome.verification.rows),
     )
 
 
-def check_uncertainties(outcome: Outcome) -> None:
+def check_uncertainties(outcome: VerificationRecord) -> None:
     """Check that every value that is compared with a limit has an uncertainty: a calibration states one.
 
     Raises
@@ -168,7 +168,7 @@ def check_uncertainties(outcome: Outcome) -> None:
     InputError
         If form and set-up of an artefact are said to be without any.
     """
-    for row in outcome.judged:
+    for row in outcome.rows_with_limit:
         if row.uncertainty == 0:
             raise InputError(
                 f"{_name(row):.200}: its expanded uncertainty is 0, and a certificate states no value without one",
@@ -176,10 +176,10 @@ def check_uncertainties(outcome: Outcome) -> None:
             )
 
 
-def _plan_in_words(outcome: Outcome) -> str:
+def _plan_in_words(outcome: VerificationRecord) -> str:
     """Whose test plan it is and what it asks for."""
     plan = outcome.plan
-    if plan.name in PLANS and plan == load_plan(plan.name):
+    if plan.name in PLANS and plan == load_verification_plan(plan.name):
         whose = f"Test plan {plan.name} as it comes with {SOFTWARE} {__version__}."
     else:
         known = "" if outcome.plan_sha256 is None else f", SHA-256 {outcome.plan_sha256}"
@@ -191,7 +191,7 @@ def _plan_in_words(outcome: Outcome) -> str:
     return f"{whose} It asks for {'; '.join(asked)}."
 
 
-def administrative(certificate: Certificate) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
+def administrative_sections(certificate: Certificate) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
     """Give what is stated beside the results as titled lists of (what, text), for people."""
     about, conditions = certificate.about, certificate.about.conditions
     days = [str(day) for day in dict.fromkeys((certificate.begin, certificate.end))]
@@ -257,7 +257,7 @@ def _role(person: Person) -> str:
     return ", ".join(part for part in (person.role, "signs the certificate" if person.main_signer else None) if part)
 
 
-def conformity_of(row: Row) -> str | None:
+def conformity_of(row: ConformityResult) -> str | None:
     """The verdict of a row as one of `CONFORMITIES`; None where it has no limit."""
     if row.verdict is None or row.limit is None:
         return None
@@ -266,30 +266,30 @@ def conformity_of(row: Row) -> str | None:
     return "pass" if row.verdict is Verdict.CONFORM else "fail"
 
 
-def _overall(outcome: Outcome) -> str:
-    found = [said for row in outcome.judged if (said := conformity_of(row)) is not None]
+def _overall(outcome: VerificationRecord) -> str:
+    found = [said for row in outcome.rows_with_limit if (said := conformity_of(row)) is not None]
     return max(found, key=CONFORMITIES.index)
 
 
-def _result(row: Row) -> Result:
+def _result(row: ConformityResult) -> StatedResult:
     name = _name(row)
     if row.unit != "mm":  # a count
-        return Result(Quantity(name, Decimal(int(row.value)), "1"), None, None)
+        return StatedResult(StatedQuantity(name, Decimal(int(row.value)), "1"), None, None)
     u = row.uncertainty
-    limit = None if row.limit is None else Quantity("limit of the magnitude", _in_full(row.limit), "mm")
+    limit = None if row.limit is None else StatedQuantity("limit of the magnitude", _in_full(row.limit), "mm")
     value = _rounded(row.value, u)
     if u == 0:
-        return Result(Quantity(name, value, "mm"), limit, conformity_of(row))
-    factor, level = _to(row.budget.coverage_factor, 2), _to(LEVEL, 4)
-    quantity = Quantity(name, value, "mm", _rounded(u, u), factor, level)
-    return Result(quantity, limit, conformity_of(row))
+        return StatedResult(StatedQuantity(name, value, "mm"), limit, conformity_of(row))
+    factor, level = _to(row.budget.coverage_factor, 2), _to(COVERAGE_PROBABILITY, 4)
+    quantity = StatedQuantity(name, value, "mm", _rounded(u, u), factor, level)
+    return StatedResult(quantity, limit, conformity_of(row))
 
 
-def _name(row: Row) -> str:
-    return plain(f"{row.label}, {row.where}" if row.where else row.label)
+def _name(row: ConformityResult) -> str:
+    return xml_text(f"{row.label}, {row.where}" if row.where else row.label)
 
 
-def _equipment(one: Artefact, outcome: Outcome) -> Equipment:
+def _equipment(one: Artefact, outcome: VerificationRecord) -> Equipment:
     kind, sizes = "seat", []
     if isinstance(one, CalibratedSphere):
         kind, sizes = "sphere", [("diameter at 20 degC", one.diameter_mm, one.u_diameter_mm)]
@@ -299,10 +299,10 @@ def _equipment(one: Artefact, outcome: Outcome) -> Equipment:
         lengths = [length for length in one.lengths if length.name in taken]
         sizes = [(f"length {length.name} at 20 degC", length.length_mm, length.u_mm) for length in lengths]
     return Equipment(
-        plain(f"{kind} {one.name}"),
+        xml_text(f"{kind} {one.name}"),
         f"Calibrated on {one.date}, certificate serves until {one.expires}.",
-        plain(one.certificate),
-        tuple(Quantity(plain(name), _rounded(v, u), "mm", standard=_rounded(u, u)) for name, v, u in sizes),
+        xml_text(one.certificate),
+        tuple(StatedQuantity(xml_text(name), _rounded(v, u), "mm", standard=_rounded(u, u)) for name, v, u in sizes),
     )
 
 

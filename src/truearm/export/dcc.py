@@ -20,11 +20,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from truearm.arm.bounded import read_bounded
+from truearm.arm.bounded import read_limited
 from truearm.errors import InputError, TruearmError
-from truearm.export.about import About, Contact
-from truearm.export.certificate import CONFORMITIES, Certificate, Equipment, Method, Quantity, Result
-from truearm.writing import whole_file
+from truearm.export.about import AdministrativeData, Contact
+from truearm.export.certificate import CONFORMITIES, Certificate, Equipment, Method, StatedQuantity, StatedResult
+from truearm.writing import atomic_file
 
 SCHEMA_VERSION = "3.3.0"
 LANGUAGE = "en"  # of every word of this program
@@ -57,9 +57,9 @@ def write_dcc(certificate: Certificate, path: str | Path) -> None:
         If the folder does not exist or is not writable.
     """
     content = dcc(certificate)
-    if read_back(content) != certificate:
+    if parse_dcc(content) != certificate:
         raise TruearmError(f"{path}: the certificate that was written is not the one that is read: please report it")
-    with whole_file(path) as beside:
+    with atomic_file(path) as beside:
         beside.write_bytes(content)
 
 
@@ -72,7 +72,7 @@ def read_dcc(path: str | Path) -> Certificate:
         If the file is missing, too long, not such a certificate, or breaks a rule of its content.
     """
     try:
-        return read_back(read_bounded(path, limit_bytes=MAX_BYTES))
+        return parse_dcc(read_limited(path, limit_bytes=MAX_BYTES))
     except InputError as error:
         raise error.in_file(path) from None
 
@@ -223,10 +223,10 @@ def _condition(parent: Element, kind: str, low: Decimal, high: Decimal, unit: st
     data = _in(one, "data")
     for end, value in (("Min", low), ("Max", high)):
         name = "lowest" if end == "Min" else "highest"
-        _quantity(_in(data, "quantity", refType=f"{kind}{end}"), Quantity(name, value, unit))
+        _quantity(_in(data, "quantity", refType=f"{kind}{end}"), StatedQuantity(name, value, unit))
 
 
-def _quantity(parent: Element, quantity: Quantity) -> None:
+def _quantity(parent: Element, quantity: StatedQuantity) -> None:
     _text(parent, "name", quantity.name)
     real = _in(parent, "si:real")
     _in(real, "si:value", f"{quantity.value:f}")
@@ -248,7 +248,7 @@ def _decimal(value: float) -> Decimal:
 # Reading -------------------------------------------------------------------------------------------------------------
 
 
-def read_back(content: bytes) -> Certificate:
+def parse_dcc(content: bytes) -> Certificate:
     """Read the content of a certificate, see `read_dcc`."""
     root = _parsed(content)
     if root.tag != f"{{{_SPACES['dcc']}}}digitalCalibrationCertificate":
@@ -307,7 +307,7 @@ def _parsed(content: bytes) -> Element:
         raise InputError(f"not valid XML: {error}") from None
 
 
-def _about(administrative: Element, core: Element, measured: Element) -> About:
+def _about(administrative: Element, core: Element, measured: Element) -> AdministrativeData:
     item = _one(administrative, "items/item")
     numbers = {
         _words(_one(one, "issuer")): _words(_one(one, "value")) for one in _all(item, "identifications/identification")
@@ -344,7 +344,7 @@ def _about(administrative: Element, core: Element, measured: Element) -> About:
         },
     }
     try:
-        return About.model_validate(told)
+        return AdministrativeData.model_validate(told)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
@@ -370,15 +370,15 @@ def _condition_of(measured: Element, kind: str) -> tuple[Decimal, Decimal] | Non
     return ends[0].value, ends[1].value
 
 
-def _result_of(element: Element) -> Result:
+def _result_of(element: Element) -> StatedResult:
     quantity = _one(element, "data/quantity")
     said = _all(quantity, "measurementMetaData/metaData", some=False)
     if not said:
-        return Result(_quantity_of(quantity), None, None)
-    return Result(_quantity_of(quantity), _quantity_of(_one(said[0], "data/quantity")), _conformity(said[0]))
+        return StatedResult(_quantity_of(quantity), None, None)
+    return StatedResult(_quantity_of(quantity), _quantity_of(_one(said[0], "data/quantity")), _conformity(said[0]))
 
 
-def _quantity_of(element: Element) -> Quantity:
+def _quantity_of(element: Element) -> StatedQuantity:
     real = _one(element, "si:real")
     written, units = _words(_one(real, "si:unit")), {unit: name for name, unit in _UNITS.items()}
     if written not in units:
@@ -392,7 +392,7 @@ def _quantity_of(element: Element) -> Quantity:
         stated = {key: _number(_one(expanded, f"si:{tag}")) for key, tag in keys}
     elif standard is not None:
         stated = {"standard": _number(_one(standard, "si:valueStandardMU"))}
-    return Quantity(_content(element, "name"), _number(_one(real, "si:value")), units[written], **stated)
+    return StatedQuantity(_content(element, "name"), _number(_one(real, "si:value")), units[written], **stated)
 
 
 def _conformity(element: Element) -> str:

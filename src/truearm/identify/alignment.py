@@ -72,7 +72,7 @@ def rigid_motions(points: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
     return np.concatenate(motions, axis=2).reshape(3 * len(where), -1)
 
 
-def align_most(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
+def align_robust(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
     """The rigid motion `align` of most of the points, whatever the others do.
 
     Of motions by three points each, drawn at random, the one that leaves the least median distance tells which points
@@ -101,7 +101,7 @@ def align_most(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
     return align(points_in_b[together], points_in_a[together])
 
 
-def about_a_line(points: FloatArray) -> float:
+def rms_distance_from_line(points: FloatArray) -> float:
     """Root mean square distance of points (n, 3) from the line that fits them best [mm].
 
     About a line on which all points lie, an alignment may turn as it likes.
@@ -110,9 +110,9 @@ def about_a_line(points: FloatArray) -> float:
     return float(np.sqrt((values[1:] ** 2).sum() / len(points)))
 
 
-def placed_roughly(chain: Chain, readings: Readings, free: tuple[str, ...]) -> Chain:
+def place_base_coarsely(chain: Chain, readings: Readings, free: tuple[str, ...]) -> Chain:
     """The chain moved as a whole to where its tips come nearest to the readings' points, if its base is free."""
     if "base" not in free or readings.points is None:
         return chain
     seen = readings.has_point
-    return chain.placed(align(chain.tip_in_base(readings.angles[seen]), readings.points[seen]))
+    return chain.with_reference_frame(align(chain.tip_in_base(readings.angles[seen]), readings.points[seen]))

@@ -12,12 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.identify.calibration import FLOOR_MM2
-from truearm.identify.identification import Explained
+from truearm.identify.identification import ReferenceFit
 
 IntArray = npt.NDArray[np.intp]
 
 
-def birge_ratio(references: Sequence[Explained], rows: IntArray, unexplained_std: float) -> float:
+def birge_ratio(references: Sequence[ReferenceFit], rows: IntArray, unexplained_std: float) -> float:
     """Give by how much the standard deviations of a posterior are to be raised.
 
     It was found with the variance ``std^2 + noise^2`` of each residual, stated and found. Readings held out
@@ -25,7 +25,7 @@ def birge_ratio(references: Sequence[Explained], rows: IntArray, unexplained_std
 
     Parameters
     ----------
-    references : sequence of Explained
+    references : sequence of ReferenceFit
         Of the identification.
     rows : (m,) int array
         Readings that were held out: judged by their points, in seats where they have none.

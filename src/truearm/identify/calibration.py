@@ -18,7 +18,7 @@ MOST_OPEN = 100.0
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOutReadings:
     """Readings as models saw them that did not learn from them.
 
     Attributes
@@ -42,7 +42,7 @@ class HeldOut:
     covariance: FloatArray
     freedom: FloatArray
 
-    def judging(self, own_mm2: FloatArray) -> HeldOut:
+    def select_informative(self, own_mm2: FloatArray) -> HeldOutReadings:
         """Select the readings that say something of their own variance: the other groups know where they are.
 
         Where those leave a direction open, as they do with most of a session's readings its frame, the covariance has
@@ -54,7 +54,7 @@ class HeldOut:
             Variance of a coordinate of each, about [mm^2].
         """
         judging = np.linalg.eigvalsh(self.covariance)[:, -1] <= MOST_OPEN * own_mm2
-        return HeldOut(*(getattr(self, part.name)[judging] for part in fields(self)))
+        return HeldOutReadings(*(getattr(self, part.name)[judging] for part in fields(self)))
 
     @property
     def errors_mm(self) -> FloatArray:
@@ -79,7 +79,7 @@ class HeldOut:
         return float(np.sqrt((scatter**2).sum() * len(counts) / (len(counts) - 1)) / counts.sum())
 
 
-def unexplained_variance_of(held_out: HeldOut, *, level: float = LEVEL) -> float:
+def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEVEL) -> float:
     """The variance v of a coordinate for which ellipsoids hold a share `level` of the readings held out.
 
     With it added to their covariances, the squared Mahalanobis length that the share stays below is that of three

@@ -29,12 +29,12 @@ import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 
 from truearm.arm.chain import Chain
-from truearm.identify.identification import UNKNOWN_STD, GroupFound, Identified, explained, without_unknowns
-from truearm.identify.noise import cut_square, huber_weights, mean_cut_square
-from truearm.identify.problem import Moved, SmallMotionProblem
-from truearm.identify.propagation import effects_of_directions
+from truearm.identify.identification import UNKNOWN_STD, TermGroupResult, IdentificationResult, reference_fits, eliminate_unknowns
+from truearm.identify.noise import huber_threshold_squared, huber_weights, expected_clipped_square
+from truearm.identify.problem import PerturbedChain, SmallMotionProblem
+from truearm.identify.propagation import direction_effects
 from truearm.identify.references import Reference
-from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior, root_of
+from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior, covariance_factor
 from truearm.solve.threads import one_blas_thread
 from truearm.terms.basis import Constant
 from truearm.terms.state import ArmState
@@ -49,8 +49,8 @@ SETTLED_STEP = 0.01
 SETTLED_NOISE = 0.02
 
 
-def identified_anew(
-    fit: Identified,
+def consider_update(
+    fit: IdentificationResult,
     chain: Chain,
     state: ArmState,
     terms: Sequence[Term],
@@ -59,12 +59,12 @@ def identified_anew(
     unexplained_std: float,
     robust: bool = True,
     progress: Callable[[int, str], None] | None = None,
-) -> Identified:
+) -> IdentificationResult:
     """Identify a few constant terms from new readings, and keep all other terms of a fit.
 
     Parameters
     ----------
-    fit : Identified
+    fit : IdentificationResult
         The arm as it is known.
     chain : Chain
         Its chain, put roughly to where the new readings saw it.
@@ -86,22 +86,22 @@ def identified_anew(
 
     Returns
     -------
-    Identified
+    IdentificationResult
         The noise of its references is the one that was kept or found.
     """
     merged = _merged(fit, terms)
-    moved, n = Moved(chain, merged.terms), len(merged.x)
-    rough = moved.tips(state, merged.x).T
-    started = [reference.started(rough[:, reference.rows]) for reference in references]
-    problem = SmallMotionProblem(moved, state, tuple(reference for reference, _ in started))
+    perturbed_chain, n = PerturbedChain(chain, merged.terms), len(merged.x)
+    rough = perturbed_chain.tips(state, merged.x).T
+    started = [reference.initialise(rough[:, reference.rows]) for reference in references]
+    problem = SmallMotionProblem(perturbed_chain, state, tuple(reference for reference, _ in started))
     x = np.concatenate([merged.x, *(unknowns for _, unknowns in started)])
-    sought = _Sought(problem, merged.anew, x, merged.prior_std[merged.anew])
-    undirected = (effects_of_directions(fit, state) ** 2).sum(axis=0).mean(axis=1)
+    sought = _FreeParameters(problem, merged.anew, x, merged.prior_std[merged.anew])
+    undirected = (direction_effects(fit, state) ** 2).sum(axis=0).mean(axis=1)
     stated = [reference.std**2 + undirected[reference.rows] for reference in problem.references]
     x, residuals = _near(sought, x, stated, unexplained_std**2, robust=robust)
 
-    root = root_of(merged.covariance)
-    of_arm = [_arm_variance(moved, state.rows(reference.rows), x[:n], root) for reference in references]
+    root = covariance_factor(merged.covariance)
+    of_arm = [_arm_variance(perturbed_chain, state.rows(reference.rows), x[:n], root) for reference in references]
     variance, converged, nothing = unexplained_std**2, False, np.zeros((0, n))
     for n_rounds in range(1, MOST_ROUNDS + 1):
         weighed = _weighed(stated, residuals, variance, of_arm, robust=robust)
@@ -113,19 +113,19 @@ def identified_anew(
         if left.size > SETTLED_STEP:
             continue
         of_noise, _ = sought.at(x, weighed, root)
-        freedom = max(weighed.freedom + sought.n_relations(x) - of_noise.told, 1.0)
+        freedom = max(weighed.freedom + sought.n_constraints(x) - of_noise.told, 1.0)
         grown = max(variance * (of_noise.square - weighed.beyond) / freedom, unexplained_std**2)
         converged = abs(grown - variance) < SETTLED_NOISE * variance
         if converged:
             break
         variance = grown
-    return Identified(
-        moved,
+    return IdentificationResult(
+        perturbed_chain,
         x[:n],
         _joseph(root, merged.anew, left, found),
         merged.prior_std,
         _groups(fit, terms, 1 - found.covariance.diagonal()[: len(merged.anew)] / sought.prior_std**2),
-        explained(problem, x, np.full(len(references), np.sqrt(variance)), weighed.trust),
+        reference_fits(problem, x, np.full(len(references), np.sqrt(variance)), weighed.trust),
         converged,
         n_rounds,
     )
@@ -141,7 +141,7 @@ class _Merged(NamedTuple):
     anew: IntArray
 
 
-class _Left(NamedTuple):
+class _ReducedSystem(NamedTuple):
     """What the residuals say of the parameters sought, with the considered ones integrated out.
 
     `pull` is ``A^T R^-1 J`` of all coefficients, `square` the least ``r^T S^-1 r``. `told` counts what the residuals
@@ -170,15 +170,15 @@ class _Weighed(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Sought:
-    """The parameters sought: new coefficients `anew`, and what is unknown of artefacts, about where all `begun`."""
+class _FreeParameters:
+    """The parameters sought: new coefficients `anew`, and what is unknown of artefacts, about where all `prior_mean`."""
 
     problem: SmallMotionProblem
     anew: IntArray
-    begun: FloatArray
+    prior_mean: FloatArray
     prior_std: FloatArray
 
-    def at(self, x: FloatArray, weighed: _Weighed, root: FloatArray) -> tuple[_Left, Posterior]:
+    def at(self, x: FloatArray, weighed: _Weighed, root: FloatArray) -> tuple[_ReducedSystem, Posterior]:
         """Linearise, and find them with considered parameters of the covariance that `root` is of.
 
         With the root F, ``P = F^T F``, and the Gauss-Newton matrix G of all parameters, S^-1 enters by the factor of
@@ -187,7 +187,7 @@ class _Sought:
         parts, whole = self.problem.equations(x, weighed.weights)
         n = root.shape[1]
         with one_blas_thread():
-            left = without_unknowns(parts, whole, x - self.begun)
+            left = eliminate_unknowns(parts, whole, x - self.prior_mean)
             gram, gradient = left.gram, left.gradient
             which = np.concatenate([self.anew, np.arange(n, len(left.kept))])
             matrix = root @ gram[:n, :n] @ root.T
@@ -196,7 +196,7 @@ class _Sought:
             across = _by_factor(lower, root @ gram[:n, which])
             along = _by_factor(lower, root @ gradient[:n])
             own, downhill = gram[np.ix_(which, which)] - across.T @ across, gradient[which] - across.T @ along
-            away = (x - self.begun)[left.kept[which]]
+            away = (x - self.prior_mean)[left.kept[which]]
             found = posterior(own, own @ away - downhill, self._prior(len(which)))
             of_sought = found.x - away
             of_kept = np.zeros(len(left.kept))
@@ -207,22 +207,22 @@ class _Sought:
             step[left.kept] = of_kept
         length = max(float(of_sought @ own @ of_sought), 0.0)
         square = 2 * whole.cost - left.gain - float(along @ along) - length
-        told = left.told + float(np.vdot(own, found.covariance))
-        return _Left(gram[which, :n], square, told, step, float(np.sqrt(length / len(of_sought)))), found
+        told = left.n_determined + float(np.vdot(own, found.covariance))
+        return _ReducedSystem(gram[which, :n], square, told, step, float(np.sqrt(length / len(of_sought)))), found
 
     def _prior(self, n: int) -> GroupedPrior:
         ratio = np.concatenate([self.prior_std, np.full(n - len(self.anew), UNKNOWN_STD)])
         return GroupedPrior(ratio, np.zeros(n, dtype=np.intp), np.ones(1), np.zeros(1, dtype=bool))
 
-    def n_relations(self, x: FloatArray) -> int:
+    def n_constraints(self, x: FloatArray) -> int:
         """How many residuals there are among the unknowns alone."""
         problem = self.problem
-        found = [reference.relations(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)]
-        return sum(len(relations.residuals) for relations in found if relations is not None)
+        found = [reference.constraints(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)]
+        return sum(len(constraints.residuals) for constraints in found if constraints is not None)
 
 
 def _near(
-    sought: _Sought, x: FloatArray, stated: list[FloatArray], variance: float, *, robust: bool
+    sought: _FreeParameters, x: FloatArray, stated: list[FloatArray], variance: float, *, robust: bool
 ) -> tuple[FloatArray, list[FloatArray]]:
     """Bring `x` near the minimum: downhill, as if the arm were known exactly; and the residuals there."""
     problem = sought.problem
@@ -232,7 +232,7 @@ def _near(
         typical = max([variance, *(float(np.median((r**2).mean(axis=0))) for r in residuals)])
         nothing = [np.zeros(r.shape[1]) for r in residuals]
         weighed = _weighed(stated, residuals, typical, nothing, robust=robust)
-        left, _ = sought.at(x, weighed, np.zeros((0, problem.moved.n_coefficients)))
+        left, _ = sought.at(x, weighed, np.zeros((0, problem.perturbed_chain.n_coefficients)))
         before = _cost(problem, x, weighed, residuals)
         for halvings in range(12):
             at = x + left.step / 2**halvings
@@ -247,7 +247,7 @@ def _near(
 
 def _cost(problem: SmallMotionProblem, x: FloatArray, weighed: _Weighed, residuals: list[FloatArray]) -> float:
     data = sum(float(((w * r) ** 2).sum()) for w, r in zip(weighed.weights, residuals, strict=True))
-    return data / 2 + problem.relations_cost(x)
+    return data / 2 + problem.constraints_cost(x)
 
 
 def _weighed(
@@ -270,27 +270,27 @@ def _weighed(
         trust = huber_weights(residual.T, (noise + arm).T) if robust else np.ones(m)
         weights.append(np.sqrt(trust / noise))
         trusts.append(trust)
-        freedom += m * (mean_cut_square(k) if robust else k)
-        beyond += cut_square(k) * float((1 / trust - 1).sum())
+        freedom += m * (expected_clipped_square(k) if robust else k)
+        beyond += huber_threshold_squared(k) * float((1 / trust - 1).sum())
     return _Weighed(weights, trusts, freedom, beyond)
 
 
-def _arm_variance(moved: Moved, state: ArmState, x: FloatArray, root: FloatArray) -> FloatArray:
+def _arm_variance(perturbed_chain: PerturbedChain, state: ArmState, x: FloatArray, root: FloatArray) -> FloatArray:
     """(m,) variance of a tip's coordinate by the arm's uncertainty, its mean over the three [mm^2]."""
     found = [
         ((root @ columns.reshape(len(columns), -1)) ** 2).sum(axis=0).reshape(columns.shape[1:]).mean(axis=0)
-        for _, _, columns in moved.derivatives(state, x)
+        for _, _, columns in perturbed_chain.derivatives(state, x)
     ]
     return np.concatenate(found)
 
 
-def _merged(fit: Identified, anew: Sequence[Term]) -> _Merged:
+def _merged(fit: IdentificationResult, anew: Sequence[Term]) -> _Merged:
     places = {(term.place, term.direction): i for i, term in enumerate(anew)}
     # Of every coefficient of before, where it stands now: among those kept, or from the end.
     where: list[int] = []
     kept: list[Term] = []
     n_kept = 0
-    for term in fit.moved.terms:
+    for term in fit.perturbed_chain.terms:
         i = places.get((term.place, term.direction)) if isinstance(term.basis, Constant) else None
         if i is not None:
             where.append(i - len(anew))
@@ -308,7 +308,7 @@ def _merged(fit: Identified, anew: Sequence[Term]) -> _Merged:
     )
 
 
-def _joseph(root: FloatArray, anew: IntArray, left: _Left, found: Posterior) -> FloatArray:
+def _joseph(root: FloatArray, anew: IntArray, left: _ReducedSystem, found: Posterior) -> FloatArray:
     """Covariance of all coefficients afterwards, symmetric and without negative variances by its form."""
     k = len(anew)
     half = root.copy()
@@ -325,11 +325,11 @@ def _by_factor(lower: FloatArray, right: FloatArray, *, transposed: bool = False
     return np.asarray(solve_triangular(matrix, right, lower=not transposed, check_finite=False))
 
 
-def _groups(fit: Identified, terms: Sequence[Term], determined: FloatArray) -> tuple[GroupFound, ...]:
+def _groups(fit: IdentificationResult, terms: Sequence[Term], determined: FloatArray) -> tuple[TermGroupResult, ...]:
     """Groups of before, and those of the new terms with what the new readings determine of them."""
     names = tuple(dict.fromkeys(term.group for term in terms))
     share = {name: [float(d) for t, d in zip(terms, determined, strict=False) if t.group == name] for name in names}
     old = tuple(group for group in fit.groups if group.name not in names)
     return old + tuple(
-        GroupFound(name, len(part), float(np.clip(sum(part), 0, None)), 1.0) for name, part in share.items()
+        TermGroupResult(name, len(part), float(np.clip(sum(part), 0, None)), 1.0) for name, part in share.items()
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from truearm.identify.identification import Identified
+from truearm.identify.identification import IdentificationResult
 from truearm.terms.state import ArmState
 
 FloatArray = npt.NDArray[np.float64]
@@ -41,28 +41,28 @@ class Effect:
     tip_mm: float | None
 
 
-def effects(fit: Identified, state: ArmState) -> tuple[Effect, ...]:
+def effects(fit: IdentificationResult, state: ArmState) -> tuple[Effect, ...]:
     """What every group of terms that was offered does at the readings of a state, in the order offered.
 
     Parameters
     ----------
-    fit : Identified
+    fit : IdentificationResult
     state : ArmState
         Of at least one reading.
     """
     n, names = len(state), [group.name for group in fit.groups]
-    of_terms = [np.full(term.n_coefficients, names.index(term.group)) for term in fit.moved.terms]
+    of_terms = [np.full(term.n_coefficients, names.index(term.group)) for term in fit.perturbed_chain.terms]
     group = np.concatenate([np.zeros(0, dtype=np.intp), *of_terms])
     squares = np.zeros((len(names), 2))  # of rotations and shifts
     sites = np.zeros((len(names), 2))
-    for site, value in zip(fit.moved.sites, fit.moved.values(state), strict=True):
+    for site, value in zip(fit.perturbed_chain.sites, fit.perturbed_chain.values(state), strict=True):
         parts = site.direction.reshape(2, 3)
         for i in np.unique(group[site.columns]):
             here = group[site.columns] == i
             motion = fit.coefficients[site.columns[here]] @ value[here]
             squares[i] += (parts**2).sum(axis=1) * float(motion @ motion) / n
             sites[i] += parts.any(axis=1)
-    free = {term.group for term in fit.moved.terms if not term.learn}
+    free = {term.group for term in fit.perturbed_chain.terms if not term.learn}
     tip_squares = _tip_squares(fit, state, group, np.isin(names, list(free))) / n
     sizes = [
         [float(np.sqrt(s / k)) if k and name not in free else None for s, k in zip(*row, strict=True)]
@@ -81,12 +81,12 @@ def effects(fit: Identified, state: ArmState) -> tuple[Effect, ...]:
     )
 
 
-def _tip_squares(fit: Identified, state: ArmState, group: IntArray, is_free: npt.NDArray[np.bool_]) -> FloatArray:
+def _tip_squares(fit: IdentificationResult, state: ArmState, group: IntArray, is_free: npt.NDArray[np.bool_]) -> FloatArray:
     """(n_groups,) sums of squares of the tip's displacements, but for what the free groups can make up for."""
     parts = [np.flatnonzero(group == i) for i in range(len(is_free))]
     free = np.flatnonzero(is_free[group])
     own, cross, gram = np.zeros(len(parts)), np.zeros((len(free), len(parts))), np.zeros((len(free), len(free)))
-    for _, _, columns in fit.moved.derivatives(state, fit.coefficients):
+    for _, _, columns in fit.perturbed_chain.derivatives(state, fit.coefficients):
         flat = columns.reshape(len(columns), 3 * columns.shape[2])
         moved = np.stack([fit.coefficients[part] @ flat[part] for part in parts])
         own += (moved**2).sum(axis=1)

@@ -19,15 +19,15 @@ import numpy.typing as npt
 from scipy.linalg import qr
 
 from truearm.arm.chain import Chain
-from truearm.identify.identification import Identified
-from truearm.identify.problem import Moved
+from truearm.identify.identification import IdentificationResult
+from truearm.identify.problem import PerturbedChain
 from truearm.terms.basis import Constant
 from truearm.terms.state import ArmState
 
 FloatArray = npt.NDArray[np.float64]
 
 # Above this share of the prior variance a combination is as good as unknown.
-UNTOLD = 0.5
+UNIDENTIFIABLE_SHARE = 0.5
 # Poses of all kinds, at which a combination moves the tip, or at none. To move it by a smaller share than this of what
 # its members do, each alone, is not to move it: axes that the drawing has parallel or at right angles are not quite.
 POSES = 100
@@ -40,7 +40,7 @@ STRONG = 0.95
 
 
 @dataclass(frozen=True)
-class Untold:
+class Unidentifiable:
     """A combination of constants that the readings do not determine.
 
     Attributes
@@ -49,20 +49,20 @@ class Untold:
         Their names. Of several only a sum, with the weights, is known: they can move together and nothing shows.
     movement : tuple of float
         How far each moves together with the first [rad or mm], the first by its prior standard deviation.
-    ever : bool
+    at_other_poses : bool
         Whether readings at other poses would determine it.
     """
 
     constants: tuple[str, ...]
     movement: tuple[float, ...]
-    ever: bool = True
+    at_other_poses: bool = True
 
     @property
-    def known(self) -> str:
+    def status(self) -> str:
         """How much of it is known, in words."""
         if len(self.constants) == 1:
             return "not told"
-        return "only together" if self.ever else "only together, by any readings"
+        return "only together" if self.at_other_poses else "only together, by any readings"
 
     def __str__(self) -> str:
         if len(self.constants) == 1:
@@ -71,7 +71,7 @@ class Untold:
 
 
 @dataclass(frozen=True)
-class Correlated:
+class CorrelatedPair:
     """Two constants whose errors go together.
 
     Attributes
@@ -92,22 +92,22 @@ class Identifiability:
     ----------
     determined : dict of str to float
         Share of each constant's prior variance that the readings took away: 1 fully known, 0 as before.
-    untold : tuple of Untold
+    unidentifiable : tuple of Unidentifiable
         Combinations left open.
-    correlated : tuple of Correlated
+    correlated : tuple of CorrelatedPair
         Pairs with a correlation beyond 0.95, the strongest first, ten at most.
     """
 
     determined: dict[str, float]
-    untold: tuple[Untold, ...]
-    correlated: tuple[Correlated, ...]
+    unidentifiable: tuple[Unidentifiable, ...]
+    correlated: tuple[CorrelatedPair, ...]
 
 
-def identifiability(fit: Identified) -> Identifiability:
+def identifiability(fit: IdentificationResult) -> Identifiability:
     """What the readings of a fit tell of its constants; base and tip where they are free too."""
     names, columns, effects, start = [], [], [], 0
     levers = _levers(fit.chain)
-    for term in fit.moved.terms:
+    for term in fit.perturbed_chain.terms:
         if isinstance(term.basis, Constant):
             names.append(term.name)
             columns.append(start)
@@ -121,21 +121,21 @@ def identifiability(fit: Identified) -> Identifiability:
     determined = {name: float(np.clip(1 - v, 0.0, 1.0)) for name, v in zip(names, whitened.diagonal(), strict=True)}
     values, vectors = np.linalg.eigh(whitened)
     still = _still(fit, columns)
-    left_open = vectors[:, values > UNTOLD]
+    left_open = vectors[:, values > UNIDENTIFIABLE_SHARE]
     left_open = left_open - still @ (still.T @ left_open)
     beside, size, _ = np.linalg.svd(left_open, full_matrices=False)
-    untold = (
-        *_named(beside[:, size > UNTOLD], names, prior_std, np.array(effects), ever=True),
-        *_named(still, names, prior_std, np.array(effects), ever=False),
+    unidentifiable = (
+        *_named(beside[:, size > UNIDENTIFIABLE_SHARE], names, prior_std, np.array(effects), at_other_poses=True),
+        *_named(still, names, prior_std, np.array(effects), at_other_poses=False),
     )
-    return Identifiability(determined, untold, _correlated(whitened, names))
+    return Identifiability(determined, unidentifiable, _correlated(whitened, names))
 
 
-def _still(fit: Identified, columns: list[int]) -> FloatArray:
+def _still(fit: IdentificationResult, columns: list[int]) -> FloatArray:
     """(n, k) combinations of the constants, over their prior standard deviations, that move the tip at no pose."""
-    chain, rng = fit.moved.chain, np.random.default_rng(0)
-    angles = np.where(chain.slides, 500.0, np.pi) * rng.uniform(-1, 1, (POSES, chain.n_joints))
-    arm = Moved(chain, tuple(term for term in fit.moved.terms if isinstance(term.basis, Constant)))
+    chain, rng = fit.perturbed_chain.chain, np.random.default_rng(0)
+    angles = np.where(chain.is_prismatic, 500.0, np.pi) * rng.uniform(-1, 1, (POSES, chain.n_joints))
+    arm = PerturbedChain(chain, tuple(term for term in fit.perturbed_chain.terms if isinstance(term.basis, Constant)))
     ((_, _, by),) = arm.derivatives(ArmState(chain, angles), fit.coefficients[columns])
     by_whitened = by.reshape(len(columns), -1).T * fit.prior_std[columns]
     # A base that may be metres off must not hide what a link's milliradian does: each column by its own size.
@@ -155,8 +155,8 @@ def _levers(chain: Chain) -> FloatArray:
 
 
 def _named(
-    open_directions: FloatArray, names: list[str], prior_std: FloatArray, effects: FloatArray, *, ever: bool
-) -> tuple[Untold, ...]:
+    open_directions: FloatArray, names: list[str], prior_std: FloatArray, effects: FloatArray, *, at_other_poses: bool
+) -> tuple[Unidentifiable, ...]:
     """The combinations that span `open_directions` (n, k), each by one constant of its own and what goes with it.
 
     `effects` (n,) say how far a unit of each moves the tip [mm].
@@ -171,13 +171,13 @@ def _named(
         moved = np.abs(movement) * effects
         largest = [i for i in np.argsort(-moved) if i != pivot and moved[i] > LEAST_SHARE * moved[pivot]]
         members = [int(pivot), *(int(i) for i in largest[: MOST_PARTNERS - 1])]
-        found.append(Untold(tuple(names[i] for i in members), tuple(float(movement[i]) for i in members), ever))
+        found.append(Unidentifiable(tuple(names[i] for i in members), tuple(float(movement[i]) for i in members), at_other_poses))
     return tuple(sorted(found, key=lambda one: names.index(one.constants[0])))
 
 
-def _correlated(covariance: FloatArray, names: list[str]) -> tuple[Correlated, ...]:
+def _correlated(covariance: FloatArray, names: list[str]) -> tuple[CorrelatedPair, ...]:
     scale = np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
     upper = np.triu(covariance / np.outer(scale, scale), 1)
     strongest = np.argsort(-np.abs(upper), axis=None)[:10]
     pairs = [divmod(int(k), len(names)) for k in strongest]
-    return tuple(Correlated((names[i], names[j]), float(upper[i, j])) for i, j in pairs if abs(upper[i, j]) > STRONG)
+    return tuple(CorrelatedPair((names[i], names[j]), float(upper[i, j])) for i, j in pairs if abs(upper[i, j]) > STRONG)

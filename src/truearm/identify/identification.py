@@ -17,18 +17,18 @@ import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identify.noise import huber_weights, unexplained_variance
-from truearm.identify.problem import RELATIVE, Moved, SmallMotionProblem
+from truearm.identify.noise import huber_weights, paule_mandel_variance
+from truearm.identify.problem import RELATIVE, PerturbedChain, SmallMotionProblem
 from truearm.identify.references import Reference
-from truearm.solve.arrowhead import Arrowhead, Eliminated
+from truearm.solve.arrowhead import Arrowhead, SchurComplement
 from truearm.solve.group_evidence import (
     GroupedPrior,
     Posterior,
-    marginals,
+    marginal_posterior,
     posterior,
-    root_of,
-    updated_scales,
-    without_dispensable,
+    covariance_factor,
+    update_scales,
+    prune_groups,
 )
 from truearm.solve.threads import one_blas_thread
 from truearm.terms.state import ArmState
@@ -61,7 +61,7 @@ UNKNOWN_STD = 1e6
 
 
 @dataclass(frozen=True)
-class GroupFound:
+class TermGroupResult:
     """What became of a group of terms.
 
     Attributes
@@ -82,7 +82,7 @@ class GroupFound:
 
 
 @dataclass(frozen=True, eq=False)
-class Explained:
+class ReferenceFit:
     """What a reference looks like under the identified terms.
 
     Attributes
@@ -97,7 +97,7 @@ class Explained:
         Standard uncertainties of what is known [mm].
     noise_std : float
         Standard deviation of a residual that neither terms nor reference explain [mm].
-    trust : (m,) array
+    robust_weight : (m,) array
         Robust weight of every reading, 1 for an ordinary one.
     artefact : (m,) int array
         Which seat, which sphere each reading was on; zeros for points.
@@ -110,23 +110,23 @@ class Explained:
     residuals: FloatArray
     std: FloatArray
     noise_std: float
-    trust: FloatArray
+    robust_weight: FloatArray
     artefact: npt.NDArray[np.intp]
     unknowns: dict[str, float]
 
     @property
     def weights(self) -> FloatArray:
-        """(k, m) what residuals are multiplied with: square roots of trust over variance [1/mm]."""
-        return np.asarray(np.sqrt(self.trust / (self.std**2 + self.noise_std**2)))
+        """(k, m) what residuals are multiplied with: square roots of robust weight over variance [1/mm]."""
+        return np.asarray(np.sqrt(self.robust_weight / (self.std**2 + self.noise_std**2)))
 
 
 @dataclass(frozen=True, eq=False)
-class Identified:
+class IdentificationResult:
     """What was identified.
 
     Attributes
     ----------
-    moved : Moved
+    perturbed_chain : PerturbedChain
         The chain, as drawn and placed, and the terms that move it; groups without evidence are not among them.
     coefficients : (n_coefficients,) array
         Of the terms [rad or mm per unit of the basis].
@@ -134,26 +134,26 @@ class Identified:
         Their posterior covariance.
     prior_std : (n_coefficients,) array
         Their prior standard deviations as evidence found them.
-    groups : tuple of GroupFound
+    groups : tuple of TermGroupResult
         All that were offered.
-    references : tuple of Explained
+    references : tuple of ReferenceFit
     converged : bool
     rounds : int
     """
 
-    moved: Moved
+    perturbed_chain: PerturbedChain
     coefficients: FloatArray
     covariance: FloatArray
     prior_std: FloatArray
-    groups: tuple[GroupFound, ...]
-    references: tuple[Explained, ...]
+    groups: tuple[TermGroupResult, ...]
+    references: tuple[ReferenceFit, ...]
     converged: bool
     rounds: int
 
     @property
     def chain(self) -> Chain:
         """The chain with the constant terms composed; those that depend on the arm's state are left out."""
-        return self.moved.with_constants(self.coefficients)
+        return self.perturbed_chain.with_constants(self.coefficients)
 
     @property
     def parameters(self) -> FloatArray:
@@ -162,13 +162,13 @@ class Identified:
 
     def tips(self, state: ArmState) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""
-        return self.moved.tips(state, self.coefficients)
+        return self.perturbed_chain.tips(state, self.coefficients)
 
     def tip_covariance(self, state: ArmState) -> FloatArray:
         """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
         out = np.empty((len(state), 3, 3))
         uncertain, root = self._root
-        for rows, _, columns in self.moved.derivatives(state, self.coefficients):
+        for rows, _, columns in self.perturbed_chain.derivatives(state, self.coefficients):
             # By the root, for a sum of squares: of an arm known to rounding a variance came out below zero.
             spread = np.tensordot(root, columns[uncertain], axes=1)
             out[rows] = np.einsum("pin,pjn->nij", spread, spread)
@@ -178,7 +178,7 @@ class Identified:
     def _root(self) -> tuple[npt.NDArray[np.intp], FloatArray]:
         """The (k,) coefficients that are uncertain, and F (k, k) with ``F^T F`` their covariance."""
         uncertain = np.flatnonzero(self.covariance.diagonal() > 0)
-        return uncertain, root_of(self.covariance[np.ix_(uncertain, uncertain)])
+        return uncertain, covariance_factor(self.covariance[np.ix_(uncertain, uncertain)])
 
 
 def grouped_prior(terms: Sequence[Term], n_unknowns: int) -> tuple[GroupedPrior, tuple[str, ...]]:
@@ -210,7 +210,7 @@ def identify(
     *,
     robust: bool = True,
     progress: Callable[[int, str], None] | None = None,
-) -> Identified:
+) -> IdentificationResult:
     """Identify terms from readings.
 
     Parameters
@@ -229,7 +229,7 @@ def identify(
 
     Returns
     -------
-    Identified
+    IdentificationResult
 
     Raises
     ------
@@ -244,9 +244,9 @@ def identify(
         term.check_place(chain)
     for reference in references:
         _check_rows(reference, len(state))
-    moved = Moved(chain, tuple(terms))
-    problem, unknowns = started(moved, state, references)
-    n_coefficients = moved.n_coefficients
+    perturbed_chain = PerturbedChain(chain, tuple(terms))
+    problem, unknowns = initial_problem(perturbed_chain, state, references)
+    n_coefficients = perturbed_chain.n_coefficients
     x = np.concatenate([np.zeros(n_coefficients), unknowns])
     prior, groups = grouped_prior(terms, len(x) - n_coefficients)
     per_kind = np.zeros(len(references))
@@ -259,7 +259,7 @@ def identify(
             told = ", ".join(f"{kind} {np.sqrt(v):.4f} mm" for kind, v in zip(kinds, noise, strict=True))
             progress(n_rounds, f"unexplained: {told}")
         parts, whole = linearised(problem, x, weights)
-        left = without_unknowns(parts, whole, x)
+        left = eliminate_unknowns(parts, whole, x)
         calm = calm + 1 if np.all(np.abs(noise - noise_before) < CALM_NOISE * noise) else 0
         if calm == 1:
             prior = _without_invisible(prior, whole.diagonal, sum(residual.size for residual in residuals))
@@ -272,7 +272,7 @@ def identify(
         step = left.step(found.x - x[left.kept])
         along = whole.times(step)
         # Rounding may leave a product of almost nothing below zero.
-        moved_by = np.sqrt(max(float(step @ along), 0.0) / max(float(effective.sum()) + left.told, 1.0))
+        moved_by = np.sqrt(max(float(step @ along), 0.0) / max(float(effective.sum()) + left.n_determined, 1.0))
         back = float(along @ step_before) < 0
         share = max(share / 2, 0.1) if calm >= 2 and back else min(1.5 * share, 1.0)
         step_before = step
@@ -285,17 +285,17 @@ def identify(
     # Where readings leave a motion of decimetres open, a last step within all uncertainty still turns what is open by
     # more than the noise: the covariance is that of the arm that was found.
     parts, whole = linearised(problem, x, weights)
-    left = without_unknowns(parts, whole, x)
+    left = eliminate_unknowns(parts, whole, x)
     with one_blas_thread():
-        found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior.of(left.kept), size=left.size)
+        found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior.subset(left.kept), size=left.size)
     return _gathered(problem, x, prior, groups, found, effective, noise, trust, converged, n_rounds)
 
 
-def started(moved: Moved, state: ArmState, references: Sequence[Reference]) -> tuple[SmallMotionProblem, FloatArray]:
+def initial_problem(perturbed_chain: PerturbedChain, state: ArmState, references: Sequence[Reference]) -> tuple[SmallMotionProblem, FloatArray]:
     """The problem with references laid out about the arm as drawn, and the unknowns where they start."""
-    rough = moved.tips(state, np.zeros(moved.n_coefficients)).T
-    laid = [reference.started(rough[:, reference.rows]) for reference in references]
-    problem = SmallMotionProblem(moved, state, tuple(reference for reference, _ in laid))
+    rough = perturbed_chain.tips(state, np.zeros(perturbed_chain.n_coefficients)).T
+    laid = [reference.initialise(rough[:, reference.rows]) for reference in references]
+    problem = SmallMotionProblem(perturbed_chain, state, tuple(reference for reference, _ in laid))
     return problem, np.concatenate([np.zeros(0), *(unknowns for _, unknowns in laid)])
 
 
@@ -312,34 +312,34 @@ def _check_rows(reference: Reference, n: int) -> None:
 def linearised(
     problem: SmallMotionProblem, x: FloatArray, weights: list[FloatArray]
 ) -> tuple[list[Arrowhead], Arrowhead]:
-    """Normal equations of every reference, and of all of them and their relations together."""
+    """Normal equations of every reference, and of all of them and their constraints together."""
     parts, whole = problem.equations(x, weights)
     head, gradient = whole.head, whole.gradient
     if any(reference.kind in RELATIVE for reference in problem.references):
-        size = problem.growth_gradient(x)
+        size = problem.log_size_ratio_gradient(x)
         for part, reference in zip(parts, problem.references, strict=True):
             if reference.kind in RELATIVE:
                 gradient = gradient - 2 * part.cost * size
         if _size_is_open(problem, x):
             of_coefficients = size[: len(head)]
             head = head + np.outer(of_coefficients, of_coefficients) / SIZE_STD**2
-            gradient = gradient + size * problem.growth(x) / SIZE_STD**2
+            gradient = gradient + size * problem.log_size_ratio(x) / SIZE_STD**2
     return parts, replace(whole, gradient=gradient, head=head)
 
 
-def without_unknowns(parts: Sequence[Arrowhead], whole: Arrowhead, x: FloatArray) -> Eliminated:
+def eliminate_unknowns(parts: Sequence[Arrowhead], whole: Arrowhead, x: FloatArray) -> SchurComplement:
     """Normal equations without the artefacts' unknowns.
 
     Those that no reading is about stay: lengths of artefacts, which tie the places where these stood to one another.
     """
     in_readings = np.concatenate([part.blocks.diagonal() for part in parts]) > 0
-    return whole.eliminated(np.full(len(in_readings), UNKNOWN_STD**-2.0), x, shared=~in_readings)
+    return whole.eliminate(np.full(len(in_readings), UNKNOWN_STD**-2.0), x, shared=~in_readings)
 
 
 def _size_is_open(problem: SmallMotionProblem, x: FloatArray) -> bool:
     """Whether nothing tells how large the arm is: neither points nor lengths nor radii."""
-    told = [reference.relations(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)]
-    return all(r.kind != "point" for r in problem.references) and all(relations is None for relations in told)
+    told = [reference.constraints(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)]
+    return all(r.kind != "point" for r in problem.references) and all(constraints is None for constraints in told)
 
 
 def _gathered(
@@ -353,35 +353,35 @@ def _gathered(
     trust: list[FloatArray],
     converged: bool,
     n_rounds: int,
-) -> Identified:
-    moved = problem.moved
-    kept = tuple(term for term in moved.terms if prior.scale[groups.index(term.group)] > 0)
-    active = np.flatnonzero(prior.active[: moved.n_coefficients])
+) -> IdentificationResult:
+    perturbed_chain = problem.perturbed_chain
+    kept = tuple(term for term in perturbed_chain.terms if prior.scale[groups.index(term.group)] > 0)
+    active = np.flatnonzero(prior.active[: perturbed_chain.n_coefficients])
     offered = np.bincount(prior.group, minlength=len(groups))
-    return Identified(
-        Moved(moved.chain, kept),
+    return IdentificationResult(
+        PerturbedChain(perturbed_chain.chain, kept),
         x[active],
         found.covariance[np.ix_(active, active)],
         (prior.ratio * prior.scale[prior.group])[active],
         tuple(
-            GroupFound(name, int(offered[i]), float(effective[i]), float(prior.scale[i]))
+            TermGroupResult(name, int(offered[i]), float(effective[i]), float(prior.scale[i]))
             for i, name in enumerate(groups)
         ),
-        explained(problem, x, np.sqrt(noise), trust),
+        reference_fits(problem, x, np.sqrt(noise), trust),
         bool(converged),
         n_rounds,
     )
 
 
-def explained(
+def reference_fits(
     problem: SmallMotionProblem, x: FloatArray, noise_std: FloatArray, trust: Sequence[FloatArray]
-) -> tuple[Explained, ...]:
+) -> tuple[ReferenceFit, ...]:
     """What the references look like at parameters `x`, with the noise of each and the trust in its readings."""
     found = []
     for i, (reference, residual) in enumerate(zip(problem.references, problem.residuals(x), strict=True)):
         unknowns = dict(zip(reference.unknowns, x[problem.unknowns_of(i)].tolist(), strict=True))
         found.append(
-            Explained(
+            ReferenceFit(
                 reference.kind,
                 reference.rows,
                 residual,
@@ -400,7 +400,7 @@ def _artefact(problem: SmallMotionProblem, which: int, x: FloatArray) -> npt.NDA
     reference = problem.references[which]
     if not reference.unknowns:
         return np.zeros(len(reference.rows), dtype=np.intp)
-    tips = problem.moved.tips(problem.state.rows(reference.rows), x[: problem.moved.n_coefficients])
+    tips = problem.perturbed_chain.tips(problem.state.rows(reference.rows), x[: problem.perturbed_chain.n_coefficients])
     first = reference.linearised(tips.T, x[problem.unknowns_of(which)], slice(None)).unknown[0]
     return np.unique(first, return_inverse=True)[1].astype(np.intp)
 
@@ -412,7 +412,7 @@ def _weighed(
     noise, weights, trusts = np.empty(len(references)), [], []
     for i, (reference, residual) in enumerate(zip(references, residuals, strict=True)):
         known = reference.std.T**2
-        noise[i] = unexplained_variance(residual.T, known, n_effective=float(effective[i]), robust=robust)
+        noise[i] = paule_mandel_variance(residual.T, known, n_effective=float(effective[i]), robust=robust)
         variance = known + noise[i]
         trust = huber_weights(residual.T, variance) if robust else np.ones(len(known))
         weights.append(np.sqrt(trust / variance.T))
@@ -425,24 +425,24 @@ def _without_invisible(prior: GroupedPrior, diagonal: FloatArray, n_residuals: i
 
     Evidence would let them grow beyond any sense: to where they are seen.
     """
-    in_all = np.sqrt(prior.sums(prior.ratio**2 * diagonal))
+    in_all = np.sqrt(prior.group_sums(prior.ratio**2 * diagonal))
     hidden = (in_all < INVISIBLE * np.sqrt(n_residuals)) & (in_all < INVISIBLE_IN_ALL)
     return replace(prior, scale=np.where(prior.learned & hidden, 0.0, prior.scale))
 
 
 def _evidence(
-    left: Eliminated, x: FloatArray, prior: GroupedPrior, *, prune: bool
+    left: SchurComplement, x: FloatArray, prior: GroupedPrior, *, prune: bool
 ) -> tuple[GroupedPrior, Posterior, FloatArray]:
     """Scales of greatest evidence on a linearisation, as far as some rounds get, and the posterior of those kept in it.
 
     Pruned groups have scale 0 and stay out.
     """
     gram, right, size = left.gram, left.gram @ x[left.kept] - left.gradient, left.size
-    of_kept = prior.of(left.kept)
+    of_kept = prior.subset(left.kept)
     effective = np.zeros(len(prior.scale))
     for _ in range(SCALE_ROUNDS):
-        known = marginals(gram, right, of_kept, size=size)
-        scale, effective = updated_scales(of_kept, known, log_spread=LOG_SPREAD, least=LEAST_SCALE, most=MOST_SCALE)
+        known = marginal_posterior(gram, right, of_kept, size=size)
+        scale, effective = update_scales(of_kept, known, log_spread=LOG_SPREAD, least=LEAST_SCALE, most=MOST_SCALE)
         told = effective > LEAST_EFFECTIVE
         change = np.abs(scale - of_kept.scale)[told] / of_kept.scale[told]
         of_kept = replace(of_kept, scale=scale)
@@ -450,7 +450,7 @@ def _evidence(
             break
     found = posterior(gram, right, of_kept, size=size)
     if prune:
-        pruned = without_dispensable(of_kept, found, log_spread=LOG_SPREAD)
+        pruned = prune_groups(of_kept, found, log_spread=LOG_SPREAD)
         if (pruned.scale < of_kept.scale).any():
             of_kept = pruned
             found = posterior(gram, right, of_kept, size=size)
@@ -469,13 +469,13 @@ def _stepped(
     """`x` after the step, halved until the cost under these weights does not rise, and the residuals there."""
 
     def cost(at: FloatArray, residuals: list[FloatArray]) -> float:
-        growth = problem.growth(at)
+        growth = problem.log_size_ratio(at)
         data = (growth / SIZE_STD) ** 2 if _size_is_open(problem, at) else 0.0
         for reference, w, r in zip(problem.references, weights, residuals, strict=True):
             data += float(((w * r) ** 2).sum()) * (np.exp(-2 * growth) if reference.kind in RELATIVE else 1.0)
         return 0.5 * (
             data + float((prior.precision[prior.active] * at[prior.active] ** 2).sum())
-        ) + problem.relations_cost(at)
+        ) + problem.constraints_cost(at)
 
     before = cost(x, residuals)
     for _ in range(8):

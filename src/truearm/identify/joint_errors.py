@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.identify.identification import Identified
+from truearm.identify.identification import IdentificationResult
 from truearm.terms.basis import Harmonics
 
 FloatArray = npt.NDArray[np.float64]
@@ -59,17 +59,17 @@ class JointError:
         return float(np.sqrt(np.mean(self.error**2)))
 
     @property
-    def is_told(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether the readings tell it: it is larger than its uncertainty, root mean square."""
         return self.rms > float(np.sqrt(np.mean(self.std**2)))
 
 
-def joint_error(fit: Identified, joint: int, angles: npt.ArrayLike, *, mean_at: npt.ArrayLike) -> JointError:
+def joint_error(fit: IdentificationResult, joint: int, angles: npt.ArrayLike, *, mean_at: npt.ArrayLike) -> JointError:
     """The error of a joint about its own axis.
 
     Parameters
     ----------
-    fit : Identified
+    fit : IdentificationResult
     joint : int
         Counted from 1.
     angles : (m,) array
@@ -86,8 +86,8 @@ def joint_error(fit: Identified, joint: int, angles: npt.ArrayLike, *, mean_at: 
     InputError
         If the chain has no such joint, or arrays have the wrong shape or no elements.
     """
-    if not 1 <= joint <= fit.moved.chain.n_joints:
-        raise InputError(f"expected a joint from 1 to {fit.moved.chain.n_joints}, got {joint}")
+    if not 1 <= joint <= fit.perturbed_chain.chain.n_joints:
+        raise InputError(f"expected a joint from 1 to {fit.perturbed_chain.chain.n_joints}, got {joint}")
     at, zero = (np.asarray(values, dtype=float) for values in (angles, mean_at))
     if at.ndim != 1 or zero.ndim != 1 or not len(at) or not len(zero):
         raise InputError(f"expected angles as two rows of numbers, got shapes {at.shape} and {zero.shape}")
@@ -109,12 +109,12 @@ def joint_error(fit: Identified, joint: int, angles: npt.ArrayLike, *, mean_at: 
     )
 
 
-def _own_axis(fit: Identified, joint: int) -> tuple[IntArray, IntArray]:
+def _own_axis(fit: IdentificationResult, joint: int) -> tuple[IntArray, IntArray]:
     """Orders (k,) of a joint's harmonics about its own axis, and where their cosine and sine stand (k, 2)."""
     orders: list[int] = []
     columns: list[tuple[int, int]] = []
     start = 0
-    for term in fit.moved.terms:
+    for term in fit.perturbed_chain.terms:
         basis = term.basis
         if term.place == joint and term.direction == OWN_AXIS and isinstance(basis, Harmonics) and basis.joint == joint:
             orders += basis.orders

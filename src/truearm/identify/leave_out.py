@@ -27,11 +27,11 @@ import numpy.typing as npt
 from scipy.linalg import eigh
 from scipy.sparse import csr_array, hstack, vstack
 
-from truearm.identify.calibration import HeldOut
-from truearm.identify.identification import UNKNOWN_STD, Explained, Identified, started, without_unknowns
+from truearm.identify.calibration import HeldOutReadings
+from truearm.identify.identification import UNKNOWN_STD, ReferenceFit, IdentificationResult, initial_problem, eliminate_unknowns
 from truearm.identify.problem import SmallMotionProblem
-from truearm.identify.references import Linearised, Reference
-from truearm.solve.group_evidence import root_of
+from truearm.identify.references import LinearisedResiduals, Reference
+from truearm.solve.group_evidence import covariance_factor
 from truearm.solve.threads import one_blas_thread
 from truearm.terms.state import ArmState
 
@@ -43,7 +43,7 @@ Members = list[tuple[int, IntArray]]
 # Eigenvalues of I - S: 1 where the others tell all of a group. Below this a group alone tells something. Its residuals
 # along it are then little but what the iterations left of them, and are made larger by no more than a thousand; so a
 # wide prior alone (the frame of a session that is all one group) leaves deviations there as small as residuals are.
-# The covariance goes on down to rounding, and shows which deviations these are (`HeldOut.judging`).
+# The covariance goes on down to rounding, and shows which deviations these are (`HeldOutReadings.select_informative`).
 LEAST_FREEDOM = 1e-3
 # Shares of variance below this are none.
 ROUNDING = 1e-9
@@ -51,12 +51,12 @@ ROUNDING = 1e-9
 CHUNK = 256
 
 
-def leave_groups_out(fit: Identified, state: ArmState, references: Sequence[Reference], group: IntArray) -> HeldOut:
+def cross_validate_by_group(fit: IdentificationResult, state: ArmState, references: Sequence[Reference], group: IntArray) -> HeldOutReadings:
     """Readings as an arm identified without their group sees them.
 
     Parameters
     ----------
-    fit : Identified
+    fit : IdentificationResult
     state : ArmState
         Of the readings it was identified from.
     references : sequence of Reference
@@ -66,7 +66,7 @@ def leave_groups_out(fit: Identified, state: ArmState, references: Sequence[Refe
 
     Returns
     -------
-    HeldOut
+    HeldOutReadings
         Of readings with points, and of those in seats of two or more.
     """
     with one_blas_thread():
@@ -74,12 +74,12 @@ def leave_groups_out(fit: Identified, state: ArmState, references: Sequence[Refe
         found = [part for batch in _batches(fit.references, group) for part in minimum.without(batch, group)]
     if not found:
         empty = np.zeros(0, dtype=np.intp)
-        return HeldOut(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
+        return HeldOutReadings(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
     names = ("rows", "group", "deviations", "covariance", "freedom")
-    return HeldOut(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
+    return HeldOutReadings(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
 
 
-def _batches(references: Sequence[Explained], group: IntArray) -> Iterator[list[Members]]:
+def _batches(references: Sequence[ReferenceFit], group: IntArray) -> Iterator[list[Members]]:
     """Groups, several small ones at once, so that the chain goes through many readings in one pass."""
     key = np.concatenate([group[reference.rows] for reference in references])
     which = np.concatenate([np.full(len(reference.rows), i) for i, reference in enumerate(references)])
@@ -103,9 +103,9 @@ class _Whitened:
 
     Attributes
     ----------
-    explained : Explained
+    reference_fit : ReferenceFit
     weights, residuals : (m, k) array
-    linear : Linearised
+    linear : LinearisedResiduals
     by_unknown : (m k, u) sparse array
         Derivatives by the unknowns that were eliminated, of all references.
     spread : (m k, u + s) sparse array
@@ -120,10 +120,10 @@ class _Whitened:
         Readings with a point, and in seats those without, as no reading is judged twice.
     """
 
-    explained: Explained
+    reference_fit: ReferenceFit
     weights: FloatArray
     residuals: FloatArray
-    linear: Linearised
+    linear: LinearisedResiduals
     by_unknown: csr_array
     spread: csr_array
     columns: IntArray
@@ -165,26 +165,26 @@ class _Minimum:
     parts: list[_Whitened]
 
     @classmethod
-    def of(cls, fit: Identified, state: ArmState, references: Sequence[Reference]) -> _Minimum:
-        problem, _ = started(fit.moved, state, references)
+    def of(cls, fit: IdentificationResult, state: ArmState, references: Sequence[Reference]) -> _Minimum:
+        problem, _ = initial_problem(fit.perturbed_chain, state, references)
         x, weights = fit.parameters, [part.weights for part in fit.references]
         p, u = len(fit.coefficients), len(x) - len(fit.coefficients)
         slope, root_of_gone, of_shared = np.zeros((0, p)), csr_array((0, 0)), np.zeros((0, 0))
         place, is_linked = np.zeros(u, dtype=np.intp), np.zeros(u, dtype=bool)
         if u:
             parts, whole = problem.equations(x, weights)
-            left = without_unknowns(parts, whole, x)
+            left = eliminate_unknowns(parts, whole, x)
             # What artefacts share goes the way of the others, a level up.
             matrix = left.gram[p:, p:] + UNKNOWN_STD**-2.0 * np.eye(len(left.kept) - p)
             half = np.linalg.inv(np.linalg.cholesky(matrix))
             slope = left.slope[:, :p] - left.slope[:, p:] @ (half.T @ (half @ left.gram[p:, :p]))
             root_of_gone, of_shared = left.root, left.slope[:, p:] @ half.T
-            place[left.gone - p] = np.arange(len(left.gone))
-            is_linked = problem.relations(x).blocks.diagonal() > 0
+            place[left.eliminated - p] = np.arange(len(left.eliminated))
+            is_linked = problem.constraints(x).blocks.diagonal() > 0
         found = []
         for i, (part, weight, linear) in enumerate(zip(fit.references, weights, problem.linearised(x), strict=True)):
             own = problem.unknowns_of(i).start - p + linear.unknown
-            weighed = linear.weighed(weight)
+            weighed = linear.weighted(weight)
             by_unknown = _by_unknown(weighed, place[own], len(slope))
             first = np.unique(part.artefact, return_index=True)[1]
             found.append(
@@ -201,9 +201,9 @@ class _Minimum:
                     _is_judged(part, fit.references),
                 )
             )
-        return cls(problem, x, root_of(fit.covariance), slope, found)
+        return cls(problem, x, covariance_factor(fit.covariance), slope, found)
 
-    def without(self, batch: list[Members], group: IntArray) -> Iterator[HeldOut]:
+    def without(self, batch: list[Members], group: IntArray) -> Iterator[HeldOutReadings]:
         """Every group of a batch without itself."""
         judged = [members for members in batch if any(self.parts[i].is_judged[rows].any() for i, rows in members)]
         if len(batch) == 1 and judged:
@@ -251,11 +251,11 @@ class _Minimum:
             part = self.parts[i]
             k = part.weights.shape[1]
             if part.linear.unknown.size:
-                artefact = part.explained.artefact[rows]
+                artefact = part.reference_fit.artefact[rows]
                 whole = np.bincount(artefact, minlength=len(part.count)) == part.count
                 # Only the group tells of these: they take up what they can of its residuals, and nothing stays of them.
                 apart[part.columns[whole & ~part.is_linked]] = True
-                if part.explained.kind == "seat":
+                if part.reference_fit.kind == "seat":
                     inside = np.flatnonzero(whole[artefact])
                     length = np.sqrt(
                         [np.bincount(artefact, w, minlength=len(whole)) for w in part.weights[rows].T ** 2]
@@ -274,7 +274,7 @@ class _Minimum:
             own = csr_array(entries, shape=(n, n_own))
         return _Group(residuals, spread[:, np.flatnonzero(touched & ~apart)].toarray(), own)
 
-    def _without(self, of: _Group, pieces: Callable[[], Iterator[_Piece]], group: IntArray) -> Iterator[HeldOut]:
+    def _without(self, of: _Group, pieces: Callable[[], Iterator[_Piece]], group: IntArray) -> Iterator[HeldOutReadings]:
         """A group without itself."""
         r, own = of.residuals, of.own
         n, dimension = len(r), len(self.root) + of.spread.shape[1]
@@ -315,18 +315,18 @@ class _Minimum:
 
 def _held_out(
     part: _Whitened, rows: IntArray, white: FloatArray, half: FloatArray, freedom: FloatArray, group: IntArray
-) -> HeldOut:
+) -> HeldOutReadings:
     """Whitened deviations and the root of their covariance, as millimetres; seats of one reading show nothing."""
     shows = part.is_judged[rows] & (freedom > ROUNDING)
     rows, weights = rows[shows], part.weights[rows[shows]]
     half = half.reshape(len(shows), 3, -1)[shows] / weights[:, :, None]
     covariance = half @ half.transpose(0, 2, 1)
-    covariance += (part.explained.std[:, rows].T ** 2)[:, :, None] * np.eye(3)
-    readings = part.explained.rows[rows]
-    return HeldOut(readings, group[readings], white.reshape(-1, 3)[shows] / weights, covariance, freedom[shows])
+    covariance += (part.reference_fit.std[:, rows].T ** 2)[:, :, None] * np.eye(3)
+    readings = part.reference_fit.rows[rows]
+    return HeldOutReadings(readings, group[readings], white.reshape(-1, 3)[shows] / weights, covariance, freedom[shows])
 
 
-def _is_judged(part: Explained, references: Sequence[Explained]) -> npt.NDArray[np.bool_]:
+def _is_judged(part: ReferenceFit, references: Sequence[ReferenceFit]) -> npt.NDArray[np.bool_]:
     if part.kind == "seat":
         pointed = [reference.rows for reference in references if reference.kind == "point"]
         return ~np.isin(part.rows, np.concatenate([np.zeros(0, dtype=np.intp), *pointed]))
@@ -347,7 +347,7 @@ def _residuals_of(rows: IntArray, part: _Whitened) -> IntArray:
     return np.asarray((k * rows[:, None] + np.arange(k)).ravel())
 
 
-def _by_unknown(linear: Linearised, unknown: IntArray, n: int) -> csr_array:
+def _by_unknown(linear: LinearisedResiduals, unknown: IntArray, n: int) -> csr_array:
     """(m k, n) derivatives by `unknown` (a, m) of n, reading by reading."""
     k, a, m = linear.by_unknown.shape
     residual = np.broadcast_to(np.arange(k)[:, None, None] + k * np.arange(m), (k, a, m))

@@ -23,15 +23,15 @@ FLOOR_MM2 = 1e-12
 
 
 @cache
-def cut_square(k: int) -> float:
+def huber_threshold_squared(k: int) -> float:
     """Squared whitened length of k residuals from which on a reading weighs less."""
     return float(chi2.isf(SHARE_BEYOND, k))
 
 
 @cache
-def mean_cut_square(k: int) -> float:
+def expected_clipped_square(k: int) -> float:
     """Mean of the squared length of k Gaussian residuals, cut off there: a hair below k."""
-    cut = cut_square(k)
+    cut = huber_threshold_squared(k)
     return float(k * chi2.cdf(cut, k + 2) + cut * chi2.sf(cut, k))
 
 
@@ -50,11 +50,11 @@ def huber_weights(residuals: FloatArray, variance: FloatArray) -> FloatArray:
     (n,) array
     """
     lengths = np.sqrt((residuals**2 / variance).sum(axis=1))
-    cut = np.sqrt(cut_square(residuals.shape[1]))
+    cut = np.sqrt(huber_threshold_squared(residuals.shape[1]))
     return np.asarray(cut / np.maximum(lengths, cut))
 
 
-def unexplained_variance(
+def paule_mandel_variance(
     residuals: FloatArray, reference_variance: FloatArray, *, n_effective: float, robust: bool
 ) -> float:
     """The variance v of a residual for which the whitened residuals have the size that their freedom says.
@@ -82,10 +82,10 @@ def unexplained_variance(
     """
     n, k = residuals.shape
     squares = residuals**2
-    per_reading = mean_cut_square(k) if robust else float(k)
+    per_reading = expected_clipped_square(k) if robust else float(k)
     # Where parameters are as many as data there is no freedom to learn the noise from: a thousandth of it stands in.
     freedom: float = max(per_reading * n - n_effective, 1e-3 * n)
-    most = cut_square(k) if robust else np.inf
+    most = huber_threshold_squared(k) if robust else np.inf
 
     def excess(log_v: float) -> float:
         lengths_squared = (squares / (reference_variance + np.exp(log_v))).sum(axis=1)

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.chain import Chain
 from truearm.arm.motions import rotations_and_jacobians
 from truearm.errors import InputError
-from truearm.identify.references import FloatArray, IntArray, Linearised, Points
+from truearm.identify.references import FloatArray, IntArray, LinearisedResiduals, Points
 
 # Angles count as the shift at a metre's distance, so that every residual is in mm. A unit, not a weight: orientations
 # have a noise of their own.
@@ -52,7 +52,7 @@ class Orientations:
     turn_std: FloatArray | None = None
     kind = "orientation"
     n_residuals = 3
-    turns = True
+    uses_orientation = True
     unknowns: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -70,14 +70,14 @@ class Orientations:
         """(3, m) standard uncertainties at the lever [mm]."""
         return np.zeros((3, len(self.rows))) if self.turn_std is None else LEVER_MM * self.turn_std.T
 
-    def started(self, tips: FloatArray) -> tuple[Self, FloatArray]:
+    def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
         """See `Reference`."""
         del tips
         return self, np.zeros(0)
 
     def linearised(
         self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
-    ) -> Linearised:
+    ) -> LinearisedResiduals:
         """See `Reference`."""
         del unknowns
         assert axes is not None, "it turns"
@@ -89,14 +89,14 @@ class Orientations:
         _, J = rotations_and_jacobians(r.T)
         by_turn = LEVER_MM * (np.linalg.inv(J.transpose(2, 0, 1)) @ back).transpose(1, 2, 0)
         nothing = np.zeros((0, m), np.intp), np.zeros((3, 0, m))
-        return Linearised(LEVER_MM * r.T, np.zeros((3, 3, m)), *nothing, by_turn)
+        return LinearisedResiduals(LEVER_MM * r.T, np.zeros((3, 3, m)), *nothing, by_turn)
 
-    def relations(self, unknowns: FloatArray) -> None:
+    def constraints(self, unknowns: FloatArray) -> None:
         """See `Reference`."""
         del unknowns
 
 
-def poses_of(
+def pose_references(
     rows: IntArray,
     points: FloatArray,
     quaternions: FloatArray,
@@ -112,7 +112,7 @@ def poses_of(
     return Points(rows, points, point_std), Orientations(rows, R, turn_std)
 
 
-def turned_roughly(chain: Chain, angles: npt.ArrayLike, R_reference_flange: FloatArray) -> Chain:
+def orient_flange_coarsely(chain: Chain, angles: npt.ArrayLike, R_reference_flange: FloatArray) -> Chain:
     """The chain with its flange's axes turned to where they come nearest to orientations seen (m, 3, 3).
 
     Small-angle steps find the tool's rotation on the flange from less than half a turn; this finds it from anywhere,

@@ -25,7 +25,7 @@ from scipy.sparse import csr_array
 
 from truearm.arm.chain import Chain
 from truearm.arm.motions import rotations_and_jacobians
-from truearm.identify.references import Linearised, Reference
+from truearm.identify.references import LinearisedResiduals, Reference
 from truearm.solve.arrowhead import Arrowhead
 from truearm.solve.threads import cores, one_blas_thread
 from truearm.terms.basis import Basis, Constant
@@ -78,7 +78,7 @@ class Site:
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
+class PerturbedChain:
     """A chain with terms, whose motions are composed exactly, a set for each reading.
 
     Parameters
@@ -155,18 +155,18 @@ class Moved:
         for rows in chunks(len(state)):
             piece = state.rows(rows)
             values = self.values(piece)
-            tips, by_motion = moved_chain(self.chain, piece, self.motions(x, values))
+            tips, motion_jacobian = moved_chain(self.chain, piece, self.motions(x, values))
             columns = np.empty((self.n_coefficients, 3, len(piece)))
             for site, value in zip(self.sites, values, strict=True):
-                by_site = np.tensordot(site.direction, by_motion[site.place], axes=1)
+                by_site = np.tensordot(site.direction, motion_jacobian[site.place], axes=1)
                 columns[site.columns] = by_site * value[:, None, :]
             yield rows, tips, columns
 
 
 def moved_chain(chain: Chain, state: ArmState, motions: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Tips (3, m) [mm] and their derivatives (n_places, 6, 3, m) by the motions' components, of up to `CHUNK`."""
-    _, tips, by_motion = next(chain.small_motions_by_chunk(state.angles, lambda _: motions, chunk=CHUNK))
-    return tips, by_motion
+    _, tips, motion_jacobian = next(chain.tip_derivatives_by_chunk(state.angles, lambda _: motions, chunk=CHUNK))
+    return tips, motion_jacobian
 
 
 def chunks(n: int) -> list[slice]:
@@ -182,14 +182,14 @@ class SmallMotionProblem:
 
     Parameters
     ----------
-    moved : Moved
+    perturbed_chain : PerturbedChain
         The chain and its terms; its tips come out in the frame of the references.
     state : ArmState
         Of all readings.
     references : tuple of Reference
     """
 
-    moved: Moved
+    perturbed_chain: PerturbedChain
     state: ArmState
     references: tuple[Reference, ...]
     _kept: dict[tuple[int, int], list[FloatArray]] = field(default_factory=dict, init=False, repr=False)
@@ -205,7 +205,7 @@ class SmallMotionProblem:
 
     @cached_property
     def _starts(self) -> list[int]:
-        counts = [self.moved.n_coefficients, *(len(reference.unknowns) for reference in self.references)]
+        counts = [self.perturbed_chain.n_coefficients, *(len(reference.unknowns) for reference in self.references)]
         return [int(start) for start in np.cumsum(counts)]
 
     def residuals(self, x: FloatArray) -> list[FloatArray]:
@@ -216,11 +216,11 @@ class SmallMotionProblem:
             for piece in chunks(len(reference.rows)):
                 state = self.state.rows(reference.rows[piece])
                 motions = self._motions(i, piece, state, x)
-                if reference.turns:
+                if reference.uses_orientation:
                     out[:, piece] = self._linearised(i, piece, state, motions, x)[0].residuals
                 else:
                     wide = np.broadcast_to(motions, (*motions.shape[:2], len(state)))
-                    tips = self.moved.chain.tip_in_base(state.angles, wide.transpose(2, 0, 1)).T
+                    tips = self.perturbed_chain.chain.tip_in_base(state.angles, wide.transpose(2, 0, 1)).T
                     out[:, piece] = reference.linearised(tips, x[self.unknowns_of(i)], piece).residuals
             found.append(out)
         return found
@@ -243,7 +243,7 @@ class SmallMotionProblem:
 
         What the normal equations have lost to rounding, as the rank, is still in them.
         """
-        n = self.moved.n_coefficients
+        n = self.perturbed_chain.n_coefficients
         found = []
         for i, linear in enumerate(self.linearised(x)):
             out = np.zeros((self.n_parameters, *linear.residuals.shape))
@@ -254,7 +254,7 @@ class SmallMotionProblem:
             found.append(out)
         return found
 
-    def linearised(self, x: FloatArray) -> list[Linearised]:
+    def linearised(self, x: FloatArray) -> list[LinearisedResiduals]:
         """Residuals of every reference and their derivatives by tips, turns and unknowns."""
         found = []
         for i, reference in enumerate(self.references):
@@ -264,7 +264,7 @@ class SmallMotionProblem:
                 parts.append(self._linearised(i, piece, state, self._motions(i, piece, state, x), x)[0])
             turns = [part.by_turn for part in parts if part.by_turn is not None]
             found.append(
-                Linearised(
+                LinearisedResiduals(
                     np.concatenate([part.residuals for part in parts], axis=-1),
                     np.concatenate([part.by_tip for part in parts], axis=-1),
                     np.concatenate([part.unknown for part in parts], axis=-1),
@@ -274,37 +274,37 @@ class SmallMotionProblem:
             )
         return found
 
-    def coefficient_columns(self, which: int, rows: IntArray, linear: Linearised, x: FloatArray) -> FloatArray:
+    def coefficient_columns(self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray) -> FloatArray:
         """Derivatives (n_coefficients, k, m) by the terms, of up to `CHUNK` of a reference's readings.
 
         `linear` is the whole reference, as `linearised` gives it; of residuals times weights, if it was weighed.
         """
         state = self.state.rows(self.references[which].rows[rows])
-        values = self.moved.values(state)
-        motions = self.moved.motions(x, values)
+        values = self.perturbed_chain.values(state)
+        motions = self.perturbed_chain.motions(x, values)
         linear = of_readings(linear, rows)
-        by_place = _by_place(linear, motions, moved_chain(self.moved.chain, state, motions)[1])
-        out = np.empty((self.moved.n_coefficients, *linear.residuals.shape))
-        for site, value in zip(self.moved.sites, values, strict=True):
+        by_place = _by_place(linear, motions, moved_chain(self.perturbed_chain.chain, state, motions)[1])
+        out = np.empty((self.perturbed_chain.n_coefficients, *linear.residuals.shape))
+        for site, value in zip(self.perturbed_chain.sites, values, strict=True):
             by_site = np.tensordot(site.direction, by_place[site.place], axes=1)
             out[site.columns] = by_site * value[:, None, :]
         return out
 
-    def growth(self, x: FloatArray) -> float:
+    def log_size_ratio(self, x: FloatArray) -> float:
         """How much larger, as a logarithm, the tips of readings with relative references lie than as drawn."""
         if not len(self._relative):
             return 0.0
         return float(np.log(self._size(x) / self._size_as_drawn) / 2)
 
-    def growth_gradient(self, x: FloatArray) -> FloatArray:
-        """(n_parameters,) derivative of `growth`."""
+    def log_size_ratio_gradient(self, x: FloatArray) -> FloatArray:
+        """(n_parameters,) derivative of `log_size_ratio`."""
         found = np.zeros(self.n_parameters)
         if len(self._relative):
             off = self._off_axis(x)
-            off = self.moved.chain.fixed[0, :3, :3] @ off.T / ((off**2).sum() + 1e-12)
+            off = self.perturbed_chain.chain.fixed[0, :3, :3] @ off.T / ((off**2).sum() + 1e-12)
             state = self.state.rows(self._relative)
-            for rows, _, columns in self.moved.derivatives(state, self._without_base(x)):
-                found[: self.moved.n_coefficients] += np.tensordot(columns, off[:, rows], axes=2)
+            for rows, _, columns in self.perturbed_chain.derivatives(state, self._without_base(x)):
+                found[: self.perturbed_chain.n_coefficients] += np.tensordot(columns, off[:, rows], axes=2)
             found[self._base] = 0.0
         return found
 
@@ -317,12 +317,12 @@ class SmallMotionProblem:
     @cached_property
     def _base(self) -> IntArray:
         """Coefficients that move the arm as a whole."""
-        columns = [site.columns for site in self.moved.sites if site.place == 0]
+        columns = [site.columns for site in self.perturbed_chain.sites if site.place == 0]
         return np.concatenate(columns) if columns else np.zeros(0, dtype=np.intp)
 
     def _without_base(self, x: FloatArray) -> FloatArray:
         """Coefficients of an arm that stands as drawn."""
-        coefficients = x[: self.moved.n_coefficients].copy()
+        coefficients = x[: self.perturbed_chain.n_coefficients].copy()
         coefficients[self._base] = 0.0
         return coefficients
 
@@ -339,44 +339,44 @@ class SmallMotionProblem:
         Where the arm stands, and how high on its axis, is then no part of its size; and tips all in one seat, which
         move together as the arm fits better, still have one.
         """
-        base = self.moved.chain.fixed[0]
-        tips = self.moved.tips(self.state.rows(self._relative), self._without_base(x))
+        base = self.perturbed_chain.chain.fixed[0]
+        tips = self.perturbed_chain.tips(self.state.rows(self._relative), self._without_base(x))
         off: FloatArray = (tips - base[:3, 3]) @ base[:3, :3]
         off[:, 2] -= off[:, 2].mean()
         return off
 
     def equations(self, x: FloatArray, weights: Sequence[FloatArray]) -> tuple[list[Arrowhead], Arrowhead]:
-        """Normal equations of every reference, and of all of them and their relations together."""
-        parts, relations = self.normal_equations(x, weights), self.relations(x)
-        joined = Arrowhead.joined(parts)
+        """Normal equations of every reference, and of all of them and their constraints together."""
+        parts, constraints = self.normal_equations(x, weights), self.constraints(x)
+        joined = Arrowhead.combine(parts)
         return parts, Arrowhead(
-            joined.cost + relations.cost,
-            joined.gradient + relations.gradient,
+            joined.cost + constraints.cost,
+            joined.gradient + constraints.gradient,
             joined.head,
             joined.coupling,
-            joined.blocks + relations.blocks,
+            joined.blocks + constraints.blocks,
         )
 
-    def relations(self, x: FloatArray) -> Arrowhead:
+    def constraints(self, x: FloatArray) -> Arrowhead:
         """What is known among the unknowns: lengths; all coefficients and unknowns are in it."""
-        p, u = self.moved.n_coefficients, self.n_parameters - self.moved.n_coefficients
+        p, u = self.perturbed_chain.n_coefficients, self.n_parameters - self.perturbed_chain.n_coefficients
         cost, gradient, blocks = 0.0, np.zeros(self.n_parameters), csr_array((u, u))
         for i, reference in enumerate(self.references):
             where = self.unknowns_of(i)
-            relations = reference.relations(x[where])
-            if relations is not None:
-                residuals = relations.residuals / relations.std
-                line, unknown = np.nonzero(relations.by_unknown)
-                values = relations.by_unknown[line, unknown] / relations.std[line]
+            constraints = reference.constraints(x[where])
+            if constraints is not None:
+                residuals = constraints.residuals / constraints.std
+                line, unknown = np.nonzero(constraints.by_unknown)
+                values = constraints.by_unknown[line, unknown] / constraints.std[line]
                 by = csr_array((values, (line, unknown + where.start - p)), shape=(len(residuals), u))
                 cost += 0.5 * float(residuals @ residuals)
                 gradient[p:] += by.T @ residuals
                 blocks = blocks + by.T @ by
         return Arrowhead(cost, gradient, np.zeros((p, p)), np.zeros((u, p)), blocks)
 
-    def relations_cost(self, x: FloatArray) -> float:
+    def constraints_cost(self, x: FloatArray) -> float:
         """Their cost alone."""
-        found = (self.references[i].relations(x[self.unknowns_of(i)]) for i in range(len(self.references)))
+        found = (self.references[i].constraints(x[self.unknowns_of(i)]) for i in range(len(self.references)))
         return sum(0.5 * float(((r.residuals / r.std) ** 2).sum()) for r in found if r is not None)
 
     def _equations(self, which: int, x: FloatArray, weights: FloatArray) -> Arrowhead:
@@ -384,7 +384,7 @@ class SmallMotionProblem:
         groups = [pieces[start::GROUPS] for start in range(min(GROUPS, len(pieces)))]
 
         def sums_of(group: list[slice]) -> _Sums:
-            sums = _Sums(self.moved.sites, self.moved.n_coefficients, len(self.references[which].unknowns))
+            sums = _Sums(self.perturbed_chain.sites, self.perturbed_chain.n_coefficients, len(self.references[which].unknowns))
             for piece in group:
                 self._add(sums, which, piece, x, weights[:, piece])
             return sums
@@ -400,59 +400,59 @@ class SmallMotionProblem:
     def _add(self, sums: _Sums, which: int, piece: slice, x: FloatArray, weights: FloatArray) -> None:
         state = self.state.rows(self.references[which].rows[piece])
         values = self._values(which, piece, state)
-        motions = self.moved.motions(x, values)
-        plain, by_motion = self._linearised(which, piece, state, motions, x)
-        linear = plain.weighed(weights)
-        sums.add(linear, _by_place(linear, motions, by_motion), values)
+        motions = self.perturbed_chain.motions(x, values)
+        plain, motion_jacobian = self._linearised(which, piece, state, motions, x)
+        linear = plain.weighted(weights)
+        sums.add(linear, _by_place(linear, motions, motion_jacobian), values)
 
-    def _add_by_unknown(self, out: FloatArray, which: int, linear: Linearised) -> None:
+    def _add_by_unknown(self, out: FloatArray, which: int, linear: LinearisedResiduals) -> None:
         """Add derivatives by a reference's unknowns to those (n_unknowns, k, m) by all."""
-        start = self.unknowns_of(which).start - self.moved.n_coefficients
+        start = self.unknowns_of(which).start - self.perturbed_chain.n_coefficients
         readings = np.arange(out.shape[2])
         for unknown, by in zip(linear.unknown, linear.by_unknown.transpose(1, 2, 0), strict=True):
             out[start + unknown, :, readings] += by
 
     def _linearised(
         self, which: int, piece: slice, state: ArmState, motions: FloatArray, x: FloatArray
-    ) -> tuple[Linearised, FloatArray]:
+    ) -> tuple[LinearisedResiduals, FloatArray]:
         """Residuals and derivatives of a piece, and the tips' derivatives (n_places, 6, 3, m) by the motions."""
         reference = self.references[which]
-        tips, by_motion = moved_chain(self.moved.chain, state, motions)
+        tips, motion_jacobian = moved_chain(self.perturbed_chain.chain, state, motions)
         # Shifts of the tip are along the flange's axes before a rotation there turns them.
-        axes = by_motion[-1, 3:].transpose(1, 0, 2)
-        if reference.turns and motions[-1, :3].any():
+        axes = motion_jacobian[-1, 3:].transpose(1, 0, 2)
+        if reference.uses_orientation and motions[-1, :3].any():
             turned, _ = rotations_and_jacobians(motions[-1, :3])
             axes = np.einsum("abm,bcm->acm", axes, np.broadcast_to(turned, axes.shape))
-        return reference.linearised(tips, x[self.unknowns_of(which)], piece, axes), by_motion
+        return reference.linearised(tips, x[self.unknowns_of(which)], piece, axes), motion_jacobian
 
     def _motions(self, which: int, piece: slice, state: ArmState, x: FloatArray) -> FloatArray:
-        return self.moved.motions(x, self._values(which, piece, state))
+        return self.perturbed_chain.motions(x, self._values(which, piece, state))
 
     def _values(self, which: int, piece: slice, state: ArmState) -> list[FloatArray]:
         key = (which, piece.start)
         if key not in self._kept:
-            values = self.moved.values(state)
-            if 8 * self.moved.n_coefficients * CHUNK * (len(self._kept) + 1) > KEPT_BYTES:
+            values = self.perturbed_chain.values(state)
+            if 8 * self.perturbed_chain.n_coefficients * CHUNK * (len(self._kept) + 1) > KEPT_BYTES:
                 return values
             self._kept[key] = values
         return self._kept[key]
 
 
-def _by_place(linear: Linearised, motions: FloatArray, by_motion: FloatArray) -> FloatArray:
+def _by_place(linear: LinearisedResiduals, motions: FloatArray, motion_jacobian: FloatArray) -> FloatArray:
     """(n_places, 6, k, m) derivatives of residuals by the motions, from those of the tips (n_places, 6, 3, m)."""
-    by_place = np.einsum("kcm,pdcm->pdkm", linear.by_tip, by_motion)
+    by_place = np.einsum("kcm,pdcm->pdkm", linear.by_tip, motion_jacobian)
     if linear.by_turn is not None:
         for place, motion in enumerate(motions):
             _, jacobian = rotations_and_jacobians(motion[:3])
-            wide = np.broadcast_to(jacobian, (3, 3, by_motion.shape[3]))
-            turns = np.einsum("dbm,dcm->bcm", wide, by_motion[place, 3:])
+            wide = np.broadcast_to(jacobian, (3, 3, motion_jacobian.shape[3]))
+            turns = np.einsum("dbm,dcm->bcm", wide, motion_jacobian[place, 3:])
             by_place[place, :3] += np.einsum("kcm,bcm->bkm", linear.by_turn, turns)
     return np.asarray(by_place)
 
 
-def of_readings(linear: Linearised, rows: IntArray) -> Linearised:
+def of_readings(linear: LinearisedResiduals, rows: IntArray) -> LinearisedResiduals:
     """Some of the readings."""
-    return Linearised(
+    return LinearisedResiduals(
         linear.residuals[:, rows],
         linear.by_tip[..., rows],
         linear.unknown[:, rows],
@@ -480,7 +480,7 @@ class _Sums:
         self.coupling = np.zeros((n_unknowns, n_coefficients))
         self.blocks = csr_array((n_unknowns, n_unknowns))
 
-    def add(self, linear: Linearised, by_place: FloatArray, values: list[FloatArray]) -> None:
+    def add(self, linear: LinearisedResiduals, by_place: FloatArray, values: list[FloatArray]) -> None:
         """Add a chunk, weighed: `by_place` (n_places, 6, k, m) are derivatives by the motions of places."""
         residuals = linear.residuals
         k, m = residuals.shape
@@ -506,7 +506,7 @@ class _Sums:
             self._add_unknowns(linear, by_site, values, flat)
 
     def _add_unknowns(
-        self, linear: Linearised, by_site: list[FloatArray], values: list[FloatArray], flat: FloatArray
+        self, linear: LinearisedResiduals, by_site: list[FloatArray], values: list[FloatArray], flat: FloatArray
     ) -> None:
         by = by_all_unknowns(linear, len(self.by_unknown))
         self.by_unknown += by @ linear.residuals.ravel()
@@ -539,7 +539,7 @@ class _Sums:
         return Arrowhead(self.cost, gradient, gram[np.ix_(back, back)], self.coupling[:, back], self.blocks)
 
 
-def by_all_unknowns(linear: Linearised, n: int) -> csr_array:
+def by_all_unknowns(linear: LinearisedResiduals, n: int) -> csr_array:
     """(n, k m) derivatives of residuals by all unknowns of their reference."""
     k, m = linear.residuals.shape
     unknown = np.broadcast_to(linear.unknown, linear.by_unknown.shape)

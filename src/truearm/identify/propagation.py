@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from truearm.identify.identification import Identified
+from truearm.identify.identification import IdentificationResult
 from truearm.terms.basis import Constant, GravityTorque, Harmonics, Session
 from truearm.terms.state import ArmState
 
@@ -21,15 +21,15 @@ OF_ANGLES = (Constant, GravityTorque, Harmonics, Session)
 """Bases that depend on nothing that may not be stated."""
 
 
-def half_difference(fit: Identified, low: ArmState, high: ArmState) -> FloatArray:
+def half_tip_difference(fit: IdentificationResult, low: ArmState, high: ArmState) -> FloatArray:
     """(n, 3) half the way of the tips from one state to another [mm]; zeros where no term depends on what differs."""
-    bases = [term.basis for term in fit.moved.terms if not isinstance(term.basis, OF_ANGLES)]
+    bases = [term.basis for term in fit.perturbed_chain.terms if not isinstance(term.basis, OF_ANGLES)]
     if all(np.array_equal(basis.values(low), basis.values(high)) for basis in bases):
         return np.zeros((len(low), 3))
     return np.asarray(fit.tips(high) - fit.tips(low)) / 2
 
 
-def effects_of_directions(fit: Identified, state: ArmState) -> FloatArray:
+def direction_effects(fit: IdentificationResult, state: ArmState) -> FloatArray:
     """Give what directions of movement do to the tips that the state does not know, those that are 0.
 
     Returns
@@ -48,5 +48,5 @@ def effects_of_directions(fit: Identified, state: ArmState) -> FloatArray:
         low, high = open_at.directions.copy(), open_at.directions.copy()
         unknown = low[:, joint] == 0
         low[unknown, joint], high[unknown, joint] = -1.0, 1.0
-        effect[rows] = half_difference(fit, replace(open_at, directions=low), replace(open_at, directions=high))
+        effect[rows] = half_tip_difference(fit, replace(open_at, directions=low), replace(open_at, directions=high))
     return out

@@ -1,4 +1,4 @@
-"""What is known of the tip at a reading: relations between tips and artefacts, as residuals with derivatives.
+"""What is known of the tip at a reading: constraints between tips and artefacts, as residuals with derivatives.
 
 An artefact may have unknowns of its own (a seat's place, a sphere's centre); they are identified with the arm. Arrays
 are laid out by component, readings last, as the chain gives them.
@@ -13,14 +13,14 @@ from typing import NamedTuple, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm.chain import LONGEST_MM
+from truearm.arm.chain import MAX_LENGTH_MM
 from truearm.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 
-class Linearised(NamedTuple):
+class LinearisedResiduals(NamedTuple):
     """Residuals of m readings and their derivatives.
 
     Attributes
@@ -43,14 +43,14 @@ class Linearised(NamedTuple):
     by_unknown: FloatArray
     by_turn: FloatArray | None = None
 
-    def weighed(self, weights: FloatArray) -> Linearised:
+    def weighted(self, weights: FloatArray) -> LinearisedResiduals:
         """The same of residuals times weights (k, m)."""
         each = weights[:, None]
         by_turn = None if self.by_turn is None else each * self.by_turn
-        return Linearised(weights * self.residuals, each * self.by_tip, self.unknown, each * self.by_unknown, by_turn)
+        return LinearisedResiduals(weights * self.residuals, each * self.by_tip, self.unknown, each * self.by_unknown, by_turn)
 
 
-class Relations(NamedTuple):
+class Constraints(NamedTuple):
     """Residuals among the unknowns alone: lengths between seats.
 
     Attributes
@@ -92,7 +92,7 @@ class Reference(Protocol):
         ...
 
     @property
-    def turns(self) -> bool:
+    def uses_orientation(self) -> bool:
         """Whether the flange's orientation has a part in it."""
         ...
 
@@ -106,20 +106,20 @@ class Reference(Protocol):
         """Names of the unknowns, with units."""
         ...
 
-    def started(self, tips: FloatArray) -> tuple[Self, FloatArray]:
+    def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
         """The reference laid out about tips (3, m) [mm] of a rough arm, and the unknowns that suit them best."""
         ...
 
     def linearised(
         self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
-    ) -> Linearised:
+    ) -> LinearisedResiduals:
         """Residuals and derivatives of the readings `rows[which]`, from their tips (3, m) [mm].
 
         `axes` (3, 3, m) are the flange's axes as columns in the tips' frame.
         """
         ...
 
-    def relations(self, unknowns: FloatArray) -> Relations | None:
+    def constraints(self, unknowns: FloatArray) -> Constraints | None:
         """What is known of the unknowns themselves."""
         ...
 
@@ -148,18 +148,18 @@ class Points:
     point_std: FloatArray | None = None
     kind = "point"
     n_residuals = 3
-    turns = False
+    uses_orientation = False
     unknowns: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for what, values in (("points", self.points), ("their standard uncertainties", self.point_std)):
             if values is not None and np.shape(values) != (len(self.rows), 3):
                 raise InputError(f"expected {what} of shape {(len(self.rows), 3)}, got {np.shape(values)}")
-        bad = ~(np.abs(self.points) <= LONGEST_MM).all(axis=1)
+        bad = ~(np.abs(self.points) <= MAX_LENGTH_MM).all(axis=1)
         if bad.any():
             at = int(np.argmax(bad))
             raise InputError(
-                f"expected points within {LONGEST_MM:g} mm, got {self.points[at].tolist()} at reading {self.rows[at]}"
+                f"expected points within {MAX_LENGTH_MM:g} mm, got {self.points[at].tolist()} at reading {self.rows[at]}"
             )
 
     @property
@@ -167,20 +167,20 @@ class Points:
         """(3, m) standard uncertainties [mm]."""
         return np.zeros((3, len(self.rows))) if self.point_std is None else self.point_std.T
 
-    def started(self, tips: FloatArray) -> tuple[Self, FloatArray]:
+    def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
         """See `Reference`."""
         del tips
         return self, np.zeros(0)
 
     def linearised(
         self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
-    ) -> Linearised:
+    ) -> LinearisedResiduals:
         """See `Reference`."""
         del unknowns, axes
         m = tips.shape[1]
-        return Linearised(tips - self.points[which].T, _identity(m), np.zeros((0, m), np.intp), np.zeros((3, 0, m)))
+        return LinearisedResiduals(tips - self.points[which].T, _identity(m), np.zeros((0, m), np.intp), np.zeros((3, 0, m)))
 
-    def relations(self, unknowns: FloatArray) -> None:
+    def constraints(self, unknowns: FloatArray) -> None:
         """See `Reference`."""
         del unknowns
 
@@ -248,7 +248,7 @@ class Seats:
     lengths: tuple[Length, ...] = ()
     kind = "seat"
     n_residuals = 3
-    turns = False
+    uses_orientation = False
 
     def __post_init__(self) -> None:
         _check_members(self.kind, self.rows, self.seat, self.names)
@@ -297,7 +297,7 @@ class Seats:
         """Standard uncertainty of the growth of each."""
         return {length.material: length.growth_std for length in self.lengths if length.material}
 
-    def started(self, tips: FloatArray) -> tuple[Self, FloatArray]:
+    def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
         """The means of the tips in each seat, and the artefacts as stated."""
         count = np.bincount(self.seat, minlength=len(self.names))
         if not count.all():
@@ -308,18 +308,18 @@ class Seats:
 
     def linearised(
         self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
-    ) -> Linearised:
+    ) -> LinearisedResiduals:
         """See `Reference`."""
         del axes
         m, seat = tips.shape[1], self.seat[which]
-        return Linearised(
+        return LinearisedResiduals(
             tips - self._centres(unknowns)[seat].T,
             _identity(m),
             3 * seat + np.arange(3)[:, None],
             -_identity(m),
         )
 
-    def relations(self, unknowns: FloatArray) -> Relations | None:
+    def constraints(self, unknowns: FloatArray) -> Constraints | None:
         """Lengths between seats, as (d^2 - L^2) / 2 L, and what is stated of artefacts' lengths and of growths.
 
         An artefact's length is an unknown that all its places share, so that they together tell no more of it than its
@@ -362,7 +362,7 @@ class Seats:
         names = [f"length between seats {self.names[one.a]} and {self.names[one.b]}" for one in self.lengths]
         names += [f"length of artefact {name}" for name in artefacts]
         names += [f"growth of {name}, in a metre" for name in materials]
-        return Relations(residuals, by, std, tuple(names), values)
+        return Constraints(residuals, by, std, tuple(names), values)
 
     def _centres(self, unknowns: FloatArray) -> FloatArray:
         """(n_seats, 3) [mm]."""
@@ -385,7 +385,7 @@ def seats_of(rows: IntArray, names: npt.NDArray[np.str_], lengths: Sequence[Stat
     InputError
         If a length names a seat that no reading is in.
     """
-    unique, seat = numbered(names)
+    unique, seat = number_names(names)
     known = {name: i for i, name in enumerate(unique)}
     for seat_a, seat_b, *_ in lengths:
         for name in (seat_a, seat_b):
@@ -397,7 +397,7 @@ def seats_of(rows: IntArray, names: npt.NDArray[np.str_], lengths: Sequence[Stat
     return Seats(rows, seat, unique, tuple(Length(known[a], known[b], *rest) for a, b, *rest in lengths))
 
 
-def numbered(names: npt.NDArray[np.str_]) -> tuple[tuple[str, ...], IntArray]:
+def number_names(names: npt.NDArray[np.str_]) -> tuple[tuple[str, ...], IntArray]:
     """The different names, and for each reading (m,) the index of its own."""
     unique, index = np.unique(names, return_inverse=True)
     return tuple(str(name) for name in unique), index.astype(np.intp)

@@ -15,19 +15,19 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.identify.alignment import rigid_motions
-from truearm.identify.identification import Identified
-from truearm.solve.group_evidence import root_of
+from truearm.identify.identification import IdentificationResult
+from truearm.solve.group_evidence import covariance_factor
 from truearm.terms.state import ArmState
 
 FloatArray = npt.NDArray[np.float64]
 
 
-def relative_covariance(fit: Identified, state: ArmState) -> FloatArray:
+def relative_covariance(fit: IdentificationResult, state: ArmState) -> FloatArray:
     """Covariance of tips by that of the coefficients, a frame fitted to the tips of the state.
 
     Parameters
     ----------
-    fit : Identified
+    fit : IdentificationResult
     state : ArmState
         Of tips that are not all on a line.
 
@@ -37,13 +37,13 @@ def relative_covariance(fit: Identified, state: ArmState) -> FloatArray:
         [mm^2].
     """
     tips = fit.tips(state)
-    root = root_of(fit.covariance)
+    root = covariance_factor(fit.covariance)
     basis = np.linalg.qr(rigid_motions(tips))[0].reshape(len(tips), 3, 6)
     shared = np.zeros((6, len(root)))
-    for rows, _, columns in fit.moved.derivatives(state, fit.coefficients):
+    for rows, _, columns in fit.perturbed_chain.derivatives(state, fit.coefficients):
         shared += np.einsum("nia,pin->ap", basis[rows], columns, optimize=True) @ root.T
     out = np.empty((len(state), 3, 3))
-    for rows, _, columns in fit.moved.derivatives(state, fit.coefficients):
+    for rows, _, columns in fit.perturbed_chain.derivatives(state, fit.coefficients):
         p, _, n = columns.shape
         spread = (root @ columns.reshape(p, 3 * n)).reshape(len(root), 3, n) - np.einsum(
             "nia,ap->pin", basis[rows], shared, optimize=True

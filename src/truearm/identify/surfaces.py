@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from truearm.arm.motions import rotations_and_jacobians
 from truearm.errors import InputError
-from truearm.identify.references import FloatArray, IntArray, Linearised, Relations, numbered
+from truearm.identify.references import FloatArray, IntArray, LinearisedResiduals, Constraints, number_names
 
 # Spheres of one known radius are as alike as this share of its uncertainty: the same pieces, at several places. What
 # differs from touch to touch is in the noise.
@@ -73,7 +73,7 @@ class Spheres:
     radii: tuple[Radius, ...] = ()
     kind = "sphere"
     n_residuals = 1
-    turns = False
+    uses_orientation = False
     least: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
@@ -106,7 +106,7 @@ class Spheres:
         count = Counter((radius.radius_mm, radius.std_mm) for radius in self.radii)
         return [one for one, n in count.items() if n > 1]
 
-    def started(self, tips: FloatArray) -> tuple[Self, FloatArray]:
+    def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
         """The spheres that best fit the tips."""
         known = {radius.sphere: radius.radius_mm for radius in self.radii}
         fits = [_sphere(tips[:, self.touched == i], known.get(i)) for i in range(len(self.names))]
@@ -114,7 +114,7 @@ class Spheres:
 
     def linearised(
         self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
-    ) -> Linearised:
+    ) -> LinearisedResiduals:
         """See `Reference`."""
         del axes
         touched = self.touched[which]
@@ -123,11 +123,11 @@ class Spheres:
         distance = np.sqrt((away**2).sum(axis=0))
         outward = away / np.where(distance > 0, distance, 1.0)
         by_unknown = -np.concatenate([outward, np.ones((1, len(touched)))])
-        return Linearised(
+        return LinearisedResiduals(
             (distance - radius)[None], outward[None], 4 * touched + np.arange(4)[:, None], by_unknown[None]
         )
 
-    def relations(self, unknowns: FloatArray) -> Relations | None:
+    def constraints(self, unknowns: FloatArray) -> Constraints | None:
         """The known radii.
 
         One that several spheres have is an unknown that they share, so that they together tell no more of it than its
@@ -156,7 +156,7 @@ class Spheres:
         stated = [radius.radius_mm for radius in self.radii]
         found = [unknowns[4 * radius.sphere + 3] for radius in self.radii]
         values = [(*found, *(unknowns[at] for at in number.values())), (*stated, *(r for r, _ in number))]
-        return Relations(residuals, by, std, names, np.array(values).T)
+        return Constraints(residuals, by, std, names, np.array(values).T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ class _Straight:
     frames: FloatArray | None = None
     origins: FloatArray | None = None
     kind = ""
-    turns = False
+    uses_orientation = False
     # Axes of the frame along which residuals are counted.
     across: ClassVar[tuple[int, ...]] = ()
     least: ClassVar[int] = 0
@@ -198,7 +198,7 @@ class _Straight:
         what = ["first tilt [rad]", "second tilt [rad]", *(f"{offset} [mm]" for offset in offsets)]
         return tuple(f"{self.kind} {name}, {one}" for name in self.names for one in what)
 
-    def started(self, tips: FloatArray) -> tuple[Self, FloatArray]:
+    def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
         """Laid through the tips, orthogonal regression; all unknowns are zero there."""
         members = [tips[:, self.touched == i] for i in range(len(self.names))]
         origins = np.stack([tip.mean(axis=1) for tip in members])
@@ -207,10 +207,10 @@ class _Straight:
 
     def linearised(
         self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
-    ) -> Linearised:
+    ) -> LinearisedResiduals:
         """See `Reference`."""
         del axes
-        assert self.frames is not None, "started lays them out"
+        assert self.frames is not None, "initialise lays them out"
         assert self.origins is not None
         touched, across = self.touched[which], list(self.across)
         k, size = len(across), 2 + len(across)
@@ -225,9 +225,9 @@ class _Straight:
         by_unknown = np.empty((k, size, len(touched)))
         by_unknown[:, :2] = (by_tilt * away[:, None, None]).sum(axis=0).transpose(1, 0, 2)
         by_unknown[:, 2:] = -np.eye(k)[:, :, None]
-        return Linearised(residuals, by_tip, size * touched + np.arange(size)[:, None], by_unknown)
+        return LinearisedResiduals(residuals, by_tip, size * touched + np.arange(size)[:, None], by_unknown)
 
-    def relations(self, unknowns: FloatArray) -> None:
+    def constraints(self, unknowns: FloatArray) -> None:
         """See `Reference`."""
         del unknowns
 
@@ -252,7 +252,7 @@ class Planes(_Straight):
         The plane of each, an index of `names`.
     names : tuple of str
     frames : (n_planes, 3, 3) array, optional
-        Axes of each as columns, the third its normal, as `started` lays them.
+        Axes of each as columns, the third its normal, as `initialise` lays them.
     origins : (n_planes, 3) array, optional
         Their origins [mm].
 
@@ -279,7 +279,7 @@ class Lines(_Straight):
         The line of each, an index of `names`.
     names : tuple of str
     frames : (n_lines, 3, 3) array, optional
-        Axes of each as columns, the third its direction, as `started` lays them.
+        Axes of each as columns, the third its direction, as `initialise` lays them.
     origins : (n_lines, 3) array, optional
         Their origins [mm].
 
@@ -302,7 +302,7 @@ def spheres_of(rows: IntArray, names: npt.NDArray[np.str_], radii: Sequence[tupl
     InputError
         If a radius names a sphere that no reading touches.
     """
-    unique, touched = numbered(names)
+    unique, touched = number_names(names)
     for name, *_ in radii:
         if name not in unique:
             raise InputError(
@@ -315,13 +315,13 @@ def spheres_of(rows: IntArray, names: npt.NDArray[np.str_], radii: Sequence[tupl
 
 def planes_of(rows: IntArray, names: npt.NDArray[np.str_]) -> Planes:
     """Planes from the name of each reading's plane (m,)."""
-    unique, touched = numbered(names)
+    unique, touched = number_names(names)
     return Planes(rows, touched, unique)
 
 
 def lines_of(rows: IntArray, names: npt.NDArray[np.str_]) -> Lines:
     """Lines from the name of each reading's line (m,)."""
-    unique, touched = numbered(names)
+    unique, touched = number_names(names)
     return Lines(rows, touched, unique)
 
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize
 
 from truearm.errors import InputError
-from truearm.identify.calibration import FLOOR_MM2, HeldOut
+from truearm.identify.calibration import FLOOR_MM2, HeldOutReadings
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -90,12 +90,12 @@ class VarianceFunction:
         return np.asarray(np.where(beyond, np.maximum(share, 1.0), share))
 
 
-def variance_function_of(held_out: HeldOut, angles: FloatArray) -> VarianceFunction:
+def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> VarianceFunction:
     """Find where readings held out scatter more, beyond what their covariances make expected.
 
     Parameters
     ----------
-    held_out : HeldOut
+    held_out : HeldOutReadings
     angles : (n, n_joints) array
         Of all readings [rad, or mm].
 
@@ -147,7 +147,7 @@ class _Deviance:
     weight: float
 
     @classmethod
-    def of(cls, held_out: HeldOut, features: FloatArray) -> Self:
+    def of(cls, held_out: HeldOutReadings, features: FloatArray) -> Self:
         """Of readings held out."""
         known, axes = np.linalg.eigh(held_out.covariance)
         squares = np.einsum("nij,ni->nj", axes, held_out.deviations) ** 2

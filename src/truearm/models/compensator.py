@@ -18,11 +18,11 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identify.identification import Identified, identify
+from truearm.identify.identification import IdentificationResult, identify
 from truearm.identify.references import Reference
-from truearm.models.frames import carried, covariance_back, frame_terms, frames_of, points_back
-from truearm.models.ranges import away_from, gaps_within
-from truearm.models.relations import check_sizes, placed, references_of, state_of, tool_terms
+from truearm.models.frames import to_first_session_frame, covariances_to_session_frames, session_frame_terms, rough_session_frames, points_to_session_frames
+from truearm.models.ranges import outside_ranges, find_angle_gaps
+from truearm.models.relations import check_sizes, roughly_aligned_chain, references_of, state_of, tool_terms
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
@@ -34,7 +34,7 @@ BoolArray = npt.NDArray[np.bool_]
 FREE_PARTS = ("base", "tip")
 # Share of the reach by which an arm as drawn may miss its readings. Ten times what the kinematic model expects of its
 # constants (3 mrad, 3 mm) stays below; another arm, a wrong unit or a wrong sign does not.
-MOST_NOMINAL_ERROR = 0.05
+MAX_NOMINAL_ERROR = 0.05
 # Rows that determine base (6) and tip (3): 3 coordinates each, and one row to spare.
 MIN_ROWS = 4
 
@@ -47,7 +47,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
 
     Attributes
     ----------
-    nominal_ : Identified
+    nominal_ : IdentificationResult
         The nominal arm with only the free parts (base, tip) fitted to the same readings: what there was before.
     arm_ : Arm
         That it was fitted for.
@@ -63,7 +63,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     n_train_ : int
         Training readings.
     data_fingerprint_ : str
-        SHA-256 of the training readings (see `fingerprint`, and `learned_from` to compare with).
+        SHA-256 of the training readings (see `fingerprint`, and `is_trained_on` to compare with).
     lengths_fingerprint_ : str
         SHA-256 of the known lengths between their seats; empty without.
     fit_seconds_ : float
@@ -148,14 +148,14 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self.n_features_in_ = readings.n_joints
         pointed = readings.has_point
         self.free_ = self.free if pointed.any() else tuple(part for part in self.free if part != "base")
-        self.session_frames_ = frames_of(arm, readings, self.free_)
-        in_one_frame = carried(readings, self.session_frames_)
+        self.session_frames_ = rough_session_frames(arm, readings, self.free_)
+        in_one_frame = to_first_session_frame(readings, self.session_frames_)
         self.data_fingerprint_ = fingerprint(readings)
         self.lengths_fingerprint_ = "" if lengths is None else fingerprint(lengths)
         self.nominal_ = self._fit_nominal(in_one_frame, lengths) if nominal is None else self._same_nominal(nominal)
         self._identify(in_one_frame, lengths, progress or _silent, checkpoint)
         self.angle_ranges_ = np.stack([readings.angles.min(axis=0), readings.angles.max(axis=0)], axis=1)
-        self.angle_gaps_ = gaps_within(readings.angles, arm.chain.slides)
+        self.angle_gaps_ = find_angle_gaps(readings.angles, arm.chain.is_prismatic)
         self.n_train_ = len(readings)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
@@ -207,7 +207,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         as half way between the two.
         """
         self._checked_angles(readings.angles)
-        points = points_back(self._tips(readings), readings, self.session_frames_)
+        points = points_to_session_frames(self._tips(readings), readings, self.session_frames_)
         if not return_cov:
             return points
         of_parameters, unexplained = self.covariance_parts(readings)
@@ -227,7 +227,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self._checked_angles(readings.angles)
         of_parameters, unexplained = self._covariance_parts(readings)
         frames = self.session_frames_
-        return covariance_back(of_parameters, readings, frames), covariance_back(unexplained, readings, frames)
+        return covariances_to_session_frames(of_parameters, readings, frames), covariances_to_session_frames(unexplained, readings, frames)
 
     def predict_nominal(self, angles: npt.ArrayLike) -> FloatArray:
         """(n, 3) what the nominal arm gives, with the free parts fitted to the same training readings [mm]."""
@@ -237,7 +237,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         """(n, 3) the same at readings, in the frames of their sessions as by `predict_readings` [mm]."""
         self._checked_angles(readings.angles)
         tips = self.nominal_.tips(state_of(self.arm_, self._with_known_sessions(readings)))
-        return points_back(tips, readings, self.session_frames_)
+        return points_to_session_frames(tips, readings, self.session_frames_)
 
     def _with_known_sessions(self, readings: Readings) -> Readings:
         """Readings without their sessions, if the model knows of none."""
@@ -245,9 +245,9 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
 
     def outside_training(self, angles: npt.ArrayLike) -> BoolArray:
         """(n,) True where a joint is away from the angles it was trained on: the model has not seen such poses."""
-        return away_from(self._checked_angles(angles), self.angle_ranges_, self.angle_gaps_)
+        return outside_ranges(self._checked_angles(angles), self.angle_ranges_, self.angle_gaps_)
 
-    def learned_from(self, readings: Readings) -> bool:
+    def is_trained_on(self, readings: Readings) -> bool:
         """Whether these are the readings that the model was fitted to; whatever the version that fitted it."""
         return self.data_fingerprint_ in (fingerprint(readings), *_earlier_fingerprints(readings))
 
@@ -309,33 +309,33 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         check_is_fitted(self)
         return np.asarray(validate_data(self, angles, reset=False, dtype=np.float64))
 
-    def _fit_nominal(self, readings: Readings, lengths: Lengths | None) -> Identified:
+    def _fit_nominal(self, readings: Readings, lengths: Lengths | None) -> IdentificationResult:
         """The nominal chain with base and tip, as far as they are free, fitted to the readings."""
         terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
         state, references = state_of(self.arm_, readings), references_of(readings, lengths)
-        as_drawn = partial(self._identified, readings, state, terms)
-        check_sizes(readings, lengths, references, as_drawn, state)
-        return as_drawn(references)
+        fit_nominal = partial(self._identify_terms, readings, state, terms)
+        check_sizes(readings, lengths, references, fit_nominal, state)
+        return fit_nominal(references)
 
-    def _identified(
+    def _identify_terms(
         self,
         readings: Readings,
         state: ArmState,
         terms: Sequence[Term],
         references: Sequence[Reference],
         progress: Callable[[int, str], None] | None = None,
-    ) -> Identified:
+    ) -> IdentificationResult:
         """Terms, and beside them those of the tool and of the sessions' frames, identified from references."""
         return identify(
-            placed(self.arm_, readings, self.free_),
+            roughly_aligned_chain(self.arm_, readings, self.free_),
             state,
-            [*terms, *tool_terms(self.arm_, readings), *frame_terms(self.arm_.chain, self.session_frames_)],
+            [*terms, *tool_terms(self.arm_, readings), *session_frame_terms(self.arm_.chain, self.session_frames_)],
             references,
             robust=self.robust,
             progress=progress,
         )
 
-    def _same_nominal(self, other: Compensator) -> Identified:
+    def _same_nominal(self, other: Compensator) -> IdentificationResult:
         """The nominal fit of another model, if it is what this one would find."""
         check_is_fitted(other)
         names = ("arm_", "free_", "robust", "data_fingerprint_", "lengths_fingerprint_")

@@ -31,9 +31,9 @@ from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError, TruearmError
 from truearm.identify.birge_ratio import birge_ratio
-from truearm.identify.calibration import HeldOut
-from truearm.identify.identification import Explained, GroupFound, Identified
-from truearm.identify.problem import Moved
+from truearm.identify.calibration import HeldOutReadings
+from truearm.identify.identification import ReferenceFit, TermGroupResult, IdentificationResult
+from truearm.identify.problem import PerturbedChain
 from truearm.identify.variance_function import VarianceFunction
 from truearm.models import MODELS
 from truearm.models.compensator import Compensator
@@ -41,12 +41,12 @@ from truearm.models.frames import checked_frames
 from truearm.models.identified import IdentifiedModel
 from truearm.models.network import Member, NetworkModel
 from truearm.nets.perceptron import Perceptron
-from truearm.nets.scaling import MinMax
+from truearm.nets.scaling import MinMaxScaler
 from truearm.nets.trainbr import BayesianRecord
 from truearm.nets.traingdx import AdaptiveRecord
 from truearm.nets.training import TrainingRecord
-from truearm.terms import Constant, LeftOut, Term
-from truearm.writing import whole_file
+from truearm.terms import Constant, SkippedTerm, Term
+from truearm.writing import atomic_file
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -193,7 +193,7 @@ def save_model(model: Compensator, path: str | Path) -> None:
         },
         identified={name: _entry(getattr(model, name)) for name in IDENTIFIED if hasattr(model, name)},
         free=list(model.free_),  # type: ignore[arg-type]
-        left_out=[(left_out.name, left_out.reason) for left_out in getattr(model, "left_out_", ())],
+        left_out=[(left_out.name, left_out.reason) for left_out in getattr(model, "excluded_terms_", ())],
         column_means=getattr(model, "columns_", {}),
         column_variances=getattr(model, "column_variances_", {}),
         temperature_degC=getattr(model, "temperature_degC_", None),
@@ -208,7 +208,7 @@ def save_model(model: Compensator, path: str | Path) -> None:
     head = header.model_dump_json(indent=1).encode()
     if len(head) > MAX_HEADER_BYTES:
         raise TruearmError(f"{path}: the model does not fit a model file: {len(head) >> 20} MiB of terms and seats")
-    with whole_file(path) as beside, zipfile.ZipFile(beside, "w") as archive:
+    with atomic_file(path) as beside, zipfile.ZipFile(beside, "w") as archive:
         _put(archive, "model.json", head)
         for name, array in arrays.items():
             _put(archive, f"{name}.npy", _bytes(array))
@@ -277,7 +277,7 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
     arrays: dict[str, FloatArray] = {
         "arm_limits": arm.limits,
         "arm_working_pose": arm.working,
-        "arm_prismatic": arm.chain.slides.astype(float),
+        "arm_prismatic": arm.chain.is_prismatic.astype(float),
         "arm_gravity": arm.gravity_direction,
         "angle_ranges": model.angle_ranges_,
         "angle_gaps": model.angle_gaps_,
@@ -292,10 +292,10 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
         if hasattr(model, name):
             arrays |= _identified_arrays(name, getattr(model, name))
     if isinstance(model, IdentifiedModel):
-        facts["unexplained_std_mm"] = model.unexplained_std_
-        facts["widening"] = model.widening_
-        arrays["refitted_on"] = model.refitted_on_
-        shares = model.unexplained_shares_
+        facts["unexplained_std_mm"] = model.residual_std_
+        facts["widening"] = model.birge_ratio_
+        arrays["refitted_on"] = model.refit_reading_ids_
+        shares = model.variance_function_
         arrays |= {f"unexplained_{part}": getattr(shares, part) for part in SHARES}
         facts["unexplained_mean_share"] = shares.mean
         arrays |= {f"held_out_{part}": _doubles(getattr(model.held_out_, part)) for part in HELD_OUT}
@@ -309,7 +309,7 @@ def _taken_apart(model: Compensator) -> tuple[dict[str, FloatArray], dict[str, f
         if trained:
             arrays["network_record"] = np.concatenate([_record_table(record) for _, record in trained])
         for scaled in ("angle_scale_", "point_scale_"):
-            scale: MinMax = getattr(model, scaled)
+            scale: MinMaxScaler = getattr(model, scaled)
             arrays[scaled + "range"] = np.stack([scale.lower, scale.upper])
     return arrays, facts
 
@@ -366,14 +366,14 @@ def _put_together(header: _Header, arrays: dict[str, FloatArray]) -> Compensator
             model.fit_ = model.nominal_
         else:
             model.fit_ = (_old_fit if old else _identified)("fit_", header, arrays, prismatic)
-        model.left_out_ = tuple(LeftOut(name, reason) for name, reason in header.left_out)
+        model.excluded_terms_ = tuple(SkippedTerm(name, reason) for name, reason in header.left_out)
         _put_conditions(model, header)
-        model.refitted_on_ = np.zeros(0) if old else _marks(arrays["refitted_on"])
+        model.refit_reading_ids_ = np.zeros(0) if old else _marks(arrays["refitted_on"])
         noise = model.fit_.references[0].noise_std
-        model.unexplained_std_ = noise if old else header.facts["unexplained_std_mm"]
-        model.unexplained_shares_ = _shares(header, arrays, n)
+        model.residual_std_ = noise if old else header.facts["unexplained_std_mm"]
+        model.variance_function_ = _shares(header, arrays, n)
         model.held_out_ = _held_out(header, arrays)
-        model.widening_ = _widening(model, header)
+        model.birge_ratio_ = _widening(model, header)
     if isinstance(model, NetworkModel):
         _put_network(model, header, arrays)
     return model
@@ -396,7 +396,7 @@ def _put_conditions(model: IdentifiedModel, header: _Header) -> None:
 
 def _widening(model: IdentifiedModel, header: _Header) -> float:
     if header.format < 4:
-        return birge_ratio(model.fit_.references, model.held_out_.rows, model.unexplained_std_)
+        return birge_ratio(model.fit_.references, model.held_out_.rows, model.residual_std_)
     if header.facts["widening"] < 1:
         raise InputError(f"expected a widening of 1 or more in model.json, got {header.facts['widening']:g}")
     return header.facts["widening"]
@@ -419,9 +419,9 @@ def _check_predicts(model: Compensator) -> None:
         raise InputError("the model does not predict finite numbers at the arm's working pose")
 
 
-def _entry(fit: Identified) -> _IdentifiedEntry:
+def _entry(fit: IdentificationResult) -> _IdentifiedEntry:
     return _IdentifiedEntry(
-        terms=[term.as_data() for term in fit.moved.terms],
+        terms=[term.as_data() for term in fit.perturbed_chain.terms],
         groups=[
             _GroupEntry(name=g.name, n_coefficients=g.n_coefficients, effective=g.effective, scale=g.scale)
             for g in fit.groups
@@ -434,9 +434,9 @@ def _entry(fit: Identified) -> _IdentifiedEntry:
     )
 
 
-def _identified_arrays(name: str, fit: Identified) -> dict[str, FloatArray]:
+def _identified_arrays(name: str, fit: IdentificationResult) -> dict[str, FloatArray]:
     found = {
-        **_chain_arrays(name + "chain", fit.moved.chain),
+        **_chain_arrays(name + "chain", fit.perturbed_chain.chain),
         name + "coefficients": fit.coefficients,
         name + "covariance": fit.covariance,
         name + "prior_std": fit.prior_std,
@@ -447,14 +447,14 @@ def _identified_arrays(name: str, fit: Identified) -> dict[str, FloatArray]:
             f"{name}residuals_{i}": reference.residuals,
             f"{name}std_{i}": reference.std,
             f"{name}artefact_{i}": _doubles(reference.artefact),
-            f"{name}trust_{i}": reference.trust,
+            f"{name}trust_{i}": reference.robust_weight,
         }
     return found
 
 
 def _identified(
     name: str, header: _Header, arrays: dict[str, FloatArray], prismatic: npt.NDArray[np.bool_]
-) -> Identified:
+) -> IdentificationResult:
     if name not in header.identified:
         raise InputError(f"model.json does not say what {name} is")
     entry = header.identified[name]
@@ -462,8 +462,8 @@ def _identified(
     terms = tuple(Term.from_data(data) for data in entry.terms)
     for term in terms:
         term.check_place(chain)
-    moved = Moved(chain, terms)
-    n = moved.n_coefficients
+    perturbed_chain = PerturbedChain(chain, terms)
+    n = perturbed_chain.n_coefficients
     prior_std = _shaped(arrays, name + "prior_std", (n,))
     if not (prior_std > 0).all():
         raise InputError(f"the array {name}prior_std must be above zero")
@@ -481,7 +481,7 @@ def _identified(
             raise InputError(f"the array {name}trust_{i} must be from 0 to 1")
         _of_shape(residuals, f"{name}residuals_{i}", (*residuals.shape[:1], len(rows)))
         explained.append(
-            Explained(
+            ReferenceFit(
                 reference.kind,
                 rows,
                 residuals,
@@ -492,19 +492,19 @@ def _identified(
                 dict(reference.unknowns),
             )
         )
-    return Identified(
-        moved,
+    return IdentificationResult(
+        perturbed_chain,
         _shaped(arrays, name + "coefficients", (n,)),
         _covariance(arrays[name + "covariance"], name + "covariance", n),
         prior_std,
-        tuple(GroupFound(g.name, g.n_coefficients, g.effective, g.scale) for g in entry.groups),
+        tuple(TermGroupResult(g.name, g.n_coefficients, g.effective, g.scale) for g in entry.groups),
         tuple(explained),
         entry.converged,
         entry.rounds,
     )
 
 
-def _old_fit(name: str, header: _Header, arrays: dict[str, FloatArray], prismatic: npt.NDArray[np.bool_]) -> Identified:
+def _old_fit(name: str, header: _Header, arrays: dict[str, FloatArray], prismatic: npt.NDArray[np.bool_]) -> IdentificationResult:
     """A fit of formats 1 and 2: its constants are in the chain, their covariance is that of small motions there."""
     places = len(prismatic) + 2
     covariance = _covariance(arrays[name + "covariance"], name + "covariance", places * 6)
@@ -516,23 +516,23 @@ def _old_fit(name: str, header: _Header, arrays: dict[str, FloatArray], prismati
         for k in range(6)
     )
     none, noise = np.zeros(0, dtype=np.intp), header.facts[name + "noise_std_mm"]
-    return Identified(
-        Moved(_chain(name + "chain", arrays, prismatic), terms),
+    return IdentificationResult(
+        PerturbedChain(_chain(name + "chain", arrays, prismatic), terms),
         np.zeros(places * 6),
         covariance,
         np.ones(places * 6),
-        (GroupFound("constants", places * 6, 0.0, 1.0),),
+        (TermGroupResult("constants", places * 6, 0.0, 1.0),),
         # Their residuals were not kept.
-        (Explained("point", none, np.zeros((3, 0)), np.zeros((3, 0)), noise, np.zeros(0), none, {}),),
+        (ReferenceFit("point", none, np.zeros((3, 0)), np.zeros((3, 0)), noise, np.zeros(0), none, {}),),
         bool(header.facts[name + "converged"]),
         0,
     )
 
 
-def _held_out(header: _Header, arrays: dict[str, FloatArray]) -> HeldOut:
+def _held_out(header: _Header, arrays: dict[str, FloatArray]) -> HeldOutReadings:
     if header.format < 3:
         empty = np.zeros(0, dtype=np.intp)
-        return HeldOut(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
+        return HeldOutReadings(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
     rows = _indices(arrays["held_out_rows"], "held_out_rows", header.n_train)
     m = len(rows)
     freedom = _shaped(arrays, "held_out_freedom", (m,))
@@ -543,7 +543,7 @@ def _held_out(header: _Header, arrays: dict[str, FloatArray]) -> HeldOut:
     skew = np.abs(covariance - covariance.transpose(0, 2, 1)).max(axis=(1, 2))
     if (skew > 1e-6 * size).any() or (np.linalg.eigvalsh(covariance)[:, 0] < -1e-6 * size).any():
         raise InputError("the array held_out_covariance does not hold covariances")
-    return HeldOut(
+    return HeldOutReadings(
         rows,
         _indices(_shaped(arrays, "held_out_group", (m,)), "held_out_group", header.n_train),
         _shaped(arrays, "held_out_deviations", (m, 3)),
@@ -600,7 +600,7 @@ def _put_network(model: NetworkModel, header: _Header, arrays: dict[str, FloatAr
         lower, upper = _shaped(arrays, name + "range", (2, k))
         if not (lower < upper).all():
             raise InputError(f"the array {name}range must rise from its first row to its second")
-        setattr(model, name, MinMax(lower, upper))
+        setattr(model, name, MinMaxScaler(lower, upper))
 
 
 def _trainings(

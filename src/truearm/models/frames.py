@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identify.alignment import about_a_line, align_most
-from truearm.models.relations import LEAST_SPREAD, oriented
+from truearm.identify.alignment import rms_distance_from_line, align_robust
+from truearm.models.relations import MIN_POINT_SPREAD, rows_with_orientation
 from truearm.readings.readings import BoolArray, Readings
 from truearm.terms import Session, Term, base_terms
 
@@ -29,7 +29,7 @@ Frames = Mapping[str, FloatArray]
 FEWEST_POINTS = 3
 
 
-def frames_of(arm: Arm, readings: Readings, free: tuple[str, ...]) -> dict[str, FloatArray]:
+def rough_session_frames(arm: Arm, readings: Readings, free: tuple[str, ...]) -> dict[str, FloatArray]:
     """Rough frames of the sessions in which a reference saw the arm.
 
     Parameters
@@ -53,7 +53,7 @@ def frames_of(arm: Arm, readings: Readings, free: tuple[str, ...]) -> dict[str, 
         three or lie on a line.
     """
     seen = readings.has_point
-    seen[oriented(readings)] = True
+    seen[rows_with_orientation(readings)] = True
     if readings.session is None or "base" not in free or not seen.any():
         return {}
     names = list(dict.fromkeys(readings.session[seen].tolist()))
@@ -77,18 +77,18 @@ def _motions(arm: Arm, readings: Readings, names: list[str]) -> Iterator[FloatAr
     for name in names:
         rows = np.flatnonzero((readings.session == name) & readings.has_point)
         points = np.zeros((0, 3)) if readings.points is None else readings.points[rows]
-        if len(points) < FEWEST_POINTS or about_a_line(points) < LEAST_SPREAD * arm.chain.reach:
+        if len(points) < FEWEST_POINTS or rms_distance_from_line(points) < MIN_POINT_SPREAD * arm.chain.reach:
             raise readings.error(
                 f"session {name!r} has {len(points)} reference points, too few or along a line: where the base stands "
                 "in it cannot be told",
                 hint="three points or more, spread over an area; or leave the session out, truearm refit serves it",
             )
-        placement = align_most(arm.chain.tip_in_base(readings.angles[rows]), points)
+        placement = align_robust(arm.chain.tip_in_base(readings.angles[rows]), points)
         first = placement if first is None else first
         yield np.eye(4) if first is placement else first @ np.linalg.inv(placement)
 
 
-def frame_terms(chain: Chain, frames: Frames) -> list[Term]:
+def session_frame_terms(chain: Chain, frames: Frames) -> list[Term]:
     """Small motions of the base in every session but the first, as free as the base."""
     return [
         replace(term, name=f"{term.name}, session {name}", basis=Session(name), group="frames of further sessions")
@@ -97,7 +97,7 @@ def frame_terms(chain: Chain, frames: Frames) -> list[Term]:
     ]
 
 
-def carried(readings: Readings, frames: Frames) -> Readings:
+def to_first_session_frame(readings: Readings, frames: Frames) -> Readings:
     """Readings with what the reference saw in the frame of the first session.
 
     Standard uncertainties that differ by axis are turned too; what correlations that makes between the new axes is left
@@ -120,7 +120,7 @@ def carried(readings: Readings, frames: Frames) -> Readings:
     return replace(readings, points=points, point_std=std, quaternion=quaternion)
 
 
-def points_back(points: FloatArray, readings: Readings, frames: Frames) -> FloatArray:
+def points_to_session_frames(points: FloatArray, readings: Readings, frames: Frames) -> FloatArray:
     """Points (n, 3) [mm] of the first session's frame, each in the frame of its reading's session if that is known."""
     out = points
     for rows, T in _by_session(readings, frames):
@@ -129,7 +129,7 @@ def points_back(points: FloatArray, readings: Readings, frames: Frames) -> Float
     return out
 
 
-def covariance_back(covariance: FloatArray, readings: Readings, frames: Frames) -> FloatArray:
+def covariances_to_session_frames(covariance: FloatArray, readings: Readings, frames: Frames) -> FloatArray:
     """Covariances (n, 3, 3) [mm^2], turned likewise."""
     out = covariance
     for rows, T in _by_session(readings, frames):
@@ -161,4 +161,4 @@ def checked_frames(names: list[str], motions: FloatArray) -> dict[str, FloatArra
 
 
 def _where(readings: Readings, row: int) -> str:
-    return f" in {readings.called(row)}" if readings.first_line is None else ""
+    return f" in {readings.label(row)}" if readings.first_line is None else ""

@@ -12,15 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.identify.birge_ratio import birge_ratio
-from truearm.identify.calibration import unexplained_variance_of
-from truearm.identify.leave_out import leave_groups_out
-from truearm.identify.propagation import effects_of_directions, half_difference
-from truearm.identify.variance_function import VarianceFunction, variance_function_of
+from truearm.identify.calibration import conformal_residual_variance
+from truearm.identify.leave_out import cross_validate_by_group
+from truearm.identify.propagation import direction_effects, half_tip_difference
+from truearm.identify.variance_function import VarianceFunction, fit_variance_function
 from truearm.models.compensator import MIN_ROWS, Compensator
 from truearm.models.relations import references_of, state_of
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
-from truearm.terms import ArmState, Constant, LeftOut, Term
+from truearm.terms import ArmState, Constant, SkippedTerm, Term
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -35,24 +35,24 @@ class IdentifiedModel(Compensator):
 
     Attributes
     ----------
-    fit_ : Identified
+    fit_ : IdentificationResult
         The identified chain and terms.
-    left_out_ : tuple of LeftOut
+    excluded_terms_ : tuple of SkippedTerm
         Terms that the readings could not show, and why.
-    held_out_ : HeldOut
+    held_out_ : HeldOutReadings
         The training readings as an arm sees them that was identified without their position or seat.
-    unexplained_std_ : float
+    residual_std_ : float
         Standard deviation of a coordinate that the model cannot explain [mm]: root mean square over the joint space.
-    unexplained_shares_ : VarianceFunction
+    variance_function_ : VarianceFunction
         What share of its square readings at other angles have.
-    widening_ : float
+    birge_ratio_ : float
         By how much standard deviations of the first posterior are to be raised, by the readings held out of it (see
         `truearm.identify.birge_ratio`).
     temperature_degC_, temperature_variance_K2_ : float or None
         Mean temperature of the training readings [degC], and its variance.
     columns_, column_variances_ : dict of str to float
         Means of their further columns, and variances.
-    refitted_on_ : (k,) array
+    refit_reading_ids_ : (k,) array
         Marks of the readings from which base and tip were identified anew (`truearm.models.refit`); none by `fit`.
     """
 
@@ -60,7 +60,7 @@ class IdentifiedModel(Compensator):
     _is_nominal: ClassVar[bool] = False
 
     @abstractmethod
-    def _terms(self, state: ArmState) -> tuple[list[Term], list[LeftOut]]:
+    def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
         """The terms offered, with the free parts `free_`, and those that the readings cannot show."""
 
     def _identify(
@@ -77,7 +77,7 @@ class IdentifiedModel(Compensator):
         )
         self.columns_ = {name: float(values.mean()) for name, values in readings.columns.items()}
         self.column_variances_ = {name: float(values.var()) for name, values in readings.columns.items()}
-        self.refitted_on_ = np.zeros(0)
+        self.refit_reading_ids_ = np.zeros(0)
         progress(0, "terms")
         state = state_of(self.arm_, readings)
         terms, left_out = self._terms(state)
@@ -85,26 +85,26 @@ class IdentifiedModel(Compensator):
             terms = [term for term in terms if not _places_the_frame(term)]
         references = references_of(readings, lengths)
         self.fit_ = (
-            self.nominal_ if self._is_nominal else self._identified(readings, state, terms, references, progress)
+            self.nominal_ if self._is_nominal else self._identify_terms(readings, state, terms, references, progress)
         )
-        self.left_out_ = tuple(left_out)
-        self.held_out_ = leave_groups_out(self.fit_, state, references, groups_of(readings, self.session_frames_))
+        self.excluded_terms_ = tuple(left_out)
+        self.held_out_ = cross_validate_by_group(self.fit_, state, references, cross_validation_groups(readings, self.session_frames_))
         self._size_unexplained(readings.angles)
-        self.widening_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.unexplained_std_)
+        self.birge_ratio_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.residual_std_)
 
     def _size_unexplained(self, angles: FloatArray) -> None:
         noise_variance = self.fit_.references[0].noise_std ** 2
-        held_out = self.held_out_.judging(self._own_variance(len(angles))[self.held_out_.rows])
+        held_out = self.held_out_.select_informative(self._own_variance(len(angles))[self.held_out_.rows])
         if len(held_out.rows) >= MIN_ROWS:
-            self.unexplained_shares_ = variance_function_of(held_out, angles)
-            share = self.unexplained_shares_.share(angles[held_out.rows])
-            variance = unexplained_variance_of(replace(held_out, freedom=share * held_out.freedom))
+            self.variance_function_ = fit_variance_function(held_out, angles)
+            share = self.variance_function_.share(angles[held_out.rows])
+            variance = conformal_residual_variance(replace(held_out, freedom=share * held_out.freedom))
             if len(held_out.rows) < len(self.held_out_.rows):  # few may be left, and those the best known
                 variance = max(variance, noise_variance)
         else:
-            self.unexplained_shares_ = VarianceFunction.flat(angles.shape[1])
+            self.variance_function_ = VarianceFunction.flat(angles.shape[1])
             variance = noise_variance
-        self.unexplained_std_ = float(np.sqrt(variance))
+        self.residual_std_ = float(np.sqrt(variance))
 
     def _own_variance(self, n: int) -> FloatArray:
         """(n,) variance of a coordinate by noise and reference, of readings with points and those in seats [mm^2]."""
@@ -118,7 +118,7 @@ class IdentifiedModel(Compensator):
         """State of the arm at readings, as far as the model knows what it does.
 
         Where they have no temperature or load it is that of the training readings on average; where they have no
-        directions of movement, half way between the two. `not_given` tells what that leaves open.
+        directions of movement, half way between the two. `unstated_input_covariances` tells what that leaves open.
         """
         return state_of(
             self.arm_,
@@ -133,10 +133,10 @@ class IdentifiedModel(Compensator):
 
     def _covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
         of_parameters = self.fit_.tip_covariance(self.state(readings))
-        unexplained = self.unexplained_std_**2 * self.unexplained_shares_.share(readings.angles)
-        return of_parameters, sum(self.not_given(readings).values(), unexplained[:, None, None] * np.eye(3))
+        unexplained = self.residual_std_**2 * self.variance_function_.share(readings.angles)
+        return of_parameters, sum(self.unstated_input_covariances(readings).values(), unexplained[:, None, None] * np.eye(3))
 
-    def not_given(self, readings: Readings) -> dict[str, FloatArray]:
+    def unstated_input_covariances(self, readings: Readings) -> dict[str, FloatArray]:
         """Give what the terms depend on and readings do not state, and how uncertain that makes the tips.
 
         Temperature and further columns are known by their means and variances at the training readings, directions of
@@ -148,15 +148,15 @@ class IdentifiedModel(Compensator):
             By name the covariance of tips [mm^2], to first order.
         """
         state, fit = self.state(readings), self.fit_
-        effects = {"directions of movement": effects_of_directions(fit, state)}
+        effects = {"directions of movement": direction_effects(fit, state)}
         if readings.temperature_degC is None and state.temperature_degC is not None:
             std = np.sqrt(self.temperature_variance_K2_ or 0.0)
             low, high = (replace(state, temperature_degC=state.temperature_degC + way * std) for way in (-1, 1))
-            effects["temperature"] = half_difference(fit, low, high)[None]
+            effects["temperature"] = half_tip_difference(fit, low, high)[None]
         for name in self.columns_.keys() - readings.columns.keys():
             values, std = state.columns[name], np.sqrt(self.column_variances_[name])
             low, high = (replace(state, columns={**state.columns, name: values + way * std}) for way in (-1, 1))
-            effects[name] = half_difference(fit, low, high)[None]
+            effects[name] = half_tip_difference(fit, low, high)[None]
         return {
             name: np.einsum("kni,knj->nij", effect, effect) for name, effect in sorted(effects.items()) if effect.any()
         }
@@ -178,7 +178,7 @@ def _places_the_frame(term: Term) -> bool:
     )
 
 
-def groups_of(readings: Readings, sessions: Iterable[str] = ()) -> IntArray:
+def cross_validation_groups(readings: Readings, sessions: Iterable[str] = ()) -> IntArray:
     """(n,) numbers of the groups that a fair test keeps together.
 
     A reading's group is its position; where it names none, its seat; else it is its own. What would put all readings

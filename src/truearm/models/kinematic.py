@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from truearm.arm.arm import Arm
 from truearm.models.identified import IdentifiedModel
-from truearm.terms import ArmState, LeftOut, Term, constants
+from truearm.terms import ArmState, SkippedTerm, Term, constants
 
 
 class KinematicModel(IdentifiedModel):
@@ -29,5 +29,5 @@ class KinematicModel(IdentifiedModel):
         self.free = free
         self.robust = robust
 
-    def _terms(self, state: ArmState) -> tuple[list[Term], list[LeftOut]]:
+    def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
         return constants(state.chain, free=self.free_), []

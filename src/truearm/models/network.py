@@ -17,11 +17,11 @@ from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.models.compensator import MIN_ROWS, Compensator
 from truearm.nets.checkpoint import Checkpoint
-from truearm.nets.lm import train_lm
+from truearm.nets.lm import train_varpro
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
-from truearm.nets.scaling import MinMax
+from truearm.nets.scaling import MinMaxScaler
 from truearm.nets.trainbr import BayesianRecord, trainbr
 from truearm.nets.traingd import traingd
 from truearm.nets.traingdx import traingdx
@@ -35,7 +35,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 TRAINERS: dict[str, Callable[..., tuple[FloatArray, TrainingRecord]]] = {
-    "lm": train_lm,
+    "lm": train_varpro,
     "trainlm": trainlm,
     "trainbr": trainbr,
     "traingd": traingd,
@@ -109,7 +109,7 @@ class NetworkModel(Compensator):
     members_ : tuple of Member
     record_ : TrainingRecord
         Of the first member.
-    angle_scale_, point_scale_ : MinMax
+    angle_scale_, point_scale_ : MinMaxScaler
         Angles [rad] and points [mm] onto [-1, 1].
     residual_covariance_ : (3, 3) array
         Mean product of a member's residuals [mm^2] on its validation data, without the share that the scatter of the
@@ -185,9 +185,9 @@ class NetworkModel(Compensator):
         assert points is not None  # checked
         _check_motion(self.arm, readings, points)
         self.network_ = Perceptron.with_layers(readings.n_joints, self.hidden, 3, activation=self.activation)
-        self.angle_scale_ = MinMax.of(readings.angles.T, what="the angle of joint")
-        self.point_scale_ = MinMax.of(points.T, what="coordinate")
-        inputs, targets = self.angle_scale_.scaled(readings.angles.T), self.point_scale_.scaled(points.T)
+        self.angle_scale_ = MinMaxScaler.of(readings.angles.T, what="the angle of joint")
+        self.point_scale_ = MinMaxScaler.of(points.T, what="coordinate")
+        inputs, targets = self.angle_scale_.scale(readings.angles.T), self.point_scale_.scale(points.T)
         if checkpoint is not None:
             try:
                 checkpoint.mkdir(exist_ok=True)
@@ -313,7 +313,7 @@ class NetworkModel(Compensator):
         """What a member leaves over: on the readings by which it is judged, over and above the members' scatter."""
         parts = []
         for member, rows in zip(self.members_, judges, strict=True):
-            residuals = self._points(member, self.angle_scale_.scaled(angles[rows].T)) - points[rows]
+            residuals = self._points(member, self.angle_scale_.scale(angles[rows].T)) - points[rows]
             squares = residuals.T @ residuals / len(rows)
             if len(rows) < MIN_ROWS:  # too few to tell directions apart
                 squares = np.trace(squares) / 3 * np.eye(3)
@@ -344,20 +344,20 @@ class NetworkModel(Compensator):
 
     def _points(self, member: Member, inputs: FloatArray) -> FloatArray:
         """(n, 3) a member's points [mm] at scaled inputs (n_inputs, n)."""
-        return np.asarray(self.point_scale_.restored(self.network_.outputs(member.weights, inputs)).T)
+        return np.asarray(self.point_scale_.unscale(self.network_.outputs(member.weights, inputs)).T)
 
     def _tips(self, readings: Readings) -> FloatArray:
         return self._mean(readings.angles)
 
     def _mean(self, angles: FloatArray) -> FloatArray:
         """(n, 3) mean of the members' points [mm]."""
-        inputs = self.angle_scale_.scaled(angles.T)
+        inputs = self.angle_scale_.scale(angles.T)
         return np.asarray(np.mean([self._points(member, inputs) for member in self.members_], axis=0))
 
     def _scatter(self, angles: FloatArray) -> FloatArray:
         out = np.zeros((len(angles), 3, 3))
         if len(self.members_) > 1:
-            inputs = self.angle_scale_.scaled(angles.T)
+            inputs = self.angle_scale_.scale(angles.T)
             mean = self._mean(angles)
             for member in self.members_:
                 off = self._points(member, inputs) - mean
@@ -373,7 +373,7 @@ class NetworkModel(Compensator):
         outside; the scatter does not hold the error that all members share. Such rows are flagged instead.
         """
         angles = readings.angles
-        inputs = self.angle_scale_.scaled(angles.T)
+        inputs = self.angle_scale_.scale(angles.T)
         leverage = np.zeros(len(angles))
         for member in self.members_:
             basis = self._basis(member.weights, inputs)
@@ -400,7 +400,7 @@ def _check_motion(arm: Arm, readings: Readings, points: FloatArray) -> None:
     """Refuse an input or output without a range to scale."""
     for joint, values in enumerate(readings.angles.T):
         if values.min() == values.max():
-            name, unit = arm.joint_names[joint], "mm" if arm.chain.slides[joint] else "rad"
+            name, unit = arm.joint_names[joint], "mm" if arm.chain.is_prismatic[joint] else "rad"
             raise readings.error(
                 f"joint {name} is at {values[0]:.6g} {unit} in all {len(readings)} readings: a network cannot learn "
                 "from a joint that does not move",

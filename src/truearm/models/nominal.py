@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from truearm.arm.arm import Arm
 from truearm.models.identified import IdentifiedModel
-from truearm.terms import ArmState, LeftOut, Term, constants
+from truearm.terms import ArmState, SkippedTerm, Term, constants
 
 
 class NominalModel(IdentifiedModel):
@@ -26,5 +26,5 @@ class NominalModel(IdentifiedModel):
         self.arm = arm
         self.free = free
 
-    def _terms(self, state: ArmState) -> tuple[list[Term], list[LeftOut]]:
+    def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
         return constants(state.chain, free=self.free_, angle_std=0.0, length_std=0.0), []

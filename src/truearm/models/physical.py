@@ -7,7 +7,7 @@ import numpy as np
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.models.identified import IdentifiedModel
-from truearm.terms import ArmState, LeftOut, Term, candidate_terms
+from truearm.terms import ArmState, SkippedTerm, Term, candidate_terms
 from truearm.terms.basis import HIGHEST_ORDER
 from truearm.terms.catalogue import HIGHEST_ORDER_OFFERED
 
@@ -40,7 +40,7 @@ class PhysicalModel(IdentifiedModel):
         self.highest = highest
         self.robust = robust
 
-    def _terms(self, state: ArmState) -> tuple[list[Term], list[LeftOut]]:
+    def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
         return candidate_terms(state, free=self.free_, highest=int(self.highest))
 
     def _check_options(self) -> None:

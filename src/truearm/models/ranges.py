@@ -14,7 +14,7 @@ LEAST_TURN = float(np.radians(1.0))
 LEAST_SLIDE = 0.01
 
 
-def gaps_within(angles: FloatArray, slides: BoolArray) -> FloatArray:
+def find_angle_gaps(angles: FloatArray, slides: BoolArray) -> FloatArray:
     """Gaps between a joint's training angles that are wide for their number.
 
     Of n angles spread evenly at random over a range, the largest gap is ``range * ln(n) / n`` or so. A gap counts from
@@ -42,7 +42,7 @@ def gaps_within(angles: FloatArray, slides: BoolArray) -> FloatArray:
     return np.concatenate(found)
 
 
-def away_from(angles: FloatArray, ranges: FloatArray, gaps: FloatArray) -> BoolArray:
+def outside_ranges(angles: FloatArray, ranges: FloatArray, gaps: FloatArray) -> BoolArray:
     """(n,) True where a joint is beyond its range (n_joints, 2), or in one of the gaps."""
     lower, upper = ranges.T
     away = ((angles < lower) | (angles > upper)).any(axis=1)

@@ -15,11 +15,11 @@ from sklearn.utils.validation import check_is_fitted
 
 from truearm.errors import InputError
 from truearm.identify.alignment import align
-from truearm.identify.calibration import HeldOut
-from truearm.identify.consider import identified_anew
-from truearm.identify.identification import Identified
+from truearm.identify.calibration import HeldOutReadings
+from truearm.identify.consider import consider_update
+from truearm.identify.identification import IdentificationResult
 from truearm.models.compensator import FREE_PARTS, MIN_ROWS, Compensator, fingerprint
-from truearm.models.frames import carried, frames_of
+from truearm.models.frames import to_first_session_frame, rough_session_frames
 from truearm.models.identified import IdentifiedModel
 from truearm.models.relations import check_spread, references_of
 from truearm.readings.checks import check_sessions
@@ -65,8 +65,8 @@ def refit(
     Returns
     -------
     Compensator
-        Of the same class. `unexplained_std_` is that of `model`, or larger if the new readings say so (see
-        `identified_anew`). `held_out_` is empty; `angle_ranges_` and `n_train_` are those of the arm;
+        Of the same class. `residual_std_` is that of `model`, or larger if the new readings say so (see
+        `consider_update`). `held_out_` is empty; `angle_ranges_` and `n_train_` are those of the arm;
         `data_fingerprint_` is that of the new readings.
 
     Raises
@@ -103,7 +103,7 @@ def refit(
             )
     elif "base" in free:
         check_spread(readings, model.arm)
-        if frames_of(model.arm, readings, free):
+        if rough_session_frames(model.arm, readings, free):
             raise readings.error(
                 "a refit finds one frame, and the readings are of several sessions",
                 column="session",
@@ -117,7 +117,7 @@ def refit(
     if readings.temperature_degC is not None:
         new.temperature_degC_ = float(readings.temperature_degC.mean())
     new.session_frames_ = {} if "base" in free else model.session_frames_
-    readings = carried(readings, new.session_frames_)
+    readings = to_first_session_frame(readings, new.session_frames_)
     new.columns_ = {
         name: float(readings.columns[name].mean()) if name in readings.columns else mean
         for name, mean in model.columns_.items()
@@ -126,13 +126,13 @@ def refit(
     references = references_of(readings, lengths)
     terms = constants(model.arm_.chain, free=free, angle_std=0.0, length_std=0.0)
 
-    def anew(fit: Identified, unexplained_std: float) -> Identified:
-        chain = fit.moved.chain
+    def anew(fit: IdentificationResult, unexplained_std: float) -> IdentificationResult:
+        chain = fit.perturbed_chain.chain
         if "base" in free:
             seen = readings.has_point
             assert readings.points is not None
-            chain = chain.placed(align(fit.tips(state.rows(seen)), readings.points[seen]))
-        return identified_anew(
+            chain = chain.with_reference_frame(align(fit.tips(state.rows(seen)), readings.points[seen]))
+        return consider_update(
             fit,
             chain,
             state,
@@ -144,14 +144,14 @@ def refit(
         )
 
     new.nominal_ = anew(model.nominal_, model.nominal_.references[0].noise_std)
-    new.fit_ = anew(model.fit_, model.unexplained_std_)
-    new.unexplained_std_ = max(model.unexplained_std_, new.fit_.references[0].noise_std)
+    new.fit_ = anew(model.fit_, model.residual_std_)
+    new.residual_std_ = max(model.residual_std_, new.fit_.references[0].noise_std)
     new.free_ = free
     empty = np.zeros(0, dtype=np.intp)
-    new.held_out_ = HeldOut(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
+    new.held_out_ = HeldOutReadings(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
     new.data_fingerprint_ = digest
     new.lengths_fingerprint_ = "" if lengths is None else fingerprint(lengths)
-    new.refitted_on_ = np.concatenate([model.refitted_on_, marks])
+    new.refit_reading_ids_ = np.concatenate([model.refit_reading_ids_, marks])
     new.fit_seconds_ = time.perf_counter() - begun
     return new
 
@@ -166,16 +166,16 @@ def _check_known_sessions(model: Compensator, readings: Readings) -> None:
         raise readings.error(
             f"the model knows the frames of the sessions {', '.join(known)}, got a point "
             + (f"of session {str(session[row])!r}" if session[row] else "that names none")
-            + ("" if readings.first_line is not None else f" in {readings.called(row)}"),
+            + ("" if readings.first_line is not None else f" in {readings.label(row)}"),
             row,
             column="session",
             hint="name the session of the model that the points are of; for a new set-up --free base,tip",
         )
 
 
-def served(model: Compensator, readings: Readings) -> BoolArray:
+def used_in_refit(model: Compensator, readings: Readings) -> BoolArray:
     """(n,) True for the readings from which the model's base and tip were identified anew: no test is fair on them."""
-    marks = model.refitted_on_ if isinstance(model, IdentifiedModel) else np.zeros(0)
+    marks = model.refit_reading_ids_ if isinstance(model, IdentifiedModel) else np.zeros(0)
     if not len(marks):
         return np.zeros(len(readings), dtype=bool)
     return np.isin(_marks(readings), marks)

@@ -11,25 +11,25 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identify.alignment import about_a_line, placed_roughly
-from truearm.identify.identification import Identified
-from truearm.identify.outliers import relations_told
-from truearm.identify.poses import Orientations, turned_roughly
+from truearm.identify.alignment import rms_distance_from_line, place_base_coarsely
+from truearm.identify.identification import IdentificationResult
+from truearm.identify.outliers import constraint_residuals
+from truearm.identify.poses import Orientations, orient_flange_coarsely
 from truearm.identify.references import FloatArray, IntArray, Points, Reference, Seats, StatedLength, seats_of
 from truearm.identify.surfaces import Lines, Planes, Spheres, lines_of, planes_of, spheres_of
-from truearm.readings.expansion import growth_of
+from truearm.readings.expansion import thermal_expansion_of
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import NameArray, Readings
 from truearm.terms import ArmState, Term
 from truearm.terms.catalogue import tool_rotation
 
 # Share of the reach by which points must be spread to both sides of a line.
-LEAST_SPREAD = 1e-3
+MIN_POINT_SPREAD = 1e-3
 # Share by which a stated length or distance may differ from that of the arm as drawn. Real arms are within a hundredth
 # of their drawings; radii in place of distances, other units and other seats are not.
-MOST_SIZE_ERROR = 0.05
+MAX_SIZE_ERROR = 0.05
 # Readings that it takes to find a surface.
-LEAST_ON = {"sphere": Spheres.least, "plane": Planes.least, "line": Lines.least}
+MIN_READINGS_ON = {"sphere": Spheres.least, "plane": Planes.least, "line": Lines.least}
 
 
 def state_of(
@@ -65,7 +65,7 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
     Lengths are as long as they are at the temperature of the readings in their seats, where their expansion is known.
     A seat with one reading, or one pose again and again, and no known length says nothing and is left out; so are
     lengths between other seats, and surfaces of fewer readings without a point than it takes to find them (see
-    `too_few_on`).
+    `surfaces_with_too_few_readings`).
 
     A reading whose tip was held in a seat while an instrument saw it says both: where the tip was, but for the
     instrument's noise, and that it was where the seat's other readings were, but for the touch. Both count, each kind
@@ -96,7 +96,7 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
         "plane": planes_of,
         "line": lines_of,
     }
-    too_few = too_few_on(readings)
+    too_few = surfaces_with_too_few_readings(readings)
     for kind, made in surfaces.items():
         touched = _touched(readings, kind)
         few = [name for one, name, _ in too_few if one == kind]
@@ -104,7 +104,7 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
         touched = touched[~np.isin(names[touched], few)] if len(touched) else touched
         if len(touched):
             found.append(made(touched, names[touched]))
-    turned = oriented(readings)
+    turned = rows_with_orientation(readings)
     if len(turned):
         found.append(Orientations(turned, _orientations(readings, turned)))
     if not found:
@@ -120,7 +120,7 @@ def check_sizes(
     readings: Readings,
     lengths: Lengths | None,
     references: Sequence[Reference],
-    as_drawn: Callable[[Sequence[Reference]], Identified],
+    fit_nominal: Callable[[Sequence[Reference]], IdentificationResult],
     state: ArmState,
 ) -> None:
     """Check that known lengths and distances are about those of the arm as drawn.
@@ -134,7 +134,7 @@ def check_sizes(
     lengths : Lengths, optional
     references : sequence of Reference
         Of both.
-    as_drawn : callable
+    fit_nominal : callable
         Gives the arm as drawn with base and tip identified from references.
     state : ArmState
         Of the readings.
@@ -142,16 +142,16 @@ def check_sizes(
     Raises
     ------
     InputError
-        If the arm as drawn, identified without them, has another length by a share of more than `MOST_SIZE_ERROR`
+        If the arm as drawn, identified without them, has another length by a share of more than `MAX_SIZE_ERROR`
         beyond three standard deviations.
     """
     bare = [_without_sizes(reference) for reference in references]
     if all(one is reference for one, reference in zip(bare, references, strict=True)):
         return
-    told = relations_told(as_drawn(bare), state, bare, references)
+    told = constraint_residuals(fit_nominal(bare), state, bare, references)
     assert told is not None  # some are without what they state
     drawn, stated = told.values.T
-    most = MOST_SIZE_ERROR * stated + 3 * np.sqrt(told.covariance.diagonal() + told.std**2)
+    most = MAX_SIZE_ERROR * stated + 3 * np.sqrt(told.covariance.diagonal() + told.std**2)
     excess = np.abs(told.residuals) / most
     worst = int(np.argmax(excess))
     if excess[worst] > 1:
@@ -176,10 +176,10 @@ def _without_sizes(reference: Reference) -> Reference:
     return reference
 
 
-def too_few_on(readings: Readings) -> list[tuple[str, str, int]]:
+def surfaces_with_too_few_readings(readings: Readings) -> list[tuple[str, str, int]]:
     """Surfaces that are left out: kind, name, and readings without a point, fewer than it takes to find it."""
     found = []
-    for kind, least in LEAST_ON.items():
+    for kind, least in MIN_READINGS_ON.items():
         touched = _touched(readings, kind)
         if len(touched):
             names, counts = np.unique(getattr(readings, kind)[touched], return_counts=True)
@@ -206,31 +206,31 @@ def check_spread(readings: Readings, arm: Arm) -> None:
     if readings.points is None:
         return
     seen = readings.points[readings.has_point]
-    off = about_a_line(seen)
-    if off < LEAST_SPREAD * arm.chain.reach:
+    off = rms_distance_from_line(seen)
+    if off < MIN_POINT_SPREAD * arm.chain.reach:
         raise readings.error(
             f"the {len(seen)} reference points lie within {off:.3g} mm of a line, about which the base may turn unseen",
             hint="points spread over an area, or a base that stays (--free tip)",
         )
 
 
-def oriented(readings: Readings) -> IntArray:
+def rows_with_orientation(readings: Readings) -> IntArray:
     """Readings whose flange's orientation a reference saw."""
     if readings.quaternion is None:
         return np.zeros(0, dtype=np.intp)
     return np.flatnonzero(np.isfinite(readings.quaternion).all(axis=1))
 
 
-def placed(arm: Arm, readings: Readings, free: tuple[str, ...]) -> Chain:
+def roughly_aligned_chain(arm: Arm, readings: Readings, free: tuple[str, ...]) -> Chain:
     """The arm's chain, as a whole and with its tool, put roughly to where the readings saw it."""
-    chain = placed_roughly(arm.chain, readings, free)
-    turned = oriented(readings)
-    return turned_roughly(chain, readings.angles[turned], _orientations(readings, turned)) if len(turned) else chain
+    chain = place_base_coarsely(arm.chain, readings, free)
+    turned = rows_with_orientation(readings)
+    return orient_flange_coarsely(chain, readings.angles[turned], _orientations(readings, turned)) if len(turned) else chain
 
 
 def tool_terms(arm: Arm, readings: Readings) -> list[Term]:
     """The tool's rotation on the flange, where orientations see it."""
-    return tool_rotation(arm.chain) if len(oriented(readings)) else []
+    return tool_rotation(arm.chain) if len(rows_with_orientation(readings)) else []
 
 
 def _orientations(readings: Readings, rows: IntArray) -> FloatArray:
@@ -265,7 +265,7 @@ def _between(lengths: Lengths | None, readings: Readings, held: IntArray) -> lis
     here = None if lengths is None else lengths.within(seat.tolist())
     if here is None:
         return []
-    growth = growth_of(here, seat, None if degC is None else degC[held])
+    growth = thermal_expansion_of(here, seat, None if degC is None else degC[held])
     # Thermometer and coefficient err alike wherever a thing of that material stands; the least known place counts.
     expansion = np.full(len(here), np.nan) if here.expansion_per_K is None else here.expansion_per_K
     growth_std = np.array([growth.u[expansion == one].max(initial=0.0) for one in expansion])

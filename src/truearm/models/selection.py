@@ -25,7 +25,7 @@ CANDIDATES: dict[str, type[IdentifiedModel]] = {
 
 
 @dataclass(frozen=True)
-class Compared:
+class ModelScore:
     """A model as its held-out readings judge it.
 
     Attributes
@@ -56,7 +56,7 @@ def select_model(
     lengths: Lengths | None = None,
     progress: Callable[[int, str], None] | None = None,
     nominal: NominalModel | None = None,
-) -> tuple[IdentifiedModel, tuple[Compared, ...]]:
+) -> tuple[IdentifiedModel, tuple[ModelScore, ...]]:
     """Fit the nominal, the kinematic and the physical model and keep one.
 
     Kept is the simplest whose mean error on readings held out lies within one standard error of the least (L. Breiman
@@ -80,7 +80,7 @@ def select_model(
     -------
     model : IdentifiedModel
         Fitted to all readings.
-    table : tuple of Compared
+    table : tuple of ModelScore
         All candidates, the simplest first.
 
     Raises
@@ -111,7 +111,7 @@ def select_model(
     most = held_out[best].mean_mm + held_out[best].standard_error_mm
     kept = next(name for name in models if held_out[name].mean_mm <= most)
     table = tuple(
-        Compared(
+        ModelScore(
             name,
             part.mean_mm,
             part.standard_error_mm,

@@ -43,7 +43,7 @@ class UncertaintyBudget:
         without points or orientations, which cannot know where its frame stands, and asked about readings without.
     n_points : int
         Readings with reference points, to check by.
-    n_held : int
+    n_covered : int
         How many of them lie in their ellipsoids of 95 %, the reference's own uncertainty included.
     """
 
@@ -53,7 +53,7 @@ class UncertaintyBudget:
     largest_mm: float
     is_relative: bool
     n_points: int
-    n_held: int
+    n_covered: int
 
     @property
     def expanded_mm(self) -> float:
@@ -67,7 +67,7 @@ class UncertaintyBudget:
 
 
 @dataclass(frozen=True)
-class FarReading:
+class PredictionOutlier:
     """A reading whose point lies where the model does not expect it.
 
     Attributes
@@ -76,16 +76,16 @@ class FarReading:
         Among the readings, counted from 0.
     error_mm : float
         Distance of the predicted from the reference point [mm].
-    times : float
+    normalized_residual : float
         That distance over its root mean square by the stated uncertainty.
     """
 
     row: int
     error_mm: float
-    times: float
+    normalized_residual: float
 
 
-def uncertainty_budget(model: Compensator, readings: Readings) -> tuple[UncertaintyBudget, tuple[FarReading, ...]]:
+def uncertainty_budget(model: Compensator, readings: Readings) -> tuple[UncertaintyBudget, tuple[PredictionOutlier, ...]]:
     """Put together what a model's uncertainty is at readings, and find the readings that belie it.
 
     Parameters
@@ -98,7 +98,7 @@ def uncertainty_budget(model: Compensator, readings: Readings) -> tuple[Uncertai
     Returns
     -------
     budget : UncertaintyBudget
-    far : tuple of FarReading
+    far : tuple of PredictionOutlier
         Those of more than eight standard deviations, the farthest first.
     """
     of_parameters, unexplained = model.covariance_parts(readings)
@@ -123,10 +123,10 @@ def uncertainty_budget(model: Compensator, readings: Readings) -> tuple[Uncertai
         largest_mm=float(np.sqrt(_variances(combined).max())),
         is_relative=is_relative,
         n_points=len(seen),
-        n_held=int((times < ELLIPSOID_FACTOR).sum()),
+        n_covered=int((times < ELLIPSOID_FACTOR).sum()),
     )
     far = [
-        FarReading(int(seen[i]), float(errors[i]), float(times[i] / np.sqrt(3)))
+        PredictionOutlier(int(seen[i]), float(errors[i]), float(times[i] / np.sqrt(3)))
         for i in np.argsort(-times)
         if times[i] > FAR_STDS
     ]

@@ -19,12 +19,12 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from truearm.errors import InputError
-from truearm.writing import check_writable, whole_file
+from truearm.writing import check_writable, atomic_file
 
 FloatArray = npt.NDArray[np.float64]
 
 FORMAT = 1
-ANEW = "delete it to start the training anew"
+RESTART_HINT = "delete it to start the training anew"
 MAX_ABOUT = 1 << 16  # bytes: a fingerprint and a sentence
 
 
@@ -38,7 +38,7 @@ class _About(BaseModel):
 
 
 @dataclass(frozen=True, eq=False)
-class Saved:
+class TrainingSnapshot:
     """A training after an epoch: enough to go on from.
 
     Attributes
@@ -98,7 +98,7 @@ class Checkpoint:
             raise InputError(f"expected 0 s or more between checkpoints, got {self.seconds}")
         check_writable(self.file)
 
-    def write(self, trainer: str, saved: Saved) -> None:
+    def write(self, trainer: str, saved: TrainingSnapshot) -> None:
         """Write what `trainer` saved.
 
         Raises
@@ -114,12 +114,12 @@ class Checkpoint:
             stop=saved.stop,
         )
         arrays = {"rows": saved.rows, "x": saved.x, "memory": saved.memory, "best_x": saved.best_x}
-        with whole_file(self.file) as beside, zipfile.ZipFile(beside, "w") as archive:
+        with atomic_file(self.file) as beside, zipfile.ZipFile(beside, "w") as archive:
             archive.writestr("about.npy", _bytes(np.frombuffer(about.model_dump_json().encode(), dtype=np.uint8)))
             for name, array in arrays.items():
                 archive.writestr(f"{name}.npy", _bytes(np.ascontiguousarray(array, dtype="<f8")))
 
-    def read(self, trainer: str, *, most_rows: int, n_columns: int, n: int, n_memory: int) -> Saved | None:
+    def read(self, trainer: str, *, most_rows: int, n_columns: int, n: int, n_memory: int) -> TrainingSnapshot | None:
         """What `trainer` saved; None if there is no file.
 
         Parameters
@@ -139,15 +139,15 @@ class Checkpoint:
         except FileNotFoundError:
             return None
         except InputError as error:
-            raise InputError(error.problem, file=self.file, hint=ANEW) from None
+            raise InputError(error.problem, file=self.file, hint=RESTART_HINT) from None
         except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, LookupError, ValueError, struct.error) as error:
             raise InputError(
                 f"expected the checkpoint of a training, got something else or a damaged one ({error})",
                 file=self.file,
-                hint=ANEW,
+                hint=RESTART_HINT,
             ) from None
 
-    def _saved(self, archive: zipfile.ZipFile, trainer: str, rows: tuple[int, int], n: int, n_memory: int) -> Saved:
+    def _saved(self, archive: zipfile.ZipFile, trainer: str, rows: tuple[int, int], n: int, n_memory: int) -> TrainingSnapshot:
         names = ["about.npy", "best_x.npy", "memory.npy", "rows.npy", "x.npy"]
         if sorted(archive.namelist()) != names:
             raise InputError(f"expected a checkpoint, which holds {', '.join(names)}, got another archive")
@@ -160,7 +160,7 @@ class Checkpoint:
             raise InputError(f"expected a checkpoint of format {FORMAT}, got {about.format}")
         if about.trainer != trainer or about.fingerprint != self.fingerprint:
             raise InputError("the checkpoint is of another training: other data, options or trainer")
-        saved = Saved(
+        saved = TrainingSnapshot(
             rows=_array(archive, "rows", "<f8", rows),
             x=_array(archive, "x", "<f8", (n,), exact=True),
             memory=_array(archive, "memory", "<f8", (n_memory,), exact=True),

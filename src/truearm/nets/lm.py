@@ -8,17 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.nets.checkpoint import Checkpoint
-from truearm.nets.logbook import Logbook
+from truearm.nets.logbook import TrainingLog
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import Epoch, TrainingRecord, check_stops, checked_start
 from truearm.nets.variable_projection import ProjectedProblem
-from truearm.solve import Epochs, Goal, Nielsen, Seconds, Settled, levenberg_marquardt
+from truearm.solve import MaxEpochs, CostGoal, NielsenDamping, MaxSeconds, CostConverged, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
 
 
-def train_lm(
+def train_varpro(
     training: FitProblem,
     weights: FloatArray,
     *,
@@ -64,8 +64,8 @@ def train_lm(
     """
     weights = checked_start(training, weights, validation, test)
     check_stops(epochs=epochs, goal=goal, time=time, max_fail=max_fail)
-    problem, damping = ProjectedProblem(training), Nielsen()
-    log = Logbook(
+    problem, damping = ProjectedProblem(training), NielsenDamping()
+    log = TrainingLog(
         "lm",
         weights[: problem.n_hidden_weights],
         training,
@@ -74,7 +74,7 @@ def train_lm(
         epochs=epochs,
         max_fail=max_fail,
         n_memory=4,
-        completed=problem.completed,
+        full_weights=problem.full_weights,
         callback=callback,
         checkpoint=checkpoint,
     )
@@ -83,11 +83,11 @@ def train_lm(
         with one_blas_thread(), log:
             levenberg_marquardt(
                 problem,
-                log.damped_start(damping),
+                log.lm_start(damping),
                 damping=damping,
-                stops=[Goal(goal * log.half), Epochs(epochs), Seconds(time), Settled(1e-8), *log.stops],
-                callback=log.keep_damped,
-                bending=problem.bending,
+                stops=[CostGoal(goal * log.half), MaxEpochs(epochs), MaxSeconds(time), CostConverged(1e-8), *log.stops],
+                callback=log.record_lm_epoch,
+                acceleration=problem.second_directional_derivative,
             )
     with one_blas_thread():
         return log.best_weights(), log.record(TrainingRecord)

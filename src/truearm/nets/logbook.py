@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.nets.checkpoint import ANEW, Checkpoint, Saved
+from truearm.nets.checkpoint import RESTART_HINT, Checkpoint, TrainingSnapshot
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import Epoch, TrainingRecord
-from truearm.solve import Best, Classical, Nielsen, State, Stop, Validation
+from truearm.solve import BestPoint, MarquardtDamping, NielsenDamping, OptimizerState, StopCriterion, ValidationStop
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -31,11 +31,11 @@ class _Standing:
     n_rows: int
     x: FloatArray
     memory: FloatArray
-    best: Best
+    best: BestPoint
     stop: str
 
 
-class Logbook:
+class TrainingLog:
     """Keeps a training's record, epoch by epoch; tells it; writes it to the checkpoint and goes on from there.
 
     The training runs in its context: an interrupt (Ctrl-C, kill) goes on its way after the checkpoint is written.
@@ -56,7 +56,7 @@ class Logbook:
         How many numbers the solver remembers beside its parameters.
     extra : tuple of str
         Columns of the record that only this trainer has.
-    completed : callable, optional
+    full_weights : callable, optional
         All weights from the solver's parameters, where these are not all.
     callback : callable, optional
         Told every epoch.
@@ -85,21 +85,21 @@ class Logbook:
         max_fail: float = float("inf"),
         n_memory: int,
         extra: tuple[str, ...] = (),
-        completed: Callable[[FloatArray], FloatArray] | None = None,
+        full_weights: Callable[[FloatArray], FloatArray] | None = None,
         callback: Callable[[Epoch], None] | None,
         checkpoint: Checkpoint | None,
     ) -> None:
         self.start = start
         self.half = training.n_errors / 2  # cost = half * mse
         self._trainer, self._columns = trainer, COLUMNS + extra
-        self._test, self._completed, self._callback, self._checkpoint = test, completed, callback, checkpoint
+        self._test, self._completed, self._callback, self._checkpoint = test, full_weights, callback, checkpoint
         self.resumed: dict[str, float] | None = None
         self._rows: list[tuple[float, ...]] = []
         self._last: _Standing | None = None
         self._written = time.perf_counter()
-        self._watch: Validation | None = None
+        self._watch: ValidationStop | None = None
         if validation is not None:
-            self._watch = Validation(lambda x: validation.mean_square(self._weights_at(x)), max_fail)
+            self._watch = ValidationStop(lambda x: validation.mean_square(self._weights_at(x)), max_fail)
         if checkpoint is not None:
             saved = checkpoint.read(
                 trainer, most_rows=epochs + 1, n_columns=len(self._columns), n=len(start), n_memory=n_memory
@@ -108,7 +108,7 @@ class Logbook:
                 self._take_up(saved)
 
     @property
-    def stops(self) -> list[Stop]:
+    def stops(self) -> list[StopCriterion]:
         """The validation stop, if there are validation data."""
         return [] if self._watch is None else [self._watch]
 
@@ -132,7 +132,7 @@ class Logbook:
         """What else the solver remembered after the last epoch."""
         return np.empty(0) if self._last is None else self._last.memory
 
-    def damped_start(self, damping: Classical | Nielsen) -> FloatArray | State:
+    def lm_start(self, damping: MarquardtDamping | NielsenDamping) -> FloatArray | OptimizerState:
         """Where Levenberg-Marquardt begins, or goes on."""
         if (row := self.resumed) is None:
             return self.start
@@ -140,7 +140,7 @@ class Logbook:
             damping = type(damping)(*self.memory.tolist())
         except InputError as error:
             raise self.damaged(error.problem) from None
-        return State(
+        return OptimizerState(
             epoch=self.epoch,
             x=self.x,
             cost=np.nan,  # the solver works out these three again
@@ -152,7 +152,7 @@ class Logbook:
 
     def keep(
         self,
-        state: State,
+        state: OptimizerState,
         *,
         perf: float,
         gradient: float,
@@ -163,7 +163,7 @@ class Logbook:
         before = None if self._last is None else self._last.best
         if self._watch is None:
             vperf = np.nan
-            best = Best(state.epoch, state.x, perf) if before is None else before.followed_by(state, perf)
+            best = BestPoint(state.epoch, state.x, perf) if before is None else before.updated_with(state, perf)
         else:
             assert self._watch.best is not None  # asked before
             vperf, best = self._watch.last_error, self._watch.best
@@ -181,7 +181,7 @@ class Logbook:
             self._write()
             self._written = time.perf_counter()
 
-    def keep_damped(self, state: State) -> None:
+    def record_lm_epoch(self, state: OptimizerState) -> None:
         """Take in a state of Levenberg-Marquardt on the errors alone."""
         perf, gradient = state.cost / self.half, state.gradient_norm / self.half
         self.keep(state, perf=perf, gradient=gradient, memory=damping_memory(state))
@@ -200,9 +200,9 @@ class Logbook:
 
     def damaged(self, problem: str) -> InputError:
         """An error about the checkpoint's file."""
-        return InputError(problem, file=None if self._checkpoint is None else self._checkpoint.file, hint=ANEW)
+        return InputError(problem, file=None if self._checkpoint is None else self._checkpoint.file, hint=RESTART_HINT)
 
-    def __enter__(self) -> Logbook:
+    def __enter__(self) -> TrainingLog:
         return self
 
     def __exit__(
@@ -216,16 +216,16 @@ class Logbook:
             return
         last = self._last
         rows = np.array(self._rows[: last.n_rows], dtype=float)
-        self._checkpoint.write(self._trainer, Saved(rows, last.x, last.memory, last.best.x, last.best.epoch, last.stop))
+        self._checkpoint.write(self._trainer, TrainingSnapshot(rows, last.x, last.memory, last.best.x, last.best.epoch, last.stop))
 
-    def _take_up(self, saved: Saved) -> None:
+    def _take_up(self, saved: TrainingSnapshot) -> None:
         columns = dict(zip(self._columns, saved.rows.T, strict=True))
         judged = columns["perf" if self._watch is None else "vperf"]
         needed = [judged, *(column for name, column in columns.items() if name not in ("vperf", "tperf", "mu"))]
         if not len(saved.rows) or not all(np.isfinite(column).all() for column in needed):
             raise self.damaged("the checkpoint's record is empty or holds numbers that are not finite")
         failures = int(columns["val_fail"][-1])
-        best = Best(saved.best_epoch, saved.best_x, float(judged[saved.best_epoch]), failures)
+        best = BestPoint(saved.best_epoch, saved.best_x, float(judged[saved.best_epoch]), failures)
         if self._watch is not None:
             self._watch.best = best
         self._rows = [tuple(row) for row in saved.rows.tolist()]
@@ -239,7 +239,7 @@ class Logbook:
         return x.copy() if self._completed is None else self._completed(x)
 
 
-def damping_memory(state: State) -> tuple[float, ...]:
-    """The numbers of a state's damping rule, as `Logbook.damped_start` takes them up."""
-    assert isinstance(state.damping, Classical | Nielsen)
+def damping_memory(state: OptimizerState) -> tuple[float, ...]:
+    """The numbers of a state's damping rule, as `TrainingLog.lm_start` takes them up."""
+    assert isinstance(state.damping, MarquardtDamping | NielsenDamping)
     return tuple(map(float, astuple(state.damping)))

@@ -35,7 +35,7 @@ from array_api_compat import array_namespace, device, is_numpy_array, is_torch_a
 from truearm.errors import InputError
 from truearm.nets.perceptron import Perceptron
 from truearm.solve import NormalEquations
-from truearm.solve.arrays import Array, add_product, placed_like, to_numpy
+from truearm.solve.arrays import Array, add_product, as_array_like, to_numpy
 from truearm.solve.threads import cores, one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
@@ -129,7 +129,7 @@ class FitProblem:
 
         A step that changes nothing but rounding is then never taken for one that lowers the cost.
         """
-        layers = self.network.layers(placed_like(x, self.inputs))
+        layers = self.network.layers(as_array_like(x, self.inputs))
 
         def squares(columns: slice) -> tuple[float]:
             errors = self.network.through(layers, self.inputs[:, columns])[-1] - self.targets[:, columns]
@@ -144,7 +144,7 @@ class FitProblem:
 
     def gradient(self, x: FloatArray) -> tuple[float, FloatArray]:
         """Cost and its gradient (n_weights,) at weights `x` (n_weights,): a step of backpropagation."""
-        layers = self.network.layers(placed_like(x, self.inputs))
+        layers = self.network.layers(as_array_like(x, self.inputs))
 
         def part(columns: slice) -> list[Any]:
             passed = _Pass(self.network, layers, self.inputs[:, columns], self.targets[:, columns])
@@ -153,13 +153,13 @@ class FitProblem:
         cost, *gradients = self.summed(part)
         return cost, _as_vector(gradients)
 
-    def pulled_back(self, x: FloatArray, outputs: Callable[[slice, Array], Array]) -> FloatArray:
+    def backpropagate(self, x: FloatArray, outputs: Callable[[slice, Array], Array]) -> FloatArray:
         """``J^T v`` (n_weights,) at weights `x` (n_weights,).
 
         `outputs` gives v (n_outputs, m) of a chunk of samples from its slice and from what the output layer weighs, the
         values of the last hidden layer and ones.
         """
-        layers = self.network.layers(placed_like(x, self.inputs))
+        layers = self.network.layers(as_array_like(x, self.inputs))
 
         def part(columns: slice) -> list[Array]:
             passed = _Pass(self.network, layers, self.inputs[:, columns], self.targets[:, columns])
@@ -169,7 +169,7 @@ class FitProblem:
 
     def normal_equations(self, x: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton matrix at weights `x` (n_weights,)."""
-        layers = self.network.layers(placed_like(x, self.inputs))
+        layers = self.network.layers(as_array_like(x, self.inputs))
 
         def sums_of(group: list[slice]) -> _Sums:
             sums = _Sums(self.network, layers)

@@ -10,7 +10,7 @@ from array_api_compat import array_namespace
 
 from truearm.errors import InputError
 from truearm.nets.activations import ACTIVATIONS, Activation
-from truearm.solve.arrays import Array, placed_like
+from truearm.solve.arrays import Array, as_array_like
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Perceptron:
         inputs : (n_inputs, n) array
             Samples in columns; of NumPy or PyTorch, and so are the values.
         """
-        return self.through(self.layers(placed_like(weights, inputs)), inputs)
+        return self.through(self.layers(as_array_like(weights, inputs)), inputs)
 
     def through(self, layers: Sequence[Array], inputs: Array) -> list[Array]:
         """The same from the layers' ``W_l``, which lie where the inputs do."""

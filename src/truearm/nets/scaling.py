@@ -14,7 +14,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class MinMax:
+class MinMaxScaler:
     """The affine map that takes `lower` to -1 and `upper` to 1, row by row.
 
     Attributes
@@ -49,10 +49,10 @@ class MinMax:
         """(k,) data units per scaled unit."""
         return (self.upper - self.lower) / 2
 
-    def scaled(self, data: FloatArray) -> FloatArray:
+    def scale(self, data: FloatArray) -> FloatArray:
         """Data (k, n) onto [-1, 1] (beyond it for data beyond the range)."""
         return (data - (self.lower + self.half_range)[:, None]) / self.half_range[:, None]
 
-    def restored(self, scaled: FloatArray) -> FloatArray:
+    def unscale(self, scaled: FloatArray) -> FloatArray:
         """Scaled values (k, n) back in data units."""
         return scaled * self.half_range[:, None] + (self.lower + self.half_range)[:, None]

@@ -9,22 +9,22 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.nets.checkpoint import Checkpoint
-from truearm.nets.logbook import Logbook, damping_memory
+from truearm.nets.logbook import TrainingLog, damping_memory
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import Epoch, TrainingRecord, check_stops, checked_start
 from truearm.solve import (
-    Classical,
+    MarquardtDamping,
     DampingLimit,
-    Epochs,
-    Gradient,
+    MaxEpochs,
+    MinGradient,
     NormalEquations,
-    Reason,
-    Seconds,
-    State,
+    StopReason,
+    MaxSeconds,
+    OptimizerState,
     levenberg_marquardt,
 )
 from truearm.solve.arrays import add_to_diagonal
-from truearm.solve.evidence import Evidence, updated_evidence
+from truearm.solve.evidence import Evidence, update_evidence
 from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
@@ -145,8 +145,8 @@ def trainbr(
     """
     start = checked_start(training, weights, validation, test)
     check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad)
-    damping = Classical(mu, mu_dec, mu_inc, mu_max)
-    log = Logbook(
+    damping = MarquardtDamping(mu, mu_dec, mu_inc, mu_max)
+    log = TrainingLog(
         "trainbr",
         start,
         training,
@@ -175,7 +175,7 @@ def trainbr(
         perf, squares = 2 * equations.errors.cost / n, float(x @ x)
         settling = evidence.beta * n * perf + evidence.alpha * squares >= (1 - LEARNING) * before
         if settling or log.epoch == 0:  # the first step gives alpha its scale
-            evidence = updated_evidence(
+            evidence = update_evidence(
                 evidence,
                 gram=equations.errors.gram,
                 parameter_squares=squares,
@@ -185,10 +185,10 @@ def trainbr(
         problem = RegularisedProblem(training, evidence)
         return problem, problem.weighted(x, equations.errors)
 
-    def goal_met(state: State) -> Reason | None:  # noqa: ARG001 - the goal is of the errors alone, not of the cost
-        return Reason("Performance goal met.", True) if perf <= goal else None
+    def goal_met(state: OptimizerState) -> StopReason | None:  # noqa: ARG001 - the goal is of the errors alone, not of the cost
+        return StopReason("Performance goal met.", True) if perf <= goal else None
 
-    def keep(state: State) -> None:
+    def keep(state: OptimizerState) -> None:
         log.keep(
             state,
             perf=perf,
@@ -201,11 +201,11 @@ def trainbr(
         with one_blas_thread(), log:
             levenberg_marquardt(
                 RegularisedProblem(training, evidence),
-                log.damped_start(damping),
+                log.lm_start(damping),
                 damping=damping,
-                stops=[goal_met, Epochs(epochs), Seconds(time), Gradient(min_grad), DampingLimit(), *log.stops],
+                stops=[goal_met, MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), DampingLimit(), *log.stops],
                 callback=keep,
-                renew=renew,
+                update_problem=renew,
             )
     record = log.record(BayesianRecord)
     return log.x.copy(), replace(record, best_epoch=record.num_epochs)

@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.nets.checkpoint import Checkpoint
-from truearm.nets.logbook import Logbook
+from truearm.nets.logbook import TrainingLog
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import Epoch, TrainingRecord, check_stops, checked_start
-from truearm.solve import DescentState, Epochs, Goal, Gradient, Rate, Seconds, gradient_descent
+from truearm.solve import DescentState, MaxEpochs, CostGoal, MinGradient, LearningRate, MaxSeconds, gradient_descent
 from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
@@ -83,7 +83,7 @@ def traingd(
         raise InputError(f"expected a learning rate lr above zero, got {lr}")
     start = checked_start(training, weights, validation, test)
     check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad, max_fail=max_fail)
-    log = Logbook(
+    log = TrainingLog(
         "traingd",
         start,
         training,
@@ -104,8 +104,8 @@ def traingd(
             gradient_descent(
                 MeanSquareProblem(training),
                 descent_start(log),
-                rate=Rate(lr),
-                stops=[Goal(goal), Epochs(epochs), Seconds(time), Gradient(min_grad), *log.stops],
+                rate=LearningRate(lr),
+                stops=[CostGoal(goal), MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), *log.stops],
                 callback=keep,
             )
     return log.best_weights(), log.record(TrainingRecord)
@@ -116,7 +116,7 @@ def descent_memory(state: DescentState) -> FloatArray:
     return np.concatenate([[state.rate], state.step])
 
 
-def descent_start(log: Logbook) -> FloatArray | DescentState:
+def descent_start(log: TrainingLog) -> FloatArray | DescentState:
     """Where a descent begins, or goes on."""
     if (row := log.resumed) is None:
         return log.start

@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.nets.checkpoint import Checkpoint
-from truearm.nets.logbook import Logbook
+from truearm.nets.logbook import TrainingLog
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.traingd import MeanSquareProblem, descent_memory, descent_start
 from truearm.nets.training import Epoch, TrainingRecord, check_stops, checked_start
-from truearm.solve import DescentState, Epochs, Goal, Gradient, Rate, Seconds, gradient_descent
+from truearm.solve import DescentState, MaxEpochs, CostGoal, MinGradient, LearningRate, MaxSeconds, gradient_descent
 from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
@@ -92,7 +92,7 @@ def traingdx(
         )
     start = checked_start(training, weights, validation, test)
     check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad, max_fail=max_fail)
-    log = Logbook(
+    log = TrainingLog(
         "traingdx",
         start,
         training,
@@ -116,8 +116,8 @@ def traingdx(
             gradient_descent(
                 MeanSquareProblem(training),
                 descent_start(log),
-                rate=Rate(lr, mc, lr_inc, lr_dec, max_perf_inc),
-                stops=[Goal(goal), Epochs(epochs), Seconds(time), Gradient(min_grad), *log.stops],
+                rate=LearningRate(lr, mc, lr_inc, lr_dec, max_perf_inc),
+                stops=[CostGoal(goal), MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), *log.stops],
                 callback=keep,
             )
     return log.best_weights(), log.record(AdaptiveRecord)

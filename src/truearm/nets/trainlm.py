@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.nets.checkpoint import Checkpoint
-from truearm.nets.logbook import Logbook
+from truearm.nets.logbook import TrainingLog
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import Epoch, TrainingRecord, check_stops, checked_start
-from truearm.solve import Classical, DampingLimit, Epochs, Goal, Gradient, Seconds, levenberg_marquardt
+from truearm.solve import MarquardtDamping, DampingLimit, MaxEpochs, CostGoal, MinGradient, MaxSeconds, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
@@ -69,8 +69,8 @@ def trainlm(
     """
     start = checked_start(training, weights, validation, test)
     check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad, max_fail=max_fail)
-    damping = Classical(mu, mu_dec, mu_inc, mu_max)
-    log = Logbook(
+    damping = MarquardtDamping(mu, mu_dec, mu_inc, mu_max)
+    log = TrainingLog(
         "trainlm",
         start,
         training,
@@ -87,16 +87,16 @@ def trainlm(
         with one_blas_thread(), log:
             levenberg_marquardt(
                 training,
-                log.damped_start(damping),
+                log.lm_start(damping),
                 damping=damping,
                 stops=[
-                    Goal(goal * log.half),
-                    Epochs(epochs),
-                    Seconds(time),
-                    Gradient(min_grad * log.half),
+                    CostGoal(goal * log.half),
+                    MaxEpochs(epochs),
+                    MaxSeconds(time),
+                    MinGradient(min_grad * log.half),
                     DampingLimit(),
                     *log.stops,
                 ],
-                callback=log.keep_damped,
+                callback=log.record_lm_epoch,
             )
     return log.best_weights(), log.record(TrainingRecord)

@@ -12,7 +12,7 @@ from array_api_compat import array_namespace, device
 from truearm.errors import TruearmError
 from truearm.nets.normal_equations import FitProblem
 from truearm.solve import NormalEquations
-from truearm.solve.arrays import Array, add_to_diagonal, cholesky_solved, placed_like, to_numpy, whitened
+from truearm.solve.arrays import Array, add_to_diagonal, cholesky_solve, as_array_like, to_numpy, whiten
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class ProjectedProblem:
         m, n = self.full.network.shapes[-1]
         return self.full.network.n_weights - m * n
 
-    def completed(self, hidden_weights: FloatArray) -> FloatArray:
+    def full_weights(self, hidden_weights: FloatArray) -> FloatArray:
         """All weights (n_weights,): the hidden ones given, with the output layer that fits best."""
         return self._completed(hidden_weights).weights.copy()
 
@@ -78,7 +78,7 @@ class ProjectedProblem:
         # All outputs have the same matrix, and none in common: its factor serves them one by one.
         inner = full.gram[p::n_outputs, p::n_outputs]
         coupling = [full.gram[p + o :: n_outputs, :p] for o in range(n_outputs)]
-        half = _with_ridge(inner, lambda matrix: whitened(matrix, array_namespace(gram).concat(coupling, axis=1)))
+        half = _with_ridge(inner, lambda matrix: whiten(matrix, array_namespace(gram).concat(coupling, axis=1)))
         parts = [half[:, o * p : (o + 1) * p] for o in range(n_outputs)]
 
         def eliminate(start: int) -> None:
@@ -88,7 +88,7 @@ class ProjectedProblem:
         self.full.by_thread(eliminate, list(range(0, p, ROWS)))
         return NormalEquations(full.cost, full.gradient[:p], gram)
 
-    def bending(self, x: FloatArray, step: FloatArray) -> FloatArray:
+    def second_directional_derivative(self, x: FloatArray, step: FloatArray) -> FloatArray:
         """``J^T r''`` (p,) at hidden weights `x`, with the errors' second derivative along `step` (p,).
 
         By central differences of the errors, the output layer following. Of J only the part that leaves the output
@@ -107,8 +107,8 @@ class ProjectedProblem:
             return A @ A.T, A @ seconds[columns.start].T
 
         gram, right = full.summed(products)
-        W = _with_ridge(gram, lambda matrix: cholesky_solved(matrix, right))
-        pulled = full.pulled_back(here, lambda columns, A: seconds[columns.start] - W.T @ A)
+        W = _with_ridge(gram, lambda matrix: cholesky_solve(matrix, right))
+        pulled = full.backpropagate(here, lambda columns, A: seconds[columns.start] - W.T @ A)
         return pulled[: len(x)]
 
     def _basis(self, weights: FloatArray, columns: slice) -> Array:
@@ -139,12 +139,12 @@ class ProjectedProblem:
 
         def second(columns: slice) -> tuple[Array]:
             A = self._basis(weights, columns)
-            return (A @ (placed_like(W.T, A) @ A - full.targets[:, columns]).T,)
+            return (A @ (as_array_like(W.T, A) @ A - full.targets[:, columns]).T,)
 
         gram, right = full.summed(first)
-        W = to_numpy(_with_ridge(gram, lambda matrix: cholesky_solved(matrix, right)))
+        W = to_numpy(_with_ridge(gram, lambda matrix: cholesky_solve(matrix, right)))
         (left_over,) = full.summed(second)
-        change = _with_ridge(gram, lambda matrix: cholesky_solved(matrix, -left_over))
+        change = _with_ridge(gram, lambda matrix: cholesky_solve(matrix, -left_over))
         weights[len(hidden_weights) :] = (W + to_numpy(change)).ravel()
         return _Completed(hidden_weights.copy(), weights, full.cost(weights))
 

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy.typing as npt
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models import Compensator, KinematicModel, NetworkModel, NominalModel
 from truearm.poses import STRATEGIES
-from truearm.readings import ComparedErrors, compared_errors
+from truearm.readings import ErrorComparison, compare_errors
 from truearm.virtual import Measurement, VirtualArm, load_preset
 
 # Mean and maximum absolute error of a coordinate [mm]: nominal parameters, and the network of setting 4 on 200
@@ -49,8 +49,8 @@ class Settings:
     epochs: int = 150
 
 
-PAPER = Settings()
-QUICK = Settings(n_train=1500, hidden=(20, 20), epochs=120)
+PAPER_SETTINGS = Settings()
+QUICK_SETTINGS = Settings(n_train=1500, hidden=(20, 20), epochs=120)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +84,13 @@ class Experiment:
         assert points is not None  # a virtual reference sees every pose
         return {name: predicted - points for name, predicted in self.predicted(test).items()}
 
-    def errors(self, test: str) -> dict[str, ComparedErrors]:
+    def errors(self, test: str) -> dict[str, ErrorComparison]:
         """Errors of every model on a test."""
         readings = self.tests[test].readings
         assert readings.points is not None  # a virtual reference sees every pose
         nominal = self.models["nominal"].predict(readings.angles)
         return {
-            name: compared_errors(points, nominal, readings.points) for name, points in self.predicted(test).items()
+            name: compare_errors(points, nominal, readings.points) for name, points in self.predicted(test).items()
         }
 
     def summary(self) -> dict[str, Any]:
@@ -113,7 +113,7 @@ class Experiment:
 
 
 def experiment(
-    *, seed: int, settings: Settings = PAPER, progress: Callable[[int, str], None] | None = None
+    *, seed: int, settings: Settings = PAPER_SETTINGS, progress: Callable[[int, str], None] | None = None
 ) -> Experiment:
     """Measure with a virtual arm, fit three models, keep test readings.
 
@@ -128,7 +128,7 @@ def experiment(
     progress : callable, optional
         Told the network's epoch and how it stands.
     """
-    nominal = load("gao2017")
+    nominal = load_arm("gao2017")
     arm = VirtualArm.draw(nominal, load_preset("research"), seed=seed)
 
     def measured(strategy: str, n: int, stream: int) -> Measurement:

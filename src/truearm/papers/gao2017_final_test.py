@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.models import KinematicModel
-from truearm.papers.gao2017_plan import EXPERIMENT, SIDES, Effort, Side, trainings
+from truearm.papers.gao2017_plan import EXPERIMENT, METHODS, Effort, Method, trainings
 from truearm.papers.gao2017_tables import FINAL_TEST, TABLES
-from truearm.papers.gao2017_training import ARM, FINAL, OUTSIDE, TRAINING, Trained, Training, virtual_arm
+from truearm.papers.gao2017_training import ARM, FINAL_TEST_STREAM, OUTSIDE_STREAM, TRAINING_STREAM, TrainingResult, Training, virtual_arm
 
 FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Experiment:
+class FinalTestRun:
     """The final test on one virtual arm: deviations (n, 3) [mm] of every model on its poses."""
 
     seed: int
@@ -33,28 +33,28 @@ class Experiment:
         return float(np.abs(self.deviations[model]).mean())
 
 
-def networks(effort: Effort, done: Mapping[Training, Trained], side: Side) -> dict[int, Trained]:
+def networks_by_seed(effort: Effort, done: Mapping[Training, TrainingResult], side: Method) -> dict[int, TrainingResult]:
     """The networks of Table 4, row 4, by seed."""
     return {one.seed: done[one] for one in trainings(4, TABLES[4][-1], side, effort) if one in done}
 
 
 @lru_cache(maxsize=16)
 def _kinematic(n: int, seed: int) -> KinematicModel:
-    readings = EXPERIMENT.measurement(n, seed=seed, stream=TRAINING).readings
-    return KinematicModel(load(ARM), free=()).fit_readings(readings)
+    readings = EXPERIMENT.measurement(n, seed=seed, stream=TRAINING_STREAM).readings
+    return KinematicModel(load_arm(ARM), free=()).fit_readings(readings)
 
 
-def experiments_of(effort: Effort, done: Mapping[Training, Trained]) -> list[Experiment]:
+def run_final_tests(effort: Effort, done: Mapping[Training, TrainingResult]) -> list[FinalTestRun]:
     """The final test on every arm that a network of Table 4, row 4, was trained for."""
-    trained = {side: networks(effort, done, side) for side in SIDES}
+    trained = {side: networks_by_seed(effort, done, side) for side in METHODS}
     found = []
     for seed in sorted(set().union(*trained.values())):
-        measurement = EXPERIMENT.measurement(FINAL_TEST.poses, seed=seed, stream=FINAL)
+        measurement = EXPERIMENT.measurement(FINAL_TEST.poses, seed=seed, stream=FINAL_TEST_STREAM)
         angles, points = measurement.readings.angles, measurement.readings.points
         assert points is not None  # a virtual reference sees every pose
         kinematic = _kinematic(TABLES[4][-1].n_train, seed)
         deviations = {
-            "nominal": load(ARM).chain.tip_in_base(angles) - points,
+            "nominal": load_arm(ARM).chain.tip_in_base(angles) - points,
             "kinematic": kinematic.predict(angles) - points,
         }
         seconds = {"kinematic": kinematic.fit_seconds_}
@@ -63,11 +63,11 @@ def experiments_of(effort: Effort, done: Mapping[Training, Trained]) -> list[Exp
                 deviations[side] = by_seed[seed].predict(angles) - points
                 seconds[side] = by_seed[seed].seconds
         floor = virtual_arm(seed).noise_floor(measurement)["mean_abs_coordinate_mm"]
-        found.append(Experiment(seed, floor, deviations, seconds))
+        found.append(FinalTestRun(seed, floor, deviations, seconds))
     return found
 
 
-def final_test(experiments: Sequence[Experiment]) -> dict[str, Any] | None:
+def final_test(experiments: Sequence[FinalTestRun]) -> dict[str, Any] | None:
     """The paper's final test and ours."""
     if not experiments:
         return None
@@ -89,7 +89,7 @@ def final_test(experiments: Sequence[Experiment]) -> dict[str, Any] | None:
                     "mean_mm": one.mean_mm("nominal"),
                     "max_mm": float(np.abs(one.deviations["nominal"]).max()),
                 },
-                **{model: _compensated(one, model) for model in (*SIDES, "kinematic")},
+                **{model: _compensated(one, model) for model in (*METHODS, "kinematic")},
                 "noise_floor_mm": one.floor_mm,
             }
             for one in experiments
@@ -97,7 +97,7 @@ def final_test(experiments: Sequence[Experiment]) -> dict[str, Any] | None:
     }
 
 
-def _compensated(experiment: Experiment, model: str) -> dict[str, Any] | None:
+def _compensated(experiment: FinalTestRun, model: str) -> dict[str, Any] | None:
     if model not in experiment.deviations:
         return None
     errors = np.abs(experiment.deviations[model])
@@ -121,16 +121,16 @@ def poses_outside(n: int, *, half_width_deg: float, distance_deg: float, seed: i
     At distance 0 the poses lie evenly inside.
     """
     rng = np.random.default_rng([*b"outside", seed, round(1000 * distance_deg)])
-    arm, half = load(ARM), np.radians(half_width_deg + distance_deg)
+    arm, half = load_arm(ARM), np.radians(half_width_deg + distance_deg)
     offsets = rng.uniform(-half, half, (n, arm.n_joints))
     if distance_deg > 0:
         offsets[np.arange(n), rng.integers(arm.n_joints, size=n)] = half * rng.choice([-1.0, 1.0], n)
     return np.asarray(arm.working + offsets)
 
 
-def outside(effort: Effort, done: Mapping[Training, Trained]) -> dict[str, Any] | None:
+def errors_outside_box(effort: Effort, done: Mapping[Training, TrainingResult]) -> dict[str, Any] | None:
     """Absolute coordinate errors of setting 4 (lm), by how far outside its box a pose lies, over all its seeds."""
-    trained = networks(effort, done, "ours")
+    trained = networks_by_seed(effort, done, "ours")
     if not trained:
         return None
     errors: dict[str, list[FloatArray]] = {"lm": [], "nominal": [], "kinematic": []}
@@ -138,7 +138,7 @@ def outside(effort: Effort, done: Mapping[Training, Trained]) -> dict[str, Any] 
         kinematic, arm = _kinematic(TABLES[4][-1].n_train, seed), virtual_arm(seed)
         for distance in DISTANCES_DEG:
             poses = poses_outside(N_OUTSIDE, half_width_deg=EXPERIMENT.half_width_deg, distance_deg=distance, seed=seed)
-            readings = arm.measure(poses, seed=10 * seed + OUTSIDE).readings
+            readings = arm.measure(poses, seed=10 * seed + OUTSIDE_STREAM).readings
             assert readings.points is not None  # a virtual reference sees every pose
             predicted = {
                 "lm": network.predict(readings.angles),

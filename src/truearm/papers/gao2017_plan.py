@@ -1,7 +1,7 @@
 """Which trainings the founding paper's rows ask for, and how much of it is run.
 
 *Faithful* trainings follow MATLAB: ``mapminmax``, Nguyen-Widrow start, the row's training function, goal and epochs,
-15 % of the poses set aside to stop by and 15 % as test data. *Ours* is `train_lm` on the same poses, without a goal.
+15 % of the poses set aside to stop by and 15 % as test data. *Ours* is `train_varpro` on the same poses, without a goal.
 
 The paper does not say that poses are set aside. That they are was settled by its early stops: of 14 rows of Table 2
 that no goal ends, 6 end before epoch 1000. Trained on all poses, 4 starts of 4 of row 1 went to epoch 1000; with 15 %
@@ -19,8 +19,8 @@ from typing import Any, Literal
 from truearm.papers.gao2017_tables import TABLES, PaperRow
 from truearm.papers.gao2017_training import GRADIENT_TRAINERS, Source, Training
 
-Side = Literal["faithful", "ours"]
-SIDES: tuple[Side, Side] = ("faithful", "ours")
+Method = Literal["faithful", "ours"]
+METHODS: tuple[Method, Method] = ("faithful", "ours")
 
 SIMULATION = Source(half_width_deg=34.0, virtual=False)
 EXPERIMENT = Source(half_width_deg=20.0, virtual=True)
@@ -34,7 +34,7 @@ ACTIVATIONS: Mapping[tuple[int, int], tuple[str, ...]] = {(3, 9): ("tansig", "pu
 # Rows that speak for the boxes: SIMULATION is the half-width at which the geometric mean of ours (faithful) by the
 # paper's average is nearest to 1 over the distinct rows of Table 2 with 10000 poses; EXPERIMENT is the demo's box, in
 # which lm comes below the paper's average of row 4 of Table 4. To find such a row reproduced would be to find it twice.
-FIX_THE_BOX = frozenset({(2, 1), *((2, number) for number in range(12, 18)), (4, 4)})
+BOX_FITTING_ROWS = frozenset({(2, 1), *((2, number) for number in range(12, 18)), (4, 4)})
 
 PARTS = ("table 2", "table 3", "table 4", "boxes", *(f"figure {number}" for number in (1, 2, 3, 4, 6, 7, 8)))
 """What can be asked for; Figure 5 of the paper is not made."""
@@ -49,14 +49,14 @@ class Effort:
     quick : bool
     epochs, box_epochs : int
         Most epochs of a faithful training, and in the study of boxes.
-    own_epochs : dict of int to int
+    lm_epochs : dict of int to int
         Most epochs of ours, by table.
     time_limit_s : float
         Of one training, faithful or ours.
     starts : tuple of (float, int)
         Seeds of a training by the time it is estimated to take: up to so many seconds, so many seeds. A training that
         takes longer than all of them is left out.
-    starts_of : dict of (int, int) to int
+    starts_by_row : dict of (int, int) to int
         Seeds of a table's row that has more, or fewer, whatever it takes.
     half_widths_deg : tuple of float
         Of the study of boxes.
@@ -65,45 +65,45 @@ class Effort:
     quick: bool
     epochs: int
     box_epochs: int
-    own_epochs: Mapping[int, int]
+    lm_epochs: Mapping[int, int]
     time_limit_s: float
     starts: tuple[tuple[float, int], ...]
-    starts_of: Mapping[tuple[int, int], int]
+    starts_by_row: Mapping[tuple[int, int], int]
     half_widths_deg: tuple[float, ...]
 
     def seeds(self, table: int, row: PaperRow, training: Training) -> range:
         """The seeds of a row's training."""
         by_time = (n for seconds, n in self.starts if training.estimated_seconds <= seconds)
-        return range(self.starts_of.get((table, row.row), next(by_time, 0)))
+        return range(self.starts_by_row.get((table, row.row), next(by_time, 0)))
 
 
-FULL = Effort(
+FULL_EFFORT = Effort(
     quick=False,
     epochs=1000,
     box_epochs=300,
-    own_epochs={2: 60, 3: 80, 4: 150},
+    lm_epochs={2: 60, 3: 80, 4: 150},
     time_limit_s=120.0,
     # Five starts, or as many as take about two minutes.
     starts=((20.0, 5), (60.0, 2), (math.inf, 1)),
     # The scatter of starts explains other rows; the final test is made on as many arms.
-    starts_of={(2, 1): 10, (4, 4): 3},
+    starts_by_row={(2, 1): 10, (4, 4): 3},
     half_widths_deg=tuple(
         sorted({15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 60.0, SIMULATION.half_width_deg}),
     ),
 )
-QUICK = replace(
-    FULL,
+QUICK_EFFORT = replace(
+    FULL_EFFORT,
     quick=True,
     # What is estimated at 193 s.
     starts=((4.0, 1),),
-    starts_of={(2, 1): 1, (4, 4): 1},
+    starts_by_row={(2, 1): 1, (4, 4): 1},
     half_widths_deg=(25.0, SIMULATION.half_width_deg),
 )
 
 
-def training_of(table: int, row: PaperRow, side: Side, effort: Effort, *, seed: int) -> Training:
+def training_of(table: int, row: PaperRow, side: Method, effort: Effort, *, seed: int) -> Training:
     """A row's training; rows that differ in nothing that it depends on have the same."""
-    served = alike(table, row, side)
+    served = equivalent_rows(table, row, side)
     faithful = side == "faithful"
     return Training(
         source=SOURCES[table],
@@ -111,7 +111,7 @@ def training_of(table: int, row: PaperRow, side: Side, effort: Effort, *, seed: 
         hidden=row.hidden,
         activations=activations_of(table, row, side),
         trainer=row.trainer if faithful else "lm",
-        epochs=effort.epochs if faithful else effort.own_epochs[table],
+        epochs=effort.epochs if faithful else effort.lm_epochs[table],
         goal=served[0].goal if faithful else 0.0,
         set_aside=0.15 if faithful else 0.0,
         time_limit_s=effort.time_limit_s,
@@ -121,13 +121,13 @@ def training_of(table: int, row: PaperRow, side: Side, effort: Effort, *, seed: 
     )
 
 
-def activations_of(table: int, row: PaperRow, side: Side = "faithful") -> tuple[str, ...]:
+def activations_of(table: int, row: PaperRow, side: Method = "faithful") -> tuple[str, ...]:
     """Of the row's hidden layers; ours are always tansig."""
     tansig = ("tansig",) * len(row.hidden)
     return ACTIVATIONS.get((table, row.row), tansig) if side == "faithful" else tansig
 
 
-def alike(table: int, row: PaperRow, side: Side) -> list[PaperRow]:
+def equivalent_rows(table: int, row: PaperRow, side: Method) -> list[PaperRow]:
     """The rows of a table that one training serves.
 
     ``trainlm`` takes no learning rate. Rows that differ in nothing but the goal are alike as long as no start meets the
@@ -141,10 +141,10 @@ def alike(table: int, row: PaperRow, side: Side) -> list[PaperRow]:
     return [other for other in TABLES[table] if settings(other) == settings(row)]
 
 
-def trainings(table: int, row: PaperRow, side: Side, effort: Effort) -> list[Training]:
+def trainings(table: int, row: PaperRow, side: Method, effort: Effort) -> list[Training]:
     """A row's trainings, one a seed; none if they are left out."""
     first = training_of(table, row, side, effort, seed=0)
-    head = alike(table, row, side)[0]
+    head = equivalent_rows(table, row, side)[0]
     return [replace(first, seed=seed) for seed in effort.seeds(table, head, first)]
 
 
@@ -160,26 +160,26 @@ def box_training(row: PaperRow, half_width_deg: float, effort: Effort) -> Traini
     )
 
 
-def planned(parts: Sequence[str], effort: Effort) -> tuple[list[Training], list[str]]:
+def plan_trainings(parts: Sequence[str], effort: Effort) -> tuple[list[Training], list[str]]:
     """The trainings that the parts need, each once, and what is left out, in words."""
     wanted: list[Training] = []
     left_out: list[str] = []
     for table, rows in TABLES.items():
         for row in rows if f"table {table}" in parts else ():
-            for side in SIDES:
+            for side in METHODS:
                 found = trainings(table, row, side, effort)
                 wanted += found
-                if not found and alike(table, row, side)[0] is row:
+                if not found and equivalent_rows(table, row, side)[0] is row:
                     one = training_of(table, row, side, effort, seed=0)
                     left_out.append(
                         f"Table {table}, row {row.row}, {one.trainer}: some {one.estimated_seconds:.0f} s a start"
                     )
     if "boxes" in parts:
         wanted += [box_training(row, h, effort) for row in box_rows() for h in effort.half_widths_deg]
-        missing = [f"{h:g}" for h in FULL.half_widths_deg if h not in effort.half_widths_deg]
+        missing = [f"{h:g}" for h in FULL_EFFORT.half_widths_deg if h not in effort.half_widths_deg]
         if effort.quick and missing:
             left_out.append(f"Study of boxes: half-widths of {', '.join(missing)} deg")
-    drawn: dict[int, tuple[int, Sequence[Side]]] = {4: (2, SIDES), 7: (4, ("ours",)), 8: (4, ("ours",))}
+    drawn: dict[int, tuple[int, Sequence[Method]]] = {4: (2, METHODS), 7: (4, ("ours",)), 8: (4, ("ours",))}
     for number, (table, sides) in drawn.items():
         if f"figure {number}" in parts:
             row = TABLES[2][0] if table == 2 else TABLES[4][-1]

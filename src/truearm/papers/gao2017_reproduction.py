@@ -11,37 +11,37 @@ from typing import Any
 import numpy as np
 
 from truearm import __version__
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.arm.chain import Chain
-from truearm.papers.gao2017_claims import boxes, first_row, learning_rate, scatter
-from truearm.papers.gao2017_final_test import experiments_of, final_test, networks, outside
+from truearm.papers.gao2017_claims import box_study, first_row_networks, learning_rate, scatter
+from truearm.papers.gao2017_final_test import run_final_tests, final_test, networks_by_seed, errors_outside_box
 from truearm.papers.gao2017_plan import (
     ACTIVATIONS,
     EXPERIMENT,
-    FIX_THE_BOX,
-    SIDES,
+    BOX_FITTING_ROWS,
+    METHODS,
     SIMULATION,
     Effort,
-    Side,
+    Method,
     activations_of,
-    alike,
-    planned,
+    equivalent_rows,
+    plan_trainings,
     training_of,
     trainings,
 )
 from truearm.papers.gao2017_tables import FINAL_TEST, N_TEST, TABLES, PaperRow
 from truearm.papers.gao2017_training import (
     ARM,
-    FINAL,
-    FURTHER,
+    FINAL_TEST_STREAM,
+    TEST_STREAM,
     GRADIENT_TRAINERS,
-    MANY,
-    N_MANY,
-    Tell,
-    Trained,
+    EVALUATION_STREAM,
+    N_EVALUATION_POSES,
+    ProgressCallback,
+    TrainingResult,
     Training,
-    machine,
-    trained,
+    machine_data,
+    run_training,
 )
 
 HOW = (
@@ -55,19 +55,19 @@ HOW = (
 
 FACTORS = {2: 1.5, 3: 1.5, 4: 1.2}
 RULE = (
-    f"reproduced: the median of our starts, each tested on {N_MANY} further poses, is within a factor of the paper's "
+    f"reproduced: the median of our starts, each tested on {N_EVALUATION_POSES} further poses, is within a factor of the paper's "
     f"average, {FACTORS[2]:g} in Tables 2 and 3 and {FACTORS[4]:g} in Table 4; better: it is smaller than that; not "
     "reached: it is larger. The factors are what chance makes of the paper's few test poses: 95 % of the averages "
     "over 10 poses lie within 0.64 and 1.53 times that over all, over 100 poses within 0.87 and 1.15. Not counted "
     "are rows that were used to fix the box, for they would agree by construction; rows stopped by our limit, in "
     "which a training was cut short; and rows that repeat the training of another, which have no verdict"
 )
-LEFT_OUT, FIXED_THE_BOX, CUT_SHORT = "left out", "used to fix the box", "stopped by our limit"
+LEFT_OUT, USED_TO_FIX_BOX, CUT_SHORT = "left out", "used to fix the box", "stopped by our limit"
 GOAL_MET, TIME_OVER = "Performance goal met.", "Maximum time elapsed."
 RUN_KEYS = ("epochs", "seconds", "mean_mm", "max_mm", "mean_many_mm", "max_many_mm")
 
 
-def reproduce(parts: Sequence[str], *, effort: Effort, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
+def reproduce(parts: Sequence[str], *, effort: Effort, folder: Path, tell: ProgressCallback | None = None) -> dict[str, Any]:
     """Run what is not yet in `folder`, and put the findings together.
 
     Parameters
@@ -85,12 +85,12 @@ def reproduce(parts: Sequence[str], *, effort: Effort, folder: Path, tell: Tell 
     dict
         As ``reproduction.json`` holds it: lengths in mm, times in s, None for what was not run.
     """
-    wanted, left_out = planned(parts, effort)
+    wanted, left_out = plan_trainings(parts, effort)
     done = _run_all(wanted, folder, tell or _silent)
-    experiments = experiments_of(effort, done) if "table 4" in parts else []
+    experiments = run_final_tests(effort, done) if "table 4" in parts else []
     ended = [one.ended for one in done.values()]
-    first = first_row(effort, done) if "table 2" in parts else []
-    machines = [one.machine for one in done.values()] or [machine()]
+    first = first_row_networks(effort, done) if "table 2" in parts else []
+    machines = [one.machine for one in done.values()] or [machine_data()]
     return {
         "truearm": __version__,
         "machines": [one for k, one in enumerate(machines) if one not in machines[:k]],
@@ -112,8 +112,8 @@ def reproduce(parts: Sequence[str], *, effort: Effort, folder: Path, tell: Tell 
         "claims": {
             "learning_rate": learning_rate(first),
             "scatter": scatter(first),
-            "boxes": boxes(effort, done) if "boxes" in parts else None,
-            "outside": outside(effort, done) if "table 4" in parts else None,
+            "boxes": box_study(effort, done) if "boxes" in parts else None,
+            "outside": errors_outside_box(effort, done) if "table 4" in parts else None,
         },
         "figures": _figures(parts, effort, done),
     }
@@ -123,18 +123,18 @@ def _silent(share: float, note: str) -> None:
     """Tell nobody."""
 
 
-def _tell_part(tell: Tell, begun: float, share: float, what: str, part: float, note: str) -> None:
+def _tell_part(tell: ProgressCallback, begun: float, share: float, what: str, part: float, note: str) -> None:
     tell(begun + share * part, f"{what}, {note}")
 
 
-def _run_all(wanted: Sequence[Training], folder: Path, tell: Tell) -> dict[Training, Trained]:
-    done: dict[Training, Trained] = {}
+def _run_all(wanted: Sequence[Training], folder: Path, tell: ProgressCallback) -> dict[Training, TrainingResult]:
+    done: dict[Training, TrainingResult] = {}
     total, before = sum(one.estimated_seconds for one in wanted), 0.0
     for number, training in enumerate(wanted, start=1):
         share = training.estimated_seconds / total
         what = f"{number}/{len(wanted)}: {'-'.join(map(str, training.hidden))} {training.trainer} seed {training.seed}"
 
-        done[training] = trained(training, folder, partial(_tell_part, tell, before, share, what))
+        done[training] = run_training(training, folder, partial(_tell_part, tell, before, share, what))
         before += share
     return done
 
@@ -142,10 +142,10 @@ def _run_all(wanted: Sequence[Training], folder: Path, tell: Tell) -> dict[Train
 # The tables ----------------------------------------------------------------------------------------------------------
 
 
-def _row_found(table: int, row: PaperRow, effort: Effort, done: Mapping[Training, Trained]) -> dict[str, Any]:
-    found: dict[str, Any] = {side: _side_found(table, row, side, effort, done) for side in SIDES}
+def _row_found(table: int, row: PaperRow, effort: Effort, done: Mapping[Training, TrainingResult]) -> dict[str, Any]:
+    found: dict[str, Any] = {side: _side_found(table, row, side, effort, done) for side in METHODS}
     medians = {side: None if one is None else one["median"]["mean_many_mm"] for side, one in found.items()}
-    first = alike(table, row, "faithful")[0]
+    first = equivalent_rows(table, row, "faithful")[0]
     activations = activations_of(table, row)
     return {
         "row": row.row,
@@ -171,7 +171,7 @@ def _row_found(table: int, row: PaperRow, effort: Effort, done: Mapping[Training
 
 
 def _side_found(
-    table: int, row: PaperRow, side: Side, effort: Effort, done: Mapping[Training, Trained]
+    table: int, row: PaperRow, side: Method, effort: Effort, done: Mapping[Training, TrainingResult]
 ) -> dict[str, Any] | None:
     wanted = trainings(table, row, side, effort)
     if not wanted:
@@ -190,8 +190,8 @@ def _side_found(
     }
 
 
-def _run_found(done: Trained, n_test: int, level_mm: float | None) -> dict[str, Any]:
-    few, many = done.errors(n_test, FURTHER), done.errors(N_MANY, MANY)
+def _run_found(done: TrainingResult, n_test: int, level_mm: float | None) -> dict[str, Any]:
+    few, many = done.errors(n_test, TEST_STREAM), done.errors(N_EVALUATION_POSES, EVALUATION_STREAM)
     epoch, seconds = (None, None) if level_mm is None else done.reached.get(level_mm, (None, None))
     return {
         "seed": done.training.seed,
@@ -207,7 +207,7 @@ def _run_found(done: Trained, n_test: int, level_mm: float | None) -> dict[str, 
     }
 
 
-def verdict(table: int, row: PaperRow, side: Side, found: Mapping[str, Any] | None) -> str | None:
+def verdict(table: int, row: PaperRow, side: Method, found: Mapping[str, Any] | None) -> str | None:
     """What a row's trainings come to, by `RULE`; None where another row's training serves it.
 
     Parameters
@@ -220,12 +220,12 @@ def verdict(table: int, row: PaperRow, side: Side, found: Mapping[str, Any] | No
     found : mapping or None
         With ``median`` and ``time_limit_s``; None for a row that was left out.
     """
-    if alike(table, row, side)[0] is not row:
+    if equivalent_rows(table, row, side)[0] is not row:
         return None
     if found is None:
         return LEFT_OUT
-    if (table, row.row) in FIX_THE_BOX:
-        return FIXED_THE_BOX
+    if (table, row.row) in BOX_FITTING_ROWS:
+        return USED_TO_FIX_BOX
     ratio, factor = found["median"]["mean_many_mm"] / row.mean_mm, FACTORS[table]
     if ratio <= factor:
         return "reproduced" if ratio >= 1 / factor else "better"
@@ -265,7 +265,7 @@ def _same(row: PaperRow, first: PaperRow, faithful: Mapping[str, Any] | None) ->
 # The figures ---------------------------------------------------------------------------------------------------------
 
 
-def _figures(parts: Sequence[str], effort: Effort, done: Mapping[Training, Trained]) -> dict[str, Any]:
+def _figures(parts: Sequence[str], effort: Effort, done: Mapping[Training, TrainingResult]) -> dict[str, Any]:
     def asked(*numbers: int) -> bool:
         tables = {4: "table 2", 6: "table 4", 7: "table 4", 8: "table 4"}
         return any(f"figure {n}" in parts or tables.get(n) in parts for n in numbers)
@@ -281,11 +281,11 @@ def _figures(parts: Sequence[str], effort: Effort, done: Mapping[Training, Train
 
 def _arm_frames() -> dict[str, Any]:
     """The frames of Denavit and Hartenberg at the working pose, the base first."""
-    arm = load(ARM)
+    arm = load_arm(ARM)
     chain, angles = arm.chain, arm.working
     frames = [chain.fixed[0]]
     for i in range(1, chain.n_joints + 1):
-        pose = Chain(chain.fixed[: i + 1], np.zeros(3), chain.slides[:i]).pose(angles[None, :i])
+        pose = Chain(chain.fixed[: i + 1], np.zeros(3), chain.is_prismatic[:i]).pose(angles[None, :i])
         frame = np.eye(4)
         frame[:3, :3], frame[:3, 3] = pose.R_base_tip[0], pose.tip_in_base[0]
         frames.append(frame)
@@ -296,11 +296,11 @@ def _arm_frames() -> dict[str, Any]:
     }
 
 
-def _ten_poses(effort: Effort, done: Mapping[Training, Trained]) -> dict[str, Any] | None:
-    networks = {side: done.get(training_of(2, TABLES[2][0], side, effort, seed=0)) for side in SIDES}
+def _ten_poses(effort: Effort, done: Mapping[Training, TrainingResult]) -> dict[str, Any] | None:
+    networks = {side: done.get(training_of(2, TABLES[2][0], side, effort, seed=0)) for side in METHODS}
     if not any(networks.values()):
         return None
-    angles, points = SIMULATION.data(N_TEST[2], seed=0, stream=FURTHER)
+    angles, points = SIMULATION.data(N_TEST[2], seed=0, stream=TEST_STREAM)
     return {
         "points_mm": points.tolist(),
         "predicted_mm": {
@@ -309,14 +309,14 @@ def _ten_poses(effort: Effort, done: Mapping[Training, Trained]) -> dict[str, An
     }
 
 
-def _final_figures(effort: Effort, done: Mapping[Training, Trained]) -> dict[str, Any]:
-    angles, points = EXPERIMENT.data(FINAL_TEST.poses, seed=0, stream=FINAL)
+def _final_figures(effort: Effort, done: Mapping[Training, TrainingResult]) -> dict[str, Any]:
+    angles, points = EXPERIMENT.data(FINAL_TEST.poses, seed=0, stream=FINAL_TEST_STREAM)
     found: dict[str, Any] = {
-        "6": {"deviation_mm": (load(ARM).chain.tip_in_base(angles) - points).tolist()},
+        "6": {"deviation_mm": (load_arm(ARM).chain.tip_in_base(angles) - points).tolist()},
         "7": None,
         "8": None,
     }
-    network = networks(effort, done, "ours").get(0)
+    network = networks_by_seed(effort, done, "ours").get(0)
     if network is not None:
         predicted = network.predict(angles)
         found["7"] = {"points_mm": points.tolist(), "predicted_mm": {"ours": predicted.tolist()}}

@@ -20,14 +20,14 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from truearm import __version__
-from truearm.arm import load
+from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.nets.checkpoint import Checkpoint
-from truearm.nets.lm import train_lm
+from truearm.nets.lm import train_varpro
 from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
-from truearm.nets.scaling import MinMax
+from truearm.nets.scaling import MinMaxScaler
 from truearm.nets.traingd import traingd
 from truearm.nets.traingdx import traingdx
 from truearm.nets.training import Epoch, TrainingRecord, dividerand
@@ -35,16 +35,16 @@ from truearm.nets.trainlm import trainlm
 from truearm.poses import box
 from truearm.solve.threads import cores
 from truearm.virtual import Measurement, VirtualArm, load_preset
-from truearm.writing import whole_file
+from truearm.writing import atomic_file
 
 FloatArray = npt.NDArray[np.float64]
 # Told the share of a training that is done, and a few words on how it stands.
-Tell = Callable[[float, str], None]
+ProgressCallback = Callable[[float, str], None]
 
 ARM = "gao2017"
-N_MANY = 2000
+N_EVALUATION_POSES = 2000
 """Further poses that an error is judged by, beside the few that the paper tested on."""
-TRAINING, FURTHER, MANY, OUTSIDE, FINAL = 0, 1, 3, 4, 5
+TRAINING_STREAM, TEST_STREAM, EVALUATION_STREAM, OUTSIDE_STREAM, FINAL_TEST_STREAM = 0, 1, 3, 4, 5
 """Streams of poses and noise of one seed; `gao2017.experiment` has 0 to 2."""
 RECIPE = 1
 """Raised whenever the course of a training changes, so that no result of an older course is taken for one of it."""
@@ -74,7 +74,7 @@ class Source:
             assert readings.points is not None  # a virtual reference sees every pose
             return readings.angles, readings.points
         angles = self._angles(n, _own(seed, stream))
-        return angles, load(ARM).chain.tip_in_base(angles)
+        return angles, load_arm(ARM).chain.tip_in_base(angles)
 
     def measurement(self, n: int, *, seed: int, stream: int) -> Measurement:
         """The virtual arm's readings in the box."""
@@ -82,7 +82,7 @@ class Source:
         return virtual_arm(seed).measure(self._angles(n, own), seed=own)
 
     def _angles(self, n: int, seed: int) -> FloatArray:
-        return box(load(ARM), n, seed=seed, half_width=np.radians(self.half_width_deg)).angles
+        return box(load_arm(ARM), n, seed=seed, half_width=np.radians(self.half_width_deg)).angles
 
 
 def _own(seed: int, stream: int) -> int:
@@ -93,7 +93,7 @@ def _own(seed: int, stream: int) -> int:
 @lru_cache(maxsize=16)
 def virtual_arm(seed: int) -> VirtualArm:
     """The arm that stands in for the paper's: its nominal model errs as much."""
-    return VirtualArm.draw(load(ARM), load_preset("research"), seed=seed)
+    return VirtualArm.draw(load_arm(ARM), load_preset("research"), seed=seed)
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Training:
     seed : int
         Of the poses, the division and the start weights.
     levels_mm : tuple of float
-        Mean absolute coordinate errors on `N_MANY` further poses that the first epoch is wanted of.
+        Mean absolute coordinate errors on `N_EVALUATION_POSES` further poses that the first epoch is wanted of.
     expected_epochs : int or None
         After so many it is expected to stop, to plan by; None: after `epochs`.
     """
@@ -175,7 +175,7 @@ GRADIENT_TRAINERS = {"traingd": traingd, "traingdx": traingdx}
 
 
 @dataclass(frozen=True, eq=False)
-class Trained:
+class TrainingResult:
     """What came of a training.
 
     Attributes
@@ -194,7 +194,7 @@ class Trained:
     reached : dict of float to (int, float)
         The epoch and the time [s] at which each of the training's levels was reached; no entry where it was not.
     weights : (n_weights,) array
-    angle_scale, point_scale : MinMax
+    angle_scale, point_scale : MinMaxScaler
         Angles [rad] and points [mm] onto [-1, 1].
     """
 
@@ -206,13 +206,13 @@ class Trained:
     ended: str
     reached: dict[float, tuple[int, float]]
     weights: FloatArray
-    angle_scale: MinMax
-    point_scale: MinMax
+    angle_scale: MinMaxScaler
+    point_scale: MinMaxScaler
 
     def predict(self, angles: FloatArray) -> FloatArray:
         """Points (n, 3) [mm] at angles (n, 6) [rad]."""
-        outputs = self.training.network.outputs(self.weights, self.angle_scale.scaled(angles.T))
-        return np.ascontiguousarray(self.point_scale.restored(outputs).T)
+        outputs = self.training.network.outputs(self.weights, self.angle_scale.scale(angles.T))
+        return np.ascontiguousarray(self.point_scale.unscale(outputs).T)
 
     def errors(self, n: int, stream: int) -> FloatArray:
         """Absolute errors of coordinates (n, 3) [mm] on further poses of the training's own source and seed."""
@@ -220,7 +220,7 @@ class Trained:
         return np.abs(self.predict(angles) - points)
 
 
-def trained(training: Training, folder: Path, tell: Tell) -> Trained:
+def run_training(training: Training, folder: Path, tell: ProgressCallback) -> TrainingResult:
     """Train, go on with a training that was stopped, or read what a finished one left.
 
     A finished training leaves ``NAME.json`` in `folder`; one that was stopped leaves ``NAME.checkpoint`` and, of the
@@ -253,7 +253,7 @@ def trained(training: Training, folder: Path, tell: Tell) -> Trained:
     return done
 
 
-def machine() -> dict[str, Any]:
+def machine_data() -> dict[str, Any]:
     """What the times are taken on."""
     cpu, info = platform.processor() or platform.machine(), Path("/proc/cpuinfo")
     if info.exists():
@@ -272,11 +272,11 @@ class _Watched:
 
 def _train(
     training: Training, checkpoint: Checkpoint, watched: _Watched, keep: Callable[[], None], tell: Tell
-) -> Trained:
-    angles, points = training.source.data(training.n_train, seed=training.seed, stream=TRAINING)
-    angle_scale = MinMax.of(angles.T, what="the angle of joint")
-    point_scale = MinMax.of(points.T, what="coordinate")
-    inputs, targets = angle_scale.scaled(angles.T), point_scale.scaled(points.T)
+) -> TrainingResult:
+    angles, points = training.source.data(training.n_train, seed=training.seed, stream=TRAINING_STREAM)
+    angle_scale = MinMaxScaler.of(angles.T, what="the angle of joint")
+    point_scale = MinMaxScaler.of(points.T, what="coordinate")
+    inputs, targets = angle_scale.scale(angles.T), point_scale.scale(points.T)
     share, network = training.set_aside, training.network
     division = dividerand(len(angles), train=1 - 2 * share, validation=share, test=share, seed=training.seed)
     fit, validation, _ = (
@@ -284,15 +284,15 @@ def _train(
     )
     assert fit is not None  # dividerand leaves samples to train on
 
-    many_angles, many_points = training.source.data(N_MANY, seed=training.seed, stream=MANY)
-    many_inputs = angle_scale.scaled(many_angles.T)
+    many_angles, many_points = training.source.data(N_EVALUATION_POSES, seed=training.seed, stream=EVALUATION_STREAM)
+    many_inputs = angle_scale.scale(many_angles.T)
 
     def watch(epoch: Epoch) -> None:
         # A test is no part of the training: the trainer's clock has run through all before this one.
         begun, seconds = perf_counter(), epoch.seconds - watched.seconds
         sought = [level for level in training.levels_mm if level not in watched.reached]
         if sought:
-            found = point_scale.restored(network.outputs(epoch.weights(), many_inputs)).T
+            found = point_scale.unscale(network.outputs(epoch.weights(), many_inputs)).T
             error = float(np.abs(found - many_points).mean())
             new = {level: (epoch.epoch, max(seconds, 0.0)) for level in sought if error <= level}
             if new:
@@ -308,12 +308,12 @@ def _train(
     except (KeyboardInterrupt, SystemExit):
         keep()
         raise
-    return Trained(
+    return TrainingResult(
         training,
         epochs=len(record.perf) - 1,
         seconds=max(float(record.time[-1]) - watched.seconds, 0.0),
         stop=record.stop,
-        machine=machine(),
+        machine=machine_data(),
         ended=datetime.now(UTC).isoformat(timespec="seconds"),
         reached=watched.reached,
         weights=weights,
@@ -329,7 +329,7 @@ def _run(
     watch: Callable[[Epoch], None],
     checkpoint: Checkpoint,
 ) -> tuple[FloatArray, TrainingRecord]:
-    trainers = {"lm": train_lm, "trainlm": trainlm, **GRADIENT_TRAINERS}
+    trainers = {"lm": train_varpro, "trainlm": trainlm, **GRADIENT_TRAINERS}
     return trainers[training.trainer](
         fit,
         nguyen_widrow(training.network, seed=training.seed),
@@ -386,7 +386,7 @@ class _Finished(_Kept):
     weights: Annotated[list[_Number], Field(max_length=1_000_000)]
 
     @classmethod
-    def of(cls, done: Trained) -> _Finished:
+    def of(cls, done: TrainingResult) -> _Finished:
         return cls(
             fingerprint=done.training.fingerprint,
             reached=_listed(done.reached),
@@ -402,9 +402,9 @@ class _Finished(_Kept):
         )
 
     @classmethod
-    def read(cls, file: Path, training: Training) -> Trained:
+    def read(cls, file: Path, training: Training) -> TrainingResult:
         kept = _read(cls, file, training)
-        angle_scale, point_scale = (MinMax(*map(np.array, ends)) for ends in (kept.angle_range, kept.point_range))
+        angle_scale, point_scale = (MinMaxScaler(*map(np.array, ends)) for ends in (kept.angle_range, kept.point_range))
         lengths = [len(ends) for ends in (*kept.angle_range, *kept.point_range)]
         if lengths != [6, 6, 3, 3] or len(kept.weights) != training.network.n_weights:
             raise _damaged(file, f"expected {training.network.n_weights} weights and ranges of 6 and 3 numbers")
@@ -412,7 +412,7 @@ class _Finished(_Kept):
             raise _damaged(file, "expected ranges with the lower end first")
         if kept.epochs > training.epochs:
             raise _damaged(file, f"expected at most {training.epochs} epochs, got {kept.epochs}")
-        return Trained(
+        return TrainingResult(
             training,
             epochs=kept.epochs,
             seconds=kept.seconds,
@@ -449,7 +449,7 @@ def _read(kind: type[K], file: Path, training: Training) -> K:
 
 
 def _write(kept: _Kept, file: Path) -> None:
-    with whole_file(file) as beside:
+    with atomic_file(file) as beside:
         beside.write_text(kept.model_dump_json() + "\n", encoding="utf-8", newline="\n")
 
 
@@ -461,5 +461,5 @@ def _listed(reached: dict[float, tuple[int, float]]) -> list[tuple[float, int, f
     return [(level, epoch, seconds) for level, (epoch, seconds) in sorted(reached.items())]
 
 
-def _range_of(scale: MinMax) -> tuple[list[float], list[float]]:
+def _range_of(scale: MinMaxScaler) -> tuple[list[float], list[float]]:
     return scale.lower.tolist(), scale.upper.tolist()

@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.poses.measuring import inner_limits, measuring, needs_five_turning_joints, postures, reach
-from truearm.poses.poses import checked_count, checked_seed, range_of
-from truearm.poses.seat import CONE_RAD, NOT_REACHED, POOL, SEATS_AT, SWING_RAD, TOO_FEW, most_different
+from truearm.poses.measuring import inner_limits, measuring_poses, check_five_rotary_joints, postures, reach
+from truearm.poses.poses import checked_count, checked_seed, joint_travel_limits
+from truearm.poses.seat import CONE_RAD, NOT_REACHED, POOL, SEAT_SECTOR, SWING_RAD, TOO_FEW, farthest_points
 from truearm.poses.workspace import Sector, Stance, azimuth_of, draw_points, joint_origins, stance, within_cone
 
 FloatArray = npt.NDArray[np.float64]
@@ -31,7 +31,7 @@ OUTSIDE, UNDER_TABLE, NO_ROOM = "tip outside the volume", "elbow under the table
 _DRAWS = 2000
 _PLACES = 300  # places of a bar drawn for each wanted, at most
 _SPARE = 3  # seats and bars to try for each wanted
-# A technician's stylus and joints, as `measuring` has them; a seat looks up.
+# A technician's stylus and joints, as `measuring_poses` has them; a seat looks up.
 _CONE_DEG, _SWING_STD_DEG, _ROLL_STD_DEG = 40.0, 35.0, 60.0
 
 
@@ -79,7 +79,7 @@ class Candidates:
             [np.zeros(0, np.intp), *(np.flatnonzero(self.candidate == row) for row in np.asarray(chosen).tolist())]
         )
 
-    def one_by_one(self, which: npt.ArrayLike | None = None) -> Candidates:
+    def split_into_poses(self, which: npt.ArrayLike | None = None) -> Candidates:
         """Make every reading a candidate of its own, all of them or those in rows `which`, in that order."""
         rows = np.arange(len(self.angles)) if which is None else np.asarray(which, dtype=np.intp)
         return replace(
@@ -92,7 +92,7 @@ class Candidates:
             technician=None if self.technician is None else self.technician[rows],
         )
 
-    def by_place(self) -> Candidates:
+    def group_by_place(self) -> Candidates:
         """Make every place of the artefact with all its poses one candidate: to choose where it should stand."""
         if self.place is None:
             raise InputError("these candidates have no seats")
@@ -107,7 +107,7 @@ def seat_poses(
     seats: int | npt.ArrayLike,
     poses: int,
     seed: int,
-    sector: Sector = SEATS_AT,
+    sector: Sector = SEAT_SECTOR,
     technician: bool = False,
 ) -> Candidates:
     """Poses with the tip in seats, each a candidate.
@@ -136,13 +136,13 @@ def seat_poses(
     InputError
         If the arm has too few joints, or a seat is not reached by enough postures.
     """
-    needs_five_turning_joints(arm)
+    check_five_rotary_joints(arm)
     rng, where, per_seat = np.random.default_rng(checked_seed(seed)), stance(arm), checked_count(poses)
     rejected: Counter[str] = Counter()
     if isinstance(seats, int | np.integer):
         wanted = checked_count(int(seats), "seats")
         pool = draw_points(where, 10 * _SPARE * wanted, sector=sector, rng=rng)
-        points = pool[most_different(pool, _SPARE * wanted)]
+        points = pool[farthest_points(pool, _SPARE * wanted)]
         held = _held_in_turn(arm, points[:, None], wanted, per_seat, where, rng, rejected, technician)
         if len(held) < wanted:
             raise InputError(
@@ -177,7 +177,7 @@ def bar_places(
     length_mm: float,
     poses: int,
     seed: int,
-    sector: Sector = SEATS_AT,
+    sector: Sector = SEAT_SECTOR,
     technician: bool = False,
 ) -> Candidates:
     """Places of a bar with a seat at each end, in any direction, each with the tip in both seats in turn.
@@ -203,7 +203,7 @@ def bar_places(
     InputError
         If the arm has too few joints, the bar does not fit into the sector, or too few places are reached.
     """
-    needs_five_turning_joints(arm)
+    check_five_rotary_joints(arm)
     rng, where, per_seat = np.random.default_rng(checked_seed(seed)), stance(arm), checked_count(poses)
     if not (np.isfinite(length_mm) and length_mm > 0):
         raise InputError(f"expected the positive length of a bar in mm, got {length_mm}")
@@ -252,7 +252,7 @@ def tracker_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) 
         If too few joint angles bring the tip there.
     """
     sector = sector or Sector()
-    of_technician = checked_count(n) // 2 if takes_a_technician(arm) else 0
+    of_technician = checked_count(n) // 2 if supports_technician_poses(arm) else 0
     angles, rejected = _spread(arm, n - of_technician, sector, np.random.default_rng(checked_seed(seed)))
     if of_technician:
         angles = np.concatenate([volume_poses(arm, of_technician, seed=seed, sector=sector), angles])
@@ -266,14 +266,14 @@ def volume_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) -
     drawn evenly.
     """
     sector = sector or Sector()
-    if takes_a_technician(arm):
-        return _within_a_turn(arm, measuring(arm, n, seed=seed, sector=sector).angles)
+    if supports_technician_poses(arm):
+        return _within_a_turn(arm, measuring_poses(arm, n, seed=seed, sector=sector).angles)
     return _spread(arm, checked_count(n), sector, np.random.default_rng(checked_seed(seed)))[0]
 
 
-def takes_a_technician(arm: Arm) -> bool:
+def supports_technician_poses(arm: Arm) -> bool:
     """Whether an arm can choose where its stylus points: five joints, all of which turn."""
-    return arm.n_joints >= 5 and not bool(arm.chain.slides.any())
+    return arm.n_joints >= 5 and not bool(arm.chain.is_prismatic.any())
 
 
 def _held_in_turn(
@@ -332,7 +332,7 @@ def _postures_in(
         if len(good) < n:
             found.append(None)
         else:
-            found.append(good[:n] if technician else good[most_different(good, n)])
+            found.append(good[:n] if technician else good[farthest_points(good, n)])
     return found
 
 
@@ -359,7 +359,7 @@ def _ends(
 def _spread(arm: Arm, n: int, sector: Sector, rng: np.random.Generator) -> tuple[FloatArray, Counter[str]]:
     """Joint angles drawn evenly of which the tip is in the sector and no joint under the table, (n, n_joints)."""
     where = stance(arm)
-    (lower, upper), (low, high) = range_of(arm), inner_limits(arm)
+    (lower, upper), (low, high) = joint_travel_limits(arm), inner_limits(arm)
     lower, upper = np.maximum(lower, low), np.minimum(upper, high)
     rejected: Counter[str] = Counter()
     found = np.zeros((0, arm.n_joints))
@@ -380,7 +380,7 @@ def _spread(arm: Arm, n: int, sector: Sector, rng: np.random.Generator) -> tuple
 
 def _within_a_turn(arm: Arm, angles: FloatArray) -> FloatArray:
     """Angles of joints without limits at most half a turn from the working pose: full turns more are the same pose."""
-    free = np.isinf(arm.limits).all(axis=1) & ~arm.chain.slides
+    free = np.isinf(arm.limits).all(axis=1) & ~arm.chain.is_prismatic
     turned = (angles - arm.working + np.pi) % (2 * np.pi) - np.pi + arm.working
     return np.asarray(np.where(free, turned, angles))
 

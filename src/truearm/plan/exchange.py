@@ -41,7 +41,7 @@ from scipy.linalg import cho_solve, qr
 from truearm.errors import InputError
 from truearm.identify.alignment import rigid_motions
 from truearm.poses.poses import checked_seed
-from truearm.solve.arrays import whitened
+from truearm.solve.arrays import whiten
 from truearm.solve.threads import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
@@ -69,17 +69,17 @@ class DesignProblem:
     ----------
     factors : (n, k, p) array
         Of every candidate, the Jacobian J_i, rows divided by the standard deviation of their noise: its information is
-        ``J_i^T J_i``. A candidate with fewer rows than others has rows of zeros (see `stacked`).
+        ``J_i^T J_i``. A candidate with fewer rows than others has rows of zeros (see `stack_factors`).
     prior_precision : (p, p) array
         Inverse of the covariance of the parameters before; readings already taken add their ``J^T J`` to it.
     target : (p, p) array
-        M [mm^2 per squared unit of the parameters], see `mean_square`.
+        M [mm^2 per squared unit of the parameters], see `moment_matrix`.
 
     Notes
     -----
     The parameters may have any units: the criteria do not depend on them. Unknowns that several candidates share, such
     as the centre of a seat that is touched by each of them, are parameters with zeros in the target; those that one
-    candidate has for itself are taken out of it (see `eliminated`).
+    candidate has for itself are taken out of it (see `project_out`).
 
     Raises
     ------
@@ -179,7 +179,7 @@ class DOptimality:
 
 
 @dataclass(frozen=True, eq=False)
-class Chosen:
+class DesignSelection:
     """Candidates chosen.
 
     Attributes
@@ -196,10 +196,10 @@ class Chosen:
 
 
 STRATEGIES = ("I-optimal", "D-optimal", "random")
-"""The strategies that `choose` knows."""
+"""The strategies that `select_candidates` knows."""
 
 
-def choose(
+def select_candidates(
     problem: DesignProblem,
     n: int,
     *,
@@ -208,7 +208,7 @@ def choose(
     among: Sequence[int] | IntArray | None = None,
     seed: int = 0,
     progress: Progress | None = None,
-) -> Chosen:
+) -> DesignSelection:
     """Choose candidates by one of the strategies to be compared.
 
     Parameters
@@ -240,7 +240,7 @@ def choose(
     if not 1 <= n <= len(pool):
         raise InputError(f"expected to choose 1 to {len(pool)} candidates, as many as there are, got {n}")
     if strategy == "random":
-        return Chosen(np.random.default_rng(checked_seed(seed)).permutation(pool)[:n])
+        return DesignSelection(np.random.default_rng(checked_seed(seed)).permutation(pool)[:n])
     criterion: Criterion = IOptimality() if strategy == "I-optimal" else DOptimality()
     starting: list[Criterion] = [criterion] if strategy == "D-optimal" else [criterion, DOptimality()]
     with one_blas_thread():
@@ -249,15 +249,15 @@ def choose(
         # nothing in the first of them. Determinants do: the selection starts from both.
         starts = [greedy(free, n, start, progress=progress) for start in starting]
         best = min(
-            (exchanged(free, start.rows, criterion, progress=progress) for start in starts),
+            (fedorov_exchange(free, start.rows, criterion, progress=progress) for start in starts),
             key=lambda found: criterion.value(free, found.rows),
         )
         chosen = DesignProblem(free.factors[best.rows], free.prior_precision, free.target)
         order = greedy(chosen, n, criterion).rows
-    return Chosen(pool[best.rows[order]], best.swaps)
+    return DesignSelection(pool[best.rows[order]], best.swaps)
 
 
-def greedy(problem: DesignProblem, n: int, criterion: Criterion, *, progress: Progress | None = None) -> Chosen:
+def greedy(problem: DesignProblem, n: int, criterion: Criterion, *, progress: Progress | None = None) -> DesignSelection:
     """Choose n candidates, each the one that lowers the criterion most.
 
     Parameters
@@ -275,12 +275,12 @@ def greedy(problem: DesignProblem, n: int, criterion: Criterion, *, progress: Pr
         posterior.add(_first_best(drops))
         if progress is not None:
             progress("choose", count + 1, n)
-    return Chosen(np.array(posterior.rows, dtype=np.intp))
+    return DesignSelection(np.array(posterior.rows, dtype=np.intp))
 
 
-def exchanged(
+def fedorov_exchange(
     problem: DesignProblem, rows: npt.ArrayLike, criterion: Criterion, *, progress: Progress | None = None
-) -> Chosen:
+) -> DesignSelection:
     """Exchange chosen candidates for others, one for one, until no swap lowers the criterion.
 
     Parameters
@@ -293,7 +293,7 @@ def exchanged(
 
     Returns
     -------
-    Chosen
+    DesignSelection
         Never worse than `rows`.
     """
     best = np.array(rows, dtype=np.intp)
@@ -304,11 +304,11 @@ def exchanged(
         lowered = criterion.value(problem, tried)
         # Calculated afresh: what rounding made look better ends the search.
         if not made or lowered >= value:
-            return Chosen(best, swaps)
+            return DesignSelection(best, swaps)
         best, value, swaps = tried, lowered, swaps + made
 
 
-def mean_square(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None, *, scale: bool = False) -> FloatArray:
+def moment_matrix(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None, *, scale: bool = False) -> FloatArray:
     """Target of the I-criterion: the mean over poses of ``J_t^T J_t``, (p, p).
 
     With `tips` it is of what is left once the frame is fitted to the points. That is how an arm errs whose coordinates
@@ -335,11 +335,11 @@ def mean_square(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None, *, 
     if tips is not None:
         if len(tips := np.asarray(tips, dtype=float)) != len(J):
             raise InputError(f"expected {len(J)} finite tips, got {len(tips)}")
-        rows = eliminated(rows, rigid_motions(tips, scale=scale))
+        rows = project_out(rows, rigid_motions(tips, scale=scale))
     return np.asarray(rows.T @ rows / len(J))
 
 
-def stacked(factors: Sequence[FloatArray]) -> FloatArray:
+def stack_factors(factors: Sequence[FloatArray]) -> FloatArray:
     """Bring candidates of different numbers of rows into one array (n, k, p), filled up with zeros.
 
     Parameters
@@ -356,7 +356,7 @@ def stacked(factors: Sequence[FloatArray]) -> FloatArray:
     return out
 
 
-def eliminated(jacobian: npt.ArrayLike, nuisance: npt.ArrayLike) -> FloatArray:
+def project_out(jacobian: npt.ArrayLike, nuisance: npt.ArrayLike) -> FloatArray:
     """Rows that tell of the parameters what is left once unknowns of no interest are determined from the same readings.
 
     The information of ``[J B]`` about the parameters alone is ``J^T (I - B B^+) J``, the Schur complement of ``B^T B``;
@@ -510,7 +510,7 @@ def _first_best(drops: FloatArray) -> int:
 
 def _variance(information: FloatArray, target_factor: FloatArray) -> float | None:
     """``trace(F A^-1 F^T)``, or None where A is not positive definite."""
-    half = whitened(information.copy(), target_factor.T)
+    half = whiten(information.copy(), target_factor.T)
     return None if half is None else float(np.vdot(half, half))
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.identify.problem import Moved
+from truearm.identify.problem import PerturbedChain
 from truearm.plan.candidates import Candidates
-from truearm.plan.exchange import DesignProblem, eliminated, mean_square, stacked
+from truearm.plan.exchange import DesignProblem, project_out, moment_matrix, stack_factors
 from truearm.readings.lengths import PLACE_U_MM
 from truearm.terms.state import ArmState
 
@@ -19,13 +19,13 @@ SEAT_STD_MM = 1e4
 
 
 def tip_jacobian(
-    moved: Moved, state: ArmState, coefficients: npt.ArrayLike | None = None
+    perturbed_chain: PerturbedChain, state: ArmState, coefficients: npt.ArrayLike | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Tips and their derivatives by the coefficients of all terms.
 
     Parameters
     ----------
-    moved : Moved
+    perturbed_chain : PerturbedChain
         Chain and terms.
     state : ArmState
         n poses.
@@ -39,19 +39,19 @@ def tip_jacobian(
     jacobian : (n, 3, p) array
         [mm per unit of the coefficients].
     """
-    p = moved.n_coefficients
+    p = perturbed_chain.n_coefficients
     x = np.zeros(p) if coefficients is None else np.asarray(coefficients, dtype=float)
     if x.shape != (p,) or not np.isfinite(x).all():
         raise InputError(f"expected {p} finite coefficients, one for each of the terms', got shape {x.shape}")
     tips, jacobian = np.empty((len(state), 3)), np.empty((len(state), 3, p))
-    for rows, some, columns in moved.derivatives(state, x):
+    for rows, some, columns in perturbed_chain.derivatives(state, x):
         tips[rows] = some.T
         jacobian[rows] = columns.transpose(2, 1, 0)
     return tips, jacobian
 
 
 def design_problem(
-    moved: Moved,
+    perturbed_chain: PerturbedChain,
     candidates: Candidates,
     state: ArmState,
     volume: ArmState,
@@ -74,7 +74,7 @@ def design_problem(
 
     Parameters
     ----------
-    moved : Moved
+    perturbed_chain : PerturbedChain
         Chain and terms, with p coefficients.
     candidates : Candidates
     state : ArmState
@@ -104,8 +104,8 @@ def design_problem(
     bar = candidates.length_mm is not None
     if bar and not (np.isfinite(length_u_mm) and length_u_mm > 0):
         raise InputError(f"expected the positive uncertainty of the bar's length in mm, got {length_u_mm}")
-    tips, jacobian = tip_jacobian(moved, state, coefficients)
-    tips_there, jacobian_there = tip_jacobian(moved, volume, coefficients)
+    tips, jacobian = tip_jacobian(perturbed_chain, state, coefficients)
+    tips_there, jacobian_there = tip_jacobian(perturbed_chain, volume, coefficients)
     n_seats, seat = _seats(candidates)
     bars = _bars(candidates, seat, tips)
     shared = {number for number in range(n_seats) if len(np.unique(candidates.candidate[seat == number])) > 1}
@@ -128,7 +128,7 @@ def design_problem(
         for at, (one, other, along) in zip(range(3 * len(rows), len(J)), lengths, strict=True):
             B[at, 3 * own.index(one) :][:3], B[at, 3 * own.index(other) :][:3] = -along, along
             J[at, -1] = -1 / PLACE_U_MM
-        factors.append(eliminated(J, B))
+        factors.append(project_out(J, B))
     precision = np.asarray(prior_precision, dtype=float)
     if precision.shape != (p, p):
         raise InputError(f"expected a prior precision of shape {(p, p)}, got {precision.shape}")
@@ -141,8 +141,8 @@ def design_problem(
             row = np.zeros(p + q)
             row[column[one] :][:3], row[column[other] :][:3], row[-1] = -along, along, -1 / PLACE_U_MM
             prior += np.outer(row, row)
-    target[:p, :p] = mean_square(jacobian_there, tips_there, scale=scale)
-    return DesignProblem(stacked(factors), prior, target)
+    target[:p, :p] = moment_matrix(jacobian_there, tips_there, scale=scale)
+    return DesignProblem(stack_factors(factors), prior, target)
 
 
 def _seats(candidates: Candidates) -> tuple[int, npt.NDArray[np.intp]]:

@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
-from truearm.arm.inverse import solve_inverse
+from truearm.arm.inverse import solve_inverse_kinematics
 from truearm.errors import InputError
 from truearm.identify.alignment import rigid_motions
-from truearm.identify.identification import Identified
-from truearm.identify.problem import Moved
-from truearm.plan.exchange import eliminated
+from truearm.identify.identification import IdentificationResult
+from truearm.identify.problem import PerturbedChain
+from truearm.plan.exchange import project_out
 from truearm.plan.information import tip_jacobian
 from truearm.readings.checks import check_sessions
 from truearm.readings.readings import Readings
@@ -37,14 +37,14 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class Prior:
     """Terms of an arm and what is known of their coefficients.
 
     Where the base stands is not among them: nothing that is compared within a set-up depends on it.
 
     Attributes
     ----------
-    moved : Moved
+    perturbed_chain : PerturbedChain
         Chain, as well as it is known, and terms by which it may still differ, with p coefficients that are expected to
         be zero.
     precision : (p, p) array
@@ -55,7 +55,7 @@ class Known:
         From angles (n, n_joints) to the arm's state there.
     """
 
-    moved: Moved
+    perturbed_chain: PerturbedChain
     precision: FloatArray
     noise_mm: float
     state: Callable[[FloatArray], ArmState]
@@ -69,25 +69,25 @@ class Known:
         """(p, p) covariance of the coefficients."""
         return _inverse(self.precision)
 
-    def with_frame(self) -> Known:
+    def with_frame(self) -> Prior:
         """The same in a reference's frame of which nothing is known: the base is free, its terms come last."""
-        chain = self.moved.chain
+        chain = self.perturbed_chain.chain
         base = base_terms(chain)
-        p, q = self.moved.n_coefficients, len(base)
+        p, q = self.perturbed_chain.n_coefficients, len(base)
         precision = np.zeros((p + q, p + q))
         precision[:p, :p] = self.precision
         precision[p:, p:] = np.diag(np.concatenate([term.prior_stds for term in base]) ** -2.0)
         return replace(
             self,
-            moved=Moved(chain, (*self.moved.terms, *base)),
+            perturbed_chain=PerturbedChain(chain, (*self.perturbed_chain.terms, *base)),
             precision=precision,
         )
 
-    def told(self, rows: FloatArray) -> Known:
+    def updated(self, rows: FloatArray) -> Prior:
         """The same after readings that told `rows` (m, p), over their noise."""
         return replace(self, precision=self.precision + rows.T @ rows)
 
-    def after(self, readings: Readings) -> Known:
+    def after(self, readings: Readings) -> Prior:
         """What is known once readings have been taken too: points seen by a reference, and tips in seats.
 
         The frame of each session is unknown, and so is the place of a seat. Readings on surfaces are not counted.
@@ -104,25 +104,25 @@ class Known:
         held = (seat != "") & ~seen
         if not (seen | held).any():
             raise readings.error("expected readings with points or seats, to know what they told; there are none")
-        known = self
+        prior = self
         for names, which in ((session, seen), (seat, held)):
             for name in np.unique(names[which]):
                 rows = np.flatnonzero(which & (names == name))
                 angles = readings.angles[rows]
                 if which is held:
                     # Tips that scatter would look as if the seat told the scale, and where the base is.
-                    tips = self.moved.chain.tip_in_base(angles)
+                    tips = self.perturbed_chain.chain.tip_in_base(angles)
                     middle = np.broadcast_to(tips.mean(axis=0), tips.shape)
-                    angles = solve_inverse(self.moved.chain, middle, start=angles).angles
-                tips, jacobian = tip_jacobian(self.moved, self.state(angles))
+                    angles = solve_inverse_kinematics(self.perturbed_chain.chain, middle, start=angles).angles
+                tips, jacobian = tip_jacobian(self.perturbed_chain, self.state(angles))
                 shifts = rigid_motions(tips)
                 unknown = shifts if which is seen else shifts[:, :3]
-                told = eliminated(jacobian.reshape(3 * len(rows), -1) / self.noise_mm, unknown)
-                known = known.told(told)
-        return known
+                told = project_out(jacobian.reshape(3 * len(rows), -1) / self.noise_mm, unknown)
+                prior = prior.updated(told)
+        return prior
 
 
-def as_drawn(arm: Arm, *, terms: Terms = "physical", noise_mm: float) -> Known:
+def nominal_prior(arm: Arm, *, terms: Terms = "physical", noise_mm: float) -> Prior:
     """What is known of an arm of which no reading has been taken: its drawing, and the priors of the terms.
 
     Parameters
@@ -137,30 +137,30 @@ def as_drawn(arm: Arm, *, terms: Terms = "physical", noise_mm: float) -> Known:
     chain, joints = arm.chain, range(1, arm.n_joints + 1)
     chosen: list[Term] = [term for term in constants(chain, free=()) if term.place > 0]
     if terms == "physical":
-        for joint in (joint for joint in joints if not chain.slides[joint - 1]):
+        for joint in (joint for joint in joints if not chain.is_prismatic[joint - 1]):
             chosen += [*own_axis(chain, joint, highest=HIGHEST_ORDER), *wobble(chain, joint)]
         chosen += [term for joint in (0, *joints) for term in gravity(chain, joint, links=arm.masses)]
     elif terms != "constants":
         raise InputError(f"expected the terms constants or physical, got {terms!r}")
     stds = np.concatenate([term.prior_stds for term in chosen])
-    return Known(
-        Moved(chain, tuple(chosen)),
+    return Prior(
+        PerturbedChain(chain, tuple(chosen)),
         np.diag(stds**-2.0),
         noise_mm,
         lambda angles: ArmState.of(arm, angles),
     )
 
 
-def as_identified(
-    arm: Arm, found: Identified, *, noise_mm: float, state: Callable[[FloatArray], ArmState]
-) -> tuple[Arm, Known]:
+def identified_prior(
+    arm: Arm, found: IdentificationResult, *, noise_mm: float, state: Callable[[FloatArray], ArmState]
+) -> tuple[Arm, Prior]:
     """What is known of an arm that has been identified.
 
     Parameters
     ----------
     arm : Arm
         As drawn.
-    found : Identified
+    found : IdentificationResult
         Of it.
     noise_mm : float
         Standard deviation of a coordinate that its terms do not explain.
@@ -171,15 +171,15 @@ def as_identified(
     -------
     arm : Arm
         With the constants identified, on the base as drawn.
-    known : Known
+    prior : Prior
 
     Raises
     ------
     InputError
         If nothing but the base has been identified.
     """
-    sizes = [term.n_coefficients for term in found.moved.terms]
-    kept = [term.place > 0 or not isinstance(term.basis, Constant | Session) for term in found.moved.terms]
+    sizes = [term.n_coefficients for term in found.perturbed_chain.terms]
+    kept = [term.place > 0 or not isinstance(term.basis, Constant | Session) for term in found.perturbed_chain.terms]
     columns = np.flatnonzero(np.repeat(kept, sizes))
     if not len(columns):
         raise InputError(
@@ -189,13 +189,13 @@ def as_identified(
     fixed = found.chain.fixed.copy()
     fixed[0] = arm.chain.fixed[0]
     chain = replace(found.chain, fixed=fixed)
-    known = Known(
-        Moved(chain, tuple(term for term, wanted in zip(found.moved.terms, kept, strict=True) if wanted)),
+    prior = Prior(
+        PerturbedChain(chain, tuple(term for term, wanted in zip(found.perturbed_chain.terms, kept, strict=True) if wanted)),
         _inverse(found.covariance[np.ix_(columns, columns)]),
         noise_mm,
         state,
     )
-    return replace(arm, chain=chain), known
+    return replace(arm, chain=chain), prior
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:

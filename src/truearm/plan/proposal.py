@@ -17,13 +17,13 @@ from truearm.plan.candidates import (
     Candidates,
     bar_places,
     seat_poses,
-    takes_a_technician,
+    supports_technician_poses,
     tracker_poses,
     volume_poses,
 )
-from truearm.plan.exchange import DesignProblem, choose, eliminated
+from truearm.plan.exchange import DesignProblem, select_candidates, project_out
 from truearm.plan.information import design_problem, tip_jacobian
-from truearm.plan.known import Known
+from truearm.plan.known import Prior
 from truearm.plan.observability import Observability, observability
 from truearm.poses.poses import checked_count, checked_seed
 from truearm.poses.workspace import Sector
@@ -114,13 +114,13 @@ class Proposal:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class CalibrationPlan:
     """What can be done, and what it will bring.
 
     Attributes
     ----------
     arm : Arm
-    known : Known
+    prior : Prior
         Before.
     artefact : Artefact
     volume : (n, n_joints) array
@@ -130,7 +130,7 @@ class Plan:
     """
 
     arm: Arm
-    known: Known
+    prior: Prior
     artefact: Artefact
     volume: FloatArray
     proposals: Mapping[Strategy, Proposal]
@@ -138,14 +138,14 @@ class Plan:
 
 def propose(
     arm: Arm,
-    known: Known,
+    prior: Prior,
     artefact: Artefact,
     n: int,
     *,
     volume: Sector | None = None,
     seed: int = 0,
     progress: Progress | None = None,
-) -> Plan:
+) -> CalibrationPlan:
     """Propose the next poses by every strategy.
 
     With a seat or a bar, the places are chosen first, each with the poses in it that differ most; then the poses in the
@@ -155,7 +155,7 @@ def propose(
     ----------
     arm : Arm
         Base z up.
-    known : Known
+    prior : Prior
         What is known of it before.
     artefact : Artefact
     n : int
@@ -170,7 +170,7 @@ def propose(
 
     Returns
     -------
-    Plan
+    CalibrationPlan
         Without a technician's poses for an arm that cannot choose where its stylus points.
 
     Raises
@@ -189,11 +189,11 @@ def propose(
     told(0, "poses in the volume")
     there = volume_poses(arm, VOLUME_POSES, seed=seed + 1, sector=volume)
     told(0, "poses to choose from")
-    chooser = _Chooser(arm, known, artefact, n, there, seed)
+    chooser = _Chooser(arm, prior, artefact, n, there, seed)
     pool = chooser.pool(volume)
     proposals: dict[Strategy, Proposal] = {}
     for number, strategy in enumerate(STRATEGIES):
-        if strategy == "technician" and not takes_a_technician(arm):
+        if strategy == "technician" and not supports_technician_poses(arm):
             continue
 
         def tell(what: str, done: int, total: int, number: int = number, strategy: Strategy = strategy) -> None:
@@ -201,7 +201,7 @@ def propose(
 
         told(number, strategy)
         proposals[strategy] = chooser.proposal(chooser.chosen(pool, strategy, tell))
-    return Plan(arm, known, artefact, there, proposals)
+    return CalibrationPlan(arm, prior, artefact, there, proposals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +209,7 @@ class _Chooser:
     """Everything a choice depends on but the strategy."""
 
     arm: Arm
-    known: Known
+    prior: Prior
     artefact: Artefact
     n: int
     volume: FloatArray
@@ -240,27 +240,27 @@ class _Chooser:
             which = np.arange(len(pool))
             if strategy in ("technician", "random"):
                 which = np.flatnonzero(pool.technician == (strategy == "technician"))
-            return pool.one_by_one(which[self._choose(pool.one_by_one(which), self.n, strategy, tell)])
+            return pool.split_into_poses(which[self._choose(pool.split_into_poses(which), self.n, strategy, tell)])
         if strategy == "technician":
-            found = self._in_places(self.artefact.places, self.per_seat, technician=True).one_by_one()
-            return found.one_by_one(_shared_out(found, self.n))
+            found = self._in_places(self.artefact.places, self.per_seat, technician=True).split_into_poses()
+            return found.split_into_poses(_shared_out(found, self.n))
         places = self._places(pool, strategy, tell)
         assert pool.place is not None  # poses in seats
-        there = pool.one_by_one(np.concatenate([np.flatnonzero(pool.place == place) for place in places]))
+        there = pool.split_into_poses(np.concatenate([np.flatnonzero(pool.place == place) for place in places]))
         rows = self._choose(there, self.n, strategy, tell)
         assert there.place is not None
         assert there.seat is not None
         rank = {place: number for number, place in enumerate(places)}
         order = [(rank[place], seat) for place, seat in zip(there.place[rows].tolist(), there.seat[rows], strict=True)]
-        return there.one_by_one(rows[sorted(range(self.n), key=order.__getitem__)])
+        return there.split_into_poses(rows[sorted(range(self.n), key=order.__getitem__)])
 
     def proposal(self, poses: Candidates) -> Proposal:
         """What poses will tell, in their order."""
         problem = self._problem(poses)
         counts = np.unique(np.concatenate([[0], np.geomspace(1, self.n, _COURSE).round()])).astype(np.intp)
         rms = np.sqrt([problem.variance(range(count)) for count in counts])
-        J = information_rows(self.known, poses)
-        std = np.sqrt(self.known.covariance.diagonal())
+        J = information_rows(self.prior, poses)
+        std = np.sqrt(self.prior.covariance.diagonal())
         return Proposal(poses, counts, rms, observability(J * std, n_poses=self.n))
 
     def _places(self, pool: Candidates, strategy: Strategy, tell: Callable[[str, int, int], None]) -> list[int]:
@@ -268,7 +268,7 @@ class _Chooser:
         assert pool.seat is not None  # poses in seats
         _, first = np.unique(pool.seat, return_index=True)
         rows = np.concatenate([np.arange(start, start + self.per_seat) for start in np.sort(first)])
-        by_place = pool.one_by_one(rows).by_place()
+        by_place = pool.split_into_poses(rows).group_by_place()
         return [int(place) for place in self._choose(by_place, self.artefact.places, strategy, tell)]
 
     def _choose(
@@ -278,17 +278,17 @@ class _Chooser:
         if not optimal:
             return np.random.default_rng(self.seed).permutation(len(candidates))[:n]
         name = {"i-optimal": "I-optimal", "d-optimal": "D-optimal"}[strategy]
-        return choose(self._problem(candidates), n, strategy=name, progress=tell).rows
+        return select_candidates(self._problem(candidates), n, strategy=name, progress=tell).rows
 
     def _problem(self, candidates: Candidates) -> DesignProblem:
-        known = self.known.with_frame() if self.artefact.kind == "tracker" else self.known
+        prior = self.prior.with_frame() if self.artefact.kind == "tracker" else self.prior
         return design_problem(
-            known.moved,
+            prior.perturbed_chain,
             candidates,
-            known.state(candidates.angles),
-            known.state(self.volume),
-            prior_precision=known.precision,
-            noise_mm=known.noise_mm,
+            prior.state(candidates.angles),
+            prior.state(self.volume),
+            prior_precision=prior.precision,
+            noise_mm=prior.noise_mm,
             length_u_mm=LENGTH_U_MM,
             scale=self.artefact.kind == "seat",
         )
@@ -300,24 +300,24 @@ class _Chooser:
         return seat_poses(self.arm, seats=places, **options)  # type: ignore[arg-type]
 
 
-def information_rows(known: Known, poses: Candidates) -> FloatArray:
+def information_rows(prior: Prior, poses: Candidates) -> FloatArray:
     """What poses tell of the terms alone, as rows (m, p) over their noise.
 
     The frame of a tracker and the places of seats are eliminated: they are found from the same readings.
     """
-    state = known.state(poses.angles)
-    tips, jacobian = tip_jacobian(known.moved, state)
-    J = jacobian.reshape(3 * len(state), -1) / known.noise_mm
+    state = prior.state(poses.angles)
+    tips, jacobian = tip_jacobian(prior.perturbed_chain, state)
+    J = jacobian.reshape(3 * len(state), -1) / prior.noise_mm
     if poses.seat is None:
-        rows = eliminated(J, rigid_motions(tips))
+        rows = project_out(J, rigid_motions(tips))
     else:  # as by `design_problem`, with a target that plays no part
         problem = design_problem(
-            known.moved,
-            poses.by_place(),
+            prior.perturbed_chain,
+            poses.group_by_place(),
             state,
             state,
-            prior_precision=known.precision,
-            noise_mm=known.noise_mm,
+            prior_precision=prior.precision,
+            noise_mm=prior.noise_mm,
             length_u_mm=LENGTH_U_MM,
         )
         rows = problem.factors.reshape(-1, problem.factors.shape[2])
@@ -325,12 +325,12 @@ def information_rows(known: Known, poses: Candidates) -> FloatArray:
             certificate = np.zeros((1, rows.shape[1]))
             certificate[0, -1] = 1 / LENGTH_U_MM
             rows = np.concatenate([rows, certificate])
-        rows = eliminated(rows[:, : J.shape[1]], rows[:, J.shape[1] :])
+        rows = project_out(rows[:, : J.shape[1]], rows[:, J.shape[1] :])
     if not len(rows):  # too few poses to tell anything
         return np.zeros((1, J.shape[1]))
     # What moves all points alike, or none, is gone but for rounding, which must not look like something told.
     size = np.linalg.norm(rows, axis=0)
-    told = size * np.sqrt(known.covariance.diagonal())
+    told = size * np.sqrt(prior.covariance.diagonal())
     gone = (size < _GONE * np.linalg.norm(J, axis=0)) | (told < _GONE * told.max())
     return np.where(gone, 0.0, rows)
 

@@ -16,7 +16,7 @@ from truearm.errors import InputError
 from truearm.plan.candidates import Candidates
 from truearm.plan.proposal import LENGTH_U_MM
 from truearm.readings.lengths import ARTEFACT, ENDS, EXPANSION, NUMBERS
-from truearm.writing import check_writable, whole_file
+from truearm.writing import check_writable, atomic_file
 
 NameArray = npt.NDArray[np.str_]
 
@@ -57,7 +57,7 @@ def write_template(arm: Arm, poses: Candidates, path: str | Path) -> None:
         As `check_template_path`.
     """
     check_template_path(path)
-    units = ["mm" if slides else "deg" for slides in arm.chain.slides]
+    units = ["mm" if slides else "deg" for slides in arm.chain.is_prismatic]
     joints = [f"q{number}_{unit}" for number, unit in enumerate(units, start=1)]
     names: list[NameArray] = []
     heads = [*joints]
@@ -70,9 +70,9 @@ def write_template(arm: Arm, poses: Candidates, path: str | Path) -> None:
         heads.append("position")
         names.append(place_names(poses))
     heads += ["note", *(f"note_{joint}" for joint in joints)]
-    aims = np.where(arm.chain.slides, poses.angles, np.degrees(poses.angles))
+    aims = np.where(arm.chain.is_prismatic, poses.angles, np.degrees(poses.angles))
     empty = [""] * (len(joints) + (3 if poses.seat is None else 0))
-    with whole_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
+    with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(heads)
         for row, (note, aim) in enumerate(zip(notes(poses), aims.tolist(), strict=True)):
@@ -89,7 +89,7 @@ def write_bar_lengths(poses: Candidates, path: str | Path) -> None:
     """
     check_template_path(path)
     note = "as planned; put in length and standard uncertainty from the bar's certificate, and its expansion if known"
-    with whole_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
+    with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow((*ENDS, *NUMBERS, ARTEFACT, *EXPANSION, "note"))
         stated = f"{poses.length_mm:g}", f"{LENGTH_U_MM:g}", f"bar {poses.length_mm:g}", "", "", note
@@ -110,7 +110,7 @@ def place_names(poses: Candidates) -> NameArray:
     return poses.seat if poses.length_mm is None else np.array([name[:-1] for name in poses.seat.tolist()])
 
 
-def numbered_on(poses: Candidates, taken: Iterable[str]) -> Candidates:
+def continue_seat_numbers(poses: Candidates, taken: Iterable[str]) -> Candidates:
     """Name the places 1, 2, ... in the order of the poses, on from the seats taken: the same name is the same seat."""
     if poses.seat is None:
         return poses

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from truearm.plan.exchange import mean_square
+from truearm.plan.exchange import moment_matrix
 from truearm.plan.information import tip_jacobian
-from truearm.plan.known import Known
-from truearm.plan.proposal import Plan, Proposal, information_rows
+from truearm.plan.known import Prior
+from truearm.plan.proposal import CalibrationPlan, Proposal, information_rows
 from truearm.terms.catalogue import LEAST_PHASE
 
 FloatArray = npt.NDArray[np.float64]
@@ -17,21 +17,21 @@ FloatArray = npt.NDArray[np.float64]
 _WORTH_A_WORD = 0.1
 
 
-def untold(plan: Plan, proposal: Proposal) -> list[str]:
+def limitations(plan: CalibrationPlan, proposal: Proposal) -> list[str]:
     """What the poses of a proposal will not tell, a phrase each.
 
     Parameters
     ----------
-    plan : Plan
+    plan : CalibrationPlan
     proposal : Proposal
         One of its.
     """
-    known = plan.known
-    after = known.told(information_rows(known, proposal.poses))
-    tips, jacobian = tip_jacobian(known.moved, known.state(plan.volume))
-    left = mean_square(jacobian, tips) @ after.covariance
+    prior = plan.prior
+    after = prior.updated(information_rows(prior, proposal.poses))
+    tips, jacobian = tip_jacobian(prior.perturbed_chain, prior.state(plan.volume))
+    left = moment_matrix(jacobian, tips) @ after.covariance
     # With seats, what is left apart from the scale, which is said by itself.
-    cared = mean_square(jacobian, tips, scale=plan.artefact.kind == "seat") @ after.covariance
+    cared = moment_matrix(jacobian, tips, scale=plan.artefact.kind == "seat") @ after.covariance
     said = []
     if plan.artefact.kind != "tracker":
         scale = _scale_std(tips, jacobian, after.covariance)
@@ -43,15 +43,15 @@ def untold(plan: Plan, proposal: Proposal) -> list[str]:
             )
         said.append("where the base stands: seats tell how points lie to one another")
     said += _joints(plan, proposal.poses.angles)
-    named = [f"{name} ({100 * share:.0f} %)" for name, share in _shares(known, cared) if share >= _WORTH_A_WORD]
+    named = [f"{name} ({100 * share:.0f} %)" for name, share in _shares(prior, cared) if share >= _WORTH_A_WORD]
     said.append(f"enough about {', '.join(named)}: most of what is left comes from there")
     said.append("what no term describes, and growth with temperature unless the session has a column temperature_degC")
     return said
 
 
-def _joints(plan: Plan, angles: FloatArray) -> list[str]:
+def _joints(plan: CalibrationPlan, angles: FloatArray) -> list[str]:
     """Which joints hardly turn, and which of the volume's poses are beyond the angles of the plan."""
-    names, turns = plan.arm.joint_names, ~plan.arm.chain.slides
+    names, turns = plan.arm.joint_names, ~plan.arm.chain.is_prismatic
     said = []
     for joint in np.flatnonzero(turns & (np.ptp(angles, axis=0) < LEAST_PHASE)):
         moved = np.degrees(np.ptp(angles[:, joint]))
@@ -72,9 +72,9 @@ def _scale_std(tips: FloatArray, jacobian: FloatArray, covariance: FloatArray) -
     return float(np.sqrt(by_terms @ covariance @ by_terms))
 
 
-def _shares(known: Known, left: FloatArray) -> list[tuple[str, float]]:
+def _shares(prior: Prior, left: FloatArray) -> list[tuple[str, float]]:
     """Share of every group of terms in the mean square that is left, ``trace(M C)``, the largest first."""
-    groups = [term.group for term in known.moved.terms for _ in range(term.n_coefficients)]
+    groups = [term.group for term in prior.perturbed_chain.terms for _ in range(term.n_coefficients)]
     share = dict.fromkeys(groups, 0.0)
     for name, part in zip(groups, left.diagonal() / left.trace(), strict=True):
         share[name] += float(part)

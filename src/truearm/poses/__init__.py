@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from truearm.poses.measuring import measuring
+from truearm.poses.measuring import measuring_poses
 from truearm.poses.poses import Poses
 from truearm.poses.seat import seat
 from truearm.poses.spread import HALF_WIDTH_RAD, box, uniform
@@ -14,9 +14,9 @@ STRATEGIES: Mapping[str, Callable[..., Poses]] = {
     "uniform": uniform,
     "sobol-box": partial(box, sobol=True),
     "sobol": partial(uniform, sobol=True),
-    "measuring": measuring,
+    "measuring": measuring_poses,
     "seat": seat,
 }
 """Strategies by the names that the command line knows: ``STRATEGIES[name](arm, n, seed=seed)``."""
 
-__all__ = ["HALF_WIDTH_RAD", "STRATEGIES", "Poses", "Sector", "box", "measuring", "seat", "uniform"]
+__all__ = ["HALF_WIDTH_RAD", "STRATEGIES", "Poses", "Sector", "box", "measuring_poses", "seat", "uniform"]

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
-from truearm.arm.inverse import solve_inverse
+from truearm.arm.inverse import solve_inverse_kinematics
 from truearm.errors import InputError
 from truearm.poses.poses import Poses, checked_count, checked_seed
 from truearm.poses.workspace import Sector, Stance, azimuth_of, draw_points, joint_origins, stance, within_cone
@@ -28,7 +28,7 @@ TRIES_PER_POSE = 30
 OUT_OF_REACH, AT_LIMIT, UNDER_TABLE = "target not reached", "target only at a joint's limit", "elbow under the table"
 
 
-def measuring(
+def measuring_poses(
     arm: Arm,
     n: int,
     *,
@@ -74,7 +74,7 @@ def measuring(
     InputError
         If the arm has too few joints, or thirty targets a pose do not give enough poses.
     """
-    needs_five_turning_joints(arm)
+    check_five_rotary_joints(arm)
     rng = np.random.default_rng(checked_seed(seed))
     where, sector = stance(arm), sector or Sector()
     taken: list[FloatArray] = []
@@ -96,21 +96,21 @@ def measuring(
     if missing:
         found = f"only {n - missing} of {n} poses found for arm {arm.name!r} in {TRIES_PER_POSE * n} targets"
         raise InputError(
-            f"{found}: {told(rejected)}",
+            f"{found}: {describe_rejections(rejected)}",
             hint="a nearer sector, a wider cone or the strategy box",
         )
     return Poses(np.concatenate(taken), dict(rejected))
 
 
-def needs_five_turning_joints(arm: Arm) -> None:
+def check_five_rotary_joints(arm: Arm) -> None:
     """Refuse an arm that cannot choose where its stylus points, or whose joints slide."""
     if arm.n_joints < 5:
         raise InputError(
             f"a tip and a stylus direction need five joints, arm {arm.name!r} has {arm.n_joints}",
             hint="the strategy box or uniform",
         )
-    if arm.chain.slides.any():
-        joint = arm.joint_names[int(np.argmax(arm.chain.slides))]
+    if arm.chain.is_prismatic.any():
+        joint = arm.joint_names[int(np.argmax(arm.chain.is_prismatic))]
         raise InputError(
             f"postures are drawn for turning joints, but {joint} of arm {arm.name!r} slides",
             hint="the strategy uniform",
@@ -143,14 +143,14 @@ def postures(
 def inner_limits(arm: Arm) -> tuple[FloatArray, FloatArray]:
     """Limits less a margin, so that no pose leans on an end stop; never past the working pose."""
     lower, upper = arm.limits.T
-    margin = np.where(arm.chain.slides, 0.0, END_STOP_MARGIN_RAD)
+    margin = np.where(arm.chain.is_prismatic, 0.0, END_STOP_MARGIN_RAD)
     return np.minimum(lower + margin, arm.working), np.maximum(upper - margin, arm.working)
 
 
 def reach(arm: Arm, tips: FloatArray, axes: FloatArray, posture: FloatArray) -> tuple[FloatArray, npt.NDArray[np.str_]]:
     """Angles that reach targets, and for each the reason why not, or an empty string."""
     lower, upper = inner_limits(arm)
-    found = solve_inverse(
+    found = solve_inverse_kinematics(
         arm.chain, tips, start=posture, probe_axis_in_base=axes, posture=posture, lower=lower, upper=upper
     )
     at_limit = ((found.angles <= lower) | (found.angles >= upper)).any(axis=1)
@@ -160,7 +160,7 @@ def reach(arm: Arm, tips: FloatArray, axes: FloatArray, posture: FloatArray) -> 
     return found.angles, reason
 
 
-def told(rejected: Mapping[str, int]) -> str:
+def describe_rejections(rejected: Mapping[str, int]) -> str:
     """Say what was rejected in a few words."""
     return ", ".join(f"{count} x {reason}" for reason, count in sorted(rejected.items())) or "none rejected"
 

@@ -54,7 +54,7 @@ def checked_seed(seed: int) -> int:
     return seed
 
 
-def range_of(arm: Arm) -> tuple[FloatArray, FloatArray]:
+def joint_travel_limits(arm: Arm) -> tuple[FloatArray, FloatArray]:
     """Lower and upper ends of what the joints can do [rad, or mm].
 
     A turning joint without limits gets one full turn about its working pose; with one limit, a full turn from it.
@@ -65,7 +65,7 @@ def range_of(arm: Arm) -> tuple[FloatArray, FloatArray]:
         If a sliding joint has no limits.
     """
     lower, upper = arm.limits.T.copy()
-    open_slide = arm.chain.slides & ~(np.isfinite(lower) & np.isfinite(upper))
+    open_slide = arm.chain.is_prismatic & ~(np.isfinite(lower) & np.isfinite(upper))
     if open_slide.any():
         joint = arm.joint_names[int(np.argmax(open_slide))]
         raise InputError(

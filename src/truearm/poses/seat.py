@@ -9,13 +9,13 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.poses.measuring import inner_limits, needs_five_turning_joints, reach
+from truearm.poses.measuring import inner_limits, check_five_rotary_joints, reach
 from truearm.poses.poses import Poses, checked_count, checked_seed
 from truearm.poses.workspace import Sector, Stance, azimuth_of, draw_points, stance, within_cone
 
 FloatArray = npt.NDArray[np.float64]
 
-SEATS_AT = Sector(near=0.35, far=0.75, low=-0.25, high=0.25, half_angle_deg=60.0)
+SEAT_SECTOR = Sector(near=0.35, far=0.75, low=-0.25, high=0.25, half_angle_deg=60.0)
 """Seats stand on the table or on posts, where the arm has room to turn about them."""
 
 CONE_RAD = float(np.radians(60.0))  # the stylus leans off the vertical at most so far
@@ -51,7 +51,7 @@ def seat(arm: Arm, n: int, *, seed: int, seats: int | npt.ArrayLike = 3) -> Pose
     InputError
         If the arm has too few joints, there are more seats than poses, or a seat is not reached by enough postures.
     """
-    needs_five_turning_joints(arm)
+    check_five_rotary_joints(arm)
     rng = np.random.default_rng(checked_seed(seed))
     where = stance(arm)
     given = None if isinstance(seats, int | np.integer) else _checked_points(seats)
@@ -75,7 +75,7 @@ def seat(arm: Arm, n: int, *, seed: int, seats: int | npt.ArrayLike = 3) -> Pose
     raise InputError(f"only {len(held)} of {n_seats} seats found that arm {arm.name!r} reaches by enough postures")
 
 
-def most_different(angles: FloatArray, n: int) -> npt.NDArray[np.intp]:
+def farthest_points(angles: FloatArray, n: int) -> npt.NDArray[np.intp]:
     """Choose n rows, each the farthest from those before it; the first is the farthest from the mean."""
     chosen = [int(np.linalg.norm(angles - angles.mean(axis=0), axis=1).argmax())]
     nearest = np.full(len(angles), np.inf)
@@ -97,13 +97,13 @@ def _postures_in(
     angles, reason = reach(arm, tips, axes, np.clip(posture, *inner_limits(arm)))
     good = angles[reason == ""]
     rejected[NOT_REACHED] += m - len(good)
-    return good[most_different(good, n)] if len(good) >= n else None
+    return good[farthest_points(good, n)] if len(good) >= n else None
 
 
 def _apart(where: Stance, n: int, rng: np.random.Generator) -> FloatArray:
     """Points in the sector, each as far as can be from those before it."""
-    pool = draw_points(where, 10 * n, sector=SEATS_AT, rng=rng)
-    return pool[most_different(pool, n)]
+    pool = draw_points(where, 10 * n, sector=SEAT_SECTOR, rng=rng)
+    return pool[farthest_points(pool, n)]
 
 
 def _shares(n: int, n_seats: int) -> list[int]:

@@ -8,7 +8,7 @@ from scipy.stats import qmc
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.poses.poses import Poses, checked_count, checked_seed, range_of
+from truearm.poses.poses import Poses, checked_count, checked_seed, joint_travel_limits
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def box(arm: Arm, n: int, *, seed: int, half_width: npt.ArrayLike = HALF_WIDTH_R
     half = np.asarray(half_width, dtype=float)
     if half.shape not in ((), (arm.n_joints,)) or not (np.isfinite(half) & (half > 0)).all():
         raise InputError(f"expected one positive half-width or {arm.n_joints}, got {half_width!r}")
-    if half.ndim == 0 and arm.chain.slides.any():
+    if half.ndim == 0 and arm.chain.is_prismatic.any():
         raise InputError(f"arm {arm.name!r} has sliding joints: half_width must be given for each joint, in rad or mm")
     lower, upper = arm.limits.T
     return Poses(
@@ -65,7 +65,7 @@ def uniform(arm: Arm, n: int, *, seed: int, sobol: bool = False) -> Poses:
     InputError
         If a number is not what it must be, or a sliding joint has no limits.
     """
-    return Poses(_between(*range_of(arm), n, seed=seed, sobol=sobol))
+    return Poses(_between(*joint_travel_limits(arm), n, seed=seed, sobol=sobol))
 
 
 def _between(lower: FloatArray, upper: FloatArray, n: int, *, seed: int, sobol: bool) -> FloatArray:

@@ -1,17 +1,17 @@
 """Readings of an arm: the record, the session file, lengths, foreign tables, what a fit demands, fair splits."""
 
 from truearm.readings.checks import check_angles, check_fit, check_reach, check_sessions, has_reference
-from truearm.readings.deviations import ComparedErrors, Errors, compared_errors, errors_of
+from truearm.readings.deviations import ErrorComparison, PointErrors, compare_errors, point_errors
 from truearm.readings.files import check_session_path, read_session, write_session
 from truearm.readings.lengths import Lengths, read_lengths, write_lengths
 from truearm.readings.readings import Readings
 from truearm.readings.seats import SeatErrors, length_errors, seat_errors
-from truearm.readings.split import hold_out, spread_rows
+from truearm.readings.split import hold_out, stratified_rows
 from truearm.readings.tables import JointScale, TableColumns, import_table
 
 __all__ = [
-    "ComparedErrors",
-    "Errors",
+    "ErrorComparison",
+    "PointErrors",
     "JointScale",
     "Lengths",
     "Readings",
@@ -22,8 +22,8 @@ __all__ = [
     "check_reach",
     "check_session_path",
     "check_sessions",
-    "compared_errors",
-    "errors_of",
+    "compare_errors",
+    "point_errors",
     "has_reference",
     "hold_out",
     "import_table",
@@ -31,7 +31,7 @@ __all__ = [
     "read_lengths",
     "read_session",
     "seat_errors",
-    "spread_rows",
+    "stratified_rows",
     "write_lengths",
     "write_session",
 ]

@@ -71,7 +71,7 @@ def check_fit(
         row = int(np.argmin(known))
         raise readings.error(
             f"{int((~known).sum())} of {len(readings)} readings have no reference point, the first of them"
-            f" {readings.called(row)}, and this model learns from points alone",
+            f" {readings.label(row)}, and this model learns from points alone",
             row,
             hint="leave these readings out, or take a model that learns from seats",
         )
@@ -144,7 +144,7 @@ def check_reach(readings: Readings, *, reach: float) -> None:
     if not far.any():
         return
     row = int(np.argmax(far))
-    where = f" of {readings.called(row)}" if readings.first_line is None else ""
+    where = f" of {readings.label(row)}" if readings.first_line is None else ""
     raise readings.error(
         f"the reference point{where} lies {off[row]:.4g} mm from the middle of all, farther than an arm with a reach of"
         f" {reach:.4g} mm can be ({int(far.sum())} of {int(readings.has_point.sum())} readings)",
@@ -196,7 +196,7 @@ def _session_of(readings: Readings, kind: str) -> dict[str, str]:
     for row in np.flatnonzero(names != "").tolist():
         name, session = str(names[row]), str(sessions[row])
         if found.setdefault(name, session) != session:
-            where = f", in {readings.called(row)}," if readings.first_line is None else ""
+            where = f", in {readings.label(row)}," if readings.first_line is None else ""
             raise readings.error(
                 f"{kind} {name!r} is in {_set_up(found[name])} and{where} in {_set_up(session)}, {MOVED}",
                 row,
@@ -234,7 +234,7 @@ def _check_limits(
     unit, factor = ("mm", 1.0) if slides[joint] else ("deg", 180 / np.pi)
     value, least, most = (f"{factor * v:.6g}" for v in (readings.angles[row, joint], low[joint], high[joint]))
     count = int(outside.any(axis=1).sum())
-    where = f" in {readings.called(row)}" if readings.first_line is None else ""
+    where = f" in {readings.label(row)}" if readings.first_line is None else ""
     raise readings.error(
         f"{joint_names[joint]} is at {value} {unit}{where}, outside its limits {least} .. {most} {unit}"
         f" ({count} of {len(readings)} readings are outside the limits of a joint)",
@@ -291,7 +291,7 @@ def _check_copies(readings: Readings) -> None:
     count = int(copies.sum())
     more = f"; {count} readings are such copies" if count > 1 else ""
     raise readings.error(
-        f"{readings.called(first)} and {readings.called(second)} are the same reading to the last digit"
+        f"{readings.label(first)} and {readings.label(second)} are the same reading to the last digit"
         f" (angles and reference){more}",
         second,
         hint="delete the copies: they would count twice, and be in training and test at once",

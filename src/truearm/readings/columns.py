@@ -57,7 +57,7 @@ def unit_of(column: str) -> str:
     return column.rpartition("_")[2]
 
 
-def recognise(names: Sequence[str], *, file: Path, line: int | None, n_joints: int | None = None) -> Columns:
+def recognise_columns(names: Sequence[str], *, file: Path, line: int | None, n_joints: int | None = None) -> Columns:
     """Which of a file's columns hold what.
 
     Raises

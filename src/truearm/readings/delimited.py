@@ -158,7 +158,7 @@ def check_names(
             raise InputError("the column stands twice", file=sheet.file, line=line, column=name, hint=hint)
         if name not in known and not name.startswith("note"):
             hint = (meant(name) if meant else None) or ", ".join(known)
-            raise InputError(f"unknown column {shown(name)}", file=sheet.file, line=line, column=name, hint=hint)
+            raise InputError(f"unknown column {quoted_cell(name)}", file=sheet.file, line=line, column=name, hint=hint)
     if missing := [name for name in needed if name not in sheet.names]:
         raise InputError(f"the column {missing[0]} is missing", file=sheet.file, line=line, hint=", ".join(needed))
 
@@ -253,7 +253,7 @@ def _exactly(pandas_version: str) -> dict[str, Any]:
     return {} if (major, minor) >= (3, 1) else {"float_precision": "round_trip"}
 
 
-def shown(cell: object) -> str:
+def quoted_cell(cell: object) -> str:
     """Show a cell in a message: quoted and not too long."""
     text = repr(cell)
     return text if len(text) <= 40 else f"{text[:36]}...{text[0]}"
@@ -261,9 +261,9 @@ def shown(cell: object) -> str:
 
 def _check_signs(separator: str, decimal: str) -> None:
     if len(separator) != 1 or separator in '\r\n"' or separator.isalnum():
-        raise InputError(f"the separator must be one character such as , or ; got {shown(separator)}")
+        raise InputError(f"the separator must be one character such as , or ; got {quoted_cell(separator)}")
     if decimal not in (".", ","):
-        raise InputError(f"the decimal sign must be . or , got {shown(decimal)}")
+        raise InputError(f"the decimal sign must be . or , got {quoted_cell(decimal)}")
     if separator == decimal:
         raise InputError(
             f"the separator and the decimal sign are both {separator!r}",
@@ -303,7 +303,7 @@ def _as_utf8(data: bytes, path: Path, encoding: str, importable: bool) -> bytes:
             raise LookupError
         name = codec.name
     except LookupError:
-        raise InputError(f"unknown encoding {shown(encoding)}", hint="utf-8, latin-1, cp1252 or utf-16") from None
+        raise InputError(f"unknown encoding {quoted_cell(encoding)}", hint="utf-8, latin-1, cp1252 or utf-16") from None
     if name == "utf-8" and data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         raise InputError("expected UTF-8 text, got UTF-16", file=path, hint="save it as 'CSV UTF-8'")
     if name == "utf-8":
@@ -445,20 +445,20 @@ def _said_of(cell: str, sheet: Sheet) -> tuple[str, str | None]:
     """Say what is wrong with a cell that should be a number, and what to try."""
     text = cell.strip()
     if cell and not text:
-        return f"expected a number, got {shown(cell)}", "fill in the number, or leave nothing where none is needed"
+        return f"expected a number, got {quoted_cell(cell)}", "fill in the number, or leave nothing where none is needed"
     if not text:
         return "expected a number, got an empty cell", "delete the reading, or fill in its number"
     if text.lower().lstrip("+-") in ("nan", "na", "n/a", "null", "none", "inf", "infinity"):
-        return f"expected a finite number, got {shown(text)}", "delete the reading, or fill in its number"
+        return f"expected a finite number, got {quoted_cell(text)}", "delete the reading, or fill in its number"
     if (
         re.fullmatch(r"[+-]?\d{1,3}([., '\u2019_]\d{3})+([.,]\d+)?", text)
         and len(re.findall(r"\D", text.lstrip("+-"))) > 1
     ):
-        return f"expected a number, got {shown(text)}", "write numbers without thousands separators"
+        return f"expected a number, got {quoted_cell(text)}", "write numbers without thousands separators"
     if re.fullmatch(r"[+-]?\d*[.,]\d*([eE][+-]?\d+)?", text):
         other = "," if sheet.decimal == "." else "."
         return (
-            f"expected a number with decimal {sheet.decimal!r}, got {shown(text)}",
+            f"expected a number with decimal {sheet.decimal!r}, got {quoted_cell(text)}",
             "write decimal points" if other == sheet.separator else f"--decimal '{other}'",
         )
-    return f"expected a number, got {shown(text)}", None
+    return f"expected a number, got {quoted_cell(text)}", None

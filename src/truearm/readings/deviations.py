@@ -12,7 +12,7 @@ from truearm.errors import InputError
 FloatArray = npt.NDArray[np.float64]
 
 
-class Errors(TypedDict):
+class PointErrors(TypedDict):
     """Errors of points [mm]."""
 
     mean_mm: float
@@ -24,13 +24,13 @@ class Errors(TypedDict):
     n: int
 
 
-class ComparedErrors(Errors):
+class ErrorComparison(PointErrors):
     """Errors, and the share of the nominal arm's error that is gone [%]."""
 
     removed_percent: float
 
 
-def errors_of(found: FloatArray, points: FloatArray) -> Errors:
+def point_errors(found: FloatArray, points: FloatArray) -> PointErrors:
     """Errors of found points against reference points.
 
     Parameters
@@ -40,7 +40,7 @@ def errors_of(found: FloatArray, points: FloatArray) -> Errors:
 
     Returns
     -------
-    Errors
+    PointErrors
         `mean_mm`, `rms_mm`, `p95_mm`, `max_mm` of the distances; `mean_abs_coordinate_mm`, `max_abs_coordinate_mm` of
         single coordinates, the measure of Gao et al. (2017), section 4; `n` the readings counted.
     """
@@ -49,7 +49,7 @@ def errors_of(found: FloatArray, points: FloatArray) -> Errors:
         raise InputError("expected one or more readings to evaluate, got none")
     residuals = (found - points)[there]
     distances = np.linalg.norm(residuals, axis=1)
-    return Errors(
+    return PointErrors(
         mean_mm=float(distances.mean()),
         rms_mm=float(np.sqrt(np.mean(distances**2))),
         p95_mm=float(np.percentile(distances, 95)),
@@ -60,12 +60,12 @@ def errors_of(found: FloatArray, points: FloatArray) -> Errors:
     )
 
 
-def compared_errors(predicted: FloatArray, nominal: FloatArray, points: FloatArray) -> ComparedErrors:
+def compare_errors(predicted: FloatArray, nominal: FloatArray, points: FloatArray) -> ErrorComparison:
     """Errors of predicted points, with the share of the nominal ones' mean absolute coordinate error removed.
 
     The share is the paper's "97 %": 100 (1 - 0.0136 / 0.4492). It is 0 where the nominal arm has no error.
     """
-    errors = errors_of(predicted, points)
-    before = errors_of(nominal, points)["mean_abs_coordinate_mm"]
+    errors = point_errors(predicted, points)
+    before = point_errors(nominal, points)["mean_abs_coordinate_mm"]
     removed = 100 * (1 - errors["mean_abs_coordinate_mm"] / before) if before > 0 else 0.0
-    return ComparedErrors(**errors, removed_percent=removed)
+    return ErrorComparison(**errors, removed_percent=removed)

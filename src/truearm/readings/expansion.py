@@ -30,7 +30,7 @@ STEEL_PER_K = 1.15e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Growth:
+class ThermalExpansion:
     """How much longer artefacts are where they stand than at 20 degC.
 
     Attributes
@@ -56,9 +56,9 @@ class Growth:
         return np.hypot(self.u_temperature, self.u_expansion)
 
 
-def growth_at(
+def thermal_expansion_at(
     lengths: Lengths, temperature_degC: npt.ArrayLike, u_temperature_K: npt.ArrayLike = ARTEFACT_U_K
-) -> Growth:
+) -> ThermalExpansion:
     """How much longer lengths are at temperatures (m,) of their artefacts [degC], or at one of all; NaN: not known.
 
     Raises
@@ -69,7 +69,7 @@ def growth_at(
     m = len(lengths)
     degC = np.broadcast_to(np.asarray(temperature_degC, dtype=float), m)
     if lengths.expansion_per_K is None or lengths.u_expansion_per_K is None:
-        return Growth(np.zeros(m, dtype=bool), np.ones(m), np.zeros(m), np.zeros(m))
+        return ThermalExpansion(np.zeros(m, dtype=bool), np.ones(m), np.zeros(m), np.zeros(m))
     expands = np.isfinite(lengths.expansion_per_K)
     known = expands & np.isfinite(degC)
     if (wrong := known & ((degC < COLDEST_DEGC) | (degC > WARMEST_DEGC))).any():
@@ -82,10 +82,10 @@ def growth_at(
     expansion, u_expansion = np.where(expands, [lengths.expansion_per_K, lengths.u_expansion_per_K], 0.0)
     warmer = np.where(known, degC - REFERENCE_DEGC, 0.0)
     u_K = np.where(known, u_temperature_K, UNSTATED_U_K)
-    return Growth(known, 1 + expansion * warmer, np.abs(expansion) * u_K, u_expansion * np.abs(warmer))
+    return ThermalExpansion(known, 1 + expansion * warmer, np.abs(expansion) * u_K, u_expansion * np.abs(warmer))
 
 
-def growth_of(lengths: Lengths, seat: NameArray, temperature_degC: FloatArray | None) -> Growth:
+def thermal_expansion_of(lengths: Lengths, seat: NameArray, temperature_degC: FloatArray | None) -> ThermalExpansion:
     """How much longer lengths are at the temperature of the readings in their two seats.
 
     An artefact is taken to be as warm as the mean of its two ends, half their difference uncertain.
@@ -102,19 +102,19 @@ def growth_of(lengths: Lengths, seat: NameArray, temperature_degC: FloatArray | 
     Raises
     ------
     InputError
-        As `growth_at`.
+        As `thermal_expansion_at`.
     """
     if lengths.expansion_per_K is None or temperature_degC is None:
-        return growth_at(lengths, np.nan)
+        return thermal_expansion_at(lengths, np.nan)
     ends = np.array(
         [[temperature_degC[seat == name].mean() for name in names] for names in (lengths.seat_a, lengths.seat_b)]
     )
-    return growth_at(lengths, ends.mean(axis=0), np.hypot(ARTEFACT_U_K, np.abs(ends[0] - ends[1]) / 2))
+    return thermal_expansion_at(lengths, ends.mean(axis=0), np.hypot(ARTEFACT_U_K, np.abs(ends[0] - ends[1]) / 2))
 
 
-def as_they_are(lengths: Lengths, seat: NameArray, temperature_degC: FloatArray | None) -> Lengths:
+def at_measured_temperature(lengths: Lengths, seat: NameArray, temperature_degC: FloatArray | None) -> Lengths:
     """Lengths as long, and as uncertain, as they are at the temperature of the readings in their seats."""
-    growth = growth_of(lengths, seat, temperature_degC)
+    growth = thermal_expansion_of(lengths, seat, temperature_degC)
     return Lengths(
         lengths.seat_a,
         lengths.seat_b,

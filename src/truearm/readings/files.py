@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.readings.columns import ANGLE, FACTOR, QUATERNION, TEMPERATURE, Columns, recognise, unit_of
-from truearm.readings.delimited import MAX_NAME, FloatArray, NameArray, read_columns, read_sheet, shown
+from truearm.readings.columns import ANGLE, FACTOR, QUATERNION, TEMPERATURE, Columns, recognise_columns, unit_of
+from truearm.readings.delimited import MAX_NAME, FloatArray, NameArray, read_columns, read_sheet, quoted_cell
 from truearm.readings.readings import DIRECTION, NAMED, SPHERE_DISTANCE, Readings
-from truearm.writing import check_writable, whole_file
+from truearm.writing import check_writable, atomic_file
 
 AngleUnit = Literal["deg", "rad"]
 
@@ -50,7 +50,7 @@ def read_session(path: str | Path, *, n_joints: int | None = None) -> Readings:
     if _begins_as_parquet(path) or path.suffix in (".parquet", ".pq"):
         return _read_parquet(path, n_joints)
     sheet = read_sheet(path, importable=True)
-    columns = recognise(sheet.names, file=path, line=1, n_joints=n_joints)
+    columns = recognise_columns(sheet.names, file=path, line=1, n_joints=n_joints)
     groups = ([sheet.names.index(c) for c in g] for g in (columns.numbers, columns.words, columns.optional))
     numbers, words = read_columns(sheet, *groups)
     return _readings(columns, numbers, words, file=path, first_line=sheet.first_line)
@@ -89,9 +89,9 @@ def write_session(
     for name in NAMED:
         words = getattr(readings, name)
         if words is not None and (broken := _first_broken(words)) is not None:
-            raise InputError(f"a {name} must be one line of text, got {shown(str(broken))}", file=path, column=name)
+            raise InputError(f"a {name} must be one line of text, got {quoted_cell(str(broken))}", file=path, column=name)
     columns = _table(readings, _units(readings, prismatic, angle_unit))
-    with whole_file(path) as beside:
+    with atomic_file(path) as beside:
         if path.suffix == ".parquet":
             arrow, parquet = _pyarrow(path)
             # from_pandas: what is missing (NaN) becomes an empty cell.
@@ -167,7 +167,7 @@ def _check_whole(names: Sequence[str], values: FloatArray, *, file: Path, first_
 def _units(readings: Readings, prismatic: npt.ArrayLike | None, angle_unit: AngleUnit | None) -> list[str]:
     """Choose the unit in which each joint is written."""
     if angle_unit not in (None, "deg", "rad"):
-        raise InputError(f"expected the angle unit deg or rad, got {shown(angle_unit)}")
+        raise InputError(f"expected the angle unit deg or rad, got {quoted_cell(angle_unit)}")
     known = [ANGLE.fullmatch(name) for name in readings.angle_columns or ()]
     units = [match[2] if match else "deg" for match in known] or ["deg"] * readings.n_joints
     if angle_unit is not None:
@@ -268,7 +268,7 @@ def _parquet_table(parquet: Any, path: Path, n_joints: int | None) -> tuple[Colu
     """Read the known columns, after a look at what they would unpack to."""
     with parquet.ParquetFile(path) as file:
         names = file.schema_arrow.names
-        columns = recognise(names, file=path, line=None, n_joints=n_joints)
+        columns = recognise_columns(names, file=path, line=None, n_joints=n_joints)
         n_rows = file.metadata.num_rows
         if n_rows * len(names) > MAX_CELLS:
             raise InputError(f"expected at most {MAX_CELLS} cells, got {n_rows} rows", file=path)

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.delimited import check_names, read_columns, read_sheet, shown
+from truearm.readings.delimited import check_names, read_columns, read_sheet, quoted_cell
 from truearm.readings.readings import FloatArray, NameArray
-from truearm.writing import whole_file
+from truearm.writing import atomic_file
 
 ENDS = ("seat_a", "seat_b")
 NUMBERS = ("length_mm", "u_mm")
@@ -98,7 +98,7 @@ class Lengths:
         if (same := self.seat_a == self.seat_b).any():
             row = int(np.argmax(same))
             raise self.error(
-                f"expected a length between two seats, got {shown(str(self.seat_a[row]))} twice", row, column="seat_b"
+                f"expected a length between two seats, got {quoted_cell(str(self.seat_a[row]))} twice", row, column="seat_b"
             )
         for name in NUMBERS:
             values = getattr(self, name)
@@ -203,7 +203,7 @@ class Lengths:
                 values = getattr(self, column)
                 if values is not None and not np.array_equal(values[row], values[before], equal_nan=True):
                     raise self.error(
-                        f"{shown(name)} has {column} {values[before]:.9g} in {self._where(before)}, "
+                        f"{quoted_cell(name)} has {column} {values[before]:.9g} in {self._where(before)}, "
                         f"got {values[row]:.9g}",
                         row,
                         column=column,
@@ -216,7 +216,7 @@ class Lengths:
             first = pairs.setdefault(tuple(sorted(pair)), row)
             if first != row:
                 raise self.error(
-                    f"the length between {shown(pair[0])} and {shown(pair[1])} stands in {self._where(first)} already",
+                    f"the length between {quoted_cell(pair[0])} and {quoted_cell(pair[1])} stands in {self._where(first)} already",
                     row,
                     hint="state it once, with the uncertainty of the mean if it was measured several times",
                 )
@@ -228,8 +228,8 @@ class Lengths:
         close = difflib.get_close_matches(name, known, n=1)
         hint = close[0] if close else "the names of seats as the session has them"
         if hint.strip() == name.strip():
-            hint = f"{shown(hint)}: one of the two has a blank before or behind it"
-        return self.error(f"the session has no seat {shown(name)}", row, column=column, hint=hint)
+            hint = f"{quoted_cell(hint)}: one of the two has a blank before or behind it"
+        return self.error(f"the session has no seat {quoted_cell(name)}", row, column=column, hint=hint)
 
 
 def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Lengths:
@@ -298,14 +298,14 @@ def write_lengths(lengths: Lengths, path: str | Path) -> None:
         for name in getattr(lengths, column).tolist():
             if any(sign in name for sign in "\n\r\0"):
                 what = "an artefact" if column == ARTEFACT else "a seat"
-                raise InputError(f"{what} must be one line of text, got {shown(name)}", file=path, column=column)
+                raise InputError(f"{what} must be one line of text, got {quoted_cell(name)}", file=path, column=column)
     table = [getattr(lengths, name).tolist() for name in columns]
     for i, column in enumerate(columns):  # nothing is written as nothing
         if column == PLACE:
             table[i] = [u or "" for u in table[i]]
         elif column in EXPANSION:
             table[i] = ["" if value != value else value for value in table[i]]
-    with whole_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
+    with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*table, strict=True))

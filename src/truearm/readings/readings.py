@@ -143,7 +143,7 @@ class Readings:
         for name, value in plain.items():
             if value is not None and not np.isfinite(value).all():
                 row = int(np.argwhere(~np.isfinite(value))[0, 0])
-                raise self.error(f"expected finite numbers in {name}, got {value[row]} in {self.called(row)}", row)
+                raise self.error(f"expected finite numbers in {name}, got {value[row]} in {self.label(row)}", row)
         whole = {
             "points": "x, y and z",
             "point_std": "sx, sy and sz",
@@ -181,7 +181,7 @@ class Readings:
         if (self.point_std <= 0).any():
             row = int(np.argwhere(self.point_std <= 0)[0, 0])
             raise self.error(
-                f"standard uncertainties must be positive, got {self.point_std[row].tolist()} mm in {self.called(row)}",
+                f"standard uncertainties must be positive, got {self.point_std[row].tolist()} mm in {self.label(row)}",
                 row,
                 hint="leave the uncertainties out of the file if they are not known",
             )
@@ -226,7 +226,7 @@ class Readings:
                 row = int(rows[np.argmin(same)])
                 raise self.error(
                     f"expected the same distance from sphere {str(name)!r} in all of its readings, got another than in "
-                    f"{self.called(int(first))}{self._where(row)}",
+                    f"{self.label(int(first))}{self._where(row)}",
                     row,
                     column=None if self.first_line is None else SPHERE_DISTANCE[0],
                     hint="fill it in for all of them; with another ball on the stylus, another name of the sphere",
@@ -266,13 +266,13 @@ class Readings:
         """(n,) Whether each reading has a reference point."""
         return np.zeros(len(self), bool) if self.points is None else ~np.isnan(self.points[:, 0])
 
-    def called(self, row: int) -> str:
+    def label(self, row: int) -> str:
         """Name the reading in row `row` (counted from 0) for a message: its line in the file, or its number."""
         return f"reading {row + 1}" if self.first_line is None else f"line {self.first_line + row}"
 
     def _where(self, row: int) -> str:
         """Name the row within a message that does not begin with its line."""
-        return f" in {self.called(row)}" if self.first_line is None else ""
+        return f" in {self.label(row)}" if self.first_line is None else ""
 
     def error(
         self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None

@@ -10,13 +10,13 @@ import numpy.typing as npt
 from truearm.errors import InputError
 from truearm.readings.readings import Readings
 
-By = Literal["position", "seat", "session", "row"]
+SplitBy = Literal["position", "seat", "session", "row"]
 
 # So many readings in a seat tell the seat's place and something of the arm besides.
 READINGS_A_SEAT = 5
 
 
-def hold_out(readings: Readings, *, by: By = "position", fraction: float, seed: int) -> tuple[Readings, Readings]:
+def hold_out(readings: Readings, *, by: SplitBy = "position", fraction: float, seed: int) -> tuple[Readings, Readings]:
     """Split readings into training and test, whole groups at a time.
 
     Readings of one goal position differ only in orientation: split by row, a model that merely remembers positions
@@ -54,7 +54,7 @@ def hold_out(readings: Readings, *, by: By = "position", fraction: float, seed: 
     return readings.rows(~held), readings.rows(held)
 
 
-def spread_rows(readings: Readings, n: int, *, seed: int) -> npt.NDArray[np.intp]:
+def stratified_rows(readings: Readings, n: int, *, seed: int) -> npt.NDArray[np.intp]:
     """Choose a few readings, spread over the positions that they aimed at.
 
     With reference points: one reading of each position in turn, the positions in random order; where they are not
@@ -98,24 +98,24 @@ def spread_rows(readings: Readings, n: int, *, seed: int) -> npt.NDArray[np.intp
     return np.sort(rows[np.lexsort((order, turn))[:n]])
 
 
-def _groups(readings: Readings, by: By) -> npt.NDArray[np.intp]:
+def _groups(readings: Readings, by: SplitBy) -> npt.NDArray[np.intp]:
     """Give each reading the number of its group."""
-    if by not in get_args(By):
-        raise InputError(f"expected a split by {', '.join(get_args(By))}, got {by!r}")
+    if by not in get_args(SplitBy):
+        raise InputError(f"expected a split by {', '.join(get_args(SplitBy))}, got {by!r}")
     if by == "row":
         return np.arange(len(readings))
     names = getattr(readings, by)
     if names is None:
-        present = [name for name in get_args(By)[:-1] if getattr(readings, name) is not None]
+        present = [name for name in get_args(SplitBy)[:-1] if getattr(readings, name) is not None]
         raise readings.error(
             f"the readings have no column {by!r} to split by",
             hint=f"by {' or '.join([*present, 'row'])}, or name a {by} for every reading",
         )
     if (names == "").any():
         row = int(np.argmax(names == ""))
-        raise readings.error(f"{readings.called(row)} names no {by}, so it belongs to no group", row, column=by)
+        raise readings.error(f"{readings.label(row)} names no {by}, so it belongs to no group", row, column=by)
     return np.unique(names, return_inverse=True)[1]
 
 
-def _plural(by: By) -> str:
+def _plural(by: SplitBy) -> str:
     return f"{by}s"

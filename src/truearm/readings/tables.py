@@ -10,7 +10,7 @@ from typing import Literal, TypeVar, get_args
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.delimited import FloatArray, NameArray, Sheet, read_columns, read_sheet, shown
+from truearm.readings.delimited import FloatArray, NameArray, Sheet, read_columns, read_sheet, quoted_cell
 from truearm.readings.readings import Readings
 
 JointUnit = Literal["deg", "rad", "counts", "mm"]
@@ -82,7 +82,7 @@ class JointScale:
         """List the unit of each joint."""
         units = [self.unit] if isinstance(self.unit, str) else list(self.unit)
         if bad := [u for u in units if u not in get_args(JointUnit)]:
-            raise InputError(f"unknown unit of angles {shown(bad[0])}", hint=f"one of {', '.join(get_args(JointUnit))}")
+            raise InputError(f"unknown unit of angles {quoted_cell(bad[0])}", hint=f"one of {', '.join(get_args(JointUnit))}")
         return [str(u) for u in _for_each(units, n_joints, "angle unit")]
 
     def to_angles(self, values: FloatArray) -> FloatArray:
@@ -94,10 +94,10 @@ class JointScale:
             factor = factor / np.where(counted, self._per_turn(n), 1.0)
         sign = np.ones(n) if self.sign is None else np.array(_each(self.sign, n, "sign"), dtype=float)
         if not np.isin(sign, (1, -1)).all():
-            raise InputError(f"signs must be + or - for each joint, got {shown(self.sign)}")
+            raise InputError(f"signs must be + or - for each joint, got {quoted_cell(self.sign)}")
         zero = np.zeros(n) if self.zero is None else np.array(_for_each(self.zero, n, "zero"), dtype=float)
         if not np.isfinite(zero).all():
-            raise InputError(f"zeros must be finite numbers, got {shown(self.zero)}")
+            raise InputError(f"zeros must be finite numbers, got {quoted_cell(self.zero)}")
         return np.asarray(sign * (values - zero) * factor + 0.0)  # + 0.0: no minus nought
 
     def _per_turn(self, n: int) -> FloatArray:
@@ -106,7 +106,7 @@ class JointScale:
         given = np.atleast_1d(np.asarray(self.counts_per_turn, dtype=float)).tolist()
         counts = np.array(_for_each(given, n, "counts per turn"))
         if not (np.isfinite(counts) & (counts > 0)).all():
-            raise InputError(f"counts per turn must be positive, got {shown(self.counts_per_turn)}")
+            raise InputError(f"counts per turn must be positive, got {quoted_cell(self.counts_per_turn)}")
         return counts
 
 
@@ -157,7 +157,7 @@ def import_table(
         If the table does not hold what `columns` and `scale` say: file, line and column, and what to try.
     """
     if point_unit not in _TO_MM:
-        raise InputError(f"unknown unit of points {shown(point_unit)}", hint=f"one of {', '.join(_TO_MM)}")
+        raise InputError(f"unknown unit of points {quoted_cell(point_unit)}", hint=f"one of {', '.join(_TO_MM)}")
     if columns.session and session_name is not None:
         raise InputError("the session is given twice, by a column and by a name")
     scale.to_angles(np.zeros((1, len(columns.angles))))  # wrong numbers of signs or zeros before the file is read
@@ -199,13 +199,13 @@ def _index(sheet: Sheet, column: str) -> int:
     found = [i for i, n in enumerate(sheet.names) if n == name]
     if len(found) > 1:
         numbers = " and ".join(str(i + 1) for i in found)
-        raise InputError(f"{shown(name)} names columns {numbers}", file=sheet.file, line=line, hint="give its number")
+        raise InputError(f"{quoted_cell(name)} names columns {numbers}", file=sheet.file, line=line, hint="give its number")
     if found:
         return found[0]
     if name.isdecimal() and 1 <= int(name) <= len(sheet.names):
         return int(name) - 1
     raise InputError(
-        f"there is no column {shown(name)}; the columns are {_listed(sheet.names)}",
+        f"there is no column {quoted_cell(name)}; the columns are {_listed(sheet.names)}",
         file=sheet.file,
         line=line,
         hint=_other_separator(sheet),

@@ -17,7 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 
 from truearm.errors import InputError
-from truearm.report.canvas import FAINT, INK, LIMIT, Figure, drawing_rules, listed
+from truearm.report.canvas import FAINT, INK, LIMIT, Figure, figure_style, join_phrases
 from truearm.report.quantities import format_in_text, format_number
 
 FloatArray = npt.NDArray[np.float64]
@@ -29,7 +29,7 @@ _NEAR = 0.12  # of the arm's length: frames so close together are drawn in one d
 _LETTER_IN, _LINE_IN = 0.082, 0.15  # room for a letter of a label
 
 
-def arm_in_space(frames: npt.ArrayLike, tip: npt.ArrayLike) -> Figure:
+def arm_figure(frames: npt.ArrayLike, tip: npt.ArrayLike) -> Figure:
     """Draw the arm: links, joint axes with their turn, tip, and a scale.
 
     Parameters
@@ -47,7 +47,7 @@ def arm_in_space(frames: npt.ArrayLike, tip: npt.ArrayLike) -> Figure:
     links = denavit_hartenberg(frames)
     frames, tip = np.asarray(frames, dtype=float), np.asarray(tip, dtype=float)
     reach = _reach(frames, tip)
-    with drawing_rules():
+    with figure_style():
         drawing = _whole(frames, tip, reach)
     told = f"{len(links)} turning joints, {format_number(round(reach))} mm from the base to the tip along the links"
     place = ", ".join(f"{axis} {format_number(round(value))}" for axis, value in zip("xyz", tip, strict=True))
@@ -60,20 +60,20 @@ def arm_in_space(frames: npt.ArrayLike, tip: npt.ArrayLike) -> Figure:
     )
 
 
-def joint_frames(frames: npt.ArrayLike, tip: npt.ArrayLike) -> Figure:
+def frame_figure(frames: npt.ArrayLike, tip: npt.ArrayLike) -> Figure:
     """Draw the frames by Denavit and Hartenberg, each group of neighbours as a detail.
 
     Parameters
     ----------
     frames, tip
-        As in `arm_in_space`.
+        As in `arm_figure`.
     """
     links = denavit_hartenberg(frames)
     frames, tip = np.asarray(frames, dtype=float), np.asarray(tip, dtype=float)
     groups = _groups(frames, _reach(frames, tip))
-    with drawing_rules():
+    with figure_style():
         panels = tuple(_detail(frames, tip, group) for group in groups)
-    told = listed((f"frame{'s' * (len(group) > 1)} {_numbers(group)}" for group in groups), most=6)
+    told = join_phrases((f"frame{'s' * (len(group) > 1)} {_numbers(group)}" for group in groups), most=6)
     return Figure(
         panels,
         caption=f"The frames by Denavit and Hartenberg, one detail for neighbours, each with its own scale ({told}). "
@@ -139,7 +139,7 @@ class _View:
 
     def line(self, points: npt.ArrayLike, *, colour: str, width: float, dash: object = "-", layer: int = 2) -> None:
         """Draw a polyline through points in space (n, 3)."""
-        flat = seen(points)
+        flat = project(points)
         style = {"solid_capstyle": "round", "solid_joinstyle": "round"} if dash == "-" else {}
         self.axes.plot(*flat.T, color=colour, linewidth=width, linestyle=dash, zorder=layer, **style)  # type: ignore[arg-type]
         self.take(flat)
@@ -152,7 +152,7 @@ class _View:
 
     def arrow(self, start: FloatArray, end: FloatArray, *, colour: str, width: float) -> None:
         """Draw an arrow from a point in space to another."""
-        flat = seen([start, end])
+        flat = project([start, end])
         self.axes.annotate(
             "",
             xy=flat[1],
@@ -170,7 +170,7 @@ class _View:
 
     def label(self, text: str, point: FloatArray, *, colour: str = INK, bold: bool = False) -> None:
         """Write beside a point in space, where it covers the least of what is there."""
-        at = seen([point])[0]
+        at = project([point])[0]
         half = 0.5 * np.array([_LETTER_IN * len(text) + 0.04, _LINE_IN]) * self.per_in
         dots = np.concatenate(self.taken) if self.taken else np.empty((0, 2))
         low, high = np.array([self.axes.get_xlim(), self.axes.get_ylim()]).T
@@ -201,7 +201,7 @@ class _View:
         )
 
 
-def seen(points: npt.ArrayLike) -> FloatArray:
+def project(points: npt.ArrayLike) -> FloatArray:
     """Give points in space (n, 3) as they lie on the paper (n, 2), in parallel view."""
     a, e = math.radians(_AZIMUTH_DEG), math.radians(_ELEVATION_DEG)
     right = [-math.sin(a), math.cos(a), 0.0]
@@ -261,7 +261,7 @@ def _whole(frames: FloatArray, tip: FloatArray, reach: float) -> Drawing:
             continue  # the first joint's axis is drawn there
         end = frames[0, :3, 3] + 0.8 * size * frames[0, :3, k]
         view.arrow(frames[0, :3, 3], end, colour=colour, width=1.3)
-    view.axes.plot(*seen([tip]).T, marker="o", markersize=5.5, color=INK, zorder=7)
+    view.axes.plot(*project([tip]).T, marker="o", markersize=5.5, color=INK, zorder=7)
     for i, frame in enumerate(frames[:-1], start=1):
         view.label(f"q{i}", frame[:3, 3] + 1.25 * size * frame[:3, 2], colour=_Z, bold=True)
     for k, letter in enumerate("xy"):
@@ -277,7 +277,7 @@ def _lengths(view: _View, frames: FloatArray, tip: FloatArray, reach: float) -> 
     for link in [*_links(frames), _link(frames[-1], tip)]:
         for start, end in pairwise(link):
             length = float(np.linalg.norm(end - start))
-            if length > 0.05 * reach or (length > 0.03 * reach and np.linalg.norm(seen([end - start])) > 0.03 * reach):
+            if length > 0.05 * reach or (length > 0.03 * reach and np.linalg.norm(project([end - start])) > 0.03 * reach):
                 view.label(f"{format_in_text(round(length, 1))} mm", (start + end) / 2, colour=_JOINT)
 
 
@@ -285,7 +285,7 @@ def _detail(frames: FloatArray, tip: FloatArray, group: Sequence[int]) -> Drawin
     origins = frames[group, :3, 3]
     with_tip = group[-1] == len(frames) - 1
     shown = np.vstack([origins, tip[None]]) if with_tip else origins
-    spread = max(float(np.ptp(seen(shown), axis=0).max()), 1.0)
+    spread = max(float(np.ptp(project(shown), axis=0).max()), 1.0)
     size = max(0.62 * spread, 0.04 * _reach(frames, tip))
     corners = np.concatenate([frames[group, :3, 3] + size * frames[group, :3, k] for k in range(3)])
     view, drawing = _paper(np.vstack([shown, corners]), width_in=4.3, margin_in=0.42, largest_in=3.4, title=True)
@@ -298,12 +298,12 @@ def _detail(frames: FloatArray, tip: FloatArray, group: Sequence[int]) -> Drawin
     for k, colour, width in ((1, _Y, 1.0), (0, _X, 1.7), (2, _Z, 1.7)):
         for i in group:
             view.arrow(frames[i, :3, 3], ends[i][k], colour=colour, width=width)
-    view.axes.plot(*seen(origins).T, marker="o", markersize=4.5, color=INK, linestyle="none", zorder=7)
+    view.axes.plot(*project(origins).T, marker="o", markersize=4.5, color=INK, linestyle="none", zorder=7)
     for i in group:
         view.label(f"x{i}", ends[i][0], colour=_X, bold=True)
         view.label(f"z{i}", ends[i][2], colour=_Z, bold=True)
     if with_tip:
-        view.axes.plot(*seen([tip]).T, marker="o", markersize=6, color=INK, zorder=7)
+        view.axes.plot(*project([tip]).T, marker="o", markersize=6, color=INK, zorder=7)
         view.label("tip", tip, bold=True)
     _scale_bar(view, _round_length(0.9 * view.per_in))
     drawing.text(0.02, 0.985, f"frame{'s' * (len(group) > 1)} {_numbers(group)}", va="top", fontsize=9, weight="bold")
@@ -314,7 +314,7 @@ def _paper(
     points: FloatArray, *, width_in: float, margin_in: float, largest_in: float, title: bool = False
 ) -> tuple[_View, Drawing]:
     """Make axes without frame, on one scale, that hold points in space with a margin."""
-    flat = seen(points)
+    flat = project(points)
     low, high = flat.min(axis=0), flat.max(axis=0)
     top_in, foot_in = 0.2 if title else 0.05, 0.2
     per_in = max(
@@ -347,7 +347,7 @@ def _floor(view: _View, frame: FloatArray, radius: float) -> None:
     """Draw the base as a disc in the plane of x and y."""
     turns = np.linspace(0, 2 * np.pi, 61)
     circle = frame[:3, 3] + radius * (np.cos(turns)[:, None] * frame[:3, 0] + np.sin(turns)[:, None] * frame[:3, 1])
-    view.axes.fill(*seen(circle).T, facecolor=FAINT, edgecolor=LIMIT, linewidth=0.8, zorder=1)
+    view.axes.fill(*project(circle).T, facecolor=FAINT, edgecolor=LIMIT, linewidth=0.8, zorder=1)
 
 
 def _turn(view: _View, frame: FloatArray, centre: FloatArray, radius: float) -> None:

@@ -12,7 +12,7 @@ from truearm.errors import InputError
 FloatArray = npt.NDArray[np.float64]
 
 
-def finite(values: npt.ArrayLike, what: str, *, width: int | None = None) -> FloatArray:
+def finite_array(values: npt.ArrayLike, what: str, *, width: int | None = None) -> FloatArray:
     """Give `values` as a new (n,) array, or as (n, width) where `width` is given.
 
     Raises
@@ -40,13 +40,13 @@ def finite(values: npt.ArrayLike, what: str, *, width: int | None = None) -> Flo
     return array
 
 
-def finite_by_name(
+def finite_arrays(
     values: Mapping[str, npt.ArrayLike], what: str, *, width: int | None = None, same_length: bool = False
 ) -> dict[str, FloatArray]:
-    """Give every array of a mapping checked as by `finite`; `same_length` asks for as many readings in each."""
+    """Give every array of a mapping checked as by `finite_array`; `same_length` asks for as many readings in each."""
     if not values:
         raise InputError(f"expected {what} of at least one model, got none")
-    arrays = {name: finite(array, f"{what} of {name!r}", width=width) for name, array in values.items()}
+    arrays = {name: finite_array(array, f"{what} of {name!r}", width=width) for name, array in values.items()}
     counts = {name: len(array) for name, array in arrays.items()}
     if same_length and len(set(counts.values())) > 1:
         told = ", ".join(f"{name!r} {count}" for name, count in counts.items())
@@ -54,9 +54,9 @@ def finite_by_name(
     return arrays
 
 
-def distances(values: Mapping[str, npt.ArrayLike], what: str) -> dict[str, FloatArray]:
+def nonnegative_arrays(values: Mapping[str, npt.ArrayLike], what: str) -> dict[str, FloatArray]:
     """Give every (n,) array of a mapping, none of them negative."""
-    arrays = finite_by_name(values, what)
+    arrays = finite_arrays(values, what)
     for name, array in arrays.items():
         if array.min() < 0:
             raise InputError(
@@ -80,7 +80,7 @@ def joint_matrix(angles: npt.ArrayLike, *, readings: int | None = None) -> Float
     shape = np.shape(angles)
     if len(shape) != 2 or shape[1] == 0:
         raise InputError(f"expected angles as an array (n, joints), got the shape {shape}")
-    array = finite(angles, "angles", width=shape[1])
+    array = finite_array(angles, "angles", width=shape[1])
     if readings is not None and len(array) != readings:
         raise InputError(f"expected angles of the same {readings} readings as the errors, got {len(array)}")
     return array

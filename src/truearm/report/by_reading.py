@@ -11,18 +11,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.errors import InputError
-from truearm.report.arrays import FloatArray, finite, finite_by_name
+from truearm.report.arrays import FloatArray, finite_array, finite_arrays
 from truearm.report.canvas import (
     INK,
     LIMIT,
-    MANY,
+    RASTER_FROM,
     Figure,
     Style,
-    drawing_rules,
-    listed,
-    panel,
-    readings,
-    short,
+    figure_style,
+    join_phrases,
+    make_panel,
+    reading_count,
+    shorten,
     styles_of,
 )
 from truearm.report.quantities import format_number
@@ -40,14 +40,14 @@ def errors_by_reading(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[st
     styles : mapping of str to Style, optional
         From `styles_of`.
     """
-    by_name = finite_by_name(errors, "errors", width=3, same_length=True)
+    by_name = finite_arrays(errors, "errors", width=3, same_length=True)
     pens = styles_of(by_name, styles)
     count = len(next(iter(by_name.values())))
-    with drawing_rules():
+    with figure_style():
         panels = tuple(_error_panel(by_name, pens, coordinate) for coordinate in range(3))
-    before, *after = (short(name) for name in by_name)
-    told = listed(
-        f"{short(name)} {format_number(float(np.abs(values).mean()), digits=2)} mm on average and "
+    before, *after = (shorten(name) for name in by_name)
+    told = join_phrases(
+        f"{shorten(name)} {format_number(float(np.abs(values).mean()), digits=2)} mm on average and "
         f"{format_number(float(np.abs(values).max()), digits=2)} mm at most"
         for name, values in by_name.items()
     )
@@ -55,7 +55,7 @@ def errors_by_reading(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[st
     return Figure(
         panels,
         caption=f"Error of x, y and z, reading by reading.{closer} Error of a single coordinate: {told}.",
-        alt=f"Errors of the coordinates x, y and z of {readings(count)}. {told}.",
+        alt=f"Errors of the coordinates x, y and z of {reading_count(count)}. {told}.",
         columns=3,
     )
 
@@ -72,28 +72,28 @@ def coordinates_by_reading(
     measured : mapping of str to (n, 3) array
         Coordinates by each model [mm].
     """
-    truth = finite(truth, "truth", width=3)
-    by_name = finite_by_name(measured, "measured points", width=3, same_length=True)
+    truth = finite_array(truth, "truth", width=3)
+    by_name = finite_arrays(measured, "measured points", width=3, same_length=True)
     count = len(next(iter(by_name.values())))
     if len(truth) != count:
         raise InputError(f"expected measured points of the same {len(truth)} readings as the truth, got {count}")
     pens = styles_of(by_name, styles)
-    with drawing_rules():
+    with figure_style():
         panels = tuple(_coordinate_panel(truth, by_name, pens, coordinate) for coordinate in range(3))
     drawn = min(count, _MOST_COORDINATES)
-    which = f"the first {drawn} of {readings(count)}" if drawn < count else readings(count)
+    which = f"the first {drawn} of {reading_count(count)}" if drawn < count else reading_count(count)
     return Figure(
         panels,
         caption=f"Coordinates of {which}: the reference as a line, the models as marks. On this scale a mark beside "
         "its line would be a gross error.",
-        alt=f"Coordinates x, y and z of {which} by the reference and by {', '.join(short(name) for name in by_name)}.",
+        alt=f"Coordinates x, y and z of {which} by the reference and by {', '.join(shorten(name) for name in by_name)}.",
         columns=3,
     )
 
 
 def _error_panel(errors: Mapping[str, FloatArray], pens: Mapping[str, Style], coordinate: int) -> Drawing:
     two, room = len(errors) > 1, _key_room(errors)
-    drawing, rows = panel(3.0, (3.1 if two else 2.1) + room, rows=2 if two else 1, top_in=0.26 + room)
+    drawing, rows = make_panel(3.0, (3.1 if two else 2.1) + room, rows=2 if two else 1, top_in=0.26 + room)
     _error_rows(rows[0], errors, pens, coordinate)
     if two:
         _error_rows(rows[1], dict(list(errors.items())[1:]), pens, coordinate)
@@ -122,11 +122,11 @@ def _marks(axes: Axes, values: FloatArray, pen: Style) -> None:
         np.arange(1, n + 1),
         values,
         s=float(np.clip(1600 / n, 1.2, 9)),
-        alpha=0.3 if n > MANY else 0.75,
+        alpha=0.3 if n > RASTER_FROM else 0.75,
         color=pen.colour,
         marker=pen.marker,
         linewidths=0,
-        rasterized=n > MANY,
+        rasterized=n > RASTER_FROM,
     )
 
 
@@ -134,7 +134,7 @@ def _coordinate_panel(
     truth: FloatArray, measured: Mapping[str, FloatArray], pens: Mapping[str, Style], coordinate: int
 ) -> Drawing:
     room = _key_room(measured)
-    drawing, (axes,) = panel(3.0, 2.2 + room, top_in=0.26 + room)
+    drawing, (axes,) = make_panel(3.0, 2.2 + room, top_in=0.26 + room)
     drawn = slice(None, _MOST_COORDINATES)
     values = truth[drawn, coordinate]
     axes.plot(np.arange(1, len(values) + 1), values, color=LIMIT, linewidth=0.9, zorder=1)
@@ -149,7 +149,7 @@ def _coordinate_panel(
 
 def _key_room(names: Mapping[str, FloatArray]) -> float:
     """Give the height [in] that the names of the models need beyond the line of the title."""
-    letters = sum(len(short(name, longest=14)) + 3 for name in names)
+    letters = sum(len(shorten(name, longest=14)) + 3 for name in names)
     return 0.0 if letters <= 36 else 0.17 * math.ceil(len(names) / 2)
 
 
@@ -160,7 +160,7 @@ def _key(axes: Axes, names: Mapping[str, FloatArray], pens: Mapping[str, Style])
         for name in names
     ]
     # A leading space: matplotlib leaves out labels that start with an underscore.
-    labels = [f" {short(name, longest=14)}" for name in names]
+    labels = [f" {shorten(name, longest=14)}" for name in names]
     axes.legend(
         handles,
         labels,

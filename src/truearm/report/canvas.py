@@ -29,11 +29,11 @@ from matplotlib.transforms import blended_transform_factory
 
 from truearm.errors import InputError
 from truearm.report.quantities import format_number
-from truearm.writing import whole_file
+from truearm.writing import atomic_file
 
 INK, FAINT, LIMIT = "#1a1a1a", "#d9dce0", "#8a9099"
 LEFT_IN = 0.68  # room for a label and for numbers such as -0.0005
-MANY = 1000  # from so many dots on, a layer of dots is a picture and not one element a dot
+RASTER_FROM = 1000  # from so many dots on, a layer of dots is a picture and not one element a dot
 _RASTER_DPI = 160  # sharp at the width the page shows a panel, also on paper
 _LINES = {"axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6, "lines.linewidth": 1.2}
 _COLOURS = {"axes.edgecolor": LIMIT, "axes.labelcolor": INK, "text.color": INK, "grid.color": FAINT}
@@ -130,7 +130,7 @@ def styles_of(names: Iterable[str], styles: Mapping[str, Style] | None = None) -
 
 
 @contextmanager
-def drawing_rules() -> Iterator[None]:
+def figure_style() -> Iterator[None]:
     """Draw by the rules of the report, whatever the user's own matplotlib settings are."""
     with mpl.rc_context(), warnings.catch_warnings():
         mpl.rcdefaults()
@@ -140,7 +140,7 @@ def drawing_rules() -> Iterator[None]:
         yield
 
 
-def panel(width_in: float, height_in: float, *, rows: int = 1, top_in: float = 0.26) -> tuple[Drawing, list[Axes]]:
+def make_panel(width_in: float, height_in: float, *, rows: int = 1, top_in: float = 0.26) -> tuple[Drawing, list[Axes]]:
     """Make a panel with `rows` axes one above the other, on margins that are the same in every panel."""
     drawing = Drawing(figsize=(width_in, height_in))
     FigureCanvasAgg(drawing)
@@ -160,7 +160,7 @@ def panel(width_in: float, height_in: float, *, rows: int = 1, top_in: float = 0
     return drawing, list(axes)
 
 
-def log_scale(axes: Axes, which: str, low: float, high: float) -> None:
+def set_log_scale(axes: Axes, which: str, low: float, high: float) -> None:
     """Give an axis ("x" or "y") a logarithmic scale from `low` to `high`, labelled with plain numbers."""
     getattr(axes, f"set_{which}scale")("log")
     axis = getattr(axes, f"{which}axis")
@@ -170,29 +170,29 @@ def log_scale(axes: Axes, which: str, low: float, high: float) -> None:
     getattr(axes, f"set_{which}lim")(low, high)
 
 
-def short(name: object, *, longest: int = 26) -> str:
+def shorten(name: object, *, longest: int = 26) -> str:
     """Give a name fit for a figure: one line, printable, not too long."""
     text = "".join(sign if sign.isprintable() else "\ufffd" for sign in str(name)) or "(no name)"
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
-def listed(told: Iterable[str], *, most: int = 4) -> str:
+def join_phrases(told: Iterable[str], *, most: int = 4) -> str:
     """Join what is told of each model; of a long list the first ones."""
     told = list(told)
     more = f"; and {len(told) - most} more" if len(told) > most else ""
     return "; ".join(told[:most]) + more
 
 
-def readings(count: int) -> str:
+def reading_count(count: int) -> str:
     """Give a number of readings in words fit for a caption."""
     return f"{format_number(count)} reading{'' if count == 1 else 's'}"
 
 
-def svg(drawing: Drawing, prefix: str) -> str:
+def svg_element(drawing: Drawing, prefix: str) -> str:
     """Give a drawing as an SVG element for the inside of a page; every id in it starts with `prefix`."""
     buffer = io.BytesIO()
     no_date: Any = {"Date": None}
-    with drawing_rules():
+    with figure_style():
         drawing.savefig(buffer, format="svg", dpi=_RASTER_DPI, metadata=no_date)
     root = ElementTree.fromstring(buffer.getvalue())  # noqa: S314, matplotlib wrote it
     _for_html(root, prefix)
@@ -201,12 +201,12 @@ def svg(drawing: Drawing, prefix: str) -> str:
 
 def save_png(figure: Figure, path: str | Path, *, dpi: int = 200) -> None:
     """Write a figure as a PNG picture, its panels in rows as on a wide page."""
-    with drawing_rules():
+    with figure_style():
         pictures = [_pixels(drawing, dpi) for drawing in figure.panels]
     rows = [pictures[i : i + figure.columns] for i in range(0, len(pictures), figure.columns)]
     whole = _stacked([_stacked(row, axis=1) for row in rows], axis=0)
     unsigned: Any = {"Software": None}
-    with whole_file(path) as beside:
+    with atomic_file(path) as beside:
         imsave(beside, whole, format="png", dpi=dpi, metadata=unsigned)
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from truearm.report.page import Cell, Column, Row, Table
-from truearm.report.quantities import Rounded, format_given, format_number, format_uncertainty
+from truearm.report.page import Cell, Column, LabelledValue, Table
+from truearm.report.quantities import RoundedNumber, format_exact, format_number, format_uncertainty
 
 
 @dataclass(frozen=True)
-class Shown:
+class FormattedCell:
     """A cell as the page shows it; a number is parted at its decimal point."""
 
     text: str
@@ -23,17 +23,17 @@ class Shown:
         return bool(self.whole)
 
 
-NOTHING = Shown("\u2013")
+EMPTY_CELL = FormattedCell("\u2013")
 
 
 @dataclass(frozen=True)
-class Grid:
+class FormattedTable:
     """Cells in rows under their column heads."""
 
     heads: tuple[Column, ...]
-    rows: tuple[tuple[Shown, ...], ...]
+    rows: tuple[tuple[FormattedCell, ...], ...]
     caption: str = ""
-    to_fill: bool = False
+    fillable: bool = False
 
     @property
     def numeric(self) -> tuple[bool, ...]:
@@ -54,34 +54,34 @@ class Grid:
         return tuple(heads)
 
     @property
-    def room(self) -> tuple[int, ...]:
+    def decimal_widths(self) -> tuple[int, ...]:
         """For each column, the room right of the decimal point, in characters."""
         if not self.rows:
             return (0,) * len(self.heads)
         return tuple(max(len(cell.fraction) for cell in column) for column in zip(*self.rows, strict=True))
 
 
-def shown(value: Cell, *, uncertainty: float | None = None, digits: int = 3) -> Shown:
+def format_cell(value: Cell, *, uncertainty: float | None = None, digits: int = 3) -> FormattedCell:
     """Give a cell as the page shows it; nothing is a dash."""
     if value is None:
-        return NOTHING
+        return EMPTY_CELL
     if isinstance(value, str):
-        return Shown(value)
-    if isinstance(value, Rounded):
+        return FormattedCell(value)
+    if isinstance(value, RoundedNumber):
         uncertainty, value = value.uncertainty, value.value
     return _parted(format_number(value, uncertainty=uncertainty, digits=digits))
 
 
-def grid_of_table(table: Table) -> Grid:
+def grid_of_table(table: Table) -> FormattedTable:
     """Give a table's cells as the page shows them, each with the digits of its column."""
     rows = tuple(
-        tuple(shown(cell, digits=column.digits) for column, cell in zip(table.columns, row, strict=True))
+        tuple(format_cell(cell, digits=column.digits) for column, cell in zip(table.columns, row, strict=True))
         for row in table.rows
     )
-    return Grid(table.columns, rows, table.caption, table.to_fill)
+    return FormattedTable(table.columns, rows, table.caption, table.fillable)
 
 
-def grid_of_rows(rows: Sequence[Row]) -> Grid:
+def grid_of_rows(rows: Sequence[LabelledValue]) -> FormattedTable:
     """Give rows as a table: quantity, value, what is known of uncertainty and limit, unit."""
     with_uncertainty = any(row.uncertainty is not None for row in rows)
     with_limit = any(row.limit is not None for row in rows)
@@ -95,16 +95,16 @@ def grid_of_rows(rows: Sequence[Row]) -> Grid:
         keep.append(3)
     heads.append(Column("unit"))
     keep.append(4)
-    return Grid(tuple(heads), tuple(tuple(row[i] for i in keep) for row in cells))
+    return FormattedTable(tuple(heads), tuple(tuple(row[i] for i in keep) for row in cells))
 
 
-def _of_row(row: Row) -> tuple[Shown, ...]:
-    uncertainty = NOTHING if row.uncertainty is None else _parted(format_uncertainty(row.uncertainty))
-    limit = NOTHING if row.limit is None else _parted(format_given(row.limit))
-    value = shown(row.value, uncertainty=row.uncertainty)
-    return Shown(row.label), value, uncertainty, limit, Shown(row.unit or "")
+def _of_row(row: LabelledValue) -> tuple[FormattedCell, ...]:
+    uncertainty = EMPTY_CELL if row.uncertainty is None else _parted(format_uncertainty(row.uncertainty))
+    limit = EMPTY_CELL if row.limit is None else _parted(format_exact(row.limit))
+    value = format_cell(row.value, uncertainty=row.uncertainty)
+    return FormattedCell(row.label), value, uncertainty, limit, FormattedCell(row.unit or "")
 
 
-def _parted(number: str) -> Shown:
+def _parted(number: str) -> FormattedCell:
     whole, point, fraction = number.partition(".")
-    return Shown(number, whole, point + fraction)
+    return FormattedCell(number, whole, point + fraction)

@@ -10,22 +10,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.errors import InputError
-from truearm.report.arrays import FloatArray, distances, finite
+from truearm.report.arrays import FloatArray, nonnegative_arrays, finite_array
 from truearm.report.canvas import (
     INK,
     LEFT_IN,
     LIMIT,
     Figure,
     Style,
-    drawing_rules,
-    listed,
-    log_scale,
-    panel,
-    short,
+    figure_style,
+    join_phrases,
+    set_log_scale,
+    make_panel,
+    shorten,
     styles_of,
 )
-from truearm.report.paper_rows import PAPER
-from truearm.report.quantities import format_given, format_in_text, format_number
+from truearm.report.paper_rows import PAPER_STYLE
+from truearm.report.quantities import format_exact, format_in_text, format_number
 
 _WIDTH_IN = 5.2
 
@@ -49,13 +49,13 @@ def scatter_of_starts(
     starts, published = _positive(starts, "starts"), _positive(published, "published errors")
     pen = style or styles_of([name])[name]
     told = f"{len(starts)} starts {_from_to(starts)}, {len(published)} published values {_from_to(published)}"
-    with drawing_rules():
-        drawing, (axes,) = panel(_WIDTH_IN, 1.75, top_in=0.1)
+    with figure_style():
+        drawing, (axes,) = make_panel(_WIDTH_IN, 1.75, top_in=0.1)
         _roomy_left(drawing, 0.95)
         spread = 0.5 * ((np.arange(len(starts)) * 0.6180339887498949) % 1 - 0.5)  # golden ratio: even, no chance in it
         axes.plot(starts, 1 + spread, pen.marker, color=pen.colour, markersize=4, alpha=0.7, markeredgewidth=0)
         axes.plot([np.median(starts)] * 2, [0.65, 1.35], color=INK, linewidth=1.4)
-        axes.plot(published, np.zeros(len(published)), PAPER.marker, color=PAPER.colour, markersize=5, alpha=0.8)
+        axes.plot(published, np.zeros(len(published)), PAPER_STYLE.marker, color=PAPER_STYLE.colour, markersize=5, alpha=0.8)
         axes.axvspan(starts.min(), starts.max(), color=pen.colour, alpha=0.08, linewidth=0)
         axes.set_yticks([1, 0], [f"{len(starts)} starts", f"paper, {len(published)} rows"])
         axes.tick_params(axis="y", length=0)
@@ -65,7 +65,7 @@ def scatter_of_starts(
         axes.locator_params(axis="x", nbins=8)
     return Figure(
         (drawing,),
-        caption=f"{short(name, longest=120)}: {told}. The bar is the median; the tint reaches from the least to the "
+        caption=f"{shorten(name, longest=120)}: {told}. The bar is the median; the tint reaches from the least to the "
         "largest start.",
         alt=f"Strip of dots: {told}.",
     )
@@ -89,11 +89,11 @@ def error_against_rate(
     if len(rates) != len(published):
         raise InputError(f"expected an error for each of {len(rates)} rates, got {len(published)}")
     pen = style or styles_of(["found"])["found"]
-    with drawing_rules():
-        drawing, (axes,) = panel(_WIDTH_IN, 2.5, top_in=0.32)
-        axes.plot(rates, published, "D", color=PAPER.colour, markersize=5, label="paper")
+    with figure_style():
+        drawing, (axes,) = make_panel(_WIDTH_IN, 2.5, top_in=0.32)
+        axes.plot(rates, published, "D", color=PAPER_STYLE.colour, markersize=5, label="paper")
         axes.axhline(found, color=pen.colour, linewidth=1.4, label="here, median of the starts")
-        log_scale(axes, "x", rates.min() / 2, rates.max() * 2)
+        set_log_scale(axes, "x", rates.min() / 2, rates.max() * 2)
         axes.set_ylim(0, 1.15 * max(found, published.max()))
         axes.set(xlabel="learning rate", ylabel="mean error [mm]")
         _key(axes)
@@ -134,8 +134,8 @@ def error_against_box(
     pens = styles_of(by_name, styles)
     order = np.argsort(widths)
     met = {name: crossings(widths, values, published[name]) for name, values in by_name.items()}
-    with drawing_rules():
-        drawing, (axes,) = panel(_WIDTH_IN, 3.1, top_in=0.32)
+    with figure_style():
+        drawing, (axes,) = make_panel(_WIDTH_IN, 3.1, top_in=0.32)
         drawing.subplots_adjust(right=1 - 0.62 / _WIDTH_IN)
         for name, values in by_name.items():
             pen = pens[name]
@@ -146,15 +146,15 @@ def error_against_box(
                 linestyle=pen.dash,
                 color=pen.colour,
                 markersize=5,
-                label=short(name),
+                label=shorten(name),
             )
             axes.axhline(published[name], color=pen.colour, linewidth=1.0, linestyle=(0, (1.5, 2)))
-            axes.plot(met[name], [published[name]] * len(met[name]), "D", color=PAPER.colour, markersize=5.5, zorder=5)
+            axes.plot(met[name], [published[name]] * len(met[name]), "D", color=PAPER_STYLE.colour, markersize=5.5, zorder=5)
         axes.axvline(chosen, color=LIMIT, linewidth=1.0, linestyle=(0, (4, 3)))
         everything = np.concatenate([*by_name.values(), [published[name] for name in by_name]])
-        log_scale(axes, "y", everything.min() / 1.6, everything.max() * 1.6)
+        set_log_scale(axes, "y", everything.min() / 1.6, everything.max() * 1.6)
         axes.annotate(
-            f"chosen: \u00b1{format_given(chosen)} deg",
+            f"chosen: \u00b1{format_exact(chosen)} deg",
             xy=(chosen, 0.02),
             xycoords=axes.get_xaxis_transform(),
             xytext=(4, 0),
@@ -163,7 +163,7 @@ def error_against_box(
         )
         for name in by_name:
             axes.annotate(
-                f"paper\n{format_given(published[name])}",
+                f"paper\n{format_exact(published[name])}",
                 xy=(1.01, published[name]),
                 xycoords=axes.get_yaxis_transform(),
                 va="center",
@@ -171,7 +171,7 @@ def error_against_box(
             )
         axes.set(xlabel="half-width of the box of joint angles [deg]", ylabel="mean error [mm]")
         _key(axes)
-    told = listed(f"{short(name)} {_met(met[name], widths)}" for name in by_name)
+    told = join_phrases(f"{shorten(name)} {_met(met[name], widths)}" for name in by_name)
     return Figure(
         (drawing,),
         caption="Mean error of networks that are trained and tested in boxes of several widths (marks). Dotted lines "
@@ -217,7 +217,7 @@ def error_outside(
     styles : mapping of str to Style, optional
         From `styles_of`, with ``"lm"``.
     """
-    beyond = finite(beyond, "distances from the box")
+    beyond = finite_array(beyond, "distances from the box")
     median, p95 = (_positive(values, "errors of lm") for values in lm)
     by_name = {name: _positive(values, f"errors of {name!r}") for name, values in others.items()}
     for name, values in {"lm": median, "lm, 95 %": p95, **by_name}.items():
@@ -226,8 +226,8 @@ def error_outside(
     pens = styles_of(["lm", *by_name], styles)
     order = np.argsort(beyond)
     pen = pens["lm"]
-    with drawing_rules():
-        drawing, (axes,) = panel(_WIDTH_IN, 3.0, top_in=0.32)
+    with figure_style():
+        drawing, (axes,) = make_panel(_WIDTH_IN, 3.0, top_in=0.32)
         axes.fill_between(beyond[order], median[order], p95[order], color=pen.colour, alpha=0.15, linewidth=0)
         axes.plot(beyond[order], p95[order], color=pen.colour, linewidth=0.8, linestyle=(0, (4, 2)))
         axes.plot(beyond[order], median[order], pen.marker, linestyle="-", color=pen.colour, markersize=5, label="lm")
@@ -243,12 +243,12 @@ def error_outside(
                 label=name,
             )
         everything = np.concatenate([median, p95, *by_name.values()])
-        log_scale(axes, "y", everything.min() / 1.6, everything.max() * 1.6)
+        set_log_scale(axes, "y", everything.min() / 1.6, everything.max() * 1.6)
         axes.set(xlabel="farthest joint beyond the box [deg]", ylabel="error [mm]")
         _key(axes)
     farthest = int(order[-1])
-    told = listed(
-        f"{short(name)} {format_number(float(values[order[0]]), digits=2)} mm at "
+    told = join_phrases(
+        f"{shorten(name)} {format_number(float(values[order[0]]), digits=2)} mm at "
         f"{format_in_text(beyond[order[0]])} deg and {format_number(float(values[farthest]), digits=2)} mm at "
         f"{format_in_text(beyond[farthest])} deg"
         for name, values in {"lm": median, **by_name}.items()
@@ -279,22 +279,22 @@ def share_removed(errors: Mapping[str, float], *, before: str, styles: Mapping[s
         raise InputError(f"expected the error of {before!r} among the errors, got {', '.join(by_name)}")
     first = by_name[before]
     pens = styles_of(by_name, styles)
-    with drawing_rules():
-        drawing, (axes,) = panel(_WIDTH_IN, 0.92 + 0.3 * len(by_name), top_in=0.46)
-        _roomy_left(drawing, 0.28 + 0.075 * max(len(short(name, longest=22)) for name in by_name))
+    with figure_style():
+        drawing, (axes,) = make_panel(_WIDTH_IN, 0.92 + 0.3 * len(by_name), top_in=0.46)
+        _roomy_left(drawing, 0.28 + 0.075 * max(len(shorten(name, longest=22)) for name in by_name))
         low, high = min(by_name.values()) / 1.6, max(by_name.values()) * 4
         for base, (name, value) in zip(range(len(by_name) - 1, -1, -1), by_name.items(), strict=True):
             axes.plot([value], [base], pens[name].marker, color=pens[name].colour, markersize=7)
             text = f"{format_number(value)} mm"
             axes.annotate(text, xy=(value, base), xytext=(8, 0), textcoords="offset points", va="center")
-        log_scale(axes, "x", low, high)
-        axes.set_yticks(range(len(by_name) - 1, -1, -1), [short(name, longest=22) for name in by_name])
+        set_log_scale(axes, "x", low, high)
+        axes.set_yticks(range(len(by_name) - 1, -1, -1), [shorten(name, longest=22) for name in by_name])
         axes.tick_params(axis="y", length=0)
         axes.set(ylim=(-0.6, len(by_name) - 0.4), xlabel="mean error of a coordinate [mm]")
         axes.spines["left"].set_visible(False)
         _shares(axes, first, low, high)
     told = "; ".join(
-        f"{short(name)} {format_number(value)} mm"
+        f"{shorten(name)} {format_number(value)} mm"
         + ("" if name == before else f", {_percent(1 - value / first)} removed")
         for name, value in by_name.items()
     )
@@ -348,7 +348,7 @@ def _roomy_left(drawing: Drawing, left_in: float) -> None:
 
 
 def _positive(values: npt.ArrayLike, what: str) -> FloatArray:
-    (array,) = distances({what: values}, "numbers").values()
+    (array,) = nonnegative_arrays({what: values}, "numbers").values()
     if array.min() <= 0:
         raise InputError(f"expected {what} above zero, got {array.min():g} at place {array.argmin() + 1}")
     return array

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.report import figures
-from truearm.report.page import Column, Page, Row, Section, Table
+from truearm.report.page import Column, Page, LabelledValue, Section, Table
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -25,7 +25,7 @@ ERROR_COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class ModelComparison:
     """Readings and what models made of them.
 
     Attributes
@@ -55,7 +55,7 @@ class Compared:
 
 
 def comparison_page(
-    compared: Compared,
+    compared: ModelComparison,
     *,
     title: str,
     subtitle: str,
@@ -68,7 +68,7 @@ def comparison_page(
 
     Parameters
     ----------
-    compared : Compared
+    compared : ModelComparison
     title, subtitle : str
     facts : sequence of (str, str)
         What the page rests on: versions, fingerprints.
@@ -120,27 +120,27 @@ def error_table(errors: Mapping[str, Mapping[str, float]], *, caption: str) -> T
     )
 
 
-def _distances(compared: Compared) -> dict[str, FloatArray]:
+def _distances(compared: ModelComparison) -> dict[str, FloatArray]:
     return {name: np.linalg.norm(points - compared.points, axis=1) for name, points in compared.predicted.items()}
 
 
-def _best(compared: Compared) -> str:
+def _best(compared: ModelComparison) -> str:
     return min(compared.errors, key=lambda name: compared.errors[name]["mean_mm"])
 
 
-def _summary(compared: Compared) -> tuple[Row, ...]:
+def _summary(compared: ModelComparison) -> tuple[LabelledValue, ...]:
     before, best = next(iter(compared.errors)), _best(compared)
-    rows = [Row(f"mean error, {before}", compared.errors[before]["mean_mm"], "mm")]
+    rows = [LabelledValue(f"mean error, {before}", compared.errors[before]["mean_mm"], "mm")]
     if best != before:
         rows += [
-            Row(f"mean error, {best}", compared.errors[best]["mean_mm"], "mm"),
-            Row(f"largest error, {best}", compared.errors[best]["max_mm"], "mm"),
-            Row("removed of the mean coordinate error", compared.errors[best]["removed_percent"], "%"),
+            LabelledValue(f"mean error, {best}", compared.errors[best]["mean_mm"], "mm"),
+            LabelledValue(f"largest error, {best}", compared.errors[best]["max_mm"], "mm"),
+            LabelledValue("removed of the mean coordinate error", compared.errors[best]["removed_percent"], "%"),
         ]
     return tuple(rows)
 
 
-def _result(compared: Compared, remarks: Sequence[str], floor: Mapping[str, float] | None) -> Section:
+def _result(compared: ModelComparison, remarks: Sequence[str], floor: Mapping[str, float] | None) -> Section:
     distances = _distances(compared)
     table = error_table(
         {**compared.errors, **({} if floor is None else {"noise floor": floor})},
@@ -159,7 +159,7 @@ def _result(compared: Compared, remarks: Sequence[str], floor: Mapping[str, floa
     )
 
 
-def _measured(compared: Compared) -> Section:
+def _measured(compared: ModelComparison) -> Section:
     return Section(
         "What was measured",
         "Where the joints and the tip were. A model holds where readings like these have taught it.",
@@ -176,7 +176,7 @@ def _measured(compared: Compared) -> Section:
     )
 
 
-def _by_coordinate(compared: Compared) -> Section:
+def _by_coordinate(compared: ModelComparison) -> Section:
     errors = {name: points - compared.points for name, points in compared.predicted.items()}
     styles = figures.styles_of(errors)
     return Section(
@@ -188,7 +188,7 @@ def _by_coordinate(compared: Compared) -> Section:
     )
 
 
-def _by_cause(compared: Compared) -> Section:
+def _by_cause(compared: ModelComparison) -> Section:
     distances = _distances(compared)
     best = _best(compared)
     return Section(

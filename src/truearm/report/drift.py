@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.readings.expansion import ARTEFACT_U_K
-from truearm.report.canvas import FAINT, INK, LIMIT, Figure, drawing_rules, listed, panel, short
-from truearm.report.page import Cell, Column, Page, Row, Section, Table
-from truearm.report.quantities import Rounded
-from truearm.report.wording import capitalised, counted
-from truearm.verify.control_chart import NEEDED, ControlChart
-from truearm.verify.interim import Assessment, Check, Recalibrate, Trend, told
+from truearm.report.canvas import FAINT, INK, LIMIT, Figure, figure_style, join_phrases, make_panel, shorten
+from truearm.report.page import Cell, Column, Page, LabelledValue, Section, Table
+from truearm.report.quantities import RoundedNumber
+from truearm.report.wording import capitalize, format_count
+from truearm.verify.control_chart import MIN_BASELINE_CHECKS, ControlChart
+from truearm.verify.interim import Assessment, InterimCheck, RecalibrationAdvice, Trend, format_date
 
 _NAVY, _ORANGE = "#12407a", "#d9730d"
 # Limits from fewer values before are too wide to be drawn.
@@ -24,7 +24,7 @@ _MOST_ROWS = 60
 
 
 def drift_page(
-    checks: Sequence[Check],
+    checks: Sequence[InterimCheck],
     found: Assessment,
     *,
     arm: str,
@@ -35,7 +35,7 @@ def drift_page(
 
     Parameters
     ----------
-    checks : sequence of Check
+    checks : sequence of InterimCheck
         All of one model, in their order; one or more.
     found : Assessment
         Of these checks.
@@ -46,21 +46,21 @@ def drift_page(
     facts : sequence of (str, str)
         What the page rests on.
     """
-    first, last = told(checks[0].date), told(checks[-1].date)
-    rows = [Row("recalibrate", found.recalibrate.value)]
+    first, last = format_date(checks[0].date), format_date(checks[-1].date)
+    rows = [LabelledValue("recalibrate", found.recalibrate.value)]
     if found.since is not None:
-        rows += [Row("changed since", told(checks[found.since].date))]
-    rows.append(Row("checks with this model", len(checks)))
+        rows += [LabelledValue("changed since", format_date(checks[found.since].date))]
+    rows.append(LabelledValue("checks with this model", len(checks)))
     return Page(
         title=f"{arm}: interim checks",
-        subtitle=f"{counted(len(checks), 'check')}, {first} to {last}." if len(checks) > 1 else f"One check, {first}.",
+        subtitle=f"{format_count(len(checks), 'check')}, {first} to {last}." if len(checks) > 1 else f"One check, {first}.",
         summary=tuple(rows),
         sections=drift_sections(checks, found, remarks),
         facts=tuple(facts),
     )
 
 
-def drift_sections(checks: Sequence[Check], found: Assessment, remarks: Sequence[str] = ()) -> tuple[Section, ...]:
+def drift_sections(checks: Sequence[InterimCheck], found: Assessment, remarks: Sequence[str] = ()) -> tuple[Section, ...]:
     """Sections: the answer with the last check's values, the charts, how it is judged, and the checks one by one."""
     return (
         Section(
@@ -86,7 +86,7 @@ _JUDGED = (
     "one check in 370 is beyond the limits of some chart, and some sum comes above its line once in 370 checks.\n\n"
     "A value that is beyond its limits, or over that of the specification, in one check alone may be dirt in a seat, "
     "and asks for one more check; two in a row on the same side say to recalibrate, as a sum above its line does.\n\n"
-    f"With fewer than {NEEDED} checks before, values are taken to scatter at least as the model expects, and that "
+    f"With fewer than {MIN_BASELINE_CHECKS} checks before, values are taken to scatter at least as the model expects, and that "
     "nothing has changed is not said. These checks take fewer points than the tests of the standards and replace none "
     "of them."
 )
@@ -101,26 +101,26 @@ def trend_figure(trends: Sequence[Trend]) -> Figure:
         At least one with a chart.
     """
     charted = [(trend, trend.chart) for trend in trends if trend.chart is not None]
-    with drawing_rules():
+    with figure_style():
         panels = tuple(_panel(trend, chart) for trend, chart in charted)
-    ends = listed(f"{trend.latest.label} {trend.latest.value_mm:.4f} mm" for trend, _ in charted)
+    ends = join_phrases(f"{trend.latest.label} {trend.latest.value_mm:.4f} mm" for trend, _ in charted)
     return Figure(
         panels,
         caption="Above: the values, check by check; grey: the limits for each and the mean, from the checks before it; "
         "orange: beyond the limits; dotted: the limit of the specification. Below: cumulative sums of the deviations "
         "upwards and downwards, in standard deviations, with the line above which they tell of a change. Orange line: "
         "when the change began.",
-        alt=f"Control charts of {counted(len(charted), 'value')} over the checks. Their last values: {ends}.",
+        alt=f"Control charts of {format_count(len(charted), 'value')} over the checks. Their last values: {ends}.",
         columns=2,
     )
 
 
-def temperature_figure(checks: Sequence[Check]) -> Figure:
+def temperature_figure(checks: Sequence[InterimCheck]) -> Figure:
     """Draw the temperature of the checks that have one; at least one has."""
     number = [i + 1 for i, check in enumerate(checks) if check.temperature_degC is not None]
     degC = [check.temperature_degC for check in checks if check.temperature_degC is not None]
-    with drawing_rules():
-        drawing, (axes,) = panel(4.6, 1.9)
+    with figure_style():
+        drawing, (axes,) = make_panel(4.6, 1.9)
         axes.plot(number, degC, "o-", color=INK, markersize=3, linewidth=0.7)
         middle, half = (max(degC) + min(degC)) / 2, max((max(degC) - min(degC)) * 0.6, 0.5)
         axes.set(ylabel="temperature [degC]", xlabel="check", ylim=(middle - half, middle + half))
@@ -133,12 +133,12 @@ def temperature_figure(checks: Sequence[Check]) -> Figure:
     )
 
 
-def _answer(checks: Sequence[Check], found: Assessment, remarks: Sequence[str]) -> str:
-    if found.recalibrate is Recalibrate.NO:
+def _answer(checks: Sequence[InterimCheck], found: Assessment, remarks: Sequence[str]) -> str:
+    if found.recalibrate is RecalibrationAdvice.NO:
         head = "No. Nothing that the last check measured has changed since the first checks by more than they scatter."
-    elif found.recalibrate is Recalibrate.NOT_ENOUGH:
-        head = f"Not enough checks yet to say: {found.n_before} before the last one, and each value needs {NEEDED}."
-    elif found.recalibrate is Recalibrate.AGAIN:
+    elif found.recalibrate is RecalibrationAdvice.NOT_ENOUGH:
+        head = f"Not enough checks yet to say: {found.n_before} before the last one, and each value needs {MIN_BASELINE_CHECKS}."
+    elif found.recalibrate is RecalibrationAdvice.AGAIN:
         head = (
             "Not by one check alone: it may have been made with dirt in a seat. Clean the artefacts, see that they are "
             "tight, and check once more."
@@ -146,8 +146,8 @@ def _answer(checks: Sequence[Check], found: Assessment, remarks: Sequence[str]) 
     elif found.since is None:
         head = "Yes: a value is over its limit in the specification, and was at the check before."
     else:
-        head = f"Yes. Something has changed since check {found.since + 1} of {told(checks[found.since].date)}."
-    said = [f"{capitalised(phrase)}." for phrase in (*found.reasons, *found.remarks, *remarks)]
+        head = f"Yes. Something has changed since check {found.since + 1} of {format_date(checks[found.since].date)}."
+    said = [f"{capitalize(phrase)}." for phrase in (*found.reasons, *found.remarks, *remarks)]
     return "\n\n".join([head, *said])
 
 
@@ -168,15 +168,15 @@ def _last_table(trends: Sequence[Trend]) -> Table:
     for trend in trends:
         chart = trend.chart
         u = trend.latest.u_mm
-        cells: list[Cell] = [trend.latest.label, Rounded(trend.latest.value_mm, u), trend.latest.n]
+        cells: list[Cell] = [trend.latest.label, RoundedNumber(trend.latest.value_mm, u), trend.latest.n]
         if chart is None or np.isnan(chart.scores[-1]):
             cells += [None] * 4
         else:
             edges = (float(each[-1]) for each in (chart.centre, chart.lower, chart.upper))
-            cells += [None if np.isnan(edge) else Rounded(edge, u) for edge in edges]
-            cells.append(float(chart.drift[:, -1].max()))
+            cells += [None if np.isnan(edge) else RoundedNumber(edge, u) for edge in edges]
+            cells.append(float(chart.cusum[:, -1].max()))
         if with_limit:
-            cells.append(None if trend.limit_mm is None else Rounded(trend.limit_mm, u))
+            cells.append(None if trend.limit_mm is None else RoundedNumber(trend.limit_mm, u))
         rows.append((*cells, _verdict(trend)))
     return Table(tuple(columns), tuple(rows), "The last check beside those before it.")
 
@@ -185,14 +185,14 @@ def _verdict(trend: Trend) -> str:
     chart = trend.chart
     said = ["over the limit of the specification"] if trend.over_limit else []
     if chart is not None:
-        said += ["drift"] if chart.signalled is not None else []
-        said += ["beyond its limits"] if chart.beyond[-1] else []
+        said += ["drift"] if chart.signal_index is not None else []
+        said += ["beyond its limits"] if chart.out_of_limits[-1] else []
         if not said:
             said = ["unchanged"] if chart.enough else ["too few checks"]
     return ", ".join(said)
 
 
-def _figures(checks: Sequence[Check], found: Assessment) -> tuple[Figure, ...]:
+def _figures(checks: Sequence[InterimCheck], found: Assessment) -> tuple[Figure, ...]:
     figures = []
     if len(checks) > 1 and any(trend.chart is not None for trend in found.trends):
         figures.append(trend_figure(found.trends))
@@ -201,33 +201,33 @@ def _figures(checks: Sequence[Check], found: Assessment) -> tuple[Figure, ...]:
     return tuple(figures)
 
 
-def _checks_table(checks: Sequence[Check], trends: Sequence[Trend]) -> Table:
+def _checks_table(checks: Sequence[InterimCheck], trends: Sequence[Trend]) -> Table:
     columns = [Column("check"), Column("date"), Column("temperature", "degC")]
     columns += [Column(trend.latest.label, "mm") for trend in trends]
     rows: list[tuple[Cell, ...]] = []
     for number, check in list(enumerate(checks, start=1))[-_MOST_ROWS:]:
-        values = {value.key: Rounded(value.value_mm, value.u_mm) for value in check.values}
-        degC = None if check.temperature_degC is None else Rounded(check.temperature_degC, 1.0)
+        values = {value.key: RoundedNumber(value.value_mm, value.u_mm) for value in check.values}
+        degC = None if check.temperature_degC is None else RoundedNumber(check.temperature_degC, 1.0)
         rows.append(
-            (number, told(check.date).replace("-", "\u2011"), degC, *(values.get(trend.latest.key) for trend in trends))
+            (number, format_date(check.date).replace("-", "\u2011"), degC, *(values.get(trend.latest.key) for trend in trends))
         )
     which = f"The last {_MOST_ROWS} of {len(checks)} checks." if len(checks) > _MOST_ROWS else "All checks."
     return Table(tuple(columns), tuple(rows), which)
 
 
 def _panel(trend: Trend, chart: ControlChart) -> Drawing:
-    drawing, (above, below) = panel(4.6, 3.4, rows=2)
+    drawing, (above, below) = make_panel(4.6, 3.4, rows=2)
     number = trend.checks + 1
     _values(above, number, chart)
     if trend.limit_mm is not None and trend.limit_mm < above.get_ylim()[1]:
         above.axhline(trend.limit_mm, color=INK, linewidth=0.8, linestyle=":")
-    above.set_title(short(trend.latest.label, longest=44))
+    above.set_title(shorten(trend.latest.label, longest=44))
     above.set_ylabel("[mm]")
-    up, down = chart.drift
+    up, down = chart.cusum
     below.plot(number, up, color=_NAVY, linewidth=1.0)
     below.plot(number, -down, color=_NAVY, linewidth=1.0, linestyle="--")
     interval = chart.rules.decision_interval
-    lowest = -interval if chart.drift[1].any() else 0.0
+    lowest = -interval if chart.cusum[1].any() else 0.0
     for line in (interval, -interval) if lowest else (interval,):
         below.axhline(line, color=LIMIT, linewidth=0.9)
     below.set_ylim(1.25 * min(lowest, -float(down.max())), 1.25 * max(interval, float(up.max())))
@@ -250,7 +250,7 @@ def _values(axes: Axes, number: npt.NDArray[np.intp], chart: ControlChart) -> No
     for edge in (chart.lower, chart.upper):
         axes.plot(number[drawn], edge[drawn], color=LIMIT, linewidth=0.9, zorder=1)
     axes.plot(number, chart.values, "o-", color=_NAVY, markersize=3, linewidth=0.7, zorder=2)
-    axes.plot(number[chart.beyond], chart.values[chart.beyond], "o", color=_ORANGE, markersize=4.5, zorder=3)
+    axes.plot(number[chart.out_of_limits], chart.values[chart.out_of_limits], "o", color=_ORANGE, markersize=4.5, zorder=3)
     axes.set_ylim(low - room, high + room)
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.locator_params(axis="y", nbins=5)

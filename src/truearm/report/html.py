@@ -11,11 +11,11 @@ import jinja2
 from markupsafe import Markup
 from matplotlib.figure import Figure as Drawing
 
-from truearm.report.canvas import svg
-from truearm.report.cells import NOTHING, grid_of_rows, grid_of_table, shown
+from truearm.report.canvas import svg_element
+from truearm.report.cells import EMPTY_CELL, grid_of_rows, grid_of_table, format_cell
 from truearm.report.page import Page
-from truearm.report.quantities import format_given, format_uncertainty
-from truearm.writing import whole_file
+from truearm.report.quantities import format_exact, format_uncertainty
+from truearm.writing import atomic_file
 
 
 def render(page: Page) -> str:
@@ -35,7 +35,7 @@ def write_page(page: Page, path: str | Path) -> None:
         If the folder does not exist or is not writable.
     """
     html = render(page)
-    with whole_file(path) as beside:
+    with atomic_file(path) as beside:
         beside.write_text(html, encoding="utf-8", newline="\n")
 
 
@@ -47,7 +47,7 @@ def paragraphs(text: str) -> list[str]:
 
 
 def _picture(drawing: Drawing, prefix: str) -> Markup:
-    return Markup(svg(drawing, prefix))  # noqa: S704, the XML writer has escaped every name in it
+    return Markup(svg_element(drawing, prefix))  # noqa: S704, the XML writer has escaped every name in it
 
 
 def _package_text(name: str) -> str:
@@ -60,9 +60,9 @@ def _template() -> jinja2.Template:
     house.globals.update(
         picture=_picture,
         paragraphs=paragraphs,
-        shown=shown,
-        nothing=NOTHING,
-        given=format_given,
+        format_cell=format_cell,
+        nothing=EMPTY_CELL,
+        given=format_exact,
         uncertainty=format_uncertainty,
         grid_of_table=grid_of_table,
         grid_of_rows=grid_of_rows,

@@ -12,17 +12,17 @@ from truearm.identify.effects import Effect
 from truearm.identify.joint_errors import JointError
 from truearm.models.uncertainty import COVERAGE_FACTOR, ELLIPSOID_FACTOR, LEVEL, UncertaintyBudget
 from truearm.report.canvas import Style
-from truearm.report.joint_errors import ARCSEC, joint_errors
-from truearm.report.page import Column, Row, Section, Table
+from truearm.report.joint_errors import ARCSEC, joint_error_figure
+from truearm.report.page import Column, LabelledValue, Section, Table
 from truearm.report.quantities import format_number, format_uncertainty
-from truearm.report.wording import counted, percentage
+from truearm.report.wording import format_count, format_percent
 
 FloatArray = npt.NDArray[np.float64]
 
 # Groups of fewer determined coefficients were not needed.
 LEAST_DETERMINED = 0.5
 MOST_NAMED = 20
-_LEVEL = percentage(LEVEL)
+_LEVEL = format_percent(LEVEL)
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class HeldOutErrors:
 
 
 @dataclass(frozen=True)
-class FarOff:
+class OutlierRow:
     """A reading far from where the arm expects it.
 
     Attributes
@@ -55,13 +55,13 @@ class FarOff:
     name : str
         Its line in the file, or its number.
     error_mm : float
-    times : float
+    normalized_residual : float
         The error over what is usual.
     """
 
     name: str
     error_mm: float
-    times: float
+    normalized_residual: float
 
 
 def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | None, *, name: str = "") -> Section:
@@ -93,26 +93,26 @@ def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | Non
             "of this page."
         )
     if budget.n_points:
-        share = budget.n_held / budget.n_points
+        share = budget.n_covered / budget.n_points
         text += (
-            f"\n\nOf the {counted(budget.n_points, 'reading')} of this page, {percentage(share)} lie in their "
+            f"\n\nOf the {format_count(budget.n_points, 'reading')} of this page, {format_percent(share)} lie in their "
             f"ellipsoids of {_LEVEL}, the reference's own uncertainty included where it is known."
         )
     rows = [
-        Row("standard uncertainty of a coordinate, of the arm's parameters", budget.of_parameters_mm, "mm"),
-        Row("standard uncertainty of a coordinate, unexplained", budget.unexplained_mm, "mm"),
-        Row("combined standard uncertainty u of a coordinate", budget.combined_mm, "mm"),
-        Row("the largest of this page", budget.largest_mm, "mm"),
-        Row(f"expanded uncertainty U of a coordinate, k = {COVERAGE_FACTOR:g}", budget.expanded_mm, "mm"),
-        Row(f"half axis of a point's {_LEVEL} ellipsoid, {ELLIPSOID_FACTOR:.2f} u", budget.ellipsoid_mm, "mm"),
+        LabelledValue("standard uncertainty of a coordinate, of the arm's parameters", budget.of_parameters_mm, "mm"),
+        LabelledValue("standard uncertainty of a coordinate, unexplained", budget.unexplained_mm, "mm"),
+        LabelledValue("combined standard uncertainty u of a coordinate", budget.combined_mm, "mm"),
+        LabelledValue("the largest of this page", budget.largest_mm, "mm"),
+        LabelledValue(f"expanded uncertainty U of a coordinate, k = {COVERAGE_FACTOR:g}", budget.expanded_mm, "mm"),
+        LabelledValue(f"half axis of a point's {_LEVEL} ellipsoid, {ELLIPSOID_FACTOR:.2f} u", budget.ellipsoid_mm, "mm"),
     ]
     if held_out is not None:
-        held = f"{counted(held_out.n, 'reading')} held out in {counted(held_out.n_groups, 'group')}"
+        held = f"{format_count(held_out.n, 'reading')} held out in {format_count(held_out.n_groups, 'group')}"
         known = held_out.standard_error_mm if np.isfinite(held_out.standard_error_mm) else None
         rows += [
-            Row(f"mean error of {held}", held_out.mean_mm, "mm", known),
-            Row(f"{_LEVEL} of them below", held_out.p95_mm, "mm"),
-            Row("the largest of them", held_out.max_mm, "mm"),
+            LabelledValue(f"mean error of {held}", held_out.mean_mm, "mm", known),
+            LabelledValue(f"{_LEVEL} of them below", held_out.p95_mm, "mm"),
+            LabelledValue("the largest of them", held_out.max_mm, "mm"),
         ]
     return Section(_titled("Uncertainty", name), text, rows=tuple(rows))
 
@@ -165,7 +165,7 @@ def terms_section(found: Sequence[Effect], *, name: str = "") -> Section | None:
     return Section(_titled("What the arm does", name), text, tables=(table,))
 
 
-def joints_section(
+def joint_errors_section(
     errors: Mapping[str, Sequence[JointError]],
     angles: npt.ArrayLike,
     names: Sequence[str],
@@ -185,17 +185,17 @@ def joints_section(
     styles : mapping of str to Style, optional
         From `styles_of`.
     """
-    if not any(error.is_told for found in errors.values() for error in found):
+    if not any(error.is_significant for found in errors.values() for error in found):
         return None
     return Section(
         "Error of each joint",
         "Encoder and gear turn about the joint's axis together: what is seen here is the error of both. Its mean "
         "belongs to the joint's zero and is left out.",
-        figures=(joint_errors(errors, angles, names=names, styles=styles),),
+        figures=(joint_error_figure(errors, angles, names=names, styles=styles),),
     )
 
 
-def open_section(
+def unidentifiable_section(
     left_out: Sequence[tuple[str, str]], untold: Sequence[tuple[Sequence[str], str]], *, name: str = ""
 ) -> Section | None:
     """What the readings do not tell: constants, and terms that were not offered. None where there is nothing to say.
@@ -227,12 +227,12 @@ def open_section(
     )
 
 
-def far_off_section(found: Mapping[str, Sequence[FarOff]], *, name: str = "") -> Section | None:
+def outlier_section(found: Mapping[str, Sequence[OutlierRow]], *, name: str = "") -> Section | None:
     """Readings far off, the farthest first. None where there are none.
 
     Parameters
     ----------
-    found : mapping of str to sequence of FarOff
+    found : mapping of str to sequence of OutlierRow
         Which readings they are among, in words.
     name : str
         Of the model, where there are several.
@@ -242,8 +242,8 @@ def far_off_section(found: Mapping[str, Sequence[FarOff]], *, name: str = "") ->
     tables = tuple(
         Table(
             (Column("reading"), Column("error", "mm", 3), Column("times the usual", digits=2)),
-            tuple((far.name, far.error_mm, far.times) for far in among[:MOST_NAMED]),
-            f"{counted(len(among), 'reading')} far off among {which}"
+            tuple((far.name, far.error_mm, far.normalized_residual) for far in among[:MOST_NAMED]),
+            f"{format_count(len(among), 'reading')} far off among {which}"
             + (f", the {MOST_NAMED} farthest" if len(among) > MOST_NAMED else ""),
         )
         for which, among in found.items()

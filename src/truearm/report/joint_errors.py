@@ -13,7 +13,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from truearm.errors import InputError
 from truearm.identify.joint_errors import JointError
 from truearm.report.arrays import FloatArray, joint_matrix, joint_names
-from truearm.report.canvas import LIMIT, Figure, Style, drawing_rules, listed, log_scale, panel, short, styles_of
+from truearm.report.canvas import LIMIT, Figure, Style, figure_style, join_phrases, set_log_scale, make_panel, shorten, styles_of
 from truearm.report.quantities import format_number
 
 ARCSEC = float(np.degrees(1.0) * 3600)  # of a radian
@@ -22,7 +22,7 @@ _LABELLED = 3  # orders whose amplitudes are known best
 _SMALLEST = 0.003  # amplitude that is drawn, by the largest
 
 
-def joint_errors(
+def joint_error_figure(
     errors: Mapping[str, Sequence[JointError]],
     angles: npt.ArrayLike,
     *,
@@ -54,13 +54,13 @@ def joint_errors(
         for error in found:
             if not 1 <= error.joint <= len(names):
                 raise InputError(f"expected errors of joints 1 to {len(names)}, got one of joint {error.joint}")
-            if any(other.is_told for every in errors.values() for other in every if other.joint == error.joint):
+            if any(other.is_significant for every in errors.values() for other in every if other.joint == error.joint):
                 by_joint.setdefault(error.joint, {})[model] = error
     if not by_joint:
         raise InputError("expected a joint of whose error readings tell, got none")
     pens = styles_of(errors, styles)
     several = len(errors) > 1
-    with drawing_rules():
+    with figure_style():
         panels = tuple(
             drawing
             for joint in sorted(by_joint)
@@ -70,11 +70,11 @@ def joint_errors(
             )
         )
     sizes = [
-        f"{short(names[joint - 1])} "
-        + ", ".join(f"{_rms(error)} arcsec{f' ({short(model)})' if several else ''}" for model, error in found.items())
+        f"{shorten(names[joint - 1])} "
+        + ", ".join(f"{_rms(error)} arcsec{f' ({shorten(model)})' if several else ''}" for model, error in found.items())
         for joint, found in sorted(by_joint.items())
     ]
-    none = [short(name) for joint, name in enumerate(names, 1) if joint not in by_joint]
+    none = [shorten(name) for joint, name in enumerate(names, 1) if joint not in by_joint]
     without = f" Of {', '.join(none)} the readings tell nothing that is larger than its uncertainty." if none else ""
     return Figure(
         panels,
@@ -84,7 +84,7 @@ def joint_errors(
         "point 1 m away by 0.048 mm. Where a joint did not turn all round, neighbouring orders cannot be told apart: "
         "the curve is known better than its orders are." + without,
         alt=f"Error of {len(by_joint)} joints about their own axes over their angles, and its amplitude by order. "
-        f"Root mean square: {listed(sizes, most=8)}.",
+        f"Root mean square: {join_phrases(sizes, most=8)}.",
         columns=2,
     )
 
@@ -96,7 +96,7 @@ def _rms(error: JointError) -> str:
 def _curves(
     errors: Mapping[str, JointError], pens: Mapping[str, Style], read: FloatArray, name: str, *, named: bool
 ) -> Drawing:
-    drawing, (axes,) = panel(4.6, 2.0)
+    drawing, (axes,) = make_panel(4.6, 2.0)
     largest = max(float(np.abs(error.error).max()) for error in errors.values()) * ARCSEC or 1e-6
     for model, error in errors.items():
         pen, at, middle = pens[model], np.degrees(error.angles), error.error * ARCSEC
@@ -110,8 +110,8 @@ def _curves(
     axes.set_ylim(-1.5 * largest, 1.25 * largest)
     _hill(axes, np.degrees(read))
     axes.axhline(0, color=LIMIT, linewidth=0.6, zorder=1)
-    told = [f"{_rms(error)}{f' ({short(model)})' if named else ''}" for model, error in errors.items()]
-    axes.set_title(f"{short(name, longest=14)}: {', '.join(told)} arcsec rms")
+    told = [f"{_rms(error)}{f' ({shorten(model)})' if named else ''}" for model, error in errors.items()]
+    axes.set_title(f"{shorten(name, longest=14)}: {', '.join(told)} arcsec rms")
     axes.set(xlabel="joint angle [deg]", ylabel="error [arcsec]")
     axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(5))
@@ -129,7 +129,7 @@ def _hill(axes: Axes, read: FloatArray) -> None:
 
 
 def _spectra(errors: Mapping[str, JointError], pens: Mapping[str, Style], name: str) -> Drawing:
-    drawing, (axes,) = panel(4.6, 2.0)
+    drawing, (axes,) = make_panel(4.6, 2.0)
     highest = max(float(error.amplitudes.max(initial=0.0)) for error in errors.values()) * ARCSEC or 1e-6
     floor = _SMALLEST * highest
     tops = [highest]
@@ -144,10 +144,10 @@ def _spectra(errors: Mapping[str, JointError], pens: Mapping[str, Style], name: 
             label = str(error.orders[order])
             place = (float(at[order]), float(high[order] + half[order]))
             axes.annotate(label, place, xytext=(0, 2), textcoords="offset points", ha="center", fontsize=7.5)
-    log_scale(axes, "x", 0.85, 1.18 * max(int(error.orders.max(initial=2)) for error in errors.values()))
+    set_log_scale(axes, "x", 0.85, 1.18 * max(int(error.orders.max(initial=2)) for error in errors.values()))
     axes.xaxis.set_major_locator(FixedLocator([1, 2, 5, 10, 20, 50, 100, 200, 500]))
-    log_scale(axes, "y", floor, 1.6 * max(tops))
-    axes.set_title(f"{short(name, longest=14)} by order")
+    set_log_scale(axes, "y", floor, 1.6 * max(tops))
+    axes.set_title(f"{shorten(name, longest=14)} by order")
     axes.set(xlabel="order: waves in a full turn", ylabel="amplitude [arcsec]")
     return drawing
 

@@ -11,19 +11,19 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import MaxNLocator
 
 from truearm.errors import InputError
-from truearm.report.arrays import FloatArray, finite_by_name, joint_matrix, joint_names
+from truearm.report.arrays import FloatArray, finite_arrays, joint_matrix, joint_names
 from truearm.report.canvas import (
     FAINT,
     INK,
     LIMIT,
-    MANY,
+    RASTER_FROM,
     Figure,
     Style,
-    drawing_rules,
-    listed,
-    panel,
-    readings,
-    short,
+    figure_style,
+    join_phrases,
+    make_panel,
+    reading_count,
+    shorten,
     styles_of,
 )
 from truearm.report.quantities import format_number
@@ -60,20 +60,20 @@ def joint_ranges(
     scale = np.where(slides, 1.0, np.degrees(1.0))
     low, high = _limits(lower, upper, joints)
     shown, low, high = angles * scale, low * scale, high * scale
-    with drawing_rules():
+    with figure_style():
         groups = [group for group in (np.flatnonzero(~slides), np.flatnonzero(slides)) if len(group)]
         panels = tuple(
             _ranges_panel(shown[:, group], [names[i] for i in group], low[group], high[group], slides[group[0]])
             for group in groups
         )
     used = "; ".join(
-        f"{short(name)} {_span(a, b)} {'mm' if slide else 'deg'}"
+        f"{shorten(name)} {_span(a, b)} {'mm' if slide else 'deg'}"
         for name, a, b, slide in zip(names, shown.min(axis=0), shown.max(axis=0), slides, strict=True)
     )
     limits = "the grey bar is what its limits permit" if np.isfinite([low, high]).any() else "no limits are given"
     return Figure(
         panels,
-        caption=f"Range of each joint over {readings(len(angles))}. The hill shows how often the joint "
+        caption=f"Range of each joint over {reading_count(len(angles))}. The hill shows how often the joint "
         f"was where; {limits}. What lies outside the hills has not been tested.",
         alt=f"Histogram of the position of each joint. {used}.",
         columns=1 if len(panels) == 1 else 2,
@@ -104,24 +104,24 @@ def error_against_joint(
     quantity : str
         What the errors are, without the unit.
     """
-    by_name = finite_by_name(errors, "errors", same_length=True)
+    by_name = finite_arrays(errors, "errors", same_length=True)
     count = len(next(iter(by_name.values())))
     angles = joint_matrix(angles, readings=count)
     names = joint_names(names, angles.shape[1])
     slides = _slides(sliding, angles.shape[1])
     pens = styles_of(by_name, styles)
-    with drawing_rules():
+    with figure_style():
         panels = tuple(
             _error_panel(angles[:, i] if slides[i] else np.degrees(angles[:, i]), by_name, pens, names[i], slides[i])
             for i in range(len(names))
         )
-    told = listed(short(name) for name in by_name).replace(";", ",")
+    told = join_phrases(shorten(name) for name in by_name).replace(";", ",")
     return Figure(
         panels,
         caption=f"{quantity.capitalize()} against the position of each joint ({told}, each on its own scale). The line "
         "is the running median. A trend says that the error follows this joint's position; its cause may be in any "
         "joint before it. A level line alone proves nothing: look at the size of the error too.",
-        alt=f"For each of {len(names)} joints the {quantity} of {readings(count)} against the joint's position, "
+        alt=f"For each of {len(names)} joints the {quantity} of {reading_count(count)} against the joint's position, "
         f"with a running median, for {told}.",
         columns=3,
     )
@@ -146,8 +146,8 @@ def running_median(x: FloatArray, y: FloatArray, *, windows: int = 60) -> tuple[
 
 def _ranges_panel(shown: FloatArray, names: Sequence[str], low: FloatArray, high: FloatArray, slides: bool) -> Drawing:
     joints, unit = len(names), "mm" if slides else "deg"
-    drawing, (axes,) = panel(4.6, 0.75 + 0.36 * joints)
-    names = [short(name, longest=14) for name in names]
+    drawing, (axes,) = make_panel(4.6, 0.75 + 0.36 * joints)
+    names = [shorten(name, longest=14) for name in names]
     drawing.subplots_adjust(left=(0.25 + 0.08 * max(map(len, names))) / 4.6, right=1 - 1.35 / 4.6)
     left, right = _view(shown, low, high, usual=_FULL_TURN_DEG / 2 if not slides else 0.0)
     for i in range(joints):
@@ -187,8 +187,8 @@ def _view(shown: FloatArray, low: FloatArray, high: FloatArray, *, usual: float)
 def _error_panel(
     x: FloatArray, errors: Mapping[str, FloatArray], pens: Mapping[str, Style], name: str, slides: bool
 ) -> Drawing:
-    drawing, rows = panel(3.0, 0.9 + 0.85 * len(errors), rows=len(errors))
-    many = len(x) > MANY
+    drawing, rows = make_panel(3.0, 0.9 + 0.85 * len(errors), rows=len(errors))
+    many = len(x) > RASTER_FROM
     for axes, (model, values) in zip(rows, errors.items(), strict=True):
         pen = pens[model]
         axes.scatter(
@@ -203,8 +203,8 @@ def _error_panel(
         axes.plot(*running_median(x, values), color=INK, linewidth=1.5)
         _level(axes, values)
         axes.set_ylabel("error [mm]")
-        axes.text(0.985, 0.97, short(model), transform=axes.transAxes, ha="right", va="top", color=pen.colour)
-    rows[0].set_title(short(name))
+        axes.text(0.985, 0.97, shorten(model), transform=axes.transAxes, ha="right", va="top", color=pen.colour)
+    rows[0].set_title(shorten(name))
     rows[-1].locator_params(axis="x", nbins=6)
     rows[-1].set_xlabel("joint position [mm]" if slides else "joint angle [deg]")
     return drawing

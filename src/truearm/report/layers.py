@@ -14,7 +14,7 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Circle, Rectangle
 
 from truearm.errors import InputError
-from truearm.report.canvas import INK, LIMIT, Figure, drawing_rules
+from truearm.report.canvas import INK, LIMIT, Figure, figure_style
 from truearm.report.quantities import format_number
 
 FloatArray = npt.NDArray[np.float64]
@@ -43,7 +43,7 @@ def network_layers(sizes: Sequence[int], *, activation: str = "tansig") -> Figur
     sizes = [int(size) for size in sizes]
     if not 2 <= len(sizes) <= _MOST_LAYERS or min(sizes) < 1:
         raise InputError(f"expected 2 to {_MOST_LAYERS} layers, each of one unit or more, got the sizes {sizes}")
-    with drawing_rules():
+    with figure_style():
         drawing = _drawn(sizes, activation)
     name = "-".join(str(size) for size in sizes)
     weights = sum((before + 1) * after for before, after in pairwise(sizes))

@@ -13,13 +13,13 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Circle
 
 from truearm import __version__
-from truearm.report.canvas import FAINT, INK, LIMIT, Figure, drawing_rules, short
+from truearm.report.canvas import FAINT, INK, LIMIT, Figure, figure_style, shorten
 from truearm.report.page import Cell, Column, Page, Section, Table
 from truearm.report.quantities import format_number
-from truearm.report.wording import capitalised, counted
+from truearm.report.wording import capitalize, format_count
 from truearm.verify.artefacts import Artefacts
 from truearm.verify.layout import Placement
-from truearm.verify.test_plan import CHECK, Plan
+from truearm.verify.test_plan import CHECK_STANDARD, VerificationPlan
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -50,12 +50,12 @@ _SIDES = (
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class OperatorSheet:
     """What the sheet is about.
 
     Parameters
     ----------
-    plan : Plan
+    plan : VerificationPlan
     layout : sequence of Placement
         In the order of measuring, of one plan.
     artefacts : Artefacts
@@ -67,7 +67,7 @@ class Sheet:
         The arm's name, or an empty text for a line to fill in.
     """
 
-    plan: Plan
+    plan: VerificationPlan
     layout: Sequence[Placement]
     artefacts: Artefacts
     measuring_range_mm: float
@@ -91,7 +91,7 @@ class Sheet:
         return found
 
 
-def sheet_page(sheet: Sheet) -> Page:
+def operator_sheet_page(sheet: OperatorSheet) -> Page:
     """Lay out the operator's sheet."""
     points, steps = sum(len(one.points) for one in sheet.layout), len(list(_rows_of_steps(sheet)))
     sections = [_heads(sheet), _places(sheet)]
@@ -102,7 +102,7 @@ def sheet_page(sheet: Sheet) -> Page:
     sections += [_written(sheet), _steps(sheet)]
     return Page(
         title=f"{sheet.plan.standard}: operator's sheet",
-        subtitle=f"{sheet.plan.title}: {counted(points, 'point')} in {counted(steps, 'step')}. Laid out for a "
+        subtitle=f"{sheet.plan.title}: {format_count(points, 'point')} in {format_count(steps, 'step')}. Laid out for a "
         f"measuring range of {format_number(round(sheet.measuring_range_mm))}\u00a0mm by truearm {__version__}.",
         sections=tuple(sections),
     )
@@ -111,7 +111,7 @@ def sheet_page(sheet: Sheet) -> Page:
 # Text and tables ------------------------------------------------------------------------------------------------------
 
 
-def _heads(sheet: Sheet) -> Section:
+def _heads(sheet: OperatorSheet) -> Section:
     heads = ("arm", sheet.arm or _BLANK, "operator", _BLANK)
     entries = (
         ("its serial number", _BLANK, "date", _BLANK),
@@ -129,18 +129,18 @@ def _heads(sheet: Sheet) -> Section:
         "Let arm and artefacts stand in the room until they have its temperature, and warm the arm up as its maker "
         "says. Qualify the stylus, but not on the sphere of this test. Fix arm and artefacts so that they do not move.",
         tables=(
-            Table(tuple(Column(head) for head in heads), entries, "", to_fill=True),
+            Table(tuple(Column(head) for head in heads), entries, "", fillable=True),
             Table(
                 tuple(Column(head) for head in columns),
                 artefacts,
                 "Artefacts. Their certificates must serve on the day.",
-                to_fill=True,
+                fillable=True,
             ),
         ),
     )
 
 
-def _places(sheet: Sheet) -> Section:
+def _places(sheet: OperatorSheet) -> Section:
     balls, seats = sheet.stands(_ON_BALLS), sheet.stands(("single_point",))
     rows: list[tuple[Cell, ...]] = []
     for what, stands, tests in (("ball", balls, _ON_BALLS), ("seat", seats, ("single_point",))):
@@ -167,7 +167,7 @@ def _places(sheet: Sheet) -> Section:
     )
 
 
-def _bars(sheet: Sheet) -> Section:
+def _bars(sheet: OperatorSheet) -> Section:
     rows: list[tuple[Cell, ...]] = []
     for test, position, lengths, start, end in _lines(sheet):
         lean = np.degrees(np.arcsin(abs(float((end - start)[2])) / np.linalg.norm(end - start)))
@@ -187,7 +187,7 @@ def _bars(sheet: Sheet) -> Section:
     )
 
 
-def _probing(sheet: Sheet) -> Section:
+def _probing(sheet: OperatorSheet) -> Section:
     text, figures, tables = [], [], []
     patterns = {len(one.points): one for one in sheet.of(("probing", "effective_diameter"))}
     if patterns:
@@ -203,7 +203,7 @@ def _probing(sheet: Sheet) -> Section:
             "the others on the equator as seen along it. Between groups the elbow goes to another side."
         )
         figures.append(groups_figure(groups))
-        rows = tuple((name, capitalised(told(direction, 0.0))) for name, direction in groups.items())
+        rows = tuple((name, capitalize(describe_direction(direction, 0.0))) for name, direction in groups.items())
         tables.append(
             Table(
                 (Column("group"), Column("where the stylus comes from")),
@@ -214,7 +214,7 @@ def _probing(sheet: Sheet) -> Section:
     return Section("Which way the stylus points", "\n\n".join(text), figures=tuple(figures), tables=tuple(tables))
 
 
-def _steps(sheet: Sheet) -> Section:
+def _steps(sheet: OperatorSheet) -> Section:
     rows = tuple(
         (number, what, points, _BLANK, _BLANK) for number, (what, points) in enumerate(_rows_of_steps(sheet), start=1)
     )
@@ -227,11 +227,11 @@ def _steps(sheet: Sheet) -> Section:
     )
     return Section(
         "Step by step",
-        tables=(Table(columns, rows, "In the order to measure.", to_fill=True),),
+        tables=(Table(columns, rows, "In the order to measure.", fillable=True),),
     )
 
 
-def _written(sheet: Sheet) -> Section:
+def _written(sheet: OperatorSheet) -> Section:
     unsure = [f"{key} = {value:g}" for key, value, _ in sheet.plan.unconfirmed() if key.split(".")[0] in _tests(sheet)]
     said = (
         "Of each step the temperature of the artefact; if something moves, take the whole step again. The points go "
@@ -246,11 +246,11 @@ def _written(sheet: Sheet) -> Section:
             "the direction of approach: switch that off for seats, else up to a tip's radius is in the result."
         )
     if unsure:
-        said += f"\n\nNumbers of the plan that were recalled and not read, {CHECK}: {', '.join(unsure)}."
+        said += f"\n\nNumbers of the plan that were recalled and not read, {CHECK_STANDARD}: {', '.join(unsure)}."
     return Section("What to write down", said)
 
 
-def _rows_of_steps(sheet: Sheet) -> Iterator[tuple[str, int]]:
+def _rows_of_steps(sheet: OperatorSheet) -> Iterator[tuple[str, int]]:
     """What to do, and how many points that is, step by step."""
     balls, seats = sheet.stands(_ON_BALLS), sheet.stands(("single_point",))
     done: set[tuple[str, str]] = set()
@@ -261,7 +261,7 @@ def _rows_of_steps(sheet: Sheet) -> Iterator[tuple[str, int]]:
         elif one.test == "effective_diameter":
             yield f"Ball {balls[_place(one)]}, all over its upper half: test 'effective_diameter', {_keys(one)}", k
         elif one.test == "articulation":
-            direction = told(one.approach[0], float(np.arctan2(one.at[1], one.at[0])))
+            direction = describe_direction(one.approach[0], float(np.arctan2(one.at[1], one.at[0])))
             yield f"Ball {balls[_place(one)]}, the stylus {direction}: test 'articulation', {_keys(one)}", k
         elif one.test == "single_point":
             postures = "the elbow from side to side, another posture at each point"
@@ -276,7 +276,7 @@ def _rows_of_steps(sheet: Sheet) -> Iterator[tuple[str, int]]:
             runs = len({other.keys.get("repeat") for other in here})
             again = f", {runs} times" if runs > 1 else ""
             named = ", ".join(f"'{length}'" for length in lengths)
-            bar = capitalised(_name_of_line(sheet, one.test, position))
+            bar = capitalize(_name_of_line(sheet, one.test, position))
             how = "" if one.test == "bi" else ", in a seat one point, on a ball five all over it"
             what = f"length{'s' * (len(lengths) > 1)} {named}, end 'A' then 'B'{how}{again}"
             points = sum(len(other.points) for other in here)
@@ -287,7 +287,7 @@ def _keys(one: Placement) -> str:
     return ", ".join(f"{key} '{value}'" for key, value in one.keys.items())
 
 
-def _tests(sheet: Sheet) -> set[str]:
+def _tests(sheet: OperatorSheet) -> set[str]:
     return {one.test for one in sheet.layout}
 
 
@@ -299,7 +299,7 @@ def _rounded(point: FloatArray) -> tuple[int, ...]:
     return tuple(int(value) for value in _STEP_MM * (point / _STEP_MM).round())
 
 
-def _lines(sheet: Sheet) -> Iterator[tuple[str, str, str, FloatArray, FloatArray]]:
+def _lines(sheet: OperatorSheet) -> Iterator[tuple[str, str, str, FloatArray, FloatArray]]:
     """Each place of a bar: test, position, the lengths there, end A and the farthest end B [mm]."""
     places: dict[tuple[str, str], list[Placement]] = {}
     for one in sheet.of(_ON_BARS):
@@ -310,13 +310,13 @@ def _lines(sheet: Sheet) -> Iterator[tuple[str, str, str, FloatArray, FloatArray
         yield test, position, ", ".join(dict.fromkeys(one.keys["length"] for one in here)), start, end
 
 
-def _name_of_line(sheet: Sheet, test: str, position: str) -> str:
+def _name_of_line(sheet: OperatorSheet, test: str, position: str) -> str:
     """``bar 3``, or with its test where a plan has several on bars."""
     several = len(_tests(sheet) & set(_ON_BARS)) > 1
     return f"bar\u00a0{position}" + (f" of {test}" if several else "")
 
 
-def _groups(sheet: Sheet) -> dict[str, FloatArray]:
+def _groups(sheet: OperatorSheet) -> dict[str, FloatArray]:
     """Directions of the groups by their names, turned so that x is away from the arm."""
     found: dict[str, FloatArray] = {}
     for one in sheet.of(("articulation",)):
@@ -327,7 +327,7 @@ def _groups(sheet: Sheet) -> dict[str, FloatArray]:
     return found
 
 
-def told(direction: FloatArray, azimuth: float) -> str:
+def describe_direction(direction: FloatArray, azimuth: float) -> str:
     """Say where a stylus comes from: ``from above``, or ``from the left, 60 deg off the vertical``.
 
     Parameters
@@ -348,13 +348,13 @@ def told(direction: FloatArray, azimuth: float) -> str:
 # Pictures -------------------------------------------------------------------------------------------------------------
 
 
-def places_figure(sheet: Sheet) -> Figure:
+def places_figure(sheet: OperatorSheet) -> Figure:
     """Draw where balls and seats stand, from above, from the side and from the front."""
     kinds: tuple[tuple[str, Mapping[tuple[float, ...], str], str, str], ...] = (
         ("ball", sheet.stands(_ON_BALLS), _NAVY, "o"),
         ("seat", sheet.stands(("single_point",)), _ORANGE, "s"),
     )
-    with drawing_rules():
+    with figure_style():
         panels = []
         for view in _VIEWS:
             drawing, axes = _space(sheet, 3.3, 3.1, view=view)
@@ -371,7 +371,7 @@ def places_figure(sheet: Sheet) -> Figure:
                         ", ".join(numbers), at, xytext=(5, 5), textcoords="offset points", color=colour, weight="bold"
                     )
             panels.append(drawing)
-    number = " and ".join(counted(len(stands), what) for what, stands, *_ in kinds if stands)
+    number = " and ".join(format_count(len(stands), what) for what, stands, *_ in kinds if stands)
     return Figure(
         tuple(panels),
         caption="Blue: balls. Orange: seats. The pale disc is what the arm reaches, the cross its base.",
@@ -380,9 +380,9 @@ def places_figure(sheet: Sheet) -> Figure:
     )
 
 
-def bars_figure(sheet: Sheet) -> Figure:
+def bars_figure(sheet: OperatorSheet) -> Figure:
     """Draw each place of the bar, from above and from the side."""
-    with drawing_rules():
+    with figure_style():
         panels = []
         for test, position, _, start, end in _lines(sheet):
             drawing = Drawing(figsize=(2.9, 1.75))
@@ -401,7 +401,7 @@ def bars_figure(sheet: Sheet) -> Figure:
             drawing.text(
                 0.02,
                 0.99,
-                short(_name_of_line(sheet, test, position).replace(_BLANK, " ")),
+                shorten(_name_of_line(sheet, test, position).replace(_BLANK, " ")),
                 va="top",
                 weight="bold",
                 fontsize=9,
@@ -410,14 +410,14 @@ def bars_figure(sheet: Sheet) -> Figure:
     return Figure(
         tuple(panels),
         caption="Each place from above and from the side, ahead to the right; the cross is the arm's base.",
-        alt=f"The bar at {counted(len(panels), 'place')}, each from above and from the side.",
+        alt=f"The bar at {format_count(len(panels), 'place')}, each from above and from the side.",
         columns=3,
     )
 
 
 def pattern_figure(patterns: Mapping[int, Placement]) -> Figure:
     """Draw the points on a ball's upper half, from above."""
-    with drawing_rules():
+    with figure_style():
         panels = []
         for number, one in patterns.items():
             drawing, axes = _ball(3.2, across=(-1.25, 1.25), up=(-1.25, 1.25))
@@ -437,7 +437,7 @@ def pattern_figure(patterns: Mapping[int, Placement]) -> Figure:
 
 def groups_figure(groups: Mapping[str, FloatArray]) -> Figure:
     """Draw whence the stylus comes in each group, from above and from the side."""
-    with drawing_rules():
+    with figure_style():
         panels = []
         for view in (_ABOVE, _SIDE):
             low, high = (-1.9, 4.6) if view == _SIDE else (-4.0, 4.0)
@@ -461,7 +461,7 @@ def groups_figure(groups: Mapping[str, FloatArray]) -> Figure:
             axes.annotate("\u2190 the arm", (-4.2, low), ha="left", va="bottom", color=LIMIT, fontsize=8)
             axes.set_title(_VIEWS[view], loc="center")
             panels.append(drawing)
-    directions = "; ".join(f"{name}: {told(direction, 0.0)}" for name, direction in groups.items())
+    directions = "; ".join(f"{name}: {describe_direction(direction, 0.0)}" for name, direction in groups.items())
     return Figure(
         tuple(panels),
         caption="The stylus in each group; orange is its tip. The arm stands to the left of both pictures.",
@@ -482,7 +482,7 @@ def _flat(point: FloatArray, *, view: _View) -> tuple[float, float]:
     return (float(point[view[0]]), float(point[view[1]]))
 
 
-def _space(sheet: Sheet, width_in: float, height_in: float, *, view: _View) -> tuple[Drawing, Axes]:
+def _space(sheet: OperatorSheet, width_in: float, height_in: float, *, view: _View) -> tuple[Drawing, Axes]:
     """Axes with the measuring volume."""
     drawing = Drawing(figsize=(width_in, height_in))
     FigureCanvasAgg(drawing)
@@ -504,7 +504,7 @@ def _ball(height_in: float, *, across: tuple[float, float], up: tuple[float, flo
     return drawing, axes
 
 
-def _disc(axes: Axes, sheet: Sheet, *, view: _View) -> None:
+def _disc(axes: Axes, sheet: OperatorSheet, *, view: _View) -> None:
     """What the arm reaches, its base, and from the side the stand up to its shoulder."""
     middle = (0.0, sheet.shoulder_mm if view[1] == 2 else 0.0)
     axes.add_patch(Circle(middle, sheet.reach_mm, facecolor="#f1f4f8", edgecolor=FAINT, linewidth=0.8, zorder=0))

@@ -9,13 +9,13 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.report.canvas import Figure
-from truearm.report.quantities import Rounded
+from truearm.report.quantities import RoundedNumber
 
-Cell = str | int | float | Rounded | None
+Cell = str | int | float | RoundedNumber | None
 
 
 @dataclass(frozen=True)
-class Row:
+class LabelledValue:
     """One result: a quantity with its value.
 
     Parameters
@@ -65,14 +65,14 @@ class Column:
 class Table:
     """A table; every row has one cell a column: text, a number, a count (int), or None where there is nothing.
 
-    A `Rounded` number is shown to the decimal of its uncertainty, whatever the digits of its column are. One that is
-    `to_fill` in by hand has room to write.
+    A `RoundedNumber` number is shown to the decimal of its uncertainty, whatever the digits of its column are. A
+    `fillable` table has room to write by hand.
     """
 
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
     caption: str
-    to_fill: bool = False
+    fillable: bool = False
 
     def __post_init__(self) -> None:
         if not self.columns:
@@ -92,7 +92,7 @@ class Section:
 
     title: str
     text: str = ""
-    rows: tuple[Row, ...] = ()
+    rows: tuple[LabelledValue, ...] = ()
     figures: tuple[Figure, ...] = ()
     tables: tuple[Table, ...] = ()
 
@@ -115,13 +115,13 @@ class Page:
 
     title: str
     subtitle: str = ""
-    summary: tuple[Row, ...] = ()
+    summary: tuple[LabelledValue, ...] = ()
     sections: tuple[Section, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
 
 
 def _checked(cell: object, place: str, *, column: str | None = None) -> None:
-    if isinstance(cell, Rounded):
+    if isinstance(cell, RoundedNumber):
         _checked(cell.uncertainty, place, column=column)
         cell = cell.value
     if cell is None or isinstance(cell, str | int | np.integer):

@@ -6,51 +6,51 @@ from collections.abc import Mapping
 from statistics import median
 
 from truearm.report.by_reading import coordinates_by_reading, errors_by_reading
-from truearm.report.canvas import Figure, Style, listed
+from truearm.report.canvas import Figure, Style, join_phrases
 from truearm.report.claims import share_removed
 from truearm.report.page import Cell, Column, Section, Table
 from truearm.report.quantities import format_in_text
-from truearm.report.reproduced import FinalTest, Reproduced
+from truearm.report.reproduced import FinalTest, ReproductionResult
 from truearm.report.wording import (
-    SHARES,
-    NotRun,
-    as_figure,
-    counted,
-    middle_and_span,
-    millimetres,
-    percentage,
-    whole,
+    TRAINING_SHARES_NOTE,
+    MissingPart,
+    with_figure_number,
+    format_count,
+    median_and_range,
+    format_mm,
+    format_percent,
+    as_count,
 )
 
 
-def final_test_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section | NotRun:
+def final_test_section(found: ReproductionResult, *, styles: Mapping[str, Style]) -> Section | MissingPart:
     """Set the final test beside the paper's, with Figures 6 to 8."""
     title = "Error before and after (Figures 6 to 8)"
     drawn = found.figures
     pictures: list[Figure] = []
     if drawn.figure_6 is not None:
-        pictures.append(as_figure(6, errors_by_reading({"nominal": drawn.figure_6.deviation_mm}, styles=styles)))
+        pictures.append(with_figure_number(6, errors_by_reading({"nominal": drawn.figure_6.deviation_mm}, styles=styles)))
     if drawn.figure_7 is not None and drawn.figure_7.predicted_mm["ours"] is not None:
         points, predicted = drawn.figure_7.points_mm, drawn.figure_7.predicted_mm["ours"]
-        pictures.append(as_figure(7, coordinates_by_reading(points, {"lm": predicted}, styles=styles)))
+        pictures.append(with_figure_number(7, coordinates_by_reading(points, {"lm": predicted}, styles=styles)))
     if drawn.figure_8 is not None:
-        pictures.append(as_figure(8, errors_by_reading({"lm": drawn.figure_8.deviation_mm}, styles=styles)))
+        pictures.append(with_figure_number(8, errors_by_reading({"lm": drawn.figure_8.deviation_mm}, styles=styles)))
     made = {6: drawn.figure_6, 7: drawn.figure_7, 8: drawn.figure_8}
-    told = [str(NotRun(f"Figure {k}", f"--figure {k}")) for k, part in made.items() if part is None]
-    missing = NotRun("The final test", "--table 4")
+    told = [str(MissingPart(f"Figure {k}", f"--figure {k}")) for k, part in made.items() if part is None]
+    missing = MissingPart("The final test", "--table 4")
     if found.final_test is None and not pictures:
         return missing
     if found.final_test is None:
         return Section(title, "\n\n".join([str(missing), *told]), figures=tuple(pictures))
     test = found.final_test
     removed = test.removed_percent()
-    beside = listed(f"{name} {percentage(share / 100)}" for name, share in removed.items())
+    beside = join_phrases(f"{name} {format_percent(share / 100)}" for name, share in removed.items())
     first = (
         f"The paper's final test: {test.poses} further poses, and the share of the nominal error that is gone. The "
-        f"paper says {percentage(test.paper.network.removed_percent / 100)}. On "
-        f"{counted(len(test.runs), 'virtual arm')} the "
+        f"paper says {format_percent(test.paper.network.removed_percent / 100)}. On "
+        f"{format_count(len(test.runs), 'virtual arm')} the "
         f"median is: {beside or 'nothing was fitted'}. An error is the absolute error of one coordinate, of "
-        f"{3 * test.poses} in all. {SHARES}"
+        f"{3 * test.poses} in all. {TRAINING_SHARES_NOTE}"
     )
     return Section(title, "\n\n".join([first, *told]), tables=(_final_table(test),), figures=tuple(pictures))
 
@@ -72,8 +72,8 @@ def _final_table(test: FinalTest) -> Table:
         ),
         (
             "nominal",
-            *middle_and_span([run.nominal.mean_mm for run in runs]),
-            *middle_and_span([run.nominal.max_mm for run in runs]),
+            *median_and_range([run.nominal.mean_mm for run in runs]),
+            *median_and_range([run.nominal.max_mm for run in runs]),
             *[None] * 4,
         ),
     ]
@@ -81,15 +81,15 @@ def _final_table(test: FinalTest) -> Table:
         lines.append(
             (
                 name,
-                *middle_and_span([fit.mean_mm for fit in fits]),
-                *middle_and_span([fit.max_mm for fit in fits]),
-                whole(float(median(fit.over_0_05 for fit in fits))),
-                whole(float(median(fit.over_0_08 for fit in fits))),
+                *median_and_range([fit.mean_mm for fit in fits]),
+                *median_and_range([fit.max_mm for fit in fits]),
+                as_count(float(median(fit.over_0_05 for fit in fits))),
+                as_count(float(median(fit.over_0_08 for fit in fits))),
                 float(median(fit.removed_percent for fit in fits)),
                 float(median(fit.seconds or 0.0 for fit in fits)),
             )
         )
-    lines.append(("noise floor", *middle_and_span([run.noise_floor_mm for run in runs]), *[None] * 6))
+    lines.append(("noise floor", *median_and_range([run.noise_floor_mm for run in runs]), *[None] * 6))
     return Table(
         (
             Column("model"),
@@ -103,15 +103,15 @@ def _final_table(test: FinalTest) -> Table:
             Column("fit", "s"),
         ),
         tuple(lines),
-        f"The final test on {counted(len(runs), 'virtual arm')}: medians and ranges",
+        f"The final test on {format_count(len(runs), 'virtual arm')}: medians and ranges",
     )
 
 
-def share_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section | NotRun:
+def share_section(found: ReproductionResult, *, styles: Mapping[str, Style]) -> Section | MissingPart:
     """Say what the share removed means."""
     test = found.final_test
     if test is None or "lm" not in test.fits():
-        return NotRun("What a share removed means", "--table 4")
+        return MissingPart("What a share removed means", "--table 4")
     nominal, floor = (
         float(median(values))
         for values in ([run.nominal.mean_mm for run in test.runs], [run.noise_floor_mm for run in test.runs])
@@ -119,18 +119,18 @@ def share_section(found: Reproduced, *, styles: Mapping[str, Style]) -> Section 
     errors = {name: float(median(fit.mean_mm for fit in fits)) for name, fits in test.fits().items()}
     left = errors["lm"]
     told = (
-        f"With lm {percentage(1 - left / nominal)} removed of a mean error of {millimetres(nominal)} leaves "
-        f"{millimetres(left)}. The noise of the readings alone, which no model can know, makes {millimetres(floor)}: "
-        f"more than {percentage(1 - floor / nominal)} could not be removed, and the error of lm is "
+        f"With lm {format_percent(1 - left / nominal)} removed of a mean error of {format_mm(nominal)} leaves "
+        f"{format_mm(left)}. The noise of the readings alone, which no model can know, makes {format_mm(floor)}: "
+        f"more than {format_percent(1 - floor / nominal)} could not be removed, and the error of lm is "
         f"{format_in_text(left / floor)} times that floor.\n\n"
         "A share says as much of the state before as of the model. Had the arm been ten times better before, "
-        f"{millimetres(nominal / 10)}, the same {millimetres(left)} left would be "
-        f"{percentage(1 - left / (nominal / 10))} removed. What counts in use is the error that is left, and where: "
-        f"the share holds inside the box of joint angles that the network was trained in. {SHARES}"
+        f"{format_mm(nominal / 10)}, the same {format_mm(left)} left would be "
+        f"{format_percent(1 - left / (nominal / 10))} removed. What counts in use is the error that is left, and where: "
+        f"the share holds inside the box of joint angles that the network was trained in. {TRAINING_SHARES_NOTE}"
     )
     drawn = {"nominal": nominal, "paper": test.paper.network.mean_mm, **errors, "noise floor": floor}
     return Section(
-        f"What {percentage(test.paper.network.removed_percent / 100)} means",
+        f"What {format_percent(test.paper.network.removed_percent / 100)} means",
         told,
         figures=(share_removed(drawn, before="nominal", styles=styles),),
     )

@@ -13,16 +13,16 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.lines import Line2D
 
 from truearm.errors import InputError
-from truearm.report.canvas import FAINT, INK, Figure, Style, drawing_rules, log_scale, short, styles_of
+from truearm.report.canvas import FAINT, INK, Figure, Style, figure_style, set_log_scale, shorten, styles_of
 
-PAPER = Style(INK, "D", ":")  # the paper's own numbers, in every figure
+PAPER_STYLE = Style(INK, "D", ":")  # the paper's own numbers, in every figure
 _WIDTH_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 4.7, 0.27, 0.52, 0.44
 _LETTER_IN = 0.082
 _SOFT = "#5a616b"
 
 
 @dataclass(frozen=True)
-class PaperRow:
+class TableFigureRow:
     """One row of a published table and what was found for it.
 
     Parameters
@@ -44,14 +44,14 @@ class PaperRow:
     seconds: Mapping[str, Sequence[float | None]]
 
 
-def rows_beside_paper(
-    rows: Sequence[PaperRow], *, headings: Sequence[str], styles: Mapping[str, Style] | None = None
+def table_figure(
+    rows: Sequence[TableFigureRow], *, headings: Sequence[str], styles: Mapping[str, Style] | None = None
 ) -> Figure:
     """Draw the mean error of every start beside the paper's, and how long it took to be as accurate as the paper.
 
     Parameters
     ----------
-    rows : sequence of PaperRow
+    rows : sequence of TableFigureRow
     headings : sequence of str
         Over the cells of the rows' labels.
     styles : mapping of str to Style, optional
@@ -65,7 +65,7 @@ def rows_beside_paper(
             raise InputError(f"expected a label of {len(headings)} cells for every row, got {row.label}")
     trainers = list(dict.fromkeys(trainer for row in rows for trainer in row.errors_mm))
     pens = styles_of(trainers, styles)
-    with drawing_rules():
+    with figure_style():
         panels = (_errors(rows, headings, pens), _times(rows, headings[:1], pens))
     return Figure(
         panels,
@@ -79,13 +79,13 @@ def rows_beside_paper(
     )
 
 
-def gets_there(seconds: Sequence[float | None]) -> bool:
+def reaches_paper_error(seconds: Sequence[float | None]) -> bool:
     """Whether at least half of the starts became as accurate as the paper."""
     reached = sum(second is not None for second in seconds)
     return len(seconds) > 0 and 2 * reached >= len(seconds)
 
 
-def _errors(rows: Sequence[PaperRow], headings: Sequence[str], pens: Mapping[str, Style]) -> Drawing:
+def _errors(rows: Sequence[TableFigureRow], headings: Sequence[str], pens: Mapping[str, Style]) -> Drawing:
     drawing, axes = _sheet(rows, headings, pens, title="mean error", right_in=0.14)
     starts = {name: [list(row.errors_mm.get(name, ())) for row in rows] for name in pens}
     medians = {name: [bool(values) for values in by_row] for name, by_row in starts.items()}
@@ -94,11 +94,11 @@ def _errors(rows: Sequence[PaperRow], headings: Sequence[str], pens: Mapping[str
     return drawing
 
 
-def _times(rows: Sequence[PaperRow], headings: Sequence[str], pens: Mapping[str, Style]) -> Drawing:
+def _times(rows: Sequence[TableFigureRow], headings: Sequence[str], pens: Mapping[str, Style]) -> Drawing:
     title = "time to the paper's mean error"
     drawing, axes = _sheet(rows, headings, pens, title=title, right_in=0.2 + 0.36 * len(pens))
     got = {name: [[s for s in row.seconds.get(name, ()) if s is not None] for row in rows] for name in pens}
-    medians = {name: [gets_there(row.seconds.get(name, ())) for row in rows] for name in pens}
+    medians = {name: [reaches_paper_error(row.seconds.get(name, ())) for row in rows] for name in pens}
     _draw(axes, [row.paper_s for row in rows], got, medians, pens)
     for k, (name, pen) in enumerate(pens.items()):
         for base, row, times in zip(_bases(rows), rows, got[name], strict=True):
@@ -132,7 +132,7 @@ def _draw(
     heights = [base for base, value in zip(_bases(paper), paper, strict=True) if value > 0]
     values = [value for by_row in found.values() for row in by_row for value in row if value > 0]
     # Zero has no place on a logarithmic scale.
-    log_scale(axes, "x", min([*positive, *values], default=1.0) / 1.5, max([*positive, *values], default=1.0) * 1.5)
+    set_log_scale(axes, "x", min([*positive, *values], default=1.0) / 1.5, max([*positive, *values], default=1.0) * 1.5)
     for shift, (name, pen) in zip(_shifts(pens), pens.items(), strict=True):
         dots, middles = [], []
         for base, row, wanted in zip(_bases(paper), found[name], with_median[name], strict=True):
@@ -141,7 +141,7 @@ def _draw(
         small: Any = {"markersize": 2.6, "alpha": 0.55, "markeredgewidth": 0, "linestyle": "none"}
         axes.plot(*_columns(dots), marker=pen.marker, color=pen.colour, **small)
         axes.plot(*_columns(middles), marker=pen.marker, color=pen.colour, markersize=5.2, **white)
-    axes.plot(positive, heights, marker=PAPER.marker, color=PAPER.colour, markersize=4.4, zorder=4, **white)
+    axes.plot(positive, heights, marker=PAPER_STYLE.marker, color=PAPER_STYLE.colour, markersize=4.4, zorder=4, **white)
 
 
 def _columns(places: Sequence[tuple[float, float]]) -> tuple[list[float], list[float]]:
@@ -149,11 +149,11 @@ def _columns(places: Sequence[tuple[float, float]]) -> tuple[list[float], list[f
 
 
 def _sheet(
-    rows: Sequence[PaperRow], headings: Sequence[str], pens: Mapping[str, Style], *, title: str, right_in: float
+    rows: Sequence[TableFigureRow], headings: Sequence[str], pens: Mapping[str, Style], *, title: str, right_in: float
 ) -> tuple[Drawing, Axes]:
     """Make a panel with a line for each row, the cells of its label in columns on the left, and a key."""
     widths = [
-        _LETTER_IN * max(len(headings[k]), *(len(short(row.label[k], longest=24)) for row in rows)) + 0.1
+        _LETTER_IN * max(len(headings[k]), *(len(shorten(row.label[k], longest=24)) for row in rows)) + 0.1
         for k in range(len(headings))
     ]
     left_in = 0.06 + sum(widths)
@@ -175,7 +175,7 @@ def _sheet(
     axes.hlines(list(_bases(rows)), 0, 1, transform=axes.get_yaxis_transform(), color=FAINT, linewidth=0.5, zorder=0)
     where_in = 0.06
     for k, width in enumerate(widths):
-        cells = [(float(base), short(row.label[k], longest=24)) for base, row in zip(_bases(rows), rows, strict=True)]
+        cells = [(float(base), shorten(row.label[k], longest=24)) for base, row in zip(_bases(rows), rows, strict=True)]
         place = (where_in - left_in) * 72
         for height, text in [(len(rows) - 0.25, headings[k]), *cells]:
             axes.annotate(
@@ -194,14 +194,14 @@ def _sheet(
 
 
 def _key(drawing: Drawing, pens: Mapping[str, Style], height_in: float) -> None:
-    entries = {"paper": PAPER, **pens}
+    entries = {"paper": PAPER_STYLE, **pens}
     handles = [
         Line2D([], [], color=pen.colour, marker=pen.marker, linestyle="none", markersize=4.5)
         for pen in entries.values()
     ]
     drawing.legend(
         handles,
-        [f" {short(name, longest=14)}" for name in entries],
+        [f" {shorten(name, longest=14)}" for name in entries],
         loc="upper right",
         bbox_to_anchor=(1.0, 1 - 0.01 / height_in),
         ncols=len(entries),

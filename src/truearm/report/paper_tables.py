@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from truearm.report.canvas import Style, listed
+from truearm.report.canvas import Style, join_phrases
 from truearm.report.page import Cell, Column, Section, Table
-from truearm.report.paper_rows import PaperRow, gets_there, rows_beside_paper
-from truearm.report.quantities import format_given, format_in_text, format_number
-from truearm.report.reproduced import TableRow, Trained
-from truearm.report.wording import FIXED_THE_BOX, SHARES, NotRun, capitalised, counted, rows_named, span_cell
+from truearm.report.paper_rows import TableFigureRow, reaches_paper_error, table_figure
+from truearm.report.quantities import format_exact, format_in_text, format_number
+from truearm.report.reproduced import TableRow, TrainerSummary
+from truearm.report.wording import USED_TO_FIX_BOX, TRAINING_SHARES_NOTE, MissingPart, capitalize, format_count, format_row_numbers, range_cell
 
 _SUBJECT = {
     2: "a simulation: one hidden layer, other numbers of poses, goals, learning rates and units",
@@ -23,7 +23,7 @@ _SUBJECT = {
 
 def table_section(
     number: int, rows: Sequence[TableRow] | None, rule: str, *, styles: Mapping[str, Style]
-) -> Section | NotRun:
+) -> Section | MissingPart:
     """Set a table of the paper beside what was found: accuracy, effort, and a picture of both.
 
     Parameters
@@ -39,10 +39,10 @@ def table_section(
     """
     title = f"Table {number}"
     if not rows:
-        return NotRun(title, f"--table {number}")
+        return MissingPart(title, f"--table {number}")
     told = [
-        f"Table {number} of the paper is {_SUBJECT[number]}. " + accuracy_told(rows),
-        f"Rule of the verdicts. {capitalised(rule.rstrip('.'))}.",
+        f"Table {number} of the paper is {_SUBJECT[number]}. " + describe_accuracy(rows),
+        f"Rule of the verdicts. {capitalize(rule.rstrip('.'))}.",
         _starts_told(rows),
         *_notes_told(rows),
     ]
@@ -50,7 +50,7 @@ def table_section(
         title,
         "\n\n".join(part for part in told if part),
         tables=(_accuracy(number, rows), _effort(number, rows)),
-        figures=(rows_beside_paper([_beside(row) for row in rows], headings=("row", "poses", "units"), styles=styles),),
+        figures=(table_figure([_beside(row) for row in rows], headings=("row", "poses", "units"), styles=styles),),
     )
 
 
@@ -97,7 +97,7 @@ def _accuracy(number: int, rows: Sequence[TableRow]) -> Table:
         tuple(tuple(line[k] for k in keep) for line in lines),
         f"Table {number}, accuracy{poses}. Error of a single coordinate. Mean error: on 2000 further poses, "
         "median and range of the starts. Largest error: on as many poses as the paper tested, median of the starts. "
-        f"{SHARES.rstrip('.')}",
+        f"{TRAINING_SHARES_NOTE.rstrip('.')}",
     )
 
 
@@ -123,7 +123,7 @@ def _effort(number: int, rows: Sequence[TableRow]) -> Table:
         (
             row.row,
             _units(row),
-            format_given(row.learning_rate),
+            format_exact(row.learning_rate),
             _power(row.goal),
             row.paper.epochs,
             *(_of(row, name, lambda trained: round(trained.median.epochs)) for name in ("faithful", "lm")),
@@ -144,7 +144,7 @@ def _effort(number: int, rows: Sequence[TableRow]) -> Table:
         tuple(tuple(line[k] for k in keep) for line in lines),
         f"Table {number}, effort{fixed}. Medians of the starts. Time to the paper's mean error: until the error on "
         "2000 further poses first was at or below it, median of the starts that got there, and how many did. "
-        f"{SHARES.rstrip('.')}",
+        f"{TRAINING_SHARES_NOTE.rstrip('.')}",
     )
 
 
@@ -156,7 +156,7 @@ def _median_and_range(row: TableRow, name: str) -> tuple[Cell, Cell]:
     trained = row.by_trainer().get(name)
     if trained is None:
         return None, None
-    return trained.median.mean_many_mm, span_cell(trained.range_mm if len(trained.runs) > 1 else (0.0,))
+    return trained.median.mean_many_mm, range_cell(trained.range_mm if len(trained.runs) > 1 else (0.0,))
 
 
 def _timed(row: TableRow) -> bool:
@@ -178,10 +178,10 @@ def _stops(row: TableRow) -> str | None:
         return None
     stops = Counter(run.stop.strip().rstrip(".") for run in row.faithful.runs)
     # MATLAB's "Maximum epoch reached" and the like: the words a MATLAB user knows.
-    return listed((stop if len(stops) == 1 else f"{stop} ({n})" for stop, n in stops.most_common()), most=2)
+    return join_phrases((stop if len(stops) == 1 else f"{stop} ({n})" for stop, n in stops.most_common()), most=2)
 
 
-def _of(row: TableRow, name: str, value: Callable[[Trained], Cell]) -> Cell:
+def _of(row: TableRow, name: str, value: Callable[[TrainerSummary], Cell]) -> Cell:
     trained = row.by_trainer().get(name)
     return None if trained is None else value(trained)
 
@@ -193,9 +193,9 @@ def _units(row: TableRow) -> str:
     return f"{hidden}{activation}{trainer}"
 
 
-def _beside(row: TableRow) -> PaperRow:
+def _beside(row: TableRow) -> TableFigureRow:
     trained = row.by_trainer()
-    return PaperRow(
+    return TableFigureRow(
         (str(row.row), str(row.n_train), _units(row)),
         row.paper.mean_mm,
         row.paper.seconds,
@@ -218,10 +218,10 @@ def _starts_told(rows: Sequence[TableRow]) -> str:
         if not by_starts:
             continue
         most = max(by_starts, key=lambda n: len(by_starts[n]))
-        others = [f"{n} in {rows_named(numbers)}" for n, numbers in sorted(by_starts.items()) if n != most]
-        text = f"{name}: {counted(most, 'start')}" + (f" ({', '.join(others)})" if others else "")
+        others = [f"{n} in {format_row_numbers(numbers)}" for n, numbers in sorted(by_starts.items()) if n != most]
+        text = f"{name}: {format_count(most, 'start')}" + (f" ({', '.join(others)})" if others else "")
         limits = [
-            f"{format_in_text(limit, unit='s')} in {rows_named(numbers)}" for limit, numbers in sorted(by_limit.items())
+            f"{format_in_text(limit, unit='s')} in {format_row_numbers(numbers)}" for limit, numbers in sorted(by_limit.items())
         ]
         told.append(text + (f", time limit {', '.join(limits)}" if limits else ""))
     return f"Random starts of each row. {'; '.join(told)}." if told else ""
@@ -232,7 +232,7 @@ def _notes_told(rows: Sequence[TableRow]) -> list[str]:
     for row in rows:
         if row.note:
             notes.setdefault(row.note.strip(), []).append(row.row)
-    return [f"{capitalised(rows_named(numbers))}: {note}" for note, numbers in notes.items()]
+    return [f"{capitalize(format_row_numbers(numbers))}: {note}" for note, numbers in notes.items()]
 
 
 def _power(value: float) -> str:
@@ -249,12 +249,12 @@ def as_accurate(rows: Iterable[TableRow], name: str) -> tuple[int, int]:
     run = [
         [start.seconds_to_paper for start in row.by_trainer()[name].runs]
         for row in rows
-        if _timed(row) and row.verdicts().get(name, FIXED_THE_BOX) != FIXED_THE_BOX
+        if _timed(row) and row.verdicts().get(name, USED_TO_FIX_BOX) != USED_TO_FIX_BOX
     ]
-    return sum(map(gets_there, run)), len(run)
+    return sum(map(reaches_paper_error, run)), len(run)
 
 
-def sooner(rows: Iterable[TableRow]) -> list[float]:
+def speedups(rows: Iterable[TableRow]) -> list[float]:
     """For each row where both get there, how many times sooner lm has the paper's mean error than faithful.
 
     Only rows of trainlm whose two trainings no other row has.
@@ -264,25 +264,25 @@ def sooner(rows: Iterable[TableRow]) -> list[float]:
         times = {}
         for name in row.verdicts() if _timed(row) else ():
             seconds = [run.seconds_to_paper for run in row.by_trainer()[name].runs]
-            if gets_there(seconds):
+            if reaches_paper_error(seconds):
                 times[name] = float(np.median([s for s in seconds if s is not None]))
         if len(times) == 2 and times["lm"] > 0:
             ratios.append(times["faithful"] / times["lm"])
     return ratios
 
 
-def verdicts_of(rows: Iterable[TableRow], name: str) -> Counter[str]:
+def count_verdicts(rows: Iterable[TableRow], name: str) -> Counter[str]:
     """Verdicts of the trainings that were run, each once."""
     return Counter(verdicts[name] for row in rows if name in (verdicts := row.verdicts()))
 
 
-def accuracy_told(rows: Sequence[TableRow]) -> str:
+def describe_accuracy(rows: Sequence[TableRow]) -> str:
     """Tell in how many rows each trainer gets as accurate as the paper; empty if nothing was run."""
     counts = {name: as_accurate(rows, name) for name in ("faithful", "lm")}
-    told = [f"in {good} of {counted(run, 'row')} with {name}" for name, (good, run) in counts.items() if run]
+    told = [f"in {good} of {format_count(run, 'row')} with {name}" for name, (good, run) in counts.items() if run]
     if not told:
         return ""
     return (
         f"Half of the starts or more reach the paper's mean error {' and '.join(told)}; rows that fixed the box, and "
-        f"repeats, are not counted. {SHARES}"
+        f"repeats, are not counted. {TRAINING_SHARES_NOTE}"
     )

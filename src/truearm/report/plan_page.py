@@ -12,15 +12,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 
 from truearm.plan.candidates import Candidates
-from truearm.plan.proposal import Plan, Proposal, Strategy
+from truearm.plan.proposal import CalibrationPlan, Proposal, Strategy
 from truearm.plan.template import bars, notes, place_names
-from truearm.plan.untold import untold
+from truearm.plan.untold import limitations
 from truearm.poses.workspace import joint_origins, stance
-from truearm.report.canvas import INK, LIMIT, Figure, Style, drawing_rules, log_scale, panel, styles_of
+from truearm.report.canvas import INK, LIMIT, Figure, Style, figure_style, set_log_scale, make_panel, styles_of
 from truearm.report.joints import joint_ranges
-from truearm.report.page import Column, Page, Row, Section, Table
+from truearm.report.page import Column, Page, LabelledValue, Section, Table
 from truearm.report.quantities import format_number
-from truearm.report.wording import capitalised, counted, millimetres
+from truearm.report.wording import capitalize, format_count, format_mm
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -36,12 +36,12 @@ ABOUT = {
 }
 
 
-def plan_page(plan: Plan, strategy: str, poses: Candidates, *, facts: Sequence[tuple[str, str]] = ()) -> Page:
+def plan_page(plan: CalibrationPlan, strategy: str, poses: Candidates, *, facts: Sequence[tuple[str, str]] = ()) -> Page:
     """Lay out a plan.
 
     Parameters
     ----------
-    plan : Plan
+    plan : CalibrationPlan
     strategy : str
         The one whose poses are to be taken.
     poses : Candidates
@@ -53,12 +53,12 @@ def plan_page(plan: Plan, strategy: str, poses: Candidates, *, facts: Sequence[t
     artefact = {"tracker": "under a tracker", "seat": "with seats", "bar": "with a bar"}[plan.artefact.kind]
     apart = ", apart from the scale" if plan.artefact.kind == "seat" else ""
     return Page(
-        title=f"{plan.arm.name}: {counted(len(poses), 'pose')} to take {artefact}",
+        title=f"{plan.arm.name}: {format_count(len(poses), 'pose')} to take {artefact}",
         subtitle=f"Chosen for {ABOUT[strategy]}.",
         summary=(
-            Row(f"uncertainty in the volume before{apart}", float(chosen.rms_mm[0]), "mm"),
-            Row("after these poses", float(chosen.rms_mm[-1]), "mm"),
-            Row("poses", len(poses)),
+            LabelledValue(f"uncertainty in the volume before{apart}", float(chosen.rms_mm[0]), "mm"),
+            LabelledValue("after these poses", float(chosen.rms_mm[-1]), "mm"),
+            LabelledValue("poses", len(poses)),
         ),
         sections=(
             _gain(plan, strategy, apart),
@@ -66,7 +66,7 @@ def plan_page(plan: Plan, strategy: str, poses: Candidates, *, facts: Sequence[t
             _how(plan, poses),
             Section(
                 "What these poses will not tell",
-                "\n\n".join(f"{capitalised(phrase)}." for phrase in untold(plan, chosen)),
+                "\n\n".join(f"{capitalize(phrase)}." for phrase in limitations(plan, chosen)),
             ),
             _one_by_one(plan, poses),
         ),
@@ -77,18 +77,18 @@ def plan_page(plan: Plan, strategy: str, poses: Candidates, *, facts: Sequence[t
 def course_figure(proposals: Mapping[Strategy, Proposal]) -> Figure:
     """Draw the uncertainty in the volume against the number of poses, a line a strategy."""
     pens = styles_of(proposals)
-    with drawing_rules():
-        drawing, (axes,) = panel(5.4, 3.4)
+    with figure_style():
+        drawing, (axes,) = make_panel(5.4, 3.4)
         lowest, highest, most = np.inf, 0.0, 1
         for name, proposal in proposals.items():
             counts, rms = proposal.counts[1:], proposal.rms_mm[1:]
             _line(axes, counts, rms, pens[name], name)
             lowest, highest, most = min(lowest, rms.min()), max(highest, rms.max()), max(most, int(counts[-1]))
-        log_scale(axes, "y", lowest / 1.3, highest * 1.3)
-        log_scale(axes, "x", 0.95, most * 1.1 if most > 1 else 2)
+        set_log_scale(axes, "y", lowest / 1.3, highest * 1.3)
+        set_log_scale(axes, "x", 0.95, most * 1.1 if most > 1 else 2)
         axes.set(xlabel="poses", ylabel="uncertainty [mm]")
         axes.legend(loc="lower left")
-    ends = "; ".join(f"{name} {millimetres(float(p.rms_mm[-1]))}" for name, p in proposals.items())
+    ends = "; ".join(f"{name} {format_mm(float(p.rms_mm[-1]))}" for name, p in proposals.items())
     return Figure(
         (drawing,),
         caption="Predicted uncertainty of a point in the volume, three-dimensional root mean square, against the "
@@ -97,10 +97,10 @@ def course_figure(proposals: Mapping[Strategy, Proposal]) -> Figure:
     )
 
 
-def places_figure(plan: Plan, poses: Candidates) -> Figure:
+def places_figure(plan: CalibrationPlan, poses: Candidates) -> Figure:
     """Draw seats, bars or tips in the volume, from above and from the side."""
     tips = plan.arm.chain.tip_in_base(plan.volume)
-    with drawing_rules():
+    with figure_style():
         panels = tuple(_view(plan, tips, side=side) for side in (False, True))
         for (_, axes, flat), side in zip(panels, (False, True), strict=True):
             axes.scatter(*flat(tips), s=5, color=LIMIT, alpha=0.5, linewidths=0, zorder=1)
@@ -123,17 +123,17 @@ def places_figure(plan: Plan, poses: Candidates) -> Figure:
     )
 
 
-def poses_figure(plan: Plan, angles: FloatArray) -> Figure:
+def poses_figure(plan: CalibrationPlan, angles: FloatArray) -> Figure:
     """Draw the arm at the poses, from above and from the side."""
     shown = angles[np.unique(np.linspace(0, len(angles) - 1, _MOST_ARMS).round().astype(int))]
     tips = plan.arm.chain.tip_in_base(shown)
-    with drawing_rules():
+    with figure_style():
         panels = tuple(_view(plan, joint_origins(plan.arm.chain, shown).reshape(-1, 3), side=s) for s in (False, True))
         for _, axes, flat in panels:
             for pose in shown:
                 _arm(axes, flat, plan, pose, colour=_NAVY, width=0.7, alpha=0.45)
             axes.scatter(*flat(tips), s=7, color=_ORANGE, linewidths=0, zorder=4)
-    number = counted(len(shown), "pose")
+    number = format_count(len(shown), "pose")
     return Figure(
         tuple(drawing for drawing, _, _ in panels),
         caption=f"The arm at {number} of the {format_number(len(angles))}, as lines from joint to joint. Orange: the "
@@ -143,7 +143,7 @@ def poses_figure(plan: Plan, angles: FloatArray) -> Figure:
     )
 
 
-def _gain(plan: Plan, strategy: str, apart: str) -> Section:
+def _gain(plan: CalibrationPlan, strategy: str, apart: str) -> Section:
     rows = []
     for name, proposal in plan.proposals.items():
         seen = proposal.observability
@@ -157,7 +157,7 @@ def _gain(plan: Plan, strategy: str, apart: str) -> Section:
         "What it will bring",
         "The uncertainty of a point is predicted before anything is measured, from the drawing, from what is known of "
         "the terms by which the arm may differ from it, and from the noise of a coordinate "
-        f"({millimetres(plan.known.noise_mm)}). It is that of points compared with each other{apart}; what no term "
+        f"({format_mm(plan.prior.noise_mm)}). It is that of points compared with each other{apart}; what no term "
         "describes is not in it.\n\n"
         f"These poses are {strategy}. O1 to O5 are observability indices of the terms by the new poses alone, in units "
         "of how surely each was known before; larger is better. The rank counts the combinations of the terms' "
@@ -167,7 +167,7 @@ def _gain(plan: Plan, strategy: str, apart: str) -> Section:
     )
 
 
-def _where(plan: Plan, poses: Candidates) -> Section:
+def _where(plan: CalibrationPlan, poses: Candidates) -> Section:
     text = {
         "tracker": "The tip is in the volume at every pose. Whether the tracker sees it there must be tried.",
         "seat": "Each seat is fixed about where it is drawn; a few centimetres do not matter. It must not move while "
@@ -191,10 +191,10 @@ def _places_table(poses: Candidates) -> Table:
     return Table(columns, tuple(rows), "Seats in the base frame, in the order to use them.")
 
 
-def _how(plan: Plan, poses: Candidates) -> Section:
+def _how(plan: CalibrationPlan, poses: Candidates) -> Section:
     arm = plan.arm
     lower, upper = arm.limits.T
-    slides = arm.chain.slides.tolist()
+    slides = arm.chain.is_prismatic.tolist()
     ranges = joint_ranges(poses.angles, names=arm.joint_names, lower=lower, upper=upper, sliding=slides)
     return Section(
         "Poses",
@@ -205,8 +205,8 @@ def _how(plan: Plan, poses: Candidates) -> Section:
     )
 
 
-def _one_by_one(plan: Plan, poses: Candidates) -> Section:
-    slides = plan.arm.chain.slides.tolist()
+def _one_by_one(plan: CalibrationPlan, poses: Candidates) -> Section:
+    slides = plan.arm.chain.is_prismatic.tolist()
     aims = np.where(slides, poses.angles, np.degrees(poses.angles)).round().astype(int).tolist()
     units = ["mm" if slide else "deg" for slide in slides]
     joints = (Column(name, unit) for name, unit in zip(plan.arm.joint_names, units, strict=True))
@@ -222,7 +222,7 @@ def _line(axes: Axes, x: Any, y: Any, pen: Style, name: str) -> None:
 class _Flat:
     """From points in the base frame to a view: from above, or from the side with the front to the right."""
 
-    def __init__(self, plan: Plan, *, side: bool) -> None:
+    def __init__(self, plan: CalibrationPlan, *, side: bool) -> None:
         front = stance(plan.arm).front_rad
         ahead = np.array([np.cos(front), np.sin(front), 0.0])
         self._axes = np.stack([ahead, [0.0, 0.0, 1.0]]) if side else np.eye(3)[:2]
@@ -232,7 +232,7 @@ class _Flat:
         return across, up
 
 
-def _view(plan: Plan, points: FloatArray, *, side: bool) -> tuple[Drawing, Axes, _Flat]:
+def _view(plan: CalibrationPlan, points: FloatArray, *, side: bool) -> tuple[Drawing, Axes, _Flat]:
     """Axes with a margin about the points, the arm's base and its working pose, of one scale."""
     flat = _Flat(plan, side=side)
     drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
@@ -254,7 +254,7 @@ def _view(plan: Plan, points: FloatArray, *, side: bool) -> tuple[Drawing, Axes,
 
 
 def _arm(
-    axes: Axes, flat: _Flat, plan: Plan, pose: FloatArray, *, colour: str, width: float, alpha: float = 1.0
+    axes: Axes, flat: _Flat, plan: CalibrationPlan, pose: FloatArray, *, colour: str, width: float, alpha: float = 1.0
 ) -> None:
     """Draw the arm as a line from joint to joint."""
     chain = plan.arm.chain

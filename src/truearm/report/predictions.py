@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.errors import InputError
-from truearm.report.arrays import FloatArray, finite, finite_by_name
-from truearm.report.canvas import INK, LIMIT, Figure, Style, drawing_rules, listed, panel, short, styles_of
+from truearm.report.arrays import FloatArray, finite_array, finite_arrays
+from truearm.report.canvas import INK, LIMIT, Figure, Style, figure_style, join_phrases, make_panel, shorten, styles_of
 from truearm.report.quantities import format_number
 
 
@@ -29,17 +29,17 @@ def predictions_by_pose(
     styles : mapping of str to Style, optional
         From `styles_of`.
     """
-    truth = finite(truth, "truth", width=3)
-    by_name = finite_by_name(predicted, "predicted points", width=3, same_length=True)
+    truth = finite_array(truth, "truth", width=3)
+    by_name = finite_arrays(predicted, "predicted points", width=3, same_length=True)
     count = len(next(iter(by_name.values())))
     if len(truth) != count:
         raise InputError(f"expected predicted points of the same {len(truth)} poses as the truth, got {count}")
     pens = styles_of(by_name, styles)
     errors = {name: points - truth for name, points in by_name.items()}
-    with drawing_rules():
+    with figure_style():
         panels = tuple(_panel(truth, by_name, errors, pens, coordinate) for coordinate in range(3))
-    told = listed(
-        f"{short(name)} {format_number(float(np.abs(values).mean()), digits=2)} mm on average and "
+    told = join_phrases(
+        f"{shorten(name)} {format_number(float(np.abs(values).mean()), digits=2)} mm on average and "
         f"{format_number(float(np.abs(values).max()), digits=2)} mm at most"
         for name, values in errors.items()
     )
@@ -59,7 +59,7 @@ def _panel(
     pens: Mapping[str, Style],
     coordinate: int,
 ) -> Drawing:
-    drawing, (above, below) = panel(3.0, 3.4, rows=2, top_in=0.44)
+    drawing, (above, below) = make_panel(3.0, 3.4, rows=2, top_in=0.44)
     poses = np.arange(1, len(truth) + 1)
     above.plot(poses, truth[:, coordinate], "x", color=INK, markersize=7, markeredgewidth=1.0, zorder=2, label="true")
     shifts = 0.24 * (np.arange(len(predicted)) - (len(predicted) - 1) / 2)
@@ -90,5 +90,5 @@ def _panel(
 
 def _marks(axes: Axes, x: FloatArray, y: FloatArray, pen: Style, name: str) -> None:
     axes.plot(
-        x, y, pen.marker, color=pen.colour, markersize=3.4, markeredgewidth=0, label=f" {short(name, longest=12)}"
+        x, y, pen.marker, color=pen.colour, markersize=3.4, markeredgewidth=0, label=f" {shorten(name, longest=12)}"
     )

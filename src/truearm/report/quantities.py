@@ -17,7 +17,7 @@ _PLAIN_EXPONENTS = range(-5, 7)  # outside, a power of ten reads better than a r
 
 
 @dataclass(frozen=True)
-class Rounded:
+class RoundedNumber:
     """A number that is shown to the decimal of the second significant digit of its uncertainty.
 
     Parameters
@@ -101,7 +101,7 @@ def format_uncertainty(uncertainty: float) -> str:
     return _fixed(uncertainty, 1 - _exponent(uncertainty, 2)) if uncertainty else "0"
 
 
-def format_given(value: float) -> str:
+def format_exact(value: float) -> str:
     """Give a number that somebody chose, such as a limit, as it was chosen: 0.05 stays 0.05."""
     value = _finite(value)
     size = abs(value)

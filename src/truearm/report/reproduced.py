@@ -53,7 +53,7 @@ class Medians(_Record):
     max_mm: Positive
 
 
-class Trained(_Record):
+class TrainerSummary(_Record):
     """A row's network, trained from several starts by one trainer."""
 
     time_limit_s: Size | None
@@ -73,14 +73,14 @@ class TableRow(_Record):
     goal: Size
     same_training_as: int | None
     paper: PaperResult
-    faithful: Trained | None
-    ours: Trained | None
+    faithful: TrainerSummary | None
+    ours: TrainerSummary | None
     ratio: dict[str, Size | None]
     verdict: Text | None
     verdict_ours: Text | None
     note: Text | None
 
-    def by_trainer(self) -> dict[str, Trained]:
+    def by_trainer(self) -> dict[str, TrainerSummary]:
         """What was run: ``faithful``, ``lm``, or both."""
         return {way: one for way, one in (("faithful", self.faithful), ("lm", self.ours)) if one is not None}
 
@@ -252,7 +252,7 @@ class Boxes(_Record):
     how: Text
 
 
-class Reproduced(_Record):
+class ReproductionResult(_Record):
     """All that a reproduction found."""
 
     truearm: Text
@@ -277,7 +277,7 @@ class Reproduced(_Record):
         return [row for rows in self.rows_by_table().values() for row in rows]
 
 
-def reproduced(found: Mapping[str, Any]) -> Reproduced:
+def read_reproduction(found: Mapping[str, Any]) -> ReproductionResult:
     """Read the findings of a reproduction.
 
     Raises
@@ -287,7 +287,7 @@ def reproduced(found: Mapping[str, Any]) -> Reproduced:
         ``tables.2.0.paper.mean_mm``.
     """
     try:
-        return Reproduced.model_validate(found)
+        return ReproductionResult.model_validate(found)
     except ValidationError as errors:
         first = errors.errors(include_url=False)[0]
         place = ".".join(map(str, first["loc"])) or "findings"

@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from truearm.report.arm_drawing import arm_in_space, denavit_hartenberg, joint_frames
+from truearm.report.arm_drawing import arm_figure, denavit_hartenberg, frame_figure
 from truearm.report.canvas import Style, styles_of
 from truearm.report.layers import network_layers
-from truearm.report.page import Cell, Column, Page, Row, Section, Table
+from truearm.report.page import Cell, Column, Page, LabelledValue, Section, Table
 from truearm.report.paper_claims import joint_ranges_section, learning_rate_section, outside_section, scatter_section
 from truearm.report.paper_final_test import final_test_section, share_section
-from truearm.report.paper_rows import PAPER
-from truearm.report.paper_tables import accuracy_told, sooner, table_section, verdicts_of
+from truearm.report.paper_rows import PAPER_STYLE
+from truearm.report.paper_tables import describe_accuracy, speedups, table_section, count_verdicts
 from truearm.report.predictions import predictions_by_pose
 from truearm.report.quantities import format_in_text
-from truearm.report.reproduced import ArmFrames, Reproduced, reproduced
-from truearm.report.wording import COMMAND, NotRun, as_figure, counted, degrees, whole
+from truearm.report.reproduced import ArmFrames, ReproductionResult, read_reproduction
+from truearm.report.wording import COMMAND, MissingPart, with_figure_number, format_count, format_degrees, as_count
 
 TITLE = "Gao et al. 2017, reproduced"
 CITED = (
@@ -36,7 +36,7 @@ _PURPOSE = (
 )
 _PENS: dict[str, Style] = {
     **styles_of(("faithful", "lm", "kinematic", "noise floor", "nominal")),
-    "paper": PAPER,
+    "paper": PAPER_STYLE,
     "row 1": styles_of(("row 1", "row 15"))["row 1"],
     "row 15": styles_of(("row 1", "row 15"))["row 15"],
 }
@@ -59,9 +59,9 @@ def reproduction_page(found: Mapping[str, Any]) -> Page:
     InputError
         If a key is missing, or a value is not what it must be. The key is named with its place.
     """
-    all_found = reproduced(found)
+    all_found = read_reproduction(found)
     tables = all_found.rows_by_table()
-    parts: list[Section | NotRun] = [
+    parts: list[Section | MissingPart] = [
         _in_short(all_found),
         _arm(all_found),
         _network(all_found),
@@ -76,7 +76,7 @@ def reproduction_page(found: Mapping[str, Any]) -> Page:
     ]
     sections = [part for part in parts if isinstance(part, Section)]
     if len(sections) < len(parts):
-        missing = [str(part) for part in parts if isinstance(part, NotRun)]
+        missing = [str(part) for part in parts if isinstance(part, MissingPart)]
         sections.append(Section("Not part of this run", "\n\n".join(missing)))
     if all_found.left_out:
         sections.append(_left_out(all_found))
@@ -90,36 +90,36 @@ def reproduction_page(found: Mapping[str, Any]) -> Page:
     )
 
 
-def _summary(found: Reproduced) -> tuple[Row, ...]:
+def _summary(found: ReproductionResult) -> tuple[LabelledValue, ...]:
     rows = []
     for name in ("faithful", "lm"):
-        verdicts = verdicts_of(found.rows(), name)
+        verdicts = count_verdicts(found.rows(), name)
         if verdicts:
             good = verdicts["reproduced"] + verdicts["better"]
             counted_rows = good + verdicts["not reached"]
-            rows.append(Row(f"table rows reproduced or better, {name}", f"{good} of {counted_rows}"))
-    times = sooner(found.rows())
+            rows.append(LabelledValue(f"table rows reproduced or better, {name}", f"{good} of {counted_rows}"))
+    times = speedups(found.rows())
     if times:
         label = "as fast as faithful is lm at the paper's mean error, median of rows"
-        rows.append(Row(label, float(np.median(times)), "times"))
+        rows.append(LabelledValue(label, float(np.median(times)), "times"))
     if found.final_test is not None:
         for name, share in found.final_test.removed_percent().items():
             if name != "kinematic":
-                rows.append(Row(f"error removed on {found.final_test.poses} further poses, {name}", share, "%"))
+                rows.append(LabelledValue(f"error removed on {found.final_test.poses} further poses, {name}", share, "%"))
     return tuple(rows)
 
 
-def _in_short(found: Reproduced) -> Section:
+def _in_short(found: ReproductionResult) -> Section:
     rows = found.rows()
     run = [row for row in rows if row.by_trainer()]
     told = [_PURPOSE]
     if rows:
-        told.append(f"{counted(len(run), 'row')} of {len(rows)} were run. " + accuracy_told(rows))
-    times = sooner(rows)
+        told.append(f"{format_count(len(run), 'row')} of {len(rows)} were run. " + describe_accuracy(rows))
+    times = speedups(rows)
     if times:
         span = f" (from {format_in_text(min(times))} to {format_in_text(max(times))})" if len(times) > 1 else ""
         told.append(
-            f"In {counted(len(times), 'row')} both get there; on the same machine faithful then takes "
+            f"In {format_count(len(times), 'row')} both get there; on the same machine faithful then takes "
             f"{format_in_text(float(np.median(times)))} times as long as lm in the median{span}. The paper's own times "
             "are of a machine it does not describe."
         )
@@ -127,30 +127,30 @@ def _in_short(found: Reproduced) -> Section:
     return Section("In short", "\n\n".join(told), tables=tables)
 
 
-def _verdicts(found: Reproduced) -> Table:
-    by_trainer = {name: verdicts_of(found.rows(), name) for name in ("faithful", "lm")}
+def _verdicts(found: ReproductionResult) -> Table:
+    by_trainer = {name: count_verdicts(found.rows(), name) for name in ("faithful", "lm")}
     heads = [(name, verdict) for name, verdicts in by_trainer.items() for verdict in verdicts]
     return Table(
         (Column("table"), Column("rows"), *(Column(verdict, group=f"{name}, rows") for name, verdict in heads)),
         tuple(
-            (f"Table {number}", len(rows), *(verdicts_of(rows, name)[verdict] for name, verdict in heads))
+            (f"Table {number}", len(rows), *(count_verdicts(rows, name)[verdict] for name, verdict in heads))
             for number, rows in found.rows_by_table().items()
         ),
         "Trainings by verdict, of those that were run, each once; the rule stands with each table",
     )
 
 
-def _arm(found: Reproduced) -> Section | NotRun:
+def _arm(found: ReproductionResult) -> Section | MissingPart:
     arm = found.figures.arm
     title = "The arm (Figures 1 and 2)"
     if arm is None:
-        return NotRun("The drawing of the arm", "--figure 1")
+        return MissingPart("The drawing of the arm", "--figure 1")
     frames, tip = [list(frame) for frame in arm.frames], arm.tip_mm
-    pictures = (as_figure(1, arm_in_space(frames, tip)), as_figure(2, joint_frames(frames, tip)))
+    pictures = (with_figure_number(1, arm_figure(frames, tip)), with_figure_number(2, frame_figure(frames, tip)))
     return Section(
         title,
         "The paper's arm has six turning joints and a stylus. It is drawn at the pose that the boxes of joint angles "
-        f"lie around: {', '.join(f'q{i} = {degrees(a)}' for i, a in enumerate(arm.angles_deg, start=1))}. The paper "
+        f"lie around: {', '.join(f'q{i} = {format_degrees(a)}' for i, a in enumerate(arm.angles_deg, start=1))}. The paper "
         "gives no such pose; it was chosen here.",
         tables=(_parameters(arm),),
         figures=pictures,
@@ -161,7 +161,7 @@ def _parameters(arm: ArmFrames) -> Table:
     parameters = denavit_hartenberg([list(frame) for frame in arm.frames])
     rows: list[tuple[Cell, ...]] = []
     for i, (a, d, theta, alpha) in enumerate(parameters, start=1):
-        rows.append((i, *(whole(round(float(v), 6) + 0.0) for v in (a, d, np.degrees(theta), np.degrees(alpha)))))
+        rows.append((i, *(as_count(round(float(v), 6) + 0.0) for v in (a, d, np.degrees(theta), np.degrees(alpha)))))
     return Table(
         (Column("joint"), Column("a", "mm"), Column("d", "mm"), Column("theta", "deg"), Column("alpha", "deg")),
         tuple(rows),
@@ -170,25 +170,25 @@ def _parameters(arm: ArmFrames) -> Table:
     )
 
 
-def _network(found: Reproduced) -> Section | NotRun:
+def _network(found: ReproductionResult) -> Section | MissingPart:
     title = "The network (Figure 3)"
     if found.figures.network is None:
-        return NotRun("The drawing of the network", "--figure 3")
-    return Section(title, figures=(as_figure(3, network_layers(found.figures.network.sizes)),))
+        return MissingPart("The drawing of the network", "--figure 3")
+    return Section(title, figures=(with_figure_number(3, network_layers(found.figures.network.sizes)),))
 
 
-def _some_poses(found: Reproduced) -> Section | NotRun:
+def _some_poses(found: ReproductionResult) -> Section | MissingPart:
     title = "Some poses in detail (Figure 4)"
     poses = found.figures.figure_4
     by_name = {} if poses is None else {key: points for key, points in poses.predicted_mm.items() if points is not None}
     if poses is None or not by_name:
-        return NotRun("Figure 4", "--figure 4")
+        return MissingPart("Figure 4", "--figure 4")
     predicted = {"lm" if key == "ours" else key: points for key, points in by_name.items()}
     pens = {**styles_of(predicted), **_PENS}
-    return Section(title, figures=(as_figure(4, predictions_by_pose(poses.points_mm, predicted, styles=pens)),))
+    return Section(title, figures=(with_figure_number(4, predictions_by_pose(poses.points_mm, predicted, styles=pens)),))
 
 
-def _left_out(found: Reproduced) -> Section:
+def _left_out(found: ReproductionResult) -> Section:
     return Section(
         "What was left out",
         f"All of it is made by: {COMMAND} --all",
@@ -196,22 +196,22 @@ def _left_out(found: Reproduced) -> Section:
     )
 
 
-def _facts(found: Reproduced) -> tuple[tuple[str, str], ...]:
+def _facts(found: ReproductionResult) -> tuple[tuple[str, str], ...]:
     boxes, seconds = found.boxes, found.training_seconds
     trained = f"{format_in_text(seconds, unit='s')} ({format_in_text(seconds / 60, unit='min')})"
     if found.trained:
         trained += f", ended {' to '.join(dict.fromkeys(found.trained))}"
     return (
         *(
-            ("machine", f"{one.cpu}, {counted(one.cores, 'core')}, Python {one.python}, NumPy {one.numpy}")
+            ("machine", f"{one.cpu}, {format_count(one.cores, 'core')}, Python {one.python}, NumPy {one.numpy}")
             for one in found.machines
         ),
         ("version", f"truearm {found.truearm}"),
         ("training time", trained),
-        ("extent", f"quick; {counted(len(found.left_out), 'part')} left out" if found.quick else "full settings"),
+        ("extent", f"quick; {format_count(len(found.left_out), 'part')} left out" if found.quick else "full settings"),
         (
             "boxes of joint angles",
-            f"simulations \u00b1{degrees(boxes.simulation_deg)}, experiment \u00b1{degrees(boxes.experiment_deg)}",
+            f"simulations \u00b1{format_degrees(boxes.simulation_deg)}, experiment \u00b1{format_degrees(boxes.experiment_deg)}",
         ),
         ("paper", CITED),
     )

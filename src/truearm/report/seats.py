@@ -9,14 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.report import figures
-from truearm.report.page import Cell, Column, Page, Row, Section, Table
-from truearm.report.wording import counted, millimetres
+from truearm.report.page import Cell, Column, Page, LabelledValue, Section, Table
+from truearm.report.wording import format_count, format_mm
 
 FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Seated:
+class SeatComparison:
     """Readings in seats and what models made of them.
 
     Attributes
@@ -49,7 +49,7 @@ class Seated:
 
 
 def seats_page(
-    seated: Seated,
+    seated: SeatComparison,
     *,
     title: str,
     subtitle: str,
@@ -61,7 +61,7 @@ def seats_page(
 
     Parameters
     ----------
-    seated : Seated
+    seated : SeatComparison
     title, subtitle, facts, remarks, more
         As in `truearm.report.comparison.comparison_page`.
     """
@@ -111,21 +111,21 @@ def _from_mean(points: FloatArray, seat: npt.NDArray[np.str_]) -> FloatArray:
     return np.asarray(np.linalg.norm(points - means[index], axis=1))
 
 
-def _summary(seated: Seated, distances: Mapping[str, FloatArray], best: str) -> tuple[Row, ...]:
+def _summary(seated: SeatComparison, distances: Mapping[str, FloatArray], best: str) -> tuple[LabelledValue, ...]:
     before = next(iter(distances))
-    rows = [Row(f"mean distance from the seat's mean, {before}", float(distances[before].mean()), "mm")]
+    rows = [LabelledValue(f"mean distance from the seat's mean, {before}", float(distances[before].mean()), "mm")]
     if best != before:
         rows += [
-            Row(f"the same, {best}", float(distances[best].mean()), "mm"),
-            Row(f"largest, {best}", float(distances[best].max()), "mm"),
+            LabelledValue(f"the same, {best}", float(distances[best].mean()), "mm"),
+            LabelledValue(f"largest, {best}", float(distances[best].max()), "mm"),
         ]
     if seated.lengths:
-        rows.append(Row(f"largest error of a length, {best}", float(np.abs(seated.length_errors[best]).max()), "mm"))
+        rows.append(LabelledValue(f"largest error of a length, {best}", float(np.abs(seated.length_errors[best]).max()), "mm"))
     return tuple(rows)
 
 
 def _agreement(
-    seated: Seated,
+    seated: SeatComparison,
     distances: Mapping[str, FloatArray],
     remarks: Sequence[str],
     styles: Mapping[str, figures.Style],
@@ -167,7 +167,7 @@ def _agreement(
         "Agreement in the seats",
         "\n\n".join(remarks)
         + ("\n\n" if remarks else "")
-        + f"The tip was held in {counted(len(names), 'seat')}, in many poses each. An arm without error would come to "
+        + f"The tip was held in {format_count(len(names), 'seat')}, in many poses each. An arm without error would come to "
         "the same point in all poses of a seat; the distance of each point from the mean of its seat is what errors "
         "and noise make of it. What shifts all points of a seat alike is not seen, nor is the size of the arm: that "
         "takes lengths.",
@@ -176,7 +176,7 @@ def _agreement(
     )
 
 
-def _lengths(seated: Seated) -> tuple[Section, ...]:
+def _lengths(seated: SeatComparison) -> tuple[Section, ...]:
     if not seated.lengths:
         return ()
     rows: list[tuple[Cell, ...]] = [
@@ -184,7 +184,7 @@ def _lengths(seated: Seated) -> tuple[Section, ...]:
         for i, (a, b, length, u) in enumerate(seated.lengths)
     ]
     worst = {name: float(np.abs(errors).max()) for name, errors in seated.length_errors.items()}
-    told = ", ".join(f"{name} {millimetres(error)}" for name, error in worst.items())
+    told = ", ".join(f"{name} {format_mm(error)}" for name, error in worst.items())
     table = Table(
         (
             Column("seat"),

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import MaxNLocator
 
 from truearm.errors import InputError
-from truearm.report.arrays import FloatArray, distances, finite
-from truearm.report.canvas import FAINT, INK, LIMIT, MANY, Figure, drawing_rules, readings
+from truearm.report.arrays import FloatArray, nonnegative_arrays, finite_array
+from truearm.report.canvas import FAINT, INK, LIMIT, RASTER_FROM, Figure, figure_style, reading_count
 from truearm.report.quantities import format_number
 
 _WIDTH_IN, _HEIGHT_IN = 4.6, 3.7
@@ -38,12 +38,12 @@ def workspace(points: npt.ArrayLike) -> Figure:
     InputError
         If there is no point, or a coordinate is not finite.
     """
-    points = finite(points, "points", width=3)
-    with drawing_rules():
+    points = finite_array(points, "points", width=3)
+    with figure_style():
         panels = _four_views(points, {"color": _DOT})
     return Figure(
         panels,
-        caption=f"Where the tip was, {readings(len(points))}, in the frame of the reference. {_extent(points)}. "
+        caption=f"Where the tip was, {reading_count(len(points))}, in the frame of the reference. {_extent(points)}. "
         "A cross marks the origin where it is in sight. A model is only tested where there are dots.",
         alt=f"Four scatter plots of {len(points)} tip positions: in space, from the front, the side and above. "
         f"{_extent(points)}.",
@@ -63,13 +63,13 @@ def error_in_workspace(points: npt.ArrayLike, errors: npt.ArrayLike, *, name: st
     name : str
         The model whose error it is.
     """
-    points = finite(points, "points", width=3)
-    (errors,) = distances({name or "the model": errors}, "errors").values()
+    points = finite_array(points, "points", width=3)
+    (errors,) = nonnegative_arrays({name or "the model": errors}, "errors").values()
     if len(points) != len(errors):
         raise InputError(f"expected one error a point, got {len(points)} points and {len(errors)} errors")
     order = np.argsort(errors, kind="stable")  # the largest on top, else the many small ones hide them
     scale, clipped = _scale(errors)
-    with drawing_rules():
+    with figure_style():
         pen = {"c": errors[order], "cmap": _HEAT, "norm": scale}
         panels = _four_views(points[order], pen, opaque=True)
         _colour_bar(panels[0], pen, clipped=clipped)
@@ -77,7 +77,7 @@ def error_in_workspace(points: npt.ArrayLike, errors: npt.ArrayLike, *, name: st
     where = ", ".join(f"{axis} {format_number(round(value))}" for axis, value in zip("xyz", worst, strict=True))
     of_model = f" of {name}" if name else ""
     told = f"the largest, {format_number(float(errors.max()))} mm, at {where} mm"
-    cells = "From the front, side and top, a cell shows the mean of the readings in it. " if len(points) > MANY else ""
+    cells = "From the front, side and top, a cell shows the mean of the readings in it. " if len(points) > RASTER_FROM else ""
     return Figure(
         panels,
         caption=f"Error{of_model} in space: darker is larger; {told}. "
@@ -122,7 +122,7 @@ def _plane_view(
     title, across, up = view
     drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
     axes = drawing.add_axes((0.82 / _WIDTH_IN, 0.46 / _HEIGHT_IN, 3.6 / _WIDTH_IN, 2.96 / _HEIGHT_IN))
-    if "c" in pen and len(points) > MANY:
+    if "c" in pen and len(points) > RASTER_FROM:
         _cells(axes, points[:, across], points[:, up], pen)
     else:
         axes.scatter(points[:, across], points[:, up], **pen)
@@ -185,9 +185,9 @@ def _few_ticks() -> MaxNLocator:
 def _dots(n: int, *, opaque: bool) -> dict[str, Any]:
     return {
         "s": float(np.clip(3000 / n, 1.6, 14)),
-        "alpha": 1.0 if opaque else 0.75 if n < MANY else 0.45,
+        "alpha": 1.0 if opaque else 0.75 if n < RASTER_FROM else 0.45,
         "linewidths": 0,
-        "rasterized": n > MANY,
+        "rasterized": n > RASTER_FROM,
     }
 
 

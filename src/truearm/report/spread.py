@@ -10,19 +10,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 from matplotlib.lines import Line2D
 
-from truearm.report.arrays import FloatArray, distances
+from truearm.report.arrays import FloatArray, nonnegative_arrays
 from truearm.report.canvas import (
     INK,
     LEFT_IN,
     LIMIT,
-    MANY,
+    RASTER_FROM,
     Figure,
     Style,
-    drawing_rules,
-    listed,
-    log_scale,
-    panel,
-    short,
+    figure_style,
+    join_phrases,
+    set_log_scale,
+    make_panel,
+    shorten,
     styles_of,
 )
 from truearm.report.quantities import format_number
@@ -41,12 +41,12 @@ def error_distribution(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[s
     styles : mapping of str to Style, optional
         From `styles_of`.
     """
-    by_name = distances(errors, "errors")
+    by_name = nonnegative_arrays(errors, "errors")
     pens = styles_of(by_name, styles)
     logarithmic = _needs_log(by_name)
-    with drawing_rules():
+    with figure_style():
         panels = (_cumulative(by_name, pens, logarithmic), _histogram(by_name, pens, logarithmic))
-    told = listed(f"{short(name)} {_most(values)}" for name, values in by_name.items())
+    told = join_phrases(f"{shorten(name)} {_most(values)}" for name, values in by_name.items())
     scale = " The lower scale is logarithmic." if logarithmic else ""
     return Figure(
         panels,
@@ -68,11 +68,11 @@ def before_after(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[str, St
     styles : mapping of str to Style, optional
         From `styles_of`.
     """
-    by_name = distances(errors, "errors")
+    by_name = nonnegative_arrays(errors, "errors")
     pens = styles_of(by_name, styles)
-    with drawing_rules():
+    with figure_style():
         drawing = _clouds(by_name, pens)
-    told = listed(f"{short(name)} {_mean(values)} mm" for name, values in by_name.items())
+    told = join_phrases(f"{shorten(name)} {_mean(values)} mm" for name, values in by_name.items())
     return Figure(
         (drawing,),
         caption=f"Every dot is one reading; the further right, the larger its error. Mean error: {told}.",
@@ -81,13 +81,13 @@ def before_after(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[str, St
 
 
 def _clouds(errors: Mapping[str, FloatArray], pens: Mapping[str, Style]) -> Drawing:
-    drawing, (axes,) = panel(4.6, 0.72 + 0.66 * len(errors))
+    drawing, (axes,) = make_panel(4.6, 0.72 + 0.66 * len(errors))
     drawing.subplots_adjust(left=0.12 / 4.6, right=1 - 0.16 / 4.6)
     largest = max(float(values.max()) for values in errors.values()) or 1e-6
     for i, (name, values) in enumerate(errors.items()):
         base = float(len(errors) - 1 - i)
         _cloud(axes, values, base, largest, pens[name])
-        axes.text(0.0, base + 0.43, short(name, longest=18), weight="bold", color=pens[name].colour)
+        axes.text(0.0, base + 0.43, shorten(name, longest=18), weight="bold", color=pens[name].colour)
         axes.text(largest, base + 0.43, f"mean {_mean(values)} mm,  {_most(values)}", ha="right")
     axes.set(xlim=(-0.012 * largest, 1.02 * largest), ylim=(-0.45, len(errors) - 0.2), xlabel="error [mm]")
     axes.set_yticks([])
@@ -101,7 +101,7 @@ def _cloud(axes: Axes, values: FloatArray, base: float, largest: float, pen: Sty
     density = np.sqrt(counts / counts.max())
     height = np.interp(values, (edges[1:] + edges[:-1]) / 2, density)
     spread = (np.arange(n) * 0.6180339887498949) % 1 - 0.5  # golden ratio: even, and no chance in it
-    many = n > MANY
+    many = n > RASTER_FROM
     axes.scatter(
         values,
         base + 0.62 * height * spread,
@@ -154,12 +154,12 @@ def _with_key(
     """Make a panel with a line a model above the axes: its pen, its name, and one number."""
     line_in, title_in = 0.17, 0.3
     height_in = 2.9 + line_in * len(errors)
-    drawing, (axes,) = panel(4.6, height_in, top_in=title_in + line_in * len(errors))
+    drawing, (axes,) = make_panel(4.6, height_in, top_in=title_in + line_in * len(errors))
     for i, (name, values) in enumerate(errors.items()):
         pen, y = pens[name], 1 - (title_in + line_in * (i + 0.25)) / height_in
         left = LEFT_IN / 4.6
         drawing.add_artist(Line2D([left, left + 0.07], [y, y], color=pen.colour, linestyle=pen.dash, linewidth=1.6))
-        drawing.text(left + 0.085, y, short(name), va="center_baseline")
+        drawing.text(left + 0.085, y, shorten(name), va="center_baseline")
         drawing.text(1 - 0.12 / 4.6, y, told(values), va="center_baseline", ha="right")
     drawing.text(LEFT_IN / 4.6, 1 - 0.06 / height_in, title, va="top", fontsize=9, fontweight="bold")
     return drawing, axes
@@ -168,7 +168,7 @@ def _with_key(
 def _error_axis(axes: Axes, errors: Mapping[str, FloatArray], logarithmic: bool) -> None:
     axes.set_xlabel("error [mm]")
     if logarithmic:
-        log_scale(axes, "x", *_ends(errors, logarithmic))
+        set_log_scale(axes, "x", *_ends(errors, logarithmic))
     else:
         axes.locator_params(axis="x", nbins=6)
         axes.set_xlim(*_ends(errors, logarithmic))

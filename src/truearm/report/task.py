@@ -6,18 +6,18 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure as Drawing
 
-from truearm.report.canvas import LIMIT, Figure, drawing_rules, panel
-from truearm.report.page import Column, Page, Row, Section, Table
-from truearm.report.quantities import Rounded
-from truearm.report.wording import capitalised, counted, millimetres
-from truearm.tasks.task import Estimate, Fitness, Task, advice, in_words
+from truearm.report.canvas import LIMIT, Figure, figure_style, make_panel
+from truearm.report.page import Column, Page, LabelledValue, Section, Table
+from truearm.report.quantities import RoundedNumber
+from truearm.report.wording import capitalize, format_count, format_mm
+from truearm.tasks.task import Estimate, Fitness, TaskResult, advice, describe_fitness
 
 _ORANGE, _NAVY = "#d9730d", "#12407a"
 _BINS = 40
 
 
 def task_page(
-    task: Task,
+    task: TaskResult,
     fit: Fitness | None,
     *,
     about: str,
@@ -28,7 +28,7 @@ def task_page(
 
     Parameters
     ----------
-    task : Task
+    task : TaskResult
     fit : Fitness, optional
         Against a tolerance of its first quantity.
     about : str
@@ -40,19 +40,19 @@ def task_page(
     """
     first = task.estimates[0]
     summary = [
-        Row(f"{first.quantity.name}: standard uncertainty", first.u_mm, "mm"),
-        Row("not exceeded by 95 % of errors", first.expanded_mm, "mm"),
+        LabelledValue(f"{first.quantity.name}: standard uncertainty", first.u_mm, "mm"),
+        LabelledValue("not exceeded by 95 % of errors", first.expanded_mm, "mm"),
     ]
     if task.at_limit is not None:
-        summary.append(Row("the same of arms at their limit", task.at_limit.expanded_mm, "mm"))
+        summary.append(LabelledValue("the same of arms at their limit", task.at_limit.expanded_mm, "mm"))
     sections = []
     if fit is not None:
-        summary.append(Row("good enough?", fit.answer.value))
-        sections.append(Section("Is the arm good enough?", in_words(first, fit).replace("+-", "\u00b1")))
+        summary.append(LabelledValue("good enough?", fit.answer.value))
+        sections.append(Section("Is the arm good enough?", describe_fitness(first, fit).replace("+-", "\u00b1")))
     sections.append(
         Section(
             "Errors of the measured feature",
-            f"Measured less true value of {counted(task.n_arms, 'drawn arm')}; what is known of the arm: {about}. The "
+            f"Measured less true value of {format_count(task.n_arms, 'drawn arm')}; what is known of the arm: {about}. The "
             "interval is the shortest one that holds 95 % of the errors.",
             figures=(errors_figure(task.estimates, fit),),
             tables=(_table(task),),
@@ -68,7 +68,7 @@ def task_page(
     if remarks:
         sections.append(Section("What it rests on", "\n\n".join(remarks)))
     return Page(
-        title=capitalised(task.feature.name),
+        title=capitalize(task.feature.name),
         subtitle=f"Uncertainty of measurement by {about}",
         summary=tuple(summary),
         sections=tuple(sections),
@@ -78,7 +78,7 @@ def task_page(
 
 def errors_figure(estimates: Sequence[Estimate], fit: Fitness | None = None) -> Figure:
     """Draw how the errors of each quantity are spread, with their interval and the tolerance of the first."""
-    with drawing_rules():
+    with figure_style():
         panels = tuple(_spread(one, fit if one is estimates[0] else None) for one in estimates)
     told = "; ".join(f"{one.quantity.name} {_between(one)}" for one in estimates)
     zone = " Grey lines: the tolerance." if fit is not None else ""
@@ -91,7 +91,7 @@ def errors_figure(estimates: Sequence[Estimate], fit: Fitness | None = None) -> 
 
 
 def _spread(estimate: Estimate, fit: Fitness | None) -> Drawing:
-    drawing, (axes,) = panel(4.6, 2.8)
+    drawing, (axes,) = make_panel(4.6, 2.8)
     low, high = estimate.interval_mm
     axes.axvspan(low, high, color=_ORANGE, alpha=0.18, linewidth=0)
     axes.hist(estimate.errors, bins=_BINS, color=_NAVY)
@@ -105,10 +105,10 @@ def _spread(estimate: Estimate, fit: Fitness | None) -> Drawing:
 
 def _between(estimate: Estimate) -> str:
     low, high = estimate.interval_mm
-    return f"{millimetres(low)} to {millimetres(high)}"
+    return f"{format_mm(low)} to {format_mm(high)}"
 
 
-def _table(task: Task) -> Table:
+def _table(task: TaskResult) -> Table:
     columns = (
         Column("quantity"),
         Column("nominal", "mm"),
@@ -123,12 +123,12 @@ def _table(task: Task) -> Table:
         (
             one.quantity.name,
             float(one.quantity.nominal_mm),
-            Rounded(one.bias_mm, one.standard_errors.bias_mm),
-            Rounded(one.u_mm, one.standard_errors.u_mm),
-            Rounded(one.u_of_arm_mm, one.standard_errors.u_mm),
-            Rounded(one.u_of_points_mm, one.standard_errors.u_mm),
-            Rounded(one.interval_mm[0], one.standard_errors.low_mm),
-            Rounded(one.interval_mm[1], one.standard_errors.high_mm),
+            RoundedNumber(one.bias_mm, one.standard_errors.bias_mm),
+            RoundedNumber(one.u_mm, one.standard_errors.u_mm),
+            RoundedNumber(one.u_systematic_mm, one.standard_errors.u_mm),
+            RoundedNumber(one.u_random_mm, one.standard_errors.u_mm),
+            RoundedNumber(one.interval_mm[0], one.standard_errors.low_mm),
+            RoundedNumber(one.interval_mm[1], one.standard_errors.high_mm),
         )
         for one in task.estimates
     ]

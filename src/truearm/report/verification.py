@@ -13,15 +13,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Rectangle
 
-from truearm.report.canvas import INK, LIMIT, Figure, Style, drawing_rules, listed, short
-from truearm.report.page import Cell, Column, Page, Row, Section, Table
-from truearm.report.quantities import Rounded, format_given, format_in_text, format_number
-from truearm.report.wording import capitalised, counted, percentage
+from truearm.report.canvas import INK, LIMIT, Figure, Style, figure_style, join_phrases, shorten
+from truearm.report.page import Cell, Column, Page, LabelledValue, Section, Table
+from truearm.report.quantities import RoundedNumber, format_exact, format_in_text, format_number
+from truearm.report.wording import capitalize, format_count, format_percent
 from truearm.verify import decision
 from truearm.verify.artefacts import CalibratedBar, CalibratedSphere
-from truearm.verify.decision import LEVEL, SIMPLE_RATIO, Budget, Rule, Verdict, simple_applies
-from truearm.verify.outcome import Outcome
-from truearm.verify.test_plan import CHECK
+from truearm.verify.decision import COVERAGE_PROBABILITY, SIMPLE_RATIO, Budget, DecisionRule, Verdict, simple_applies
+from truearm.verify.outcome import VerificationRecord
+from truearm.verify.test_plan import CHECK_STANDARD
 
 # Shape, colour and place of each verdict, told apart in black and white too.
 _PENS = {
@@ -33,27 +33,27 @@ _INSIDE = "#dce6f2"
 _WIDTH_IN, _LABELS_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 6.0, 2.15, 0.31, 0.12, 0.95
 _MOST_ROWS = 60
 _UNROUNDED = "Compared are the values before rounding."
-LEVEL_TEXT = format_in_text(round(100 * LEVEL, 2), unit="%", digits=4)
+LEVEL_TEXT = format_in_text(round(100 * COVERAGE_PROBABILITY, 2), unit="%", digits=4)
 
 
-def verification_page(outcome: Outcome, *, facts: Sequence[tuple[str, str]] = ()) -> Page:
+def verification_page(outcome: VerificationRecord, *, facts: Sequence[tuple[str, str]] = ()) -> Page:
     """Lay out a verification.
 
     Parameters
     ----------
-    outcome : Outcome
+    outcome : VerificationRecord
     facts : sequence of (str, str)
         What the page rests on.
     """
-    nearest = max(outcome.judged, key=_share_of_limit)
+    nearest = max(outcome.rows_with_limit, key=_share_of_limit)
     taken = f"of its limit taken by value and uncertainty: {name_of(nearest)}"
     return Page(
-        title=f"{outcome.specification.name}: {outcome.found.verdict.value}",
+        title=f"{outcome.specification.name}: {outcome.verification.verdict.value}",
         subtitle=f"{outcome.plan.title}. Limits: {outcome.specification.source}.",
         summary=(
-            Row("decision", outcome.found.verdict.value),
-            Row(taken, percentage(_share_of_limit(nearest))),
-            Row("values with a limit", len(outcome.judged)),
+            LabelledValue("decision", outcome.verification.verdict.value),
+            LabelledValue(taken, format_percent(_share_of_limit(nearest))),
+            LabelledValue("values with a limit", len(outcome.rows_with_limit)),
         ),
         sections=verification_sections(outcome),
         facts=tuple(facts),
@@ -61,26 +61,26 @@ def verification_page(outcome: Outcome, *, facts: Sequence[tuple[str, str]] = ()
 
 
 def certificate_page(
-    outcome: Outcome,
+    outcome: VerificationRecord,
     *,
     number: str,
-    stated: Sequence[tuple[str, Sequence[tuple[str, str]]]],
+    administrative_data: Sequence[tuple[str, Sequence[tuple[str, str]]]],
     facts: Sequence[tuple[str, str]] = (),
 ) -> Page:
     """Lay out a calibration certificate: a verification with who, what, when and where.
 
     Parameters
     ----------
-    outcome : Outcome
+    outcome : VerificationRecord
     number : str
         Of the certificate.
-    stated : sequence of (str, sequence of (str, str))
+    administrative_data : sequence of (str, sequence of (str, str))
         Titled lists of what is stated beside the results, and its text.
     facts : sequence of (str, str)
         What the page rests on.
     """
     page = verification_page(outcome, facts=facts)
-    lines = [("" if at else title, *row) for title, rows in stated for at, row in enumerate(rows)]
+    lines = [("" if at else title, *row) for title, rows in administrative_data for at, row in enumerate(rows)]
     table = Table((Column("of"), Column("what"), Column("stated")), tuple(lines), "")
     return replace(
         page,
@@ -90,24 +90,24 @@ def certificate_page(
     )
 
 
-def verification_sections(outcome: Outcome) -> tuple[Section, ...]:
+def verification_sections(outcome: VerificationRecord) -> tuple[Section, ...]:
     """The sections of a verification, for a page of its own or as part of another."""
     sections = [_decision(outcome), _values(outcome), _artefacts(outcome), _budgets(outcome), _to_check(outcome)]
     return tuple(section for section in sections if section is not None)
 
 
-def name_of(row: decision.Row) -> str:
+def name_of(row: decision.ConformityResult) -> str:
     """The test of a row, with its place where one name stands for several rows."""
     return f"{row.label}, {row.where}" if row.where else row.label
 
 
-def decided(outcome: Outcome) -> str:
+def describe_decision(outcome: VerificationRecord) -> str:
     """The decision in words, as paragraphs."""
-    rows, verdict = outcome.judged, outcome.found.verdict
+    rows, verdict = outcome.rows_with_limit, outcome.verification.verdict
     by = {one: [row for row in rows if row.verdict is one] for one in Verdict}
     parts = [f"{outcome.specification.name}: {verdict.value}. Limits: {outcome.specification.source}."]
     if verdict is Verdict.CONFORM:
-        parts.append(f"The values tested are within their limits: {counted(len(rows), 'value')} with a limit.")
+        parts.append(f"The values tested are within their limits: {format_count(len(rows), 'value')} with a limit.")
     if outside := by[Verdict.NOT_CONFORM]:
         parts.append(f"Outside {'its limit' if len(outside) == 1 else 'their limits'}: {_told(outside)}.")
     if between := by[Verdict.UNDECIDED]:
@@ -115,10 +115,10 @@ def decided(outcome: Outcome) -> str:
             f"Undecided, within the uncertainty of {'the limit' if len(between) == 1 else 'the limits'}: "
             f"{_told(between)}. A better artefact or set-up decides."
         )
-    return f"{' '.join(parts)}\n\n{rule_in_words(outcome.rule)}"
+    return f"{' '.join(parts)}\n\n{describe_rule(outcome.rule)}"
 
 
-def rule_in_words(rule: Rule) -> str:
+def describe_rule(rule: DecisionRule) -> str:
     """The decision rule, in a few sentences: what it does, and which edition of a standard has it."""
     whole = (
         "a value conforms if it is within its limit with the whole expanded uncertainty U, it does not conform if it "
@@ -136,25 +136,25 @@ def rule_in_words(rule: Rule) -> str:
     )
 
 
-def in_words(budget: Budget) -> str:
+def describe_budget(budget: Budget) -> str:
     """What the expanded uncertainty of a budget is: level, k and degrees of freedom."""
     dof = "infinite" if isinf(budget.dof) else format_in_text(budget.dof)
     return f"k = {budget.coverage_factor:.2f} for {LEVEL_TEXT}, effective degrees of freedom {dof}"
 
 
-def limits_figure(rows: Sequence[decision.Row], *, rule: Rule) -> Figure:
+def limits_figure(rows: Sequence[decision.ConformityResult], *, rule: DecisionRule) -> Figure:
     """Draw values in shares of their limits, with their uncertainties and guard bands.
 
     Parameters
     ----------
-    rows : sequence of Row
+    rows : sequence of ConformityResult
         With limits.
     rule : {"iso14253-1", "simple"}
         Guard bands are U on either side; simple acceptance has some only where it does not apply.
     """
     shown = list(rows[:_MOST_ROWS])
     height_in = _HEAD_IN + _ROW_IN * len(shown) + _FOOT_IN
-    with drawing_rules():
+    with figure_style():
         drawing = Drawing(figsize=(_WIDTH_IN, height_in))
         FigureCanvasAgg(drawing)
         axes = drawing.add_axes(
@@ -169,7 +169,7 @@ def limits_figure(rows: Sequence[decision.Row], *, rule: Rule) -> Figure:
             _draw(axes, at, row, rule)
         reach = max([1.35, *((abs(row.value) + 1.5 * row.uncertainty) / (row.limit or inf) for row in shown)])
         axes.set(xlim=(-1.05 * reach, 1.05 * reach), ylim=(len(shown) - 0.5, -0.5), xlabel="value / limit [%]")
-        axes.set_yticks(range(len(shown)), [short(name_of(row), longest=34) for row in shown])
+        axes.set_yticks(range(len(shown)), [shorten(name_of(row), longest=34) for row in shown])
         axes.tick_params(axis="y", length=0)
         axes.grid(axis="y", visible=False)
         ticks = [tick for tick in axes.get_xticks() if abs(tick) <= reach]
@@ -177,7 +177,7 @@ def limits_figure(rows: Sequence[decision.Row], *, rule: Rule) -> Figure:
         _legend(axes, shown, rule)
     guard = " Hatched: the guard bands, U on either side of a limit, where nothing can be decided."
     left_out = f" Drawn are the first {_MOST_ROWS}." if len(rows) > _MOST_ROWS else ""
-    told = listed(f"{name_of(row)} {percentage(row.value / (row.limit or inf))}, {_verdict(row)}" for row in shown)
+    told = join_phrases(f"{name_of(row)} {format_percent(row.value / (row.limit or inf))}, {_verdict(row)}" for row in shown)
     return Figure(
         (drawing,),
         caption="Each value as a share of its limit, with its expanded uncertainty U as a bar. Shaded: between the "
@@ -186,12 +186,12 @@ def limits_figure(rows: Sequence[decision.Row], *, rule: Rule) -> Figure:
     )
 
 
-def _guarded(row: decision.Row, rule: Rule) -> bool:
+def _guarded(row: decision.ConformityResult, rule: DecisionRule) -> bool:
     """Whether the whole uncertainty counts in the decision on a row."""
     return row.uncertainty > 0 and (rule != "simple" or not simple_applies(row.uncertainty, row.limit or inf))
 
 
-def _draw(axes: Axes, at: int, row: decision.Row, rule: Rule) -> None:
+def _draw(axes: Axes, at: int, row: decision.ConformityResult, rule: DecisionRule) -> None:
     assert row.limit is not None
     assert row.verdict is not None
     value, u, half = row.value / row.limit, row.uncertainty / row.limit, 0.36
@@ -219,7 +219,7 @@ def _draw(axes: Axes, at: int, row: decision.Row, rule: Rule) -> None:
     )  # fmt: skip
 
 
-def _legend(axes: Axes, rows: Sequence[decision.Row], rule: Rule) -> None:
+def _legend(axes: Axes, rows: Sequence[decision.ConformityResult], rule: DecisionRule) -> None:
     handles: list[Artist] = []
     for verdict, pen in _PENS.items():
         if any(row.verdict is verdict for row in rows):
@@ -234,32 +234,32 @@ def _legend(axes: Axes, rows: Sequence[decision.Row], rule: Rule) -> None:
     axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.3, down), ncols=3, columnspacing=1.2)
 
 
-def _decision(outcome: Outcome) -> Section:
+def _decision(outcome: VerificationRecord) -> Section:
     days = sorted({group.date for group in outcome.groups})
     points = sum(len(group.points) for group in outcome.groups)
     on = f"on {days[0]}" if len(days) == 1 else f"from {days[0]} to {days[-1]}"
     source = "" if outcome.measured.file is None else f" of {outcome.measured.file.name}"
-    taken = f"{counted(points, 'point')}{source}, taken {on}"
+    taken = f"{format_count(points, 'point')}{source}, taken {on}"
     if outcome.temperatures is not None:
         low, high = outcome.temperatures
         degC = format_in_text(high, unit="°C")
         if low < high:
             degC = f"{format_in_text(low)} to {degC}"
         taken += f"; artefacts at {degC}, means of groups of points"
-    others = [remark for remark in outcome.found.remarks if CHECK not in remark]
-    text = "\n\n".join([decided(outcome), f"{taken}.", *(f"{capitalised(remark)}." for remark in others)])
+    others = [remark for remark in outcome.verification.remarks if CHECK_STANDARD not in remark]
+    text = "\n\n".join([describe_decision(outcome), f"{taken}.", *(f"{capitalize(remark)}." for remark in others)])
     return Section("Decision", text)
 
 
-def _values(outcome: Outcome) -> Section:
+def _values(outcome: VerificationRecord) -> Section:
     cells: list[tuple[Cell, ...]] = []
-    for row in outcome.found.rows:
+    for row in outcome.verification.rows:
         if row.unit != "mm":  # a count
             cells.append((row.label, format_number(row.value), None, None, _verdict(row), row.where))
             continue
         u = row.uncertainty
-        limit = None if row.limit is None else Rounded(row.limit, _in_full(row.limit))
-        cells.append((row.label, Rounded(row.value, u), Rounded(u, u), limit, _verdict(row), row.where))
+        limit = None if row.limit is None else RoundedNumber(row.limit, _in_full(row.limit))
+        cells.append((row.label, RoundedNumber(row.value, u), RoundedNumber(u, u), limit, _verdict(row), row.where))
     columns = (
         Column("test"),
         Column("value", "mm"),
@@ -273,24 +273,24 @@ def _values(outcome: Outcome) -> Section:
         f"U is the expanded uncertainty of the test value, from artefact and set-up, for a level of {LEVEL_TEXT}; "
         "the arm's own errors are what is tested and are not in it. A limit is one of the value's magnitude. Values "
         f"are shown to the last digit of U, limits in full, to the nanometre. {_UNROUNDED}",
-        figures=(limits_figure(outcome.judged, rule=outcome.rule),),
+        figures=(limits_figure(outcome.rows_with_limit, rule=outcome.rule),),
         tables=(Table(columns, tuple(cells), "Test values, their uncertainties and limits."),),
     )
 
 
-def _artefacts(outcome: Outcome) -> Section:
+def _artefacts(outcome: VerificationRecord) -> Section:
     cells: list[tuple[Cell, ...]] = []
-    for one in outcome.used:
+    for one in outcome.used_artefacts:
         told = (one.certificate, str(one.date), str(one.expires))
         if isinstance(one, CalibratedSphere):
             u = one.u_diameter_mm
-            cells.append((f"{one.name}, sphere", Rounded(one.diameter_mm, u), Rounded(u, u), *told))
+            cells.append((f"{one.name}, sphere", RoundedNumber(one.diameter_mm, u), RoundedNumber(u, u), *told))
         elif isinstance(one, CalibratedBar):
             taken = outcome.lengths_of(one.name)
             for length in one.lengths:
                 if length.name in taken:
-                    size = Rounded(length.length_mm, length.u_mm)
-                    cells.append((f"{one.name}, length {length.name}", size, Rounded(length.u_mm, length.u_mm), *told))
+                    size = RoundedNumber(length.length_mm, length.u_mm)
+                    cells.append((f"{one.name}, length {length.name}", size, RoundedNumber(length.u_mm, length.u_mm), *told))
         else:
             cells.append((f"{one.name}, seat", None, None, *told))
     columns = (
@@ -308,9 +308,9 @@ def _artefacts(outcome: Outcome) -> Section:
     )
 
 
-def _budgets(outcome: Outcome) -> Section:
-    by_budget: dict[Budget, list[decision.Row]] = {}
-    for row in outcome.found.rows:
+def _budgets(outcome: VerificationRecord) -> Section:
+    by_budget: dict[Budget, list[decision.ConformityResult]] = {}
+    for row in outcome.verification.rows:
         if row.budget.contributions:
             by_budget.setdefault(row.budget, []).append(row)
     return Section(
@@ -321,15 +321,15 @@ def _budgets(outcome: Outcome) -> Section:
     )
 
 
-def _budget(budget: Budget, rows: Sequence[decision.Row]) -> Table:
+def _budget(budget: Budget, rows: Sequence[decision.ConformityResult]) -> Table:
     total = budget.u
     cells: list[tuple[Cell, ...]] = []
     for one in budget.contributions:
-        share = Rounded(100 * one.u**2 / total**2, 1.0) if total else None  # to a tenth
-        cells.append((one.label, Rounded(one.u, one.u), _dof(one.dof), share))
-    cells.append(("combined standard uncertainty u", Rounded(total, total), _dof(budget.dof), None))
+        share = RoundedNumber(100 * one.u**2 / total**2, 1.0) if total else None  # to a tenth
+        cells.append((one.label, RoundedNumber(one.u, one.u), _dof(one.dof), share))
+    cells.append(("combined standard uncertainty u", RoundedNumber(total, total), _dof(budget.dof), None))
     expanded = f"expanded uncertainty U, k = {budget.coverage_factor:.2f}"
-    cells.append((expanded, Rounded(budget.expanded, budget.expanded), None, None))
+    cells.append((expanded, RoundedNumber(budget.expanded, budget.expanded), None, None))
     columns = (
         Column("contribution"),
         Column("u", "mm"),
@@ -339,18 +339,18 @@ def _budget(budget: Budget, rows: Sequence[decision.Row]) -> Table:
     return Table(columns, tuple(cells), f"{'; '.join(dict.fromkeys(map(name_of, rows)))}.")
 
 
-def _to_check(outcome: Outcome) -> Section | None:
+def _to_check(outcome: VerificationRecord) -> Section | None:
     cells: list[tuple[Cell, ...]] = []
     for key, value, source in outcome.plan.unconfirmed():
         name, _, number = key.partition(".")
         if name in outcome.measured.tests:
-            cells.append((name, number, format_given(value), source))
+            cells.append((name, number, format_exact(value), source))
     if not cells:
         return None
     return Section(
         "To check against the standard",
         "The standard's text was not at hand when the plan was written. These numbers of the plan are recalled: "
-        f"{CHECK}.",
+        f"{CHECK_STANDARD}.",
         tables=(
             Table(
                 (Column("test"), Column("number"), Column("in the plan"), Column("where it comes from")),
@@ -361,7 +361,7 @@ def _to_check(outcome: Outcome) -> Section | None:
     )
 
 
-def _told(rows: Sequence[decision.Row]) -> str:
+def _told(rows: Sequence[decision.ConformityResult]) -> str:
     """Rows with value, uncertainty and limit, as a sentence has them."""
     return "; ".join(
         f"{name_of(row)}, {_with_uncertainty(row)} for a limit of "
@@ -378,17 +378,17 @@ def _in_full(limit: float) -> float:
     return float(10.0 ** (1 + min(exponent, 0)))
 
 
-def _with_uncertainty(row: decision.Row) -> str:
+def _with_uncertainty(row: decision.ConformityResult) -> str:
     u = row.uncertainty
     value = format_number(row.value, uncertainty=u)
     return f"({value} ± {format_number(u, uncertainty=u)})\u202fmm" if u else f"{value}\u202fmm"
 
 
-def _share_of_limit(row: decision.Row) -> float:
+def _share_of_limit(row: decision.ConformityResult) -> float:
     return (abs(row.value) + row.uncertainty) / (row.limit or inf)
 
 
-def _verdict(row: decision.Row) -> str | None:
+def _verdict(row: decision.ConformityResult) -> str | None:
     return None if row.verdict is None else row.verdict.value
 
 

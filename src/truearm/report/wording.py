@@ -15,7 +15,7 @@ COMMAND = "truearm reproduce gao2017"
 
 
 @dataclass(frozen=True)
-class NotRun:
+class MissingPart:
     """A part of the reproduction that was not run, and the option of the command that makes it."""
 
     what: str
@@ -25,7 +25,7 @@ class NotRun:
         return f"{self.what} is not part of this run; it is made by: {COMMAND} {self.option}"
 
 
-def rows_named(numbers: Iterable[int]) -> str:
+def format_row_numbers(numbers: Iterable[int]) -> str:
     """Tell numbers of rows: rows 1, 6 to 8 and 11."""
     runs: list[list[int]] = []
     for number in sorted(set(numbers)):
@@ -39,54 +39,54 @@ def rows_named(numbers: Iterable[int]) -> str:
     return f"row{'s' * (sum(map(len, runs)) > 1)} {text}"
 
 
-FIXED_THE_BOX = "used to fix the box"  # the verdict that is none
+USED_TO_FIX_BOX = "used to fix the box"  # the verdict that is none
 
 # Said wherever the two are compared.
-SHARES = "Faithful fits 70 % of the poses (15 % stop it, 15 % are MATLAB's test set), lm fits all of them."
+TRAINING_SHARES_NOTE = "Faithful fits 70 % of the poses (15 % stop it, 15 % are MATLAB's test set), lm fits all of them."
 
 
-def counted(n: int, what: str) -> str:
+def format_count(n: int, what: str) -> str:
     """Give a number of things: 1 row, 2 rows."""
     return f"{format_number(n)} {what}{'s' * (n != 1)}"
 
 
-def capitalised(text: str) -> str:
+def capitalize(text: str) -> str:
     """Give a sentence its capital."""
     return text[:1].upper() + text[1:]
 
 
-def millimetres(value: float) -> str:
+def format_mm(value: float) -> str:
     """Give a length [mm] as a sentence has it."""
     return format_in_text(value, unit="mm")
 
 
-def percentage(share: float) -> str:
+def format_percent(share: float) -> str:
     """Give a share of one in percent, to a tenth."""
     return format_in_text(round(100 * share, 1), unit="%")
 
 
-def degrees(angle: float) -> str:
+def format_degrees(angle: float) -> str:
     """Give an angle [deg] as a sentence has it."""
     return format_in_text(round(angle, 9) + 0.0, unit="deg")
 
 
-def span_cell(values: Sequence[float]) -> str | None:
+def range_cell(values: Sequence[float]) -> str | None:
     """Give the least and the largest in a cell that stays on one line; nothing for a single value."""
     if len(values) == 1:
         return None
     return f"{format_number(min(values))}\u2013\u2060{format_number(max(values))}"  # \u2060: no break after the dash
 
 
-def middle_and_span(values: Sequence[float]) -> tuple[Cell, Cell]:
-    """Give the median of values, and their range as `span_cell`."""
-    return float(np.median(values)), span_cell(values)
+def median_and_range(values: Sequence[float]) -> tuple[Cell, Cell]:
+    """Give the median of values, and their range as `range_cell`."""
+    return float(np.median(values)), range_cell(values)
 
 
-def whole(cell: Cell) -> Cell:
+def as_count(cell: Cell) -> Cell:
     """Give a number without a fraction as a count, so that a table shows it without decimals."""
     return int(cell) if isinstance(cell, float) and cell.is_integer() else cell
 
 
-def as_figure(number: int, figure: Figure) -> Figure:
+def with_figure_number(number: int, figure: Figure) -> Figure:
     """Say which figure of the paper a figure stands for, also in its caption."""
     return replace(figure, number=number, caption=f"Figure {number} of the paper, ours. {figure.caption}")

@@ -1,44 +1,44 @@
 """Nonlinear least squares, assembled from parts. Knows neither arms nor networks."""
 
-from truearm.solve.damping import Classical, Damping, Nielsen
-from truearm.solve.gradient_descent import DescentState, Rate, Smooth, gradient_descent
-from truearm.solve.levenberg_marquardt import Result, levenberg_marquardt
+from truearm.solve.damping import MarquardtDamping, Damping, NielsenDamping
+from truearm.solve.gradient_descent import DescentState, LearningRate, DifferentiableProblem, gradient_descent
+from truearm.solve.levenberg_marquardt import LevenbergMarquardtResult, levenberg_marquardt
 from truearm.solve.problem import NormalEquations, Problem
 from truearm.solve.stops import (
-    Best,
+    BestPoint,
     DampingLimit,
-    Epochs,
-    Goal,
-    Gradient,
-    Reason,
-    Seconds,
-    Settled,
-    State,
-    Stop,
-    Validation,
+    MaxEpochs,
+    CostGoal,
+    MinGradient,
+    StopReason,
+    MaxSeconds,
+    CostConverged,
+    OptimizerState,
+    StopCriterion,
+    ValidationStop,
 )
 
 __all__ = [
-    "Best",
-    "Classical",
+    "BestPoint",
+    "MarquardtDamping",
     "Damping",
     "DampingLimit",
     "DescentState",
-    "Epochs",
-    "Goal",
-    "Gradient",
-    "Nielsen",
+    "MaxEpochs",
+    "CostGoal",
+    "MinGradient",
+    "NielsenDamping",
     "NormalEquations",
     "Problem",
-    "Rate",
-    "Reason",
-    "Result",
-    "Seconds",
-    "Settled",
-    "Smooth",
-    "State",
-    "Stop",
-    "Validation",
+    "LearningRate",
+    "StopReason",
+    "LevenbergMarquardtResult",
+    "MaxSeconds",
+    "CostConverged",
+    "DifferentiableProblem",
+    "OptimizerState",
+    "StopCriterion",
+    "ValidationStop",
     "gradient_descent",
     "levenberg_marquardt",
 ]

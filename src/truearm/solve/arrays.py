@@ -23,7 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 Array = Any
 
 
-def placed_like(values: npt.ArrayLike, like: Array) -> Array:
+def as_array_like(values: npt.ArrayLike, like: Array) -> Array:
     """`values` as doubles of the library, and on the device, of `like`; no copy where they are there already."""
     xp = array_namespace(like)
     return xp.asarray(values, dtype=xp.float64, device=device(like))
@@ -125,13 +125,13 @@ def cholesky_solver(matrix: Array) -> Callable[[Array], Array] | None:
     return solved
 
 
-def cholesky_solved(matrix: Array, right: Array) -> Array | None:
+def cholesky_solve(matrix: Array, right: Array) -> Array | None:
     """Solution of ``matrix x = right``, or None where `matrix` is not positive definite; see `cholesky_solver`."""
     solver = cholesky_solver(matrix)
     return None if solver is None else solver(right)
 
 
-def whitened(matrix: Array, right: Array) -> Array | None:
+def whiten(matrix: Array, right: Array) -> Array | None:
     """``L^-1 right`` with ``matrix = L L^T``, or None where `matrix` is not positive definite.
 
     Parameters

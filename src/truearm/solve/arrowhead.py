@@ -25,7 +25,7 @@ import numpy.typing as npt
 from scipy.sparse import block_diag, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 
-from truearm.solve.group_evidence import LEAST_PIVOT, ROUNDING
+from truearm.solve.group_evidence import MIN_PIVOT, ROUNDING
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -57,7 +57,7 @@ class Arrowhead:
     blocks: csr_array
 
     @classmethod
-    def joined(cls, parts: Sequence[Arrowhead]) -> Arrowhead:
+    def combine(cls, parts: Sequence[Arrowhead]) -> Arrowhead:
         """The sum of parts that have the head in common, and unknowns each of its own, in this order."""
         p = len(parts[0].head)
         return cls(
@@ -84,7 +84,7 @@ class Arrowhead:
             [self.head @ head + self.coupling.T @ unknown, self.coupling @ head + self.blocks @ unknown]
         )
 
-    def eliminated(self, precision: FloatArray, x: FloatArray, *, shared: BoolArray) -> Eliminated:
+    def eliminate(self, precision: FloatArray, x: FloatArray, *, shared: BoolArray) -> SchurComplement:
         """Without the unknowns, but for those that would tie blocks to one another.
 
         Parameters
@@ -114,16 +114,16 @@ class Arrowhead:
         # What is known only by its prior is not told by the data.
         told = n_told - float((root.multiply(root) @ precision[gone]).sum())
         gain = float(towards @ towards)
-        return Eliminated(kept, p + gone, gram, gradient, size, root, root.T @ half, -(root.T @ towards), gain, told)
+        return SchurComplement(kept, p + gone, gram, gradient, size, root, root.T @ half, -(root.T @ towards), gain, told)
 
 
 @dataclass(frozen=True, eq=False)
-class Eliminated:
+class SchurComplement:
     """An `Arrowhead` without its blocks: the Schur complement, and the way back.
 
     Attributes
     ----------
-    kept, gone : (k,), (g,) int array
+    kept, eliminated : (k,), (g,) int array
         Parameters that are in it, the head first, and that are not.
     gram : (k, k) array
     gradient : (k,) array
@@ -137,12 +137,12 @@ class Eliminated:
         By how much those gone move if those kept stay.
     gain : float
         By how much twice the cost falls if those kept stay.
-    told : float
+    n_determined : float
         How many of those gone the data determine, those kept being known.
     """
 
     kept: IntArray
-    gone: IntArray
+    eliminated: IntArray
     gram: FloatArray
     gradient: FloatArray
     size: FloatArray
@@ -150,13 +150,13 @@ class Eliminated:
     slope: FloatArray
     offset: FloatArray
     gain: float
-    told: float
+    n_determined: float
 
     def step(self, of_kept: FloatArray) -> FloatArray:
         """(p + u,) the step of all parameters that goes with one (k,) of those kept."""
-        step = np.empty(len(self.kept) + len(self.gone))
+        step = np.empty(len(self.kept) + len(self.eliminated))
         step[self.kept] = of_kept
-        step[self.gone] = self.offset - self.slope @ of_kept
+        step[self.eliminated] = self.offset - self.slope @ of_kept
         return step
 
     def traces(self, parts: Sequence[Arrowhead], covariance: FloatArray) -> FloatArray:
@@ -166,12 +166,12 @@ class Eliminated:
         """
         p = len(parts[0].head)
         # Unknowns are `along` times those kept, and for those gone D^-1 on top.
-        along = np.zeros((len(self.kept) + len(self.gone) - p, len(self.kept)))
-        along[self.gone - p] = -self.slope
+        along = np.zeros((len(self.kept) + len(self.eliminated) - p, len(self.kept)))
+        along[self.eliminated - p] = -self.slope
         along[self.kept[p:] - p, np.arange(p, len(self.kept))] = 1.0
         across = along @ covariance
         place = np.full(len(along), -1, dtype=np.intp)
-        place[self.gone - p] = np.arange(len(self.gone))
+        place[self.eliminated - p] = np.arange(len(self.eliminated))
         traces, start = [], 0
         for part in parts:
             here = slice(start, start + part.blocks.shape[0])
@@ -230,7 +230,7 @@ def _roots(blocks: FloatArray) -> tuple[FloatArray, int]:
     except np.linalg.LinAlgError:
         pass
     else:
-        if (np.diagonal(lower, axis1=1, axis2=2) ** 2).min() >= LEAST_PIVOT:
+        if (np.diagonal(lower, axis1=1, axis2=2) ** 2).min() >= MIN_PIVOT:
             return np.linalg.inv(lower), lower.shape[0] * lower.shape[1]
     values, vectors = np.linalg.eigh(blocks)
     is_told = values > ROUNDING * values[:, -1:]

@@ -24,21 +24,21 @@ class Damping(Protocol):
         """Above this the search for a better point is given up; at it one more step is tried, as in MATLAB."""
         ...
 
-    def started(self, equations: NormalEquations) -> Self:
+    def at_start(self, equations: NormalEquations) -> Self:
         """The rule at the start of a minimisation."""
         ...
 
-    def succeeded(self, gain: float) -> Self:
+    def after_success(self, gain: float) -> Self:
         """After a step that lowered the cost by `gain` times what the quadratic model promised."""
         ...
 
-    def failed(self) -> Self:
+    def after_failure(self) -> Self:
         """After a step that did not lower the cost."""
         ...
 
 
 @dataclass(frozen=True)
-class Classical:
+class MarquardtDamping:
     """Marquardt's rule with the defaults of MATLAB's ``trainlm``: a fixed factor down, a fixed factor up.
 
     Source: D. W. Marquardt, J. SIAM 11 (1963) 431; M. T. Hagan, M. Menhaj, IEEE Trans. Neural Networks 5 (1994) 989.
@@ -61,21 +61,21 @@ class Classical:
                 f"got {self.mu}, {self.decrease}, {self.increase}, {self.maximum}"
             )
 
-    def started(self, equations: NormalEquations) -> Classical:  # noqa: ARG002 - the start is a constant
+    def at_start(self, equations: NormalEquations) -> MarquardtDamping:  # noqa: ARG002 - the start is a constant
         """The rule as it is."""
         return self
 
-    def succeeded(self, gain: float) -> Classical:  # noqa: ARG002 - success is enough
+    def after_success(self, gain: float) -> MarquardtDamping:  # noqa: ARG002 - success is enough
         """Damping times `decrease`; never quite nothing, from which it could not grow again."""
         return replace(self, mu=max(self.mu * self.decrease, SMALLEST))
 
-    def failed(self) -> Classical:
+    def after_failure(self) -> MarquardtDamping:
         """Damping times `increase`."""
         return replace(self, mu=self.mu * self.increase)
 
 
 @dataclass(frozen=True)
-class Nielsen:
+class NielsenDamping:
     """Nielsen's rule: down by the gain ratio, up ever faster.
 
     Source: H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05, eq. 2.4; K. Madsen,
@@ -102,17 +102,17 @@ class Nielsen:
                 f"expected mu >= 0, growth > 1 and a maximum > 0, got {self.mu}, {self.growth}, {self.maximum}"
             )
 
-    def started(self, equations: NormalEquations) -> Nielsen:
+    def at_start(self, equations: NormalEquations) -> NielsenDamping:
         """Damping measured by the size of ``J^T J``."""
         # Nothing at all where every unit is saturated, or NaN: in this order `max` takes neither.
         largest = max(SMALLEST, float(equations.gram.diagonal().max()))
         return replace(self, mu=max(self.relative_start * largest, SMALLEST), growth=2.0, maximum=1e16 * largest)
 
-    def succeeded(self, gain: float) -> Nielsen:
-        """Damping times ``max(1/3, 1 - (2 gain - 1)^3)``; never quite nothing, as with `Classical`."""
+    def after_success(self, gain: float) -> NielsenDamping:
+        """Damping times ``max(1/3, 1 - (2 gain - 1)^3)``; never quite nothing, as with `MarquardtDamping`."""
         factor = max(1 / 3, 1 - (2 * min(gain, 2.0) - 1) ** 3)
         return replace(self, mu=max(self.mu * factor, SMALLEST), growth=2.0)
 
-    def failed(self) -> Nielsen:
+    def after_failure(self) -> NielsenDamping:
         """Damping times 2, 4, 8, ... for failures in a row."""
         return replace(self, mu=self.mu * self.growth, growth=2 * self.growth)

@@ -41,7 +41,7 @@ class Evidence:
     gamma: float
 
 
-def updated_evidence(
+def update_evidence(
     evidence: Evidence, *, gram: Array, parameter_squares: float, residual_squares: float, n_residuals: int
 ) -> Evidence:
     """One round of MacKay's fixed point.

@@ -11,16 +11,16 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import TruearmError
-from truearm.solve.stops import Reason, State, Stop, first_reason
+from truearm.solve.stops import StopReason, OptimizerState, StopCriterion, first_stop_reason
 
 FloatArray = npt.NDArray[np.float64]
 
 # Squares of what would follow come near the largest double.
 LOST = 1e100
-DIVERGED = Reason("The error has grown beyond all bounds: the learning rate is too large.", False)
+DIVERGED = StopReason("The error has grown beyond all bounds: the learning rate is too large.", False)
 
 
-class Smooth(Protocol):
+class DifferentiableProblem(Protocol):
     """A problem in p parameters with a gradient."""
 
     def gradient(self, x: FloatArray) -> tuple[float, FloatArray]:
@@ -29,7 +29,7 @@ class Smooth(Protocol):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class DescentState(State):
+class DescentState(OptimizerState):
     """Where a descent stands after an epoch; costs and gradients are those of its problem.
 
     Attributes
@@ -45,7 +45,7 @@ class DescentState(State):
 
 
 @dataclass(frozen=True)
-class Rate:
+class LearningRate:
     """How far a descent goes along the gradient, and how it learns that from its steps.
 
     Parameters
@@ -56,7 +56,7 @@ class Rate:
         The share of the last step in the next.
     increase, decrease : float
         Factors of the rate after a step that lowered the cost, and after one that was refused.
-    most_rise : float
+    max_cost_ratio : float
         A step is refused if it multiplies the cost by more than this.
     """
 
@@ -64,15 +64,15 @@ class Rate:
     momentum: float = 0.0
     increase: float = 1.0
     decrease: float = 1.0
-    most_rise: float = float("inf")
+    max_cost_ratio: float = float("inf")
 
 
 def gradient_descent(
-    problem: Smooth,
+    problem: DifferentiableProblem,
     start: npt.ArrayLike | DescentState,
     *,
-    rate: Rate,
-    stops: Sequence[Stop],
+    rate: LearningRate,
+    stops: Sequence[StopCriterion],
     callback: Callable[[DescentState], None] | None = None,
 ) -> DescentState:
     """Follow the gradient down.
@@ -86,14 +86,14 @@ def gradient_descent(
 
     Parameters
     ----------
-    problem : Smooth
+    problem : DifferentiableProblem
         Gives cost and gradient.
     start : (p,) array or DescentState
         Where to begin; or the state after an epoch of an earlier call, which then goes on as if it had not ended there.
         Of it the epoch, parameters, rate, step, time and reason are used.
-    rate : Rate
+    rate : LearningRate
         A state brings the present rate.
-    stops : sequence of Stop
+    stops : sequence of StopCriterion
         Asked in this order after every epoch, and at the start.
     callback : callable, optional
         Told the state after every epoch, and at the start, once the stops were asked.
@@ -128,7 +128,7 @@ def gradient_descent(
             step=step,
             **more,
         )
-        state = replace(state, reason=first_reason(stops, state) or state.reason)
+        state = replace(state, reason=first_stop_reason(stops, state) or state.reason)
         if callback is not None:
             callback(state)
         return state
@@ -139,7 +139,7 @@ def gradient_descent(
         step = rate.momentum * state.step - (1 - rate.momentum) * now * gradient
         with np.errstate(over="ignore", invalid="ignore"):  # a rate too large is found by its cost
             tried_cost, tried_gradient = problem.gradient(x + step)
-        moved = tried_cost <= LOST and (tried_cost <= cost or tried_cost <= rate.most_rise * cost)
+        moved = tried_cost <= LOST and (tried_cost <= cost or tried_cost <= rate.max_cost_ratio * cost)
         if moved:
             now *= rate.increase if tried_cost < cost else 1.0
             x, cost, gradient = x + step, tried_cost, tried_gradient
@@ -148,5 +148,5 @@ def gradient_descent(
             lost = DIVERGED if rate.decrease == 1 else None
             now *= rate.decrease
             step = -now * gradient
-        state = stand(state.epoch + 1, previous_cost, now, step, moved=moved, reason=lost)
+        state = stand(state.epoch + 1, previous_cost, now, step, step_accepted=moved, reason=lost)
     return state

@@ -33,9 +33,9 @@ BoolArray = npt.NDArray[np.bool_]
 # Of a matrix of unit diagonal: eigenvalues that are a smaller share of the largest are what rounding left, and squared
 # pivots of Cholesky's factor that are smaller have lost their digits to it.
 ROUNDING = 1e-14
-LEAST_PIVOT = 1e-12
+MIN_PIVOT = 1e-12
 # Evidence's logarithm must gain so much for a group to be left out: what the data hardly see is not given up.
-LEAST_GAIN = 1.0
+MIN_GAIN = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,16 +70,16 @@ class GroupedPrior:
         with np.errstate(divide="ignore"):
             return np.asarray((self.ratio * self.scale[self.group]) ** -2.0)
 
-    def of(self, which: IntArray) -> GroupedPrior:
+    def subset(self, which: IntArray) -> GroupedPrior:
         """That of some of the parameters."""
         return replace(self, ratio=self.ratio[which], group=self.group[which])
 
-    def sums(self, values: FloatArray) -> FloatArray:
+    def group_sums(self, values: FloatArray) -> FloatArray:
         """(n_groups,) sums of values (p,) by group."""
         return np.asarray(np.bincount(self.group, values, minlength=len(self.scale)), dtype=float)
 
 
-class Marginals(NamedTuple):
+class MarginalPosterior(NamedTuple):
     """Posterior of every parameter by itself.
 
     Attributes
@@ -109,7 +109,7 @@ class Posterior(NamedTuple):
     covariance: FloatArray
 
 
-def marginals(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size: FloatArray | None = None) -> Marginals:
+def marginal_posterior(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size: FloatArray | None = None) -> MarginalPosterior:
     """Posterior of data with normal equations ``gram x = right``: means and variances.
 
     `size` (p,) is the diagonal of a matrix from which others were eliminated, as rounding is a share of what it was
@@ -119,7 +119,7 @@ def marginals(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size:
     x, variance = np.zeros(len(gram)), np.zeros(len(gram))
     x[active], root = _solved(gram, right, prior, active, size)
     variance[active] = np.einsum("ij,ij->j", root, root)
-    return Marginals(x, variance)
+    return MarginalPosterior(x, variance)
 
 
 def posterior(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size: FloatArray | None = None) -> Posterior:
@@ -131,7 +131,7 @@ def posterior(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size:
     return Posterior(x, covariance)
 
 
-def root_of(covariance: FloatArray) -> FloatArray:
+def covariance_factor(covariance: FloatArray) -> FloatArray:
     """F with ``F^T F`` the covariance."""
     if not len(covariance):
         return covariance
@@ -166,7 +166,7 @@ def _solved(
         lower = cholesky(matrix, lower=True, check_finite=False)
     except LinAlgError:
         return _solved_by_orthogonal_factors(gram, right, precision, size)
-    if (lower.diagonal() ** 2).min(initial=1.0) < LEAST_PIVOT:
+    if (lower.diagonal() ** 2).min(initial=1.0) < MIN_PIVOT:
         return _solved_by_orthogonal_factors(gram, right, precision, size)
     # With A = L L^T it is L^-1, which costs a third of A^-1.
     root = _inverse_triangle(lower, lower=True) * scale
@@ -209,15 +209,15 @@ def _inverse_triangle(matrix: FloatArray, *, lower: bool) -> FloatArray:
     return np.asarray(dtrtri(matrix, lower=int(lower))[0])
 
 
-def updated_scales(
-    prior: GroupedPrior, found: Marginals, *, log_spread: float, least: float, most: float
+def update_scales(
+    prior: GroupedPrior, found: MarginalPosterior, *, log_spread: float, least: float, most: float
 ) -> tuple[FloatArray, FloatArray]:
     """One round of the fixed point.
 
     Parameters
     ----------
     prior : GroupedPrior
-    found : Marginals
+    found : MarginalPosterior
         Under `prior`.
     log_spread : float
         Standard deviation of the logarithm of a scale about that of 1 before any data.
@@ -233,9 +233,9 @@ def updated_scales(
     active = prior.active
     share = np.zeros(len(active))
     share[active] = 1 - found.variance[active] * prior.precision[active]
-    effective = np.maximum(prior.sums(share), 0.0)
+    effective = np.maximum(prior.group_sums(share), 0.0)
     told = prior.learned & (prior.scale > 0)
-    sizes, spread, gamma = prior.sums((found.x / prior.ratio) ** 2)[told], log_spread**2, effective[told]
+    sizes, spread, gamma = prior.group_sums((found.x / prior.ratio) ** 2)[told], log_spread**2, effective[told]
     with np.errstate(divide="ignore"):  # sizes of zero: Lambert's function is zero there
         log_scale = wrightomega(np.log(2 * spread * sizes) + 2 * spread * gamma) / 2 - spread * gamma
     scale = prior.scale.copy()
@@ -243,7 +243,7 @@ def updated_scales(
     return scale, effective
 
 
-def without_dispensable(prior: GroupedPrior, found: Posterior, *, log_spread: float) -> GroupedPrior:
+def prune_groups(prior: GroupedPrior, found: Posterior, *, log_spread: float) -> GroupedPrior:
     """Leave out groups that evidence would rather do without.
 
     With x and S the posterior of a group's m parameters and P their prior covariance, leaving it out changes the log
@@ -257,7 +257,7 @@ def without_dispensable(prior: GroupedPrior, found: Posterior, *, log_spread: fl
     found : Posterior
         Under `prior`.
     log_spread : float
-        As in `updated_scales`.
+        As in `update_scales`.
 
     Returns
     -------
@@ -278,7 +278,7 @@ def without_dispensable(prior: GroupedPrior, found: Posterior, *, log_spread: fl
             squares = (vectors.T @ x[rows]) ** 2 / values
             gains[g] = 0.5 * (np.log(scale[g]) ** 2 / log_spread**2 - np.log(values).sum() - squares.sum())
         g = max(gains, key=gains.__getitem__)
-        if gains[g] < LEAST_GAIN:
+        if gains[g] < MIN_GAIN:
             break
         rows = members.pop(g)
         values, vectors = _eigen(covariance[np.ix_(rows, rows)])

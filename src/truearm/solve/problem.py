@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from array_api_compat import array_namespace
 
-from truearm.solve.arrays import Array, add_to_diagonal, cholesky_solver, placed_like, to_numpy
+from truearm.solve.arrays import Array, add_to_diagonal, cholesky_solver, as_array_like, to_numpy
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class NormalEquations:
             return None
 
         def solved(right: FloatArray) -> FloatArray | None:
-            solution = to_numpy(solver(placed_like(right, self.gram)))
+            solution = to_numpy(solver(as_array_like(right, self.gram)))
             return solution if np.isfinite(solution).all() else None
 
         return solved
@@ -68,7 +68,7 @@ class NormalEquations:
 
     def predicted_decrease(self, step: FloatArray) -> float:
         """Decrease of the cost by `step` if the model were exact."""
-        curvature = to_numpy(self.gram @ placed_like(step, self.gram))
+        curvature = to_numpy(self.gram @ as_array_like(step, self.gram))
         return float(-step @ self.gradient - 0.5 * step @ curvature)
 
 

@@ -19,15 +19,15 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identify.propagation import effects_of_directions
+from truearm.identify.propagation import direction_effects
 from truearm.models.compensator import Compensator
 from truearm.models.identified import IdentifiedModel
 from truearm.readings.readings import Readings
-from truearm.solve.group_evidence import root_of
+from truearm.solve.group_evidence import covariance_factor
 from truearm.terms.state import ArmState
 from truearm.virtual.arm import VirtualArm
 from truearm.virtual.presets import Preset
-from truearm.virtual.state import State, at_rest, hand_forces, mean_hand_force
+from truearm.virtual.state import VirtualArmState, at_rest, hand_forces, mean_hand_force
 from truearm.virtual.systematic import ARCSEC
 
 FloatArray = npt.NDArray[np.float64]
@@ -45,13 +45,13 @@ ORDER_WITH_NOISE = 7.0
 _WAVES = 64
 # Share of the unexplained variance that is as if all joints moved along their own coordinate, chosen: of virtual arms
 # readings held out are most likely with 0.4 to 0.5 (preset shop, two arms, both models) and 0.7 to 1 (research).
-SHARE_OF_JOINTS = 0.5
+JOINT_VARIANCE_SHARE = 0.5
 # Movements of tips up to here are taken to first order.
 LINEAR_MM = 0.3
 _KEPT = 64  # sets of poses
 
 
-class DrawnArm(Protocol):
+class ArmSample(Protocol):
     """One arm that may be the user's."""
 
     def systematic(self, angles: FloatArray) -> FloatArray:
@@ -61,19 +61,19 @@ class DrawnArm(Protocol):
         """Errors (n, 3) [mm] at angles (n, n_joints) [rad] that are drawn anew for every point."""
 
 
-class ArmErrors(Protocol):
+class ArmDistribution(Protocol):
     """The arms that may be the user's, by what is known of it."""
 
     @property
     def arm(self) -> Arm:
         """The nominal arm, for which poses are found."""
 
-    def draw(self, seed: int) -> DrawnArm:
+    def draw(self, seed: int) -> ArmSample:
         """Draw one of them; the same seed gives the same arm."""
 
 
 @dataclass(frozen=True, eq=False)
-class PresetErrors:
+class PresetDistribution:
     """Virtual arms of a preset: the arm shows what its nominal chain gives at the angles that its encoders read.
 
     Systematic are the geometry, encoders, bearings, gravity, the growth at the temperature of the session and where the
@@ -91,7 +91,7 @@ class PresetErrors:
     arm: Arm
     preset: Preset
 
-    def draw(self, seed: int) -> DrawnPreset:
+    def draw(self, seed: int) -> PresetSample:
         """Draw a virtual arm and the state of a session.
 
         Raises
@@ -99,22 +99,22 @@ class PresetErrors:
         InputError
             As `VirtualArm.draw`.
         """
-        return DrawnPreset(VirtualArm.draw(self.arm, self.preset, seed=seed), _session(self.arm, self.preset, seed))
+        return PresetSample(VirtualArm.draw(self.arm, self.preset, seed=seed), _session(self.arm, self.preset, seed))
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnPreset:
+class PresetSample:
     """A virtual arm in one session.
 
     Parameters
     ----------
     virtual : VirtualArm
-    session : State
+    session : VirtualArmState
         Of one reading: temperatures of the links, mean force, phases of the ball cages.
     """
 
     virtual: VirtualArm
-    session: State
+    session: VirtualArmState
 
     @cached_property
     def _shown(self) -> Chain:
@@ -124,9 +124,9 @@ class DrawnPreset:
         return chain.with_tip(chain.tip_in_flange + deflection)
 
     def systematic(self, angles: FloatArray) -> FloatArray:
-        """See `DrawnArm`."""
+        """See `ArmSample`."""
         n = len(angles)
-        state = State(
+        state = VirtualArmState(
             np.zeros(angles.shape),
             np.broadcast_to(self.session.link_temperature_degC, (n, angles.shape[1] + 1)),
             np.broadcast_to(self.session.force_in_flange_N, (n, 3)),
@@ -135,12 +135,12 @@ class DrawnPreset:
         return self._shown.tip_in_base(angles) - self.virtual.true_tip(angles, state)
 
     def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """See `DrawnArm`; to first order in the errors, which turn joints by microradians.
+        """See `ArmSample`; to first order in the errors, which turn joints by microradians.
 
         A hand never takes a pose to an encoder's step, so what the steps leave out is even over one of them.
         """
         preset, n = self.virtual.preset, len(angles)
-        by_motion = self._shown.small_motions(angles).by_motion
+        motion_jacobian = self._shown.tip_derivatives(angles).motion_jacobian
         read = preset.encoder_noise_arcsec * ARCSEC * rng.standard_normal(angles.shape)
         if preset.encoder_counts > 0:
             read += 2 * np.pi / preset.encoder_counts * rng.uniform(-0.5, 0.5, angles.shape)
@@ -150,21 +150,21 @@ class DrawnPreset:
         pushed = self.virtual.systematic.tip_mm_per_N * force
         contact = preset.seat_std_mm * rng.standard_normal((n, 3))
         errors: FloatArray = (
-            np.einsum("njc,nj->nc", by_motion[:, 1:-1, 2], read)
-            - np.einsum("nkc,nk->nc", by_motion[:, -1, 3:], pushed)
+            np.einsum("njc,nj->nc", motion_jacobian[:, 1:-1, 2], read)
+            - np.einsum("nkc,nk->nc", motion_jacobian[:, -1, 3:], pushed)
             - contact
         )
         return errors
 
 
-def _session(arm: Arm, preset: Preset, seed: int) -> State:
+def _session(arm: Arm, preset: Preset, seed: int) -> VirtualArmState:
     """State of a session of minutes, in which a room that warms and cools over hours stands still."""
     rng = np.random.default_rng([_SESSION, seed])
     rest = at_rest(arm.chain, 1, temperature_degC=preset.temperature_degC)
     # A link follows a swing of the air with less amplitude and later (first-order lag, as `link_temperatures`).
     w_lag = 2 * np.pi / preset.temperature_period_s * preset.lag_s
     swing = np.sin(rng.uniform(0, 2 * np.pi) - np.arctan(w_lag)) / np.hypot(1, w_lag)
-    return State(
+    return VirtualArmState(
         rest.direction,
         rest.link_temperature_degC + preset.temperature_swing_K * swing,
         np.broadcast_to(mean_hand_force(preset), (1, 3)),
@@ -173,20 +173,20 @@ def _session(arm: Arm, preset: Preset, seed: int) -> State:
 
 
 @dataclass(frozen=True, eq=False)
-class ModelErrors:
+class PosteriorDistribution:
     """Arms that may be the one that a model was identified from, as its readings left them open.
 
-    Systematic are the coefficients of the model's terms, drawn once an arm from their posterior (see `widening`). What
+    Systematic are the coefficients of the model's terms, drawn once an arm from their posterior (see `birge_ratio`). What
     the model cannot explain has two parts that readings at different poses do not tell apart:
 
     - random: the repeatability, where it was measured. It holds the noise of encoders, hand and contact.
-    - systematic for a pose: the rest of what readings held out err by (`unexplained_std_`), drawn once an arm as
+    - systematic for a pose: the rest of what readings held out err by (`residual_std_`), drawn once an arm as
       smooth functions of the joints' angles. Half of its variance moves the tip as joints do that turn a little, as
       errors of encoders make them; half is alike in all directions, for bearings, bending, hands and contacts together.
 
-    Both are larger or smaller at a pose as the model says (`unexplained_shares_`).
+    Both are larger or smaller at a pose as the model says (`variance_function_`).
 
-    Random is also the hysteresis that the model found, as with `PresetErrors`: each joint came to each point from one
+    Random is also the hysteresis that the model found, as with `PresetDistribution`: each joint came to each point from one
     side or the other, and who compensates does not know from which, so that the model stands half way between. Not so
     with ``directions_given``.
 
@@ -225,16 +225,16 @@ class ModelErrors:
         given = self.repeatability_mm
         if given is not None and not 0 <= given < np.inf:
             raise InputError(f"expected a repeatability of zero or more in mm, got {given}")
-        if given is not None and given > 1.5 * self.model.unexplained_std_:
+        if given is not None and given > 1.5 * self.model.residual_std_:
             raise InputError(
                 f"a repeatability of {given:.4g} mm contradicts the model, about which readings held out scatter by "
-                f"{self.model.unexplained_std_:.4g} mm",
+                f"{self.model.residual_std_:.4g} mm",
                 hint="the standard deviation of a coordinate, not a range, in mm",
             )
 
     @property
     def arm(self) -> Arm:
-        """See `ArmErrors`."""
+        """See `ArmDistribution`."""
         return self._model.arm_
 
     @property
@@ -245,26 +245,26 @@ class ModelErrors:
     @property
     def field_std_mm(self) -> float:
         """The same of the unexplained part that is the same at the same pose [mm]."""
-        return float(np.sqrt(max(self._model.unexplained_std_**2 - self.random_std_mm**2, 0.0)))
+        return float(np.sqrt(max(self._model.residual_std_**2 - self.random_std_mm**2, 0.0)))
 
     @property
-    def widening(self) -> float:
+    def birge_ratio(self) -> float:
         """By how much standard deviations of the posterior are raised.
 
         It was found with what is stated of the reference and the noise that the model's own readings show. Readings
         held out scatter by more, as terms follow the noise and what is missing repeats; a posterior under their noise
         is wider by as much (`truearm.identify.birge_ratio`).
         """
-        return self._model.widening_
+        return self._model.birge_ratio_
 
-    def draw(self, seed: int) -> DrawnFromModel:
+    def draw(self, seed: int) -> PosteriorSample:
         """Draw an arm from the posterior."""
         rng = np.random.default_rng([_POSTERIOR, seed])
         fit = self._model.fit_
-        shift = self.widening * self._root.T @ rng.standard_normal(len(fit.coefficients))
+        shift = self.birge_ratio * self._root.T @ rng.standard_normal(len(fit.coefficients))
         order = ORDER_WITH_NOISE if self.repeatability_mm is None else ORDER
         field = PoseField.draw(self.arm.chain, self.arm.n_joints + 3, order, rng)
-        return DrawnFromModel(self, shift, field)
+        return PosteriorSample(self, shift, field)
 
     def state(self, angles: FloatArray) -> ArmState:
         """The arm at poses (n, n_joints) [rad], else as it was on average when the model learned.
@@ -280,24 +280,24 @@ class ModelErrors:
         """(n_joints, n, 3) what not to be told each joint's direction does at poses (n, n_joints) [mm]."""
 
         def found() -> FloatArray:
-            return effects_of_directions(self._model.fit_, self.state(angles)) @ self.R_base_reference.T
+            return direction_effects(self._model.fit_, self.state(angles)) @ self.R_base_reference.T
 
         return self._once("hysteresis", angles, found)
 
-    def share(self, angles: FloatArray) -> FloatArray:
+    def relative_std(self, angles: FloatArray) -> FloatArray:
         """(n, 1) by how much more than on average a point scatters about the model at poses (n, n_joints)."""
-        shares: FloatArray = np.sqrt(self._model.unexplained_shares_.share(angles))[:, None]
+        shares: FloatArray = np.sqrt(self._model.variance_function_.share(angles))[:, None]
         return shares
 
-    def movements(self, angles: FloatArray) -> FloatArray:
-        """(n, n_joints + 3, 3) `unit_movements` in the size that the unexplained part has at poses (n, n_joints)."""
+    def displacements(self, angles: FloatArray) -> FloatArray:
+        """(n, n_joints + 3, 3) `unit_displacements` in the size that the unexplained part has at poses (n, n_joints)."""
 
         def found() -> FloatArray:
-            return self.field_std_mm * self.share(angles)[:, :, None] * unit_movements(self.arm.chain, angles)
+            return self.field_std_mm * self.relative_std(angles)[:, :, None] * unit_displacements(self.arm.chain, angles)
 
         return self._once("movements", angles, found)
 
-    def shifted(self, angles: FloatArray, shift: FloatArray) -> FloatArray:
+    def tip_shift(self, angles: FloatArray, shift: FloatArray) -> FloatArray:
         """Tips (n, 3) with the coefficients as identified less those shifted by `shift` (n_coefficients,) [mm].
 
         To first order, as the posterior itself is: coefficients that make up for each other to that order may each be
@@ -309,14 +309,14 @@ class ModelErrors:
         if np.abs(first).max(initial=0.0) < LINEAR_MM:
             return first
         state = self.state(angles)
-        return fit.tips(state) - fit.moved.tips(state, fit.coefficients + shift)
+        return fit.tips(state) - fit.perturbed_chain.tips(state, fit.coefficients + shift)
 
     def _derivatives(self, angles: FloatArray) -> FloatArray:
         """(n_coefficients, 3, n) derivatives of tips."""
 
         def found() -> FloatArray:
             fit = self._model.fit_
-            pieces = fit.moved.derivatives(self.state(angles), fit.coefficients)
+            pieces = fit.perturbed_chain.derivatives(self.state(angles), fit.coefficients)
             return np.concatenate([columns for _, _, columns in pieces], axis=2)
 
         return self._once("derivatives", angles, found)
@@ -348,35 +348,35 @@ class ModelErrors:
 
     @cached_property
     def _root(self) -> FloatArray:
-        return root_of(self._model.fit_.covariance)
+        return covariance_factor(self._model.fit_.covariance)
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnFromModel:
+class PosteriorSample:
     """An arm drawn from a model's posterior.
 
     Parameters
     ----------
-    errors : ModelErrors
+    errors : PosteriorDistribution
     shift : (n_coefficients,) array
         Of the model's terms, this arm's less those identified [rad or mm per unit of the basis].
     field : PoseField
-        What the model has no terms for, by `ModelErrors.movements`.
+        What the model has no terms for, by `PosteriorDistribution.displacements`.
     """
 
-    errors: ModelErrors
+    errors: PosteriorDistribution
     shift: FloatArray
     field: PoseField
 
     def systematic(self, angles: FloatArray) -> FloatArray:
-        """See `DrawnArm`."""
-        of_terms = self.errors.shifted(angles, self.shift) @ self.errors.R_base_reference.T
-        of_field: FloatArray = np.einsum("nki,nk->ni", self.errors.movements(angles), self.field.at(angles))
+        """See `ArmSample`."""
+        of_terms = self.errors.tip_shift(angles, self.shift) @ self.errors.R_base_reference.T
+        of_field: FloatArray = np.einsum("nki,nk->ni", self.errors.displacements(angles), self.field.at(angles))
         return of_terms + of_field
 
     def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """See `DrawnArm`."""
-        scatter = self.errors.random_std_mm * self.errors.share(angles) * rng.standard_normal((len(angles), 3))
+        """See `ArmSample`."""
+        scatter = self.errors.random_std_mm * self.errors.relative_std(angles) * rng.standard_normal((len(angles), 3))
         effects = self.errors.hysteresis(angles)
         if not effects.any():
             return scatter
@@ -386,7 +386,7 @@ class DrawnFromModel:
 
 @dataclass(frozen=True, eq=False)
 class PoseField:
-    """Smooth random functions of the joints' angles, with a full turn as their period.
+    """DifferentiableProblem random functions of the joints' angles, with a full turn as their period.
 
     Gaussian processes with covariance ``exp(-c sum_i (1 - cos(q_i - q_i')))``, drawn as a sum of waves: the Fourier
     coefficients of ``exp(c (cos d - 1))`` are the probabilities of a whole number k that is the difference of two
@@ -421,22 +421,22 @@ class PoseField:
         return values
 
 
-def unit_movements(chain: Chain, angles: FloatArray) -> FloatArray:
+def unit_displacements(chain: Chain, angles: FloatArray) -> FloatArray:
     """(n, n_joints + 3, 3) how the tip moves by each value of the field at poses (n, n_joints) [mm].
 
-    First by each joint along its own coordinate, all alike, then along each axis: `SHARE_OF_JOINTS` of the variance and
+    First by each joint along its own coordinate, all alike, then along each axis: `JOINT_VARIANCE_SHARE` of the variance and
     the rest. In every pose a coordinate has the variance 1 mm^2, the mean of the three.
     """
-    along_z = np.where(chain.slides, 5, 2)
-    by_motion = chain.small_motions(angles).by_motion[:, np.arange(chain.n_joints) + 1, along_z]
-    by_joints = _radians(chain)[:, None] * by_motion
+    along_z = np.where(chain.is_prismatic, 5, 2)
+    motion_jacobian = chain.tip_derivatives(angles).motion_jacobian[:, np.arange(chain.n_joints) + 1, along_z]
+    by_joints = _radians(chain)[:, None] * motion_jacobian
     size = np.sqrt((by_joints**2).sum(axis=(1, 2), keepdims=True) / 3)
     # A tip on all joints' axes at once is moved by none.
-    by_joints = np.sqrt(SHARE_OF_JOINTS) * by_joints / np.where(size > 0, size, 1.0)
-    even = np.broadcast_to(np.sqrt(1 - SHARE_OF_JOINTS) * np.eye(3), (len(angles), 3, 3))
+    by_joints = np.sqrt(JOINT_VARIANCE_SHARE) * by_joints / np.where(size > 0, size, 1.0)
+    even = np.broadcast_to(np.sqrt(1 - JOINT_VARIANCE_SHARE) * np.eye(3), (len(angles), 3, 3))
     return np.concatenate([by_joints, even], axis=1)
 
 
 def _radians(chain: Chain) -> FloatArray:
     """(n_joints,) what counts as a radian of each joint [rad, or mm]."""
-    return np.where(chain.slides, chain.reach / 3, 1.0)
+    return np.where(chain.is_prismatic, chain.reach / 3, 1.0)

@@ -19,13 +19,13 @@ FloatArray = npt.NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
 # No arm's tip is smaller; a size below was meant in metres.
 LEAST_MM = 1.0
-MOST_POINTS = 1000
+MAX_POINTS = 1000
 # One more than the shape has parameters, so that its form deviation means something.
 LEAST_POINTS = {"length": 2, "sphere": 5, "plane": 4, "circle": 5}
 _GOLDEN_RAD = float(np.pi * (3 - np.sqrt(5)))
 
 
-class Quantity(NamedTuple):
+class FeatureQuantity(NamedTuple):
     """What is measured of a feature.
 
     Attributes
@@ -54,7 +54,7 @@ class Feature:
         Where it is touched [mm] in the arm's base frame.
     approach : (n, 3) array
         Unit vectors towards where the stylus comes from.
-    quantities : tuple of Quantity
+    quantities : tuple of FeatureQuantity
         The first is the one that a tolerance is about.
     evaluate : callable
         From points (n, 3) [mm] to the value of each quantity [mm].
@@ -63,7 +63,7 @@ class Feature:
     name: str
     points: FloatArray
     approach: FloatArray
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[FeatureQuantity, ...]
     evaluate: Callable[[FloatArray], tuple[float, ...]]
 
     def errors(self, points: FloatArray) -> FloatArray:
@@ -94,7 +94,7 @@ def length(ends: npt.ArrayLike, *, points: int = 2) -> Feature:
 
     return Feature(
         f"length of {nominal:g} mm", np.repeat(placed, n // 2, axis=0), np.tile(UP, (n, 1)),
-        (Quantity("length", nominal),), evaluate,
+        (FeatureQuantity("length", nominal),), evaluate,
     )  # fmt: skip
 
 
@@ -127,7 +127,7 @@ def sphere(at: npt.ArrayLike, diameter_mm: float, *, points: int = 25) -> Featur
         f"ball of {diameter:g} mm diameter, {n} points",
         _place(at) + diameter / 2 * normals,
         approach / np.linalg.norm(approach, axis=1, keepdims=True),
-        (Quantity("diameter", diameter), Quantity("form", 0.0, is_form=True)),
+        (FeatureQuantity("diameter", diameter), FeatureQuantity("form", 0.0, is_form=True)),
         evaluate,
     )
 
@@ -157,7 +157,7 @@ def plane(at: npt.ArrayLike, normal: npt.ArrayLike, size_mm: float, *, points: i
         f"plate of {size:g} x {size:g} mm, {n} points",
         _place(at) + flat @ np.stack([across, along]),
         np.tile(up, (n, 1)),
-        (Quantity("flatness", 0.0, is_form=True), Quantity("direction", 0.0, is_form=True)),
+        (FeatureQuantity("flatness", 0.0, is_form=True), FeatureQuantity("direction", 0.0, is_form=True)),
         evaluate,
     )
 
@@ -177,7 +177,7 @@ def circle(at: npt.ArrayLike, axis: npt.ArrayLike, diameter_mm: float, *, points
         f"bore of {diameter:g} mm diameter, {n} points",
         _place(at) + diameter / 2 * (np.outer(np.cos(turn), across) + np.outer(np.sin(turn), along)),
         np.tile(up, (n, 1)),
-        (Quantity("diameter", diameter), Quantity("roundness", 0.0, is_form=True)),
+        (FeatureQuantity("diameter", diameter), FeatureQuantity("roundness", 0.0, is_form=True)),
         evaluate,
     )
 
@@ -214,6 +214,6 @@ def _size(size_mm: float, what: str) -> float:
 
 
 def _checked(points: int, kind: str) -> int:
-    if not LEAST_POINTS[kind] <= points <= MOST_POINTS:
-        raise InputError(f"expected {LEAST_POINTS[kind]} to {MOST_POINTS} points of a {kind}, got {points}")
+    if not LEAST_POINTS[kind] <= points <= MAX_POINTS:
+        raise InputError(f"expected {LEAST_POINTS[kind]} to {MAX_POINTS} points of a {kind}, got {points}")
     return points

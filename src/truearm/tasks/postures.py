@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.poses.measuring import inner_limits, needs_five_turning_joints, reach, told
+from truearm.poses.measuring import inner_limits, check_five_rotary_joints, reach, describe_rejections
 from truearm.poses.workspace import Stance, azimuth_of, stance, within_cone
 from truearm.tasks.features import Feature
 
@@ -26,7 +26,7 @@ _ROUNDS = 6  # of holding the feature in as many ways as are wanted
 _TRIES = 3  # of a point, before its way of holding is given up
 
 
-def held(arm: Arm, feature: Feature, n: int, *, seed: int) -> FloatArray:
+def feature_postures(arm: Arm, feature: Feature, n: int, *, seed: int) -> FloatArray:
     """Joint angles that put the nominal tip on a feature's points, the feature held in n ways.
 
     Parameters
@@ -48,7 +48,7 @@ def held(arm: Arm, feature: Feature, n: int, *, seed: int) -> FloatArray:
     InputError
         If the arm has too few joints, or does not reach the feature.
     """
-    needs_five_turning_joints(arm)
+    check_five_rotary_joints(arm)
     rng = np.random.default_rng([5, seed])
     where, k = stance(arm), len(feature.points)
     found: list[FloatArray] = []
@@ -82,7 +82,7 @@ def held(arm: Arm, feature: Feature, n: int, *, seed: int) -> FloatArray:
         if np.abs(feature.points.mean(axis=0)).max() < _METRES:
             hint = "its place in mm: 600,0,300, not 0.6,0,0.3"
         raise InputError(
-            f"arm {arm.name!r} does not reach all of the {feature.name} in any posture: {told(rejected)}", hint=hint
+            f"arm {arm.name!r} does not reach all of the {feature.name} in any posture: {describe_rejections(rejected)}", hint=hint
         )
     return ways_found
 

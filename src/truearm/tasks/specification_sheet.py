@@ -39,13 +39,13 @@ from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.poses.workspace import stance
 from truearm.readings.expansion import REFERENCE_DEGC
-from truearm.tasks.errors import DrawnArm, DrawnPreset, PresetErrors
+from truearm.tasks.errors import ArmSample, PresetSample, PresetDistribution
 from truearm.tasks.standard_test import PosedTest, pose
 from truearm.verify.artefacts import Artefacts
 from truearm.verify.circumscribed import circumscribed_sphere
-from truearm.verify.layout import ZONES, Placement, layout_of
+from truearm.verify.layout import ZONES, Placement, lay_out_tests
 from truearm.verify.limits import Specification
-from truearm.verify.test_plan import Plan, load_plan
+from truearm.verify.test_plan import VerificationPlan, load_verification_plan
 from truearm.virtual.motions import MotionFunctions
 from truearm.virtual.presets import SHOP, Preset
 from truearm.virtual.state import at_rest, mean_hand_force
@@ -88,7 +88,7 @@ _SHEET = 7  # first word of the streams drawn from here
 
 
 @dataclass(frozen=True, eq=False)
-class ConstrainedErrors:
+class SpecificationDistribution:
     """Virtual arms that keep a specification, the worst result of each half to all of its limit.
 
     Parameters
@@ -126,8 +126,8 @@ class ConstrainedErrors:
         range_mm, shoulder = self.specification.measuring_range_mm, float(stance(self.arm).shoulder_in_base[2])
         placements: list[Placement] = []
         for name in dict.fromkeys(_TESTS[symbol][0] for symbol in self.specification.limits):
-            plan = _required(load_plan(name), {_TESTS[symbol] for symbol in self.specification.limits})
-            placements += layout_of(plan, _perfect(plan, range_mm), range_mm, shoulder_mm=shoulder)
+            plan = _required(load_verification_plan(name), {_TESTS[symbol] for symbol in self.specification.limits})
+            placements += lay_out_tests(plan, _perfect(plan, range_mm), range_mm, shoulder_mm=shoulder)
         return pose(placements, self.arm, seed=0)
 
     def results(self, errors: FloatArray) -> dict[str, float]:
@@ -137,13 +137,13 @@ class ConstrainedErrors:
             found |= judge(errors)
         return {symbol: found[symbol] for symbol in self.specification.limits}
 
-    def draw(self, seed: int) -> DrawnFromSheet:
+    def draw(self, seed: int) -> SpecificationSample:
         """Draw an arm that keeps the specification."""
         rng = np.random.default_rng([_SHEET, seed])
         share = BEST_SHARE ** rng.random()
-        nearest: tuple[float, DrawnPreset, dict[str, float]] | None = None
+        nearest: tuple[float, PresetSample, dict[str, float]] | None = None
         for _ in range(TRIES):
-            drawn = PresetErrors(self.arm, _drawn_preset(rng)).draw(int(rng.integers(2**62)))
+            drawn = PresetDistribution(self.arm, _drawn_preset(rng)).draw(int(rng.integers(2**62)))
             found = self.results(self._at_tests.systematic(drawn) + drawn.random(self.posed.angles, rng))
             even = min(found.values()) / max(found.values())
             if nearest is None or even > nearest[0]:
@@ -153,7 +153,7 @@ class ConstrainedErrors:
         assert nearest is not None
         _, drawn, found = nearest
         factor = share / max(found.values())
-        return DrawnFromSheet(drawn, factor, {symbol: factor * ratio for symbol, ratio in found.items()})
+        return SpecificationSample(drawn, factor, {symbol: factor * ratio for symbol, ratio in found.items()})
 
     @cached_property
     def _at_tests(self) -> _AtTests:
@@ -253,34 +253,34 @@ class ConstrainedErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnFromSheet:
+class SpecificationSample:
     """A virtual arm, its errors made so large that it keeps the sheet.
 
     Parameters
     ----------
-    drawn : DrawnPreset
+    drawn : PresetSample
     factor : float
         By which all its errors are taken.
     results : dict of str to float
         Of its simulated tests, over their limits, by symbol.
     """
 
-    drawn: DrawnPreset
+    drawn: PresetSample
     factor: float
     results: Mapping[str, float]
 
     def systematic(self, angles: FloatArray) -> FloatArray:
-        """See `truearm.tasks.errors.DrawnArm`."""
+        """See `truearm.tasks.errors.ArmSample`."""
         return self.factor * self.drawn.systematic(angles)
 
     def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """See `truearm.tasks.errors.DrawnArm`."""
+        """See `truearm.tasks.errors.ArmSample`."""
         return self.factor * self.drawn.random(angles, rng)
 
 
-def share_of_limit(drawn: DrawnArm) -> float:
+def share_of_limit(drawn: ArmSample) -> float:
     """The worst result of an arm drawn from a sheet over its limit: 1 for an arm that just keeps the sheet."""
-    assert isinstance(drawn, DrawnFromSheet)
+    assert isinstance(drawn, SpecificationSample)
     return max(drawn.results.values())
 
 
@@ -317,11 +317,11 @@ class _AtTests:
             gravity_in_base=gravity_of(arm),
             cage_ratio=SHOP.cage_ratio,
         )
-        small = arm.chain.small_motions(angles)
-        return cls(arm, functions, small.tip_in_base, np.einsum("nkc,k->nc", small.by_motion[:, -1, 3:], force_N))
+        small = arm.chain.tip_derivatives(angles)
+        return cls(arm, functions, small.tip_in_base, np.einsum("nkc,k->nc", small.motion_jacobian[:, -1, 3:], force_N))
 
-    def systematic(self, drawn: DrawnPreset) -> FloatArray:
-        """Errors (n, 3) [mm] as `DrawnPreset.systematic` has them, to rounding."""
+    def systematic(self, drawn: PresetSample) -> FloatArray:
+        """Errors (n, 3) [mm] as `PresetSample.systematic` has them, to rounding."""
         own, session = drawn.virtual.systematic, drawn.session
         cosine, sine = np.cos(session.cage_phase)[:, None], np.sin(session.cage_phase)[:, None]
         at_cos, at_sin = own.cage[:, 0], own.cage[:, 1]
@@ -416,7 +416,7 @@ def _drawn_preset(rng: np.random.Generator) -> Preset:
     return replace(SHOP, name="drawn", **changed)
 
 
-def _required(plan: Plan, wanted: set[tuple[str, str]]) -> Plan:
+def _required(plan: VerificationPlan, wanted: set[tuple[str, str]]) -> VerificationPlan:
     """A plan with the wanted tests alone, all of them required."""
     tests = {
         name: test.model_copy(update={"required": True}) if (plan.name, name) in wanted else None
@@ -425,7 +425,7 @@ def _required(plan: Plan, wanted: set[tuple[str, str]]) -> Plan:
     return plan.model_copy(update=tests)
 
 
-def _perfect(plan: Plan, range_mm: float) -> Artefacts:
+def _perfect(plan: VerificationPlan, range_mm: float) -> Artefacts:
     """Artefacts without errors, of sizes that the plan wants."""
     lengths = [0.5 * float(np.mean(zone)) for zone in ZONES]
     if plan.uni is not None:

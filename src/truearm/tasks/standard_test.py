@@ -16,18 +16,18 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.poses.measuring import inner_limits, needs_five_turning_joints, postures, reach
-from truearm.poses.seat import most_different
+from truearm.poses.measuring import inner_limits, check_five_rotary_joints, postures, reach
+from truearm.poses.seat import farthest_points
 from truearm.poses.workspace import azimuth_of, stance, within_cone
 from truearm.readings.expansion import REFERENCE_DEGC
-from truearm.tasks.errors import ArmErrors, DrawnArm
+from truearm.tasks.errors import ArmDistribution, ArmSample
 from truearm.verify.artefacts import Artefacts, CalibratedBar, CalibratedSphere, Seat
-from truearm.verify.decision import Row, Rule, Verdict
+from truearm.verify.decision import ConformityResult, DecisionRule, Verdict
 from truearm.verify.layout import Placement
 from truearm.verify.limits import Specification
-from truearm.verify.measured import Group, Measured
+from truearm.verify.measured import PointGroup, MeasuredPoints
 from truearm.verify.orthogonal import FloatArray
-from truearm.verify.test_plan import Plan
+from truearm.verify.test_plan import VerificationPlan
 from truearm.verify.verification import Verification, verify
 
 # A group is taken in one posture: the elbow swings and the handle rolls from group to group, little within one.
@@ -36,7 +36,7 @@ SWING_DEG, ROLL_DEG, WITHIN_DEG, NEAR_DEG = 35.0, 60.0, 3.0, 45.0
 LEANS_DEG = (0.0,) * 6 + (15.0,) * 6 + (30.0,) * 6 + (45.0,) * 6 + (60.0,) * 12
 # In a seat: postures from the working pose at most so far, joint by joint; candidates a point, and how often again.
 SEAT_LEAN_DEG, SEAT_SWING_DEG, SEAT_POOL, SEAT_TRIES = 60.0, 100.0, 10, 10
-MOST_ARMS = 100_000
+MAX_ARMS = 100_000
 # Kept apart from the streams of the arms' own errors.
 _POSES, _POINTS = 4, 5
 
@@ -85,7 +85,7 @@ def pose(layout: Sequence[Placement], arm: Arm, *, seed: int) -> PosedTest:
     InputError
         If the arm has too few joints, or points are not reached: which, and why.
     """
-    needs_five_turning_joints(arm)
+    check_five_rotary_joints(arm)
     rng = np.random.default_rng([_POSES, seed])
     layout = tuple(layout)
     sizes = np.array([len(one.points) for one in layout])
@@ -152,7 +152,7 @@ def _in_seat(one: Placement, arm: Arm, rng: np.random.Generator) -> FloatArray |
         good = np.concatenate([good, angles[reason == ""]])
         if len(good) >= 3 * k:
             break
-    return good[most_different(good, k)] if len(good) >= k else None
+    return good[farthest_points(good, k)] if len(good) >= k else None
 
 
 def _posed(
@@ -197,23 +197,23 @@ def _posed(
     return Counter((int(placement[row]), str(why[row])) for row in left)
 
 
-def simulated(
-    errors: ArmErrors,
+def simulate_verification(
+    errors: ArmDistribution,
     posed: PosedTest,
     *,
-    plan: Plan,
+    plan: VerificationPlan,
     artefacts: Artefacts,
     specification: Specification,
     n_arms: int,
     seed: int,
-    rule: Rule = "iso14253-1",
+    rule: DecisionRule = "iso14253-1",
     progress: Callable[[int], None] | None = None,
 ) -> tuple[Verification, ...]:
     """Take a test with virtual arms.
 
     Parameters
     ----------
-    errors : ArmErrors
+    errors : ArmDistribution
         What the arms may be wrong by.
     posed : PosedTest
     plan, artefacts, specification, rule
@@ -235,12 +235,12 @@ def simulated(
     InputError
         As `verify`; it cannot judge an arm that errs so much that an artefact seems to be another.
     """
-    if not 1 <= n_arms <= MOST_ARMS:
-        raise InputError(f"expected 1 to {MOST_ARMS} virtual arms, got {n_arms}")
+    if not 1 <= n_arms <= MAX_ARMS:
+        raise InputError(f"expected 1 to {MAX_ARMS} virtual arms, got {n_arms}")
     out = []
     for i in range(n_arms):
-        own = MOST_ARMS * seed + i
-        points = measured_by(errors.draw(own), posed, artefacts, seed=own)
+        own = MAX_ARMS * seed + i
+        points = simulate_points(errors.draw(own), posed, artefacts, seed=own)
         try:
             found = verify(points, plan=plan, artefacts=artefacts, specification=specification, rule=rule)
         except InputError as error:
@@ -252,7 +252,7 @@ def simulated(
     return tuple(out)
 
 
-def measured_by(drawn: DrawnArm, posed: PosedTest, artefacts: Artefacts, *, seed: int) -> Measured:
+def simulate_points(drawn: ArmSample, posed: PosedTest, artefacts: Artefacts, *, seed: int) -> MeasuredPoints:
     """The points that one virtual arm shows.
 
     The artefacts are as their certificates allow. Sizes and temperatures are drawn as normal with the stated standard
@@ -265,10 +265,10 @@ def measured_by(drawn: DrawnArm, posed: PosedTest, artefacts: Artefacts, *, seed
     shown = np.concatenate(true) + drawn.systematic(posed.angles) + drawn.random(posed.angles, rng)
     each = np.split(shown, np.cumsum([len(one) for one in true])[:-1])
     dates = {one.name: one.date for one in _all(artefacts)}
-    return Measured.of(
+    return MeasuredPoints.of(
         (
             one.test,
-            Group(
+            PointGroup(
                 artefact=one.artefact,
                 keys=dict(one.keys),
                 points=points,
@@ -323,7 +323,7 @@ def _all(artefacts: Artefacts) -> tuple[CalibratedSphere | CalibratedBar | Seat,
 
 
 @dataclass(frozen=True)
-class RowDistribution:
+class ResultDistribution:
     """How one row of the test is distributed over the virtual arms.
 
     Attributes
@@ -347,7 +347,7 @@ class RowDistribution:
     undecided: float
 
 
-def distributions(found: Sequence[Verification]) -> tuple[RowDistribution, ...]:
+def result_distributions(found: Sequence[Verification]) -> tuple[ResultDistribution, ...]:
     """The rows of a test over the arms that took it."""
     labels = Counter(row.label for row in found[0].rows)
     return tuple(
@@ -355,12 +355,12 @@ def distributions(found: Sequence[Verification]) -> tuple[RowDistribution, ...]:
     )
 
 
-def verdicts(found: Sequence[Verification]) -> Mapping[Verdict, float]:
+def verdict_shares(found: Sequence[Verification]) -> Mapping[Verdict, float]:
     """Shares of the arms by the verdict of the whole test."""
     return {verdict: sum(one.verdict is verdict for one in found) / len(found) for verdict in Verdict}
 
 
-def share_of_all(count: int, n: int) -> tuple[float, float]:
+def proportion_interval(count: int, n: int) -> tuple[float, float]:
     """Between which bounds a share lies of which n draws show `count`, with 95 % confidence.
 
     Source: Clopper and Pearson, Biometrika 26 (1934), 404: each bound is the share from which as many or more, or as
@@ -380,13 +380,13 @@ def share_of_all(count: int, n: int) -> tuple[float, float]:
     return low, float(beta.ppf(0.975, count + 1, n - count)) if count < n else 1.0
 
 
-def _distribution(rows: Sequence[Row], at_places: bool) -> RowDistribution:
+def _distribution(rows: Sequence[ConformityResult], at_places: bool) -> ResultDistribution:
     sizes = np.abs([row.value for row in rows])
     conform, not_conform, undecided = (
         sum(row.verdict is verdict for row in rows) / len(rows)
         for verdict in (Verdict.CONFORM, Verdict.NOT_CONFORM, Verdict.UNDECIDED)
     )
-    return RowDistribution(
+    return ResultDistribution(
         f"{rows[0].label}, {rows[0].where}" if at_places else rows[0].label,
         rows[0].unit,
         float(np.median(sizes)),

@@ -17,15 +17,15 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.tasks.errors import ArmErrors, DrawnArm, ModelErrors
-from truearm.tasks.features import Feature, Quantity
-from truearm.tasks.postures import held
+from truearm.tasks.errors import ArmDistribution, ArmSample, PosteriorDistribution
+from truearm.tasks.features import Feature, FeatureQuantity
+from truearm.tasks.postures import feature_postures
 
 FloatArray = npt.NDArray[np.float64]
 
-LEVEL = 0.95
-LEAST_ARMS, MOST_ARMS = 100, 100_000
-WAYS = 40  # of holding the feature, shared out among the arms
+COVERAGE_PROBABILITY = 0.95
+LEAST_ARMS, MAX_ARMS = 100, 100_000
+N_POSTURES = 40  # of holding the feature, shared out among the arms
 _RESAMPLES = 200
 # Simulated: with it the intervals hold 95.0 to 95.1 % of a normal, a gamma and Student's distribution, n from 1000 on.
 SHORTEST = 0.47
@@ -41,20 +41,20 @@ class Estimate:
 
     Attributes
     ----------
-    quantity : Quantity
+    quantity : FeatureQuantity
     errors : (n,) array
         Measured less true value of every drawn arm [mm].
     of_arm, of_points : (n,) array
         The same with the systematic errors alone, and with the random ones alone [mm].
-    n_ways : int
-        Of holding the feature; draw i was taken in way ``i % n_ways``.
+    n_postures : int
+        Of holding the feature; draw i was taken in way ``i % n_postures``.
     """
 
-    quantity: Quantity
+    quantity: FeatureQuantity
     errors: FloatArray
     of_arm: FloatArray
     of_points: FloatArray
-    n_ways: int = 1
+    n_postures: int = 1
 
     @property
     def bias_mm(self) -> float:
@@ -67,12 +67,12 @@ class Estimate:
         return float(self.errors.std(ddof=1))
 
     @property
-    def u_of_arm_mm(self) -> float:
+    def u_systematic_mm(self) -> float:
         """Its systematic part, that no repetition of the same points makes smaller."""
         return float(self.of_arm.std(ddof=1))
 
     @property
-    def u_of_points_mm(self) -> float:
+    def u_random_mm(self) -> float:
         """Its random part, which more points make smaller."""
         return float(self.of_points.std(ddof=1))
 
@@ -98,8 +98,8 @@ class Estimate:
         """
         rng, n = np.random.default_rng(0), len(self.errors)
         each = rng.choice(self.errors, (_RESAMPLES, n))
-        by_way = self.errors[: n - n % self.n_ways].reshape(-1, self.n_ways)
-        together = by_way[:, rng.integers(self.n_ways, size=(_RESAMPLES, self.n_ways))]
+        by_way = self.errors[: n - n % self.n_postures].reshape(-1, self.n_postures)
+        together = by_way[:, rng.integers(self.n_postures, size=(_RESAMPLES, self.n_postures))]
         spreads = (_spreads(each), _spreads(together.transpose(1, 0, 2).reshape(_RESAMPLES, -1)))
         return StandardErrors(*np.maximum(*spreads).tolist())
 
@@ -116,7 +116,7 @@ class StandardErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class TaskResult:
     """A feature measured by many arms.
 
     Attributes
@@ -144,7 +144,7 @@ class Task:
         return len(self.estimates[0].errors)
 
 
-class Answer(Enum):
+class FitnessDecision(Enum):
     """Whether an arm is good enough for a tolerance."""
 
     YES = "yes"
@@ -158,36 +158,36 @@ class Fitness:
 
     Attributes
     ----------
-    answer : Answer
+    answer : FitnessDecision
     tolerance_mm : float
         Width of the tolerance zone: 0.1 for +-0.05 mm; the permitted deviation where it has one side, as of form.
     ratio : float
         Tolerance over what the uncertainty takes of it: T / 2U, of one side T / U.
-    left_mm : float
+    acceptance_zone_mm : float
         Width of the zone in which a measured value shows conformity: T - 2U; zero or more. Where the zone has one side
         T - U: parts that deviate by up to that are found to conform, and values up to that show it of any part.
     """
 
-    answer: Answer
+    answer: FitnessDecision
     tolerance_mm: float
     ratio: float
-    left_mm: float
+    acceptance_zone_mm: float
 
 
-def measured_by(
-    errors: ArmErrors,
+def simulate_measurements(
+    errors: ArmDistribution,
     feature: Feature,
     *,
     n_arms: int = 1000,
     seed: int = 0,
-    share_of_limit: Callable[[DrawnArm], float] | None = None,
+    share_of_limit: Callable[[ArmSample], float] | None = None,
     progress: Callable[[int, str], None] | None = None,
-) -> Task:
+) -> TaskResult:
     """Let many arms measure a feature of a perfect part.
 
     Parameters
     ----------
-    errors : ArmErrors
+    errors : ArmDistribution
         What is known of the arm.
     feature : Feature
     n_arms : int
@@ -204,11 +204,11 @@ def measured_by(
     InputError
         If the arm does not reach the feature, or the number of draws is out of bounds.
     """
-    if not LEAST_ARMS <= n_arms <= MOST_ARMS:
-        raise InputError(f"expected {LEAST_ARMS} to {MOST_ARMS} arms to draw, got {n_arms}")
+    if not LEAST_ARMS <= n_arms <= MAX_ARMS:
+        raise InputError(f"expected {LEAST_ARMS} to {MAX_ARMS} arms to draw, got {n_arms}")
     if seed < 0:
         raise InputError(f"a seed must be a whole number >= 0, got {seed}")
-    ways = held(errors.arm, feature, WAYS, seed=seed)
+    ways = feature_postures(errors.arm, feature, N_POSTURES, seed=seed)
     seeds = np.random.SeedSequence(seed).generate_state(n_arms, np.uint64)
     found = np.empty((3, n_arms, len(feature.quantities)))
     shares = np.ones(n_arms)
@@ -230,8 +230,8 @@ def measured_by(
     if share_of_limit is not None:  # errors are small: those of a feature grow in proportion to the arm's
         scaled = found[:, :, 0] / shares
         at_limit = Estimate(feature.quantities[0], scaled[0], scaled[1], scaled[2], len(ways))
-    known = not (isinstance(errors, ModelErrors) and errors.repeatability_mm is None)
-    return Task(feature, estimates, ways, at_limit, known)
+    known = not (isinstance(errors, PosteriorDistribution) and errors.repeatability_mm is None)
+    return TaskResult(feature, estimates, ways, at_limit, known)
 
 
 def fitness(estimate: Estimate, tolerance_mm: float) -> Fitness:
@@ -262,23 +262,23 @@ def fitness(estimate: Estimate, tolerance_mm: float) -> Fitness:
         raise InputError(f"expected a tolerance above zero in mm, got {tolerance_mm}", hint="0.1 for +-0.05 mm")
     taken = estimate.expanded_mm * (1 if estimate.quantity.is_form else 2)
     ratio = tolerance_mm / taken if taken > 0 else np.inf
-    answer = Answer.YES if ratio >= GOOD_RATIO else Answer.NO if ratio <= 1 else Answer.GUARDED
+    answer = FitnessDecision.YES if ratio >= GOOD_RATIO else FitnessDecision.NO if ratio <= 1 else FitnessDecision.GUARDED
     return Fitness(answer, tolerance_mm, float(ratio), max(tolerance_mm - taken, 0.0))
 
 
-def in_words(estimate: Estimate, fit: Fitness) -> str:
+def describe_fitness(estimate: Estimate, fit: Fitness) -> str:
     """Whether the arm is good enough, in words."""
     one_sided, wide = estimate.quantity.is_form, fit.tolerance_mm
     zone = f"{wide:g} mm" if one_sided else f"+-{wide / 2:g} mm"
     taken = f"{'T / U' if one_sided else 'T / 2U'} = {fit.ratio:.1f}, U = {estimate.expanded_mm:.4f} mm"
-    said = {Answer.YES: "Yes", Answer.NO: "No", Answer.GUARDED: "Only with guard bands"}[fit.answer]
-    usual = "" if fit.answer is Answer.NO else "; 4 is usual"
+    said = {FitnessDecision.YES: "Yes", FitnessDecision.NO: "No", FitnessDecision.GUARDED: "Only with guard bands"}[fit.answer]
+    usual = "" if fit.answer is FitnessDecision.NO else "; 4 is usual"
     if not one_sided:
-        shows = f"Values within +-{fit.left_mm / 2:.4f} mm show" if fit.left_mm > 0 else "No measured value would show"
+        shows = f"Values within +-{fit.acceptance_zone_mm / 2:.4f} mm show" if fit.acceptance_zone_mm > 0 else "No measured value would show"
         meant = f"{shows} conformity (ISO 14253-1)."
-    elif fit.left_mm > 0:
+    elif fit.acceptance_zone_mm > 0:
         meant = (
-            f"Parts of up to {fit.left_mm:.4f} mm are found to conform. Values up to {fit.left_mm:.4f} mm show it of "
+            f"Parts of up to {fit.acceptance_zone_mm:.4f} mm are found to conform. Values up to {fit.acceptance_zone_mm:.4f} mm show it of "
             f"any part, up to {wide:g} mm of a nearly perfect one: to its {estimate.quantity.name} errors only add."
         )
     else:
@@ -289,10 +289,10 @@ def in_words(estimate: Estimate, fit: Fitness) -> str:
     return f"Good enough for {estimate.quantity.name} {zone}? {said}: {taken}{usual}. {meant}"
 
 
-def advice(found: Task) -> str:
+def advice(found: TaskResult) -> str:
     """Whether more points would help, in a sentence."""
     estimate = found.estimates[0]
-    arm, point = estimate.u_of_arm_mm**2, estimate.u_of_points_mm**2
+    arm, point = estimate.u_systematic_mm**2, estimate.u_random_mm**2
     if arm + point == 0:
         return "This arm has no errors."
     if not found.repeatability_known:
@@ -331,7 +331,7 @@ def shortest_interval(ordered: FloatArray) -> tuple[FloatArray, FloatArray]:
     distribution with n = 1000; that document speaks of a million, 7.2.2), q is raised by `SHORTEST` ``n^(1/3)``.
     """
     n = ordered.shape[1]
-    q = min(int(LEVEL * n + SHORTEST * n ** (1 / 3) + 0.5), n - 1)
+    q = min(int(COVERAGE_PROBABILITY * n + SHORTEST * n ** (1 / 3) + 0.5), n - 1)
     width = ordered[:, q:] - ordered[:, : n - q]
     first = width.argmin(axis=1)
     rows = np.arange(len(ordered))

@@ -15,12 +15,12 @@ from truearm.terms.basis import (
     Session,
     Temperature,
     basis_from_data,
-    registered,
+    register_basis,
 )
 from truearm.terms.catalogue import (
     FREE_BASE,
     FREE_TIP,
-    LeftOut,
+    SkippedTerm,
     base_terms,
     candidate_terms,
     constants,
@@ -43,7 +43,7 @@ __all__ = [
     "GravityLoads",
     "GravityTorque",
     "Harmonics",
-    "LeftOut",
+    "SkippedTerm",
     "LinkMasses",
     "Session",
     "Temperature",
@@ -59,6 +59,6 @@ __all__ = [
     "harmonics",
     "link_vectors",
     "place_name",
-    "registered",
+    "register_basis",
     "uniform_links",
 ]

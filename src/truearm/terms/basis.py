@@ -1,7 +1,7 @@
 """Basis functions: numbers that shape a small motion from reading to reading.
 
 A basis is data: a frozen class with a few plain fields, which a file can hold and which gives its functions' values at
-a state. A class of one's own needs `labels`, `values` and the decorator `registered`.
+a state. A class of one's own needs `labels`, `values` and the decorator `register_basis`.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ _KINDS: dict[str, Callable[..., Basis]] = {}
 B = TypeVar("B", bound=Basis)
 
 
-def registered(basis: type[B]) -> type[B]:
+def register_basis(basis: type[B]) -> type[B]:
     """Class decorator: let `basis_from_data`, and so model files, know a basis by its class's name.
 
     Raises
@@ -107,7 +107,7 @@ def basis_from_data(data: Mapping[str, Any]) -> Basis:
         raise InputError(f"expected the fields of a basis {kind!r}, got {_short(data)}") from problem
 
 
-@registered
+@register_basis
 @dataclass(frozen=True)
 class Constant(Basis):
     """One at every reading."""
@@ -121,7 +121,7 @@ class Constant(Basis):
         return np.ones((1, len(state)))
 
 
-@registered
+@register_basis
 @dataclass(frozen=True)
 class Harmonics(Basis):
     """Cosine and sine of whole multiples of a joint's angle: ``cos k1 q, sin k1 q, cos k2 q, ...``.
@@ -177,7 +177,7 @@ class Harmonics(Basis):
         return out
 
 
-@registered
+@register_basis
 @dataclass(frozen=True)
 class GravityTorque(Basis):
     """A component of the torque that the weight outward of a joint exerts there, at the nominal pose [N m].
@@ -208,14 +208,14 @@ class GravityTorque(Basis):
             _of_joint(state.angles, self.joint)
             return np.ascontiguousarray(state.gravity_torques[None, :, self.joint - 1, self.axis])
         torque = state.gravity_torques[:, 0]
-        if self.axis == 2 or state.chain.slides[0]:
+        if self.axis == 2 or state.chain.is_prismatic[0]:
             return np.ascontiguousarray(torque[None, :, self.axis])
         cos, sin = np.cos(state.angles[:, 0]), np.sin(state.angles[:, 0])
         x, y = torque[:, 0], torque[:, 1]
         return np.asarray(cos * x - sin * y if self.axis == 0 else sin * x + cos * y)[None]
 
 
-@registered
+@register_basis
 @dataclass(frozen=True)
 class Temperature(Basis):
     """How much warmer than 20 degC a link is [K].
@@ -246,7 +246,7 @@ class Temperature(Basis):
         return np.asarray(own - REFERENCE_DEGC)[None]
 
 
-@registered
+@register_basis
 @dataclass(frozen=True)
 class Direction(Basis):
     """Sign of a joint's last movement.
@@ -273,7 +273,7 @@ class Direction(Basis):
         return _of_joint(state.directions, self.joint)[None]
 
 
-@registered
+@register_basis
 @dataclass(frozen=True)
 class Session(Basis):
     """One at the readings of a session, zero at all others.
@@ -299,7 +299,7 @@ class Session(Basis):
         return np.zeros((1, len(state))) if state.session is None else (state.session == self.name)[None].astype(float)
 
 
-@registered
+@register_basis
 @dataclass(frozen=True)
 class Column(Basis):
     """A column of the session, in its own unit.

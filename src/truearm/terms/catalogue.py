@@ -50,7 +50,7 @@ AS_GOOD_AS_ALONG = 0.99
 LEAST_PHASE = np.pi / 2
 
 
-class LeftOut(NamedTuple):
+class SkippedTerm(NamedTuple):
     """A term not offered.
 
     Attributes
@@ -277,7 +277,7 @@ def column(chain: Chain, joint: int, name: str, *, prior_std: float) -> list[Ter
 
 def candidate_terms(
     state: ArmState, *, free: tuple[str, ...] = ("base", "tip"), highest: int = HIGHEST_ORDER_OFFERED
-) -> tuple[list[Term], list[LeftOut]]:
+) -> tuple[list[Term], list[SkippedTerm]]:
     """Offer all terms that the readings allow, and say which they do not.
 
     A harmonic is left out where the joint moved by less than a quarter of its period, or where the joint's angles stand
@@ -296,15 +296,15 @@ def candidate_terms(
     Returns
     -------
     terms : list of Term
-    left_out : list of LeftOut
+    left_out : list of SkippedTerm
     """
     chain, joints = state.chain, range(1, state.chain.n_joints + 1)
-    left_out: list[LeftOut] = []
+    left_out: list[SkippedTerm] = []
     terms = constants(chain, free=free)
     wobbles: list[Term] = []
     for joint in joints:
-        if chain.slides[joint - 1]:
-            left_out.append(LeftOut(f"J{joint} harmonics", f"J{joint} slides"))
+        if chain.is_prismatic[joint - 1]:
+            left_out.append(SkippedTerm(f"J{joint} harmonics", f"J{joint} slides"))
             continue
         shown, lost = _shown_orders(joint, state.angles[:, joint - 1], max(highest, *WOBBLE_ORDERS))
         left_out += lost
@@ -319,11 +319,11 @@ def candidate_terms(
     terms += wobbles
     offered = [term for joint in range(chain.n_joints + 1) for term in gravity(chain, joint, links=state.links)]
     if state.temperature_degC is None:
-        left_out.append(LeftOut("thermal growth", "the readings have no temperature"))
+        left_out.append(SkippedTerm("thermal growth", "the readings have no temperature"))
     else:
         offered += thermal(chain)
     if state.directions is None:
-        left_out.append(LeftOut("hysteresis", "the joints' directions of movement are not known"))
+        left_out.append(SkippedTerm("hysteresis", "the joints' directions of movement are not known"))
     else:
         offered += [term for joint in joints for term in hysteresis(chain, joint)]
     offered += _loads(state, left_out)
@@ -335,7 +335,7 @@ def place_name(chain: Chain, place: int) -> str:
     return "base" if place == 0 else "tip" if place == chain.n_joints + 1 else f"J{place}"
 
 
-def _shown_orders(joint: int, angles: FloatArray, highest: int) -> tuple[set[int], list[LeftOut]]:
+def _shown_orders(joint: int, angles: FloatArray, highest: int) -> tuple[set[int], list[SkippedTerm]]:
     """Which harmonics a joint's angles can show, and which not."""
     moved = float(np.ptp(angles)) if len(angles) else 0.0
     if moved >= 2 * np.pi:
@@ -347,7 +347,7 @@ def _shown_orders(joint: int, angles: FloatArray, highest: int) -> tuple[set[int
     slow = [k for k in orders if k * moved < LEAST_PHASE]
     fast = [k for k in orders if k not in slow and k * min(moved, 2 * np.pi) > widest]
     lost = [
-        LeftOut(f"J{joint} {_orders_name(orders)}", reason)
+        SkippedTerm(f"J{joint} {_orders_name(orders)}", reason)
         for orders, reason in (
             (slow, f"J{joint} moved by {np.degrees(moved):.3g} deg only"),
             (fast, f"J{joint} stood at {n_angles} angles only"),
@@ -365,19 +365,19 @@ def _count_apart(values: FloatArray, apart: float) -> int:
     return n
 
 
-def _loads(state: ArmState, left_out: list[LeftOut]) -> Iterator[Term]:
+def _loads(state: ArmState, left_out: list[SkippedTerm]) -> Iterator[Term]:
     """Terms by the columns whose names say which joint's load they are, ``load_2_Nm``."""
     for name, values in state.columns.items():
         joint = int(found[1]) if (found := re.match(r"load_(\d{1,3})(?:_|$)", name)) else 0
         if not 1 <= joint <= state.chain.n_joints:
-            left_out.append(LeftOut(name, "its name does not say which joint it acts on"))
+            left_out.append(SkippedTerm(name, "its name does not say which joint it acts on"))
             continue
         _, how = _own_motion(state.chain, joint)
         spread = float(np.std(values)) if len(values) else 0.0
         yield from column(state.chain, joint, name, prior_std=COLUMN_STD[how] / (spread or 1.0))
 
 
-def _varying(terms: Iterable[Term], state: ArmState, left_out: list[LeftOut]) -> Iterator[Term]:
+def _varying(terms: Iterable[Term], state: ArmState, left_out: list[SkippedTerm]) -> Iterator[Term]:
     """Pass on the terms whose function changes from reading to reading."""
     varies: dict[Basis, bool] = {}
     for term in terms:
@@ -386,7 +386,7 @@ def _varying(terms: Iterable[Term], state: ArmState, left_out: list[LeftOut]) ->
             size = max(1.0, float(np.abs(values).max(initial=0.0)))
             varies[term.basis] = values.size > 0 and bool(np.ptp(values) > 1e-9 * size)  # more than rounding
             if not varies[term.basis]:
-                left_out.append(LeftOut(term.basis.labels()[0], "it is the same at every reading"))
+                left_out.append(SkippedTerm(term.basis.labels()[0], "it is the same at every reading"))
         if varies[term.basis]:
             yield term
 
@@ -412,7 +412,7 @@ def _turns(chain: Chain, joint: int) -> bool:
     """Whether a joint of the chain, counted from 1, turns."""
     if not 1 <= joint <= chain.n_joints:
         raise InputError(f"expected a joint from 1 to {chain.n_joints}, got {joint}")
-    return not chain.slides[joint - 1]
+    return not chain.is_prismatic[joint - 1]
 
 
 def _own_motion(chain: Chain, joint: int) -> tuple[int, str]:

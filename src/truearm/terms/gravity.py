@@ -92,9 +92,9 @@ def gravity_loads(
         raise InputError(f"expected {chain.n_joints} link masses, one a joint, got {len(links.mass_kg)}")
     n = len(np.asarray(angles))
     torque, force = np.empty((2, chain.n_joints, 3, n))
-    for rows, _, by_motion in chain.small_motions_by_chunk(angles):
+    for rows, _, motion_jacobian in chain.tip_derivatives_by_chunk(angles):
         slide = _slide(chain, np.asarray(angles, dtype=float)[rows])
-        _loads_into(chain, links, gravity, by_motion[:, 3:], slide, torque[..., rows], force[..., rows])
+        _loads_into(chain, links, gravity, motion_jacobian[:, 3:], slide, torque[..., rows], force[..., rows])
     return GravityLoads(torque.transpose(2, 0, 1), force.transpose(2, 0, 1))
 
 

@@ -104,7 +104,7 @@ class Artefact(_WithUncertainties):
                 hint="the certificate that was valid on that day",
             )
 
-    def still(self, ends: int = 1, places: int = 1) -> tuple[Contribution, ...]:
+    def form_and_fixture(self, ends: int = 1, places: int = 1) -> tuple[Contribution, ...]:
         """Contributions of form and fixture.
 
         Half the form deviation counts as a standard uncertainty, as in ISO/TS 23165 [recalled, not confirmed].

@@ -13,14 +13,14 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.verify.artefacts import Seat
-from truearm.verify.decision import Budget, Row, Rule, decisive, judged
+from truearm.verify.decision import Budget, ConformityResult, DecisionRule, worst_result, assess_conformity
 from truearm.verify.limits import Specification
-from truearm.verify.measurands import LengthMeasured, SphereMeasured
+from truearm.verify.measurands import LengthMeasurement, SphereMeasurement
 from truearm.verify.orthogonal import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Seated:
+class SeatPoints:
     """Points of the tip's centre in one seat, the joints changed between them as far as possible.
 
     Attributes
@@ -38,23 +38,23 @@ class Seated:
 
 
 def effective_diameter(
-    runs: Sequence[SphereMeasured], specification: Specification, *, rule: Rule = "iso14253-1"
-) -> Row:
+    runs: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1"
+) -> ConformityResult:
     """Effective diameter: the largest deviation of a run's least-squares diameter from the calibrated one.
 
     Recalled, not confirmed: nine points a run, three runs, the largest ``|D_i - D_cal|`` counts.
 
     Parameters
     ----------
-    runs : sequence of SphereMeasured
+    runs : sequence of SphereMeasurement
     specification : Specification
     rule : {"iso14253-1", "simple"}
     """
     corrected = specification.corrected_to_20_degC
     limit = specification.limit("EffectiveDiameter")
-    return decisive(
+    return worst_result(
         [
-            judged(
+            assess_conformity(
                 "EffectiveDiameter",
                 one.size_error(corrected=corrected),
                 one.size_budget(corrected=corrected),
@@ -67,7 +67,7 @@ def effective_diameter(
     )
 
 
-def single_point(seats: Sequence[Seated], specification: Specification, *, rule: Rule = "iso14253-1") -> list[Row]:
+def single_point(seats: Sequence[SeatPoints], specification: Specification, *, rule: DecisionRule = "iso14253-1") -> list[ConformityResult]:
     """Single-point articulation: how far the points taken in one seat are from their mean.
 
     With ``d_i = |p_i - mean p|``: the largest, and twice ``s = sqrt(sum d_i^2 / (n - 1))``. Recalled, not confirmed:
@@ -80,13 +80,13 @@ def single_point(seats: Sequence[Seated], specification: Specification, *, rule:
 
     Parameters
     ----------
-    seats : sequence of Seated
+    seats : sequence of SeatPoints
     specification : Specification
     rule : {"iso14253-1", "simple"}
 
     Returns
     -------
-    list of Row
+    list of ConformityResult
         Three rows a seat.
 
     Raises
@@ -102,20 +102,20 @@ def single_point(seats: Sequence[Seated], specification: Specification, *, rule:
         distance = np.sqrt((away**2).sum(axis=1))
         s = np.sqrt((distance**2).sum() / (len(away) - 1))
         half = np.ptp(one.points, axis=0).max() / 2
-        budget = Budget(one.seat.still())
+        budget = Budget(one.seat.form_and_fixture())
         for label, symbol, value in (
             ("SPAT.Max", "SPAT.Max", distance.max()),
             ("SPAT.2s", "SPAT.2s", 2 * s),
             ("SPAT, half range of the worst coordinate", None, half),
         ):
             limit = None if symbol is None else specification.limit(symbol)
-            rows.append(judged(label, float(value), budget, limit, rule=rule, where=one.where))
+            rows.append(assess_conformity(label, float(value), budget, limit, rule=rule, where=one.where))
     return rows
 
 
 def volumetric(
-    lengths: Sequence[LengthMeasured], specification: Specification, *, rule: Rule = "iso14253-1"
-) -> list[Row]:
+    lengths: Sequence[LengthMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1"
+) -> list[ConformityResult]:
     """Volumetric performance: deviations of a bar's lengths all over the volume.
 
     With ``D_j = L_j - L_cal,j``: the largest magnitude; ``2 s`` about their mean, divisor n - 1; ``2 RMS`` about zero,
@@ -127,7 +127,7 @@ def volumetric(
 
     Parameters
     ----------
-    lengths : sequence of LengthMeasured
+    lengths : sequence of LengthMeasurement
     specification : Specification
     rule : {"iso14253-1", "simple"}
 
@@ -141,9 +141,9 @@ def volumetric(
     corrected = specification.corrected_to_20_degC
     deviation = np.array([one.error(opposite=False, corrected=corrected) for one in lengths])
     budgets = [one.budget(corrected=corrected) for one in lengths]
-    largest = decisive(
+    largest = worst_result(
         [
-            judged(
+            assess_conformity(
                 "Volumetric.Max",
                 float(value),
                 budget,
@@ -161,7 +161,7 @@ def volumetric(
         ("Volumetric.2s", 2 * deviation.std(ddof=1)),
         ("Volumetric.2RMS", 2 * np.sqrt((deviation**2).mean())),
     ):
-        rows.append(judged(symbol, float(value), twice, specification.limit(symbol), rule=rule))
-    rows.append(judged("Volumetric, range", float(np.ptp(deviation)), widest, None, rule=rule))
-    rows.append(judged("Volumetric, mean", float(deviation.mean()), widest, None, rule=rule))
+        rows.append(assess_conformity(symbol, float(value), twice, specification.limit(symbol), rule=rule))
+    rows.append(assess_conformity("Volumetric, range", float(np.ptp(deviation)), widest, None, rule=rule))
+    rows.append(assess_conformity("Volumetric, mean", float(deviation.mean()), widest, None, rule=rule))
     return rows

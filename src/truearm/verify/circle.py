@@ -10,23 +10,23 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.verify.orthogonal import (
-    Fit,
+    ShapeFit,
     FloatArray,
-    Linearised,
+    LinearisedResiduals,
     circle_start,
     covariance_of,
     gauss_newton,
-    normalised,
+    normalise_points,
     principal_axes,
-    radial,
-    scatter,
-    signed,
-    tilted,
+    radial_distances,
+    scatter_std,
+    direction_sign,
+    tilt_frame,
 )
 
 
 @dataclass(frozen=True, eq=False)
-class Circle(Fit):
+class Circle(ShapeFit):
     """A circle fitted to points; its parameters are the centre, the normal of its plane and the radius, seven.
 
     Residuals are (n, 2): in the plane, positive outside, and along the normal.
@@ -69,32 +69,32 @@ def fit_circle(points: npt.ArrayLike, *, std_mm: float | None = None) -> Circle:
         If the points are too few, in one place or on a line, or determine no circle: what they bend is within their
         scatter.
     """
-    normal = normalised(points, least=3, shape="circle")
+    normal = normalise_points(points, least=3, shape="circle")
     spreads, axes = principal_axes(normal)
     if spreads[1] - spreads[2] <= normal.nothing * spreads[0]:
         what = "on a line" if spreads[1] <= normal.nothing * spreads[0] else "that spread alike in two directions"
         raise InputError(f"expected points all round a circle, got points {what}: they tell no plane")
-    frame = axes * signed(axes[:, 2])
+    frame = axes * direction_sign(axes[:, 2])
 
-    def linearised(placed: _Placed) -> Linearised:
+    def linearised(placed: _Placed) -> LinearisedResiduals:
         local = (normal.points - placed.centre) @ placed.frame
         x, y, z = local.T
-        distance, by_radial = radial(local, moves=(0, 1, 2))
+        distance, by_radial = radial_distances(local, moves=(0, 1, 2))
         none = np.zeros(len(z))
         by_z = np.column_stack([none, none, none - 1, -y, x, none])
-        return Linearised(np.concatenate([distance - distance.mean(), z]), np.concatenate([by_radial, by_z]))
+        return LinearisedResiduals(np.concatenate([distance - distance.mean(), z]), np.concatenate([by_radial, by_z]))
 
     placed, at = gauss_newton(
         _Placed(frame[:, :2] @ circle_start(normal.points @ frame[:, :2]), frame),
         linearised,
-        lambda placed, step: _Placed(placed.centre + placed.frame @ step[:3], tilted(placed.frame, step[3], step[4])),
+        lambda placed, step: _Placed(placed.centre + placed.frame @ step[:3], tilt_frame(placed.frame, step[3], step[4])),
         size=lambda placed: float(np.abs(placed.centre).max()),
         shape="circle",
     )
-    frame = placed.frame * signed(placed.frame[:, 2])
-    radius = radial((normal.points - placed.centre) @ frame, moves=())[0].mean()
+    frame = placed.frame * direction_sign(placed.frame[:, 2])
+    radius = radial_distances((normal.points - placed.centre) @ frame, moves=())[0].mean()
     at = linearised(_Placed(placed.centre, frame))
-    std = scatter(at, normal.scale, std_mm)
+    std = scatter_std(at, normal.scale, std_mm)
     to_parameters = np.zeros((7, 6))
     to_parameters[:3, :3] = frame
     to_parameters[3:6, 3:5] = np.column_stack([-frame[:, 1], frame[:, 0]]) / normal.scale

@@ -12,11 +12,11 @@ from truearm.errors import InputError
 from truearm.verify.orthogonal import FloatArray
 
 # The work grows with the fourth power of the number: 30 points are 32,000 spheres.
-MOST_POINTS = 30
+MAX_POINTS = 30
 
 
 @dataclass(frozen=True, eq=False)
-class Circumscribed:
+class CircumscribedSphere:
     """The minimum circumscribed sphere of points.
 
     Attributes
@@ -35,13 +35,13 @@ class Circumscribed:
         return 2 * self.radius_mm
 
 
-def circumscribed_sphere(points: npt.ArrayLike) -> Circumscribed:
+def circumscribed_sphere(points: npt.ArrayLike) -> CircumscribedSphere:
     """Find the smallest sphere that holds all of a few points, exactly.
 
     Parameters
     ----------
     points : (n, 3) array
-        1 to `MOST_POINTS`, anywhere [mm].
+        1 to `MAX_POINTS`, anywhere [mm].
 
     Raises
     ------
@@ -58,8 +58,8 @@ def circumscribed_sphere(points: npt.ArrayLike) -> Circumscribed:
     given = np.asarray(points, dtype=float)
     if given.ndim != 2 or given.shape[1] != 3 or not np.isfinite(given).all():
         raise InputError(f"expected finite points as an array (n, 3), got shape {given.shape}")
-    if not 1 <= len(given) <= MOST_POINTS:
-        raise InputError(f"expected 1 to {MOST_POINTS} points for a circumscribed sphere, got {len(given)}")
+    if not 1 <= len(given) <= MAX_POINTS:
+        raise InputError(f"expected 1 to {MAX_POINTS} points for a circumscribed sphere, got {len(given)}")
     middle = (given / len(given)).sum(axis=0)
     unit = float(np.abs(given - middle).max()) or 1.0
     centred = (given - middle) / unit
@@ -67,7 +67,7 @@ def circumscribed_sphere(points: npt.ArrayLike) -> Circumscribed:
     centres = centres[np.isfinite(centres).all(axis=1)]
     farthest = np.sqrt(((centred - centres[:, None]) ** 2).sum(axis=2)).max(axis=1)
     best = int(np.argmin(farthest))
-    return Circumscribed(middle + unit * centres[best], float(unit * farthest[best]))
+    return CircumscribedSphere(middle + unit * centres[best], float(unit * farthest[best]))
 
 
 def _centres(points: FloatArray, k: int) -> FloatArray:

@@ -28,7 +28,7 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 from truearm.errors import InputError
 from truearm.verify.orthogonal import FloatArray
 
-NEEDED = 10
+MIN_BASELINE_CHECKS = 10
 """Values of an unchanged process before a chart is asked.
 
 With fewer, a jump is often taken into the baseline before it is seen. One of three standard deviations is seen, in 95
@@ -50,7 +50,7 @@ LEAST_MM = 1e-6
 
 
 @dataclass(frozen=True)
-class Rules:
+class ControlRules:
     """What counts as a change, for charts that are watched together.
 
     Attributes
@@ -66,7 +66,7 @@ class Rules:
 
 
 @cache
-def rules_for(n_sides: int) -> Rules:
+def control_rules(n_sides: int) -> ControlRules:
     """The rules of charts that have `n_sides` sides together: two of a value that may go up or down, else one.
 
     The false alarms are shared out evenly. One chart with two sides has the limits of the textbooks: 3 standard
@@ -84,7 +84,7 @@ def rules_for(n_sides: int) -> Rules:
     if n_sides < 1:
         raise InputError(f"expected one chart or more, got {n_sides} sides")
     rate = FALSE_ALARMS / n_sides  # of each side; Bonferroni: the sum is the rate of all, or more than it
-    return Rules(-float(ndtri(rate)), _decision_interval(1 / rate))
+    return ControlRules(-float(ndtri(rate)), _decision_interval(1 / rate))
 
 
 def _decision_interval(run_length: float) -> float:
@@ -115,17 +115,17 @@ class ControlChart:
         Standard normal if nothing has changed; NaN where there were less than two before.
     centre, lower, upper : (n,) array
         Mean of the values before, and the limits for the next [mm]; NaN where there are none.
-    drift : (2, n) array
+    cusum : (2, n) array
         The cumulative sums upwards and downwards, in standard deviations.
-    beyond : (n,) bool array
+    out_of_limits : (n,) bool array
         Whether the value is beyond its limits.
-    signalled : int or None
+    signal_index : int or None
         The first value at which a cumulative sum was above the decision interval.
-    changed : int or None
+    change_index : int or None
         The first value of the change that this sum tells of.
     gradual : bool
         Whether that change fits a drift, growing from value to value, better than a jump.
-    rules : Rules
+    rules : ControlRules
         Those of the last value.
     """
 
@@ -135,12 +135,12 @@ class ControlChart:
     centre: FloatArray
     lower: FloatArray
     upper: FloatArray
-    drift: FloatArray
-    beyond: npt.NDArray[np.bool_]
-    signalled: int | None
-    changed: int | None
+    cusum: FloatArray
+    out_of_limits: npt.NDArray[np.bool_]
+    signal_index: int | None
+    change_index: int | None
     gradual: bool
-    rules: Rules
+    rules: ControlRules
 
     @property
     def since(self) -> int | None:
@@ -150,9 +150,9 @@ class ControlChart:
         or those after it are beyond them on the same side too: a single one may be dirt in a seat, and so may one to
         either side.
         """
-        if self.changed is not None:
-            return self.changed
-        with_last = self.beyond & (np.sign(self.scores) == np.sign(self.scores[-1]))
+        if self.change_index is not None:
+            return self.change_index
+        with_last = self.out_of_limits & (np.sign(self.scores) == np.sign(self.scores[-1]))
         others = np.flatnonzero(~with_last)
         first = int(others[-1]) + 1 if len(others) else 0
         return first if first < len(self.values) else None
@@ -160,14 +160,14 @@ class ControlChart:
     @property
     def enough(self) -> bool:
         """Whether the last value was compared with as many as it takes to say that nothing has changed."""
-        return bool(self.n_before[-1] >= NEEDED)
+        return bool(self.n_before[-1] >= MIN_BASELINE_CHECKS)
 
 
 def control_chart(
     values: npt.ArrayLike,
     *,
     u: npt.ArrayLike,
-    rules: Rules | Sequence[Rules],
+    rules: ControlRules | Sequence[ControlRules],
     scale: bool = False,
     upper_only: bool = False,
 ) -> ControlChart:
@@ -179,8 +179,8 @@ def control_chart(
         In the order in which they were taken [mm].
     u : (n,) array
         What the standard deviation of each is expected to be [mm]. A process has it at least while there are less than
-        `NEEDED` values to tell it from; later the values alone do.
-    rules : Rules or sequence of Rules
+        `MIN_BASELINE_CHECKS` values to tell it from; later the values alone do.
+    rules : ControlRules or sequence of ControlRules
         For all values, or of each: that they change does not change what was said before.
     scale : bool
         Whether values are scatters, never negative. Their power 2/3 is charted, which is nearly normal: E. B. Wilson,
@@ -209,7 +209,7 @@ def control_chart(
         raise InputError("expected finite values and uncertainties of 0 or more")
     if scale and (given < 0).any():
         raise InputError(f"expected scatters of 0 or more, got {given.min():g} mm")
-    each = (rules,) * len(given) if isinstance(rules, Rules) else tuple(rules)
+    each = (rules,) * len(given) if isinstance(rules, ControlRules) else tuple(rules)
     if len(each) != len(given):
         raise InputError(f"expected rules for {len(given)} values, got {len(each)}")
     sides = (1.0,) if upper_only else (1.0, -1.0)
@@ -218,7 +218,7 @@ def control_chart(
     scores, centre, lower, upper = np.full((4, n), np.nan)
     drift = np.zeros((2, n))
     beyond = np.zeros(n, bool)
-    signalled: int | None = None
+    signal_index: int | None = None
     changed: int | None = None
     charted = given ** (2 / 3) if scale else given
     baseline = _Baseline()
@@ -240,15 +240,15 @@ def control_chart(
             for side, sign in enumerate(sides):
                 # C = max(0, C + z - k), M 9.2 and 9.3
                 drift[side, i] = max(0.0, drift[side, last] + sign * counted - REFERENCE_VALUE)
-            if signalled is None and max(drift[0, i], drift[1, i]) > rule.decision_interval:
+            if signal_index is None and max(drift[0, i], drift[1, i]) > rule.decision_interval:
                 zero = int(np.flatnonzero(drift[int(drift[:, i].argmax()), :i] == 0)[-1])
                 rows = np.array([j for j in range(i + 1) if j > zero or not beyond[j]])
-                signalled, (changed, gradual) = i, _change(rows, charted[rows])
+                signal_index, (changed, gradual) = i, _change(rows, charted[rows])
                 baseline = _Baseline.of(charted[j] for j in range(changed) if not beyond[j])
-        if signalled is None and not beyond[i]:
+        if signal_index is None and not beyond[i]:
             baseline.add(charted[i])
     return ControlChart(
-        given, n_before, scores, centre, lower, upper, drift, beyond, signalled, changed, gradual, each[-1]
+        given, n_before, scores, centre, lower, upper, drift, beyond, signal_index, changed, gradual, each[-1]
     )
 
 
@@ -287,7 +287,7 @@ class _Baseline:
 
     def spread(self, u: float, scale: bool) -> float:
         """The standard deviation of the next value's difference from the mean; `u` as `control_chart` has it."""
-        least = LEAST_MM if self.n >= NEEDED else max(LEAST_MM, float(u))
+        least = LEAST_MM if self.n >= MIN_BASELINE_CHECKS else max(LEAST_MM, float(u))
         if scale and self.mean > 0:
             # To first order, of the power 2/3 of a value with that mean: d(x^(2/3)) = 2/3 x^(-1/3) dx.
             least *= 2 / 3 * self.mean**-0.5

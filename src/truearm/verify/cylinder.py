@@ -11,19 +11,19 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.verify.orthogonal import (
-    Fit,
+    ShapeFit,
     FloatArray,
-    Linearised,
-    Normalised,
+    LinearisedResiduals,
+    NormalisedPoints,
     covariance_of,
     gauss_newton,
-    normalised,
+    normalise_points,
     principal_axes,
-    radial,
-    scatter,
-    signed,
-    tilted,
-    undetermined,
+    radial_distances,
+    scatter_std,
+    direction_sign,
+    tilt_frame,
+    undetermined_error,
 )
 
 # Directions that are tried for the axis: all over half a sphere, about eight degrees apart, of which the best are
@@ -33,7 +33,7 @@ DIRECTIONS, FOLLOWED, NEARBY, STEPS = 400, 6, 60, 30
 
 
 @dataclass(frozen=True, eq=False)
-class Cylinder(Fit):
+class Cylinder(ShapeFit):
     """A cylinder fitted to points; its parameters are the point, the axis' direction and the radius, seven.
 
     Attributes
@@ -77,17 +77,17 @@ def fit_cylinder(points: npt.ArrayLike, *, std_mm: float | None = None) -> Cylin
     the circle through the points seen along it (D. Eberly, "Least squares fitting of data by linear or quadratic
     structures", Geometric Tools, searches the half sphere likewise), and the lowest minimum is taken.
     """
-    normal = normalised(points, least=6, shape="cylinder")
+    normal = normalise_points(points, least=6, shape="cylinder")
     spreads, axes = principal_axes(normal)
     if spreads[2] <= normal.nothing * spreads[0]:
         raise InputError("expected points all round a cylinder, got points in one plane")
 
-    def linearised(placed: _Placed) -> Linearised:
-        distance, jacobian = radial((normal.points - placed.origin) @ placed.frame, moves=(0, 1))
-        return Linearised(distance - distance.mean(), jacobian)
+    def linearised(placed: _Placed) -> LinearisedResiduals:
+        distance, jacobian = radial_distances((normal.points - placed.origin) @ placed.frame, moves=(0, 1))
+        return LinearisedResiduals(distance - distance.mean(), jacobian)
 
     def moved(placed: _Placed, step: FloatArray) -> _Placed:
-        frame = tilted(placed.frame, step[2], step[3])
+        frame = tilt_frame(placed.frame, step[2], step[3])
         origin = placed.origin + placed.frame[:, :2] @ step[:2]
         return _Placed(origin - (origin @ frame[:, 2]) * frame[:, 2], frame)
 
@@ -104,12 +104,12 @@ def fit_cylinder(points: npt.ArrayLike, *, std_mm: float | None = None) -> Cylin
             continue
         found.append((float(at.residuals @ at.residuals), placed))
     if not found:
-        raise undetermined("cylinder")
+        raise undetermined_error("cylinder")
     lowest = min(found, key=lambda one: one[0])[1]
     placed, at = gauss_newton(lowest, linearised, moved, size=size, shape="cylinder")
-    frame = placed.frame * signed(placed.frame[:, 2])
+    frame = placed.frame * direction_sign(placed.frame[:, 2])
     at = linearised(_Placed(placed.origin, frame))
-    std = scatter(at, normal.scale, std_mm)
+    std = scatter_std(at, normal.scale, std_mm)
     to_parameters = np.zeros((7, 5))
     to_parameters[:3, :2] = frame[:, :2]
     to_parameters[3:6, 2:4] = np.column_stack([-frame[:, 1], frame[:, 0]]) / normal.scale
@@ -120,11 +120,11 @@ def fit_cylinder(points: npt.ArrayLike, *, std_mm: float | None = None) -> Cylin
         covariance=covariance_of(at, to_parameters, std, "cylinder"),
         point=normal.middle + normal.scale * placed.origin,
         direction=frame[:, 2].copy(),
-        radius_mm=float(normal.scale * radial((normal.points - placed.origin) @ frame, moves=())[0].mean()),
+        radius_mm=float(normal.scale * radial_distances((normal.points - placed.origin) @ frame, moves=())[0].mean()),
     )
 
 
-def _starts(normal: Normalised, axes: FloatArray) -> list[_Placed]:
+def _starts(normal: NormalisedPoints, axes: FloatArray) -> list[_Placed]:
     """The most promising places of the axis: along the best directions that differ, and along the points' own axes.
 
     A long rod is seen round from a narrow cone only, and the points' longest axis lies in it or nearby.
@@ -147,7 +147,7 @@ def _starts(normal: Normalised, axes: FloatArray) -> list[_Placed]:
     return starts
 
 
-def _circles_along(normal: Normalised, frames: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _circles_along(normal: NormalisedPoints, frames: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Centres (d, 2) of the circles through the points seen along the third axes of frames (d, 3, 3), and their cost.
 
     By the normal equations of Kasa's fit; the cost (d,) is the variance of the distances.

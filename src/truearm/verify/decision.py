@@ -16,11 +16,11 @@ from typing import Literal
 
 from truearm.errors import InputError
 
-Rule = Literal["iso14253-1", "simple"]
-RULES: tuple[Rule, ...] = ("iso14253-1", "simple")
+DecisionRule = Literal["iso14253-1", "simple"]
+DECISION_RULES: tuple[DecisionRule, ...] = ("iso14253-1", "simple")
 
 # Two-sided, of a normal distribution within two standard deviations: k = 2 for infinite degrees of freedom.
-LEVEL = erf(2 / sqrt(2))
+COVERAGE_PROBABILITY = erf(2 / sqrt(2))
 # Simple acceptance wants limits this many times the expanded uncertainty: the "4:1 rule" of laboratories.
 SIMPLE_RATIO = 4.0
 
@@ -90,13 +90,13 @@ class Budget:
 
     @cached_property
     def coverage_factor(self) -> float:
-        """Student's t for `LEVEL` and the effective degrees of freedom, cut to an integer (GUM G.4.1, note 1)."""
+        """Student's t for `COVERAGE_PROBABILITY` and the effective degrees of freedom, cut to an integer (GUM G.4.1, note 1)."""
         if isinf(self.dof):
             return 2.0
         from scipy.stats import t
 
         # The integer may not fall for the rounding of a sum, nor below what a single contribution has.
-        return float(t.ppf((1 + LEVEL) / 2, max(1, int(self.dof * (1 + 1e-12)))))
+        return float(t.ppf((1 + COVERAGE_PROBABILITY) / 2, max(1, int(self.dof * (1 + 1e-12)))))
 
     @property
     def expanded(self) -> float:
@@ -105,7 +105,7 @@ class Budget:
 
 
 @dataclass(frozen=True)
-class Row:
+class ConformityResult:
     """One line of a verification's table.
 
     Attributes
@@ -139,7 +139,7 @@ class Row:
         return self.budget.expanded
 
 
-def decide(value: float, uncertainty: float, limit: float, *, rule: Rule = "iso14253-1") -> Verdict:
+def decide(value: float, uncertainty: float, limit: float, *, rule: DecisionRule = "iso14253-1") -> Verdict:
     """Decide whether a test value conforms.
 
     Parameters
@@ -179,21 +179,21 @@ def simple_applies(uncertainty: float, limit: float) -> bool:
     return uncertainty * SIMPLE_RATIO <= limit
 
 
-def judged(
+def assess_conformity(
     label: str,
     value: float,
     budget: Budget,
     limit: float | None,
     *,
-    rule: Rule,
+    rule: DecisionRule,
     where: str = "",
-) -> Row:
+) -> ConformityResult:
     """Make the row of a test value in mm, with the verdict where there is a limit."""
     verdict = None if limit is None else decide(value, budget.expanded, limit, rule=rule)
-    return Row(label, value, "mm", budget, limit, verdict, where)
+    return ConformityResult(label, value, "mm", budget, limit, verdict, where)
 
 
-def decisive(rows: Sequence[Row]) -> Row:
+def worst_result(rows: Sequence[ConformityResult]) -> ConformityResult:
     """Find the row that decides over several of one test: the worst verdict, and nearest to its limit among those."""
     return max(
         rows,
@@ -204,7 +204,7 @@ def decisive(rows: Sequence[Row]) -> Row:
     )
 
 
-def overall(rows: Iterable[Row]) -> Verdict | None:
+def overall_verdict(rows: Iterable[ConformityResult]) -> Verdict | None:
     """The verdict of a whole verification: conform only where every row that has a limit is; None if none has one."""
     verdicts = [row.verdict for row in rows if row.verdict is not None]
     return max(verdicts, key=_ORDER.index) if verdicts else None

@@ -8,9 +8,9 @@ from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from truearm.arm.bounded import read_bounded
+from truearm.arm.bounded import read_limited
 from truearm.errors import InputError
-from truearm.toml_documents import parsed
+from truearm.toml_documents import parse_toml
 
 MAX_BYTES = 1_000_000
 
@@ -19,7 +19,7 @@ Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
 
 
-def without_controls(text: str) -> str:
+def reject_control_characters(text: str) -> str:
     """Refuse what a terminal would obey instead of showing it, and what breaks a line; else give the text back."""
     for sign in text:
         if unicodedata.category(sign) in ("Cc", "Zl", "Zp"):
@@ -27,7 +27,7 @@ def without_controls(text: str) -> str:
     return text
 
 
-Name = Annotated[str, Field(min_length=1, max_length=200, strict=True), AfterValidator(without_controls)]
+Name = Annotated[str, Field(min_length=1, max_length=200, strict=True), AfterValidator(reject_control_characters)]
 
 
 class Document(BaseModel):
@@ -48,6 +48,6 @@ def read_document(path: str | Path, model: type[D]) -> D:
         If the file is missing, too long, not TOML, or breaks a rule of its format; with the key that is at fault.
     """
     try:
-        return parsed(read_bounded(path, limit_bytes=MAX_BYTES), model)
+        return parse_toml(read_limited(path, limit_bytes=MAX_BYTES), model)
     except InputError as error:
         raise error.in_file(path) from None

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from truearm.errors import InputError, TruearmError
-from truearm.verify.interim import QUANTITIES, Assessment, Check, Value, assess, in_words, told, was_measured
+from truearm.verify.interim import CHECK_QUANTITIES, Assessment, InterimCheck, CheckValue, assess, describe_assessment, format_date, has_measured
 from truearm.verify.limits import Specification
 from truearm.writing import check_writable
 
@@ -81,29 +81,29 @@ class OtherModel:
         Its fingerprint.
     name, arm : str
         Of its file and of its arm; empty where the history does not say.
-    checks : tuple of Check
+    checks : tuple of InterimCheck
         One or more, in their order.
     """
 
     model: str
     name: str
     arm: str
-    checks: tuple[Check, ...]
+    checks: tuple[InterimCheck, ...]
 
-    def assessed(self, specification: Specification | None = None, *, retired: Collection[str] = ()) -> Assessment:
+    def assess(self, specification: Specification | None = None, *, retired: Collection[str] = ()) -> Assessment:
         """What its charts say, as `assess`; of the artefacts that are retired, without those that it had left out."""
         gone = [
-            name for name in retired if was_measured(name, self.checks) and not was_measured(name, self.checks[-1:])
+            name for name in retired if has_measured(name, self.checks) and not has_measured(name, self.checks[-1:])
         ]
         return assess(self.checks, specification, retired=gone)
 
-    def told(self, found: Assessment) -> str:
+    def describe(self, found: Assessment) -> str:
         """How many checks it has, and what their charts say, in words."""
         n, last = len(self.checks), self.checks[-1]
         name = self.name or f"another model (SHA-256 {self.model[:12]}..)"
         return (
             f"{n} {'check' if n == 1 else 'checks'} of {name} in this history, not compared; "
-            f'the charts of the last one, of {told(last.date)}, say "{in_words(found, self.checks)}"'
+            f'the charts of the last one, of {format_date(last.date)}, say "{describe_assessment(found, self.checks)}"'
         )
 
 
@@ -130,7 +130,7 @@ class History:
         else:
             check_writable(self.path)
 
-    def checks(self, model: str) -> tuple[Check, ...]:
+    def checks(self, model: str) -> tuple[InterimCheck, ...]:
         """The checks of a model, in the order of their dates, and as they were added where these are the same.
 
         Parameters
@@ -148,7 +148,7 @@ class History:
         with self._opened() as database:
             return self._read(database, model)
 
-    def others(self, model: str, *, arm: str) -> tuple[OtherModel, ...]:
+    def other_models(self, model: str, *, arm: str) -> tuple[OtherModel, ...]:
         """Other models than this that the history has checks of, the one that was used last first.
 
         Parameters
@@ -174,7 +174,7 @@ class History:
                 ).fetchall()
             )
 
-    def joined(self, check: Check) -> tuple[Check, ...]:
+    def with_check(self, check: InterimCheck) -> tuple[InterimCheck, ...]:
         """The checks of its model as they are once a check is added; the history stays as it is.
 
         These are the same as before if it is there already. If it is of the same session as the last one, and has what
@@ -188,12 +188,12 @@ class History:
         """
         return self._with(self.checks(check.model), check)
 
-    def append(self, check: Check, *, name: str = "", arm: str = "") -> bool:
-        """Add a check, or complete the last one, whole or not at all: see `joined`.
+    def append(self, check: InterimCheck, *, name: str = "", arm: str = "") -> bool:
+        """Add a check, or complete the last one, whole or not at all: see `with_check`.
 
         Parameters
         ----------
-        check : Check
+        check : InterimCheck
         name, arm : str
             Of the model's file and of its arm: kept with the first check of a model. A name that cannot be printed is
             left out. With the name of an arm, the check is refused by a history of another one.
@@ -206,7 +206,7 @@ class History:
         Raises
         ------
         InputError
-            As `joined`, if the history is of another arm, or if the file cannot be written.
+            As `with_check`, if the history is of another arm, or if the file cannot be written.
         """
         known = self.checks(check.model)
         if self._with(known, check) == known:
@@ -262,7 +262,7 @@ class History:
             raise self._damaged(f"a model is not as truearm writes it: {row!r:.200}")
         return row[0], row[1]
 
-    def _read(self, database: sqlite3.Connection, model: str) -> tuple[Check, ...]:
+    def _read(self, database: sqlite3.Connection, model: str) -> tuple[InterimCheck, ...]:
         rows = database.execute(
             "SELECT id, date, session, temperature_degC FROM checks WHERE model = ? ORDER BY date, id", (model,)
         ).fetchall()
@@ -271,13 +271,13 @@ class History:
             "WHERE check_id IN (SELECT id FROM checks WHERE model = ?) ORDER BY check_id, number",
             (model,),
         ).fetchall()
-        values: dict[int, list[Value]] = {}
+        values: dict[int, list[CheckValue]] = {}
         for number, *row in found:
-            values.setdefault(number, []).append(Value(*row))
+            values.setdefault(number, []).append(CheckValue(*row))
         return tuple(self._check(row, model, tuple(values.get(row[0], ()))) for row in rows)
 
-    def _with(self, known: tuple[Check, ...], check: Check) -> tuple[Check, ...]:
-        """`known` and a check, as `joined` has it."""
+    def _with(self, known: tuple[InterimCheck, ...], check: InterimCheck) -> tuple[InterimCheck, ...]:
+        """`known` and a check, as `with_check` has it."""
         if fault := _fault(check):
             raise InputError(f"the check cannot be kept: {fault}", file=self.path)
         for one in known:
@@ -290,7 +290,7 @@ class History:
                 return known
         if known and check.date < known[-1].date:
             raise InputError(
-                f"the check is of {told(check.date)}, before the last one of {told(known[-1].date)}",
+                f"the check is of {format_date(check.date)}, before the last one of {format_date(known[-1].date)}",
                 file=self.path,
                 hint="add checks in the order in which they were made, with --date",
             )
@@ -362,7 +362,7 @@ class History:
         if sound != "ok":
             raise self._damaged(str(sound))
 
-    def _check(self, row: Any, model: str, values: tuple[Value, ...]) -> Check:
+    def _check(self, row: Any, model: str, values: tuple[CheckValue, ...]) -> InterimCheck:
         _, date, session, degC = row
         try:
             day = datetime.datetime.fromisoformat(date)
@@ -371,7 +371,7 @@ class History:
         prints = all(isinstance(one, str) and _FINGERPRINT.fullmatch(one) for one in (model, session))
         if day.tzinfo is not None or not prints:
             raise self._damaged(f"the check of {date!r:.80} is not as truearm writes it")
-        found = Check(day, model, session, degC, values)
+        found = InterimCheck(day, model, session, degC, values)
         if fault := _fault(found):
             raise self._damaged(fault)
         return found
@@ -385,25 +385,25 @@ class History:
         return InputError(f"the history is damaged ({why})", file=self.path, hint="a copy of it that is whole")
 
 
-def _fault(check: Check) -> str:
+def _fault(check: InterimCheck) -> str:
     """What keeps a check from being one, as it is to be written or was read; empty if nothing does."""
     if check.temperature_degC is not None and not _is_number(check.temperature_degC):
         return f"expected a temperature, got {check.temperature_degC!r:.80}"
     if not check.values:
-        return f"the check of {told(check.date)} has no values"
+        return f"the check of {format_date(check.date)} has no values"
     for one in check.values:
-        if one.quantity not in QUANTITIES or not isinstance(one.artefact, str) or len(one.artefact) > MOST_NAME:
+        if one.quantity not in CHECK_QUANTITIES or not isinstance(one.artefact, str) or len(one.artefact) > MOST_NAME:
             return f"a value is not as truearm writes it: {one!r:.200}"
         numbers = (one.value_mm, one.u_mm, one.u_artefact_mm, *(() if one.length_mm is None else (one.length_mm,)))
         if not all(map(_is_number, numbers)) or type(one.n) is not int:
             return f"a value is not as truearm writes it: {one!r:.200}"
-        if one.n < 1 or min(one.u_mm, one.u_artefact_mm) < 0 or (QUANTITIES[one.quantity].scale and one.value_mm < 0):
+        if one.n < 1 or min(one.u_mm, one.u_artefact_mm) < 0 or (CHECK_QUANTITIES[one.quantity].scale and one.value_mm < 0):
             return f"a value cannot be: {one!r:.200}"
     names = [(one.quantity, one.artefact) for one in check.values]
     return "" if len(set(names)) == len(names) else "it has a value twice"
 
 
-def _insert(database: sqlite3.Connection, check: Check) -> None:
+def _insert(database: sqlite3.Connection, check: InterimCheck) -> None:
     added = database.execute(
         "INSERT INTO checks (date, model, session, temperature_degC) VALUES (?, ?, ?, ?)",
         (check.date.isoformat(sep=" "), check.model, check.session, check.temperature_degC),

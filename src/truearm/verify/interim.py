@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.readings.expansion import growth_at
+from truearm.readings.expansion import thermal_expansion_at
 from truearm.readings.lengths import Lengths
-from truearm.verify.control_chart import NEEDED, ControlChart, Rules, control_chart, rules_for
+from truearm.verify.control_chart import MIN_BASELINE_CHECKS, ControlChart, ControlRules, control_chart, control_rules
 from truearm.verify.decision import Verdict, decide
 from truearm.verify.limits import Specification
 from truearm.verify.orthogonal import FloatArray
@@ -34,7 +34,7 @@ LEAST_ON_SPHERE = 5
 
 
 @dataclass(frozen=True)
-class Quantity:
+class CheckQuantity:
     """What is measured on an artefact in an interim check.
 
     Attributes
@@ -62,26 +62,26 @@ class Quantity:
         return 1 if self.scale else 2
 
 
-QUANTITIES: Mapping[str, Quantity] = {
+CHECK_QUANTITIES: Mapping[str, CheckQuantity] = {
     one.name: one
     for one in (
-        Quantity("SPAT.2s", "seat", charted=True, scale=True, symbols=("SPAT.2s",)),
-        Quantity("SPAT.Max", "seat", charted=False, scale=True, symbols=("SPAT.Max",)),
-        Quantity("length error", "length", charted=True, scale=False, symbols=("E_Uni", "Volumetric.Max")),
-        Quantity("form", "sphere", charted=True, scale=True, symbols=("P_Form.Sph.1x25",)),
-        Quantity("diameter", "sphere", charted=True, scale=False),
+        CheckQuantity("SPAT.2s", "seat", charted=True, scale=True, symbols=("SPAT.2s",)),
+        CheckQuantity("SPAT.Max", "seat", charted=False, scale=True, symbols=("SPAT.Max",)),
+        CheckQuantity("length error", "length", charted=True, scale=False, symbols=("E_Uni", "Volumetric.Max")),
+        CheckQuantity("form", "sphere", charted=True, scale=True, symbols=("P_Form.Sph.1x25",)),
+        CheckQuantity("diameter", "sphere", charted=True, scale=False),
     )
 }
 
 
 @dataclass(frozen=True)
-class Value:
+class CheckValue:
     """A test value of an interim check.
 
     Attributes
     ----------
     quantity : str
-        One of `QUANTITIES`.
+        One of `CHECK_QUANTITIES`.
     artefact : str
         Name of the seat or sphere, or of both seats of a length.
     value_mm : float
@@ -112,20 +112,20 @@ class Value:
     @property
     def label(self) -> str:
         """Artefact and quantity in words."""
-        kind = QUANTITIES[self.quantity].artefact
+        kind = CHECK_QUANTITIES[self.quantity].artefact
         as_measured = " as measured" if kind == "length" and self.length_mm is None else ""
         return f"{kind} {self.artefact}, {self.quantity}{as_measured}"
 
     def has(self, artefact: str) -> bool:
         """Whether it was measured on an artefact; a length, whether one of its seats is that."""
         return self.artefact == artefact or (
-            QUANTITIES[self.quantity].artefact == "length"
+            CHECK_QUANTITIES[self.quantity].artefact == "length"
             and (self.artefact.startswith(f"{artefact} to ") or self.artefact.endswith(f" to {artefact}"))
         )
 
 
 @dataclass(frozen=True)
-class Check:
+class InterimCheck:
     """An interim check as a history holds it.
 
     Attributes
@@ -136,17 +136,17 @@ class Check:
         Fingerprints of the model and of the readings.
     temperature_degC : float or None
         Mean of the readings'.
-    values : tuple of Value
+    values : tuple of CheckValue
     """
 
     date: datetime.datetime
     model: str
     session: str
     temperature_degC: float | None
-    values: tuple[Value, ...]
+    values: tuple[CheckValue, ...]
 
 
-def told(date: datetime.datetime) -> str:
+def format_date(date: datetime.datetime) -> str:
     """A date in words of a table: the day, with the time where there is one."""
     return date.date().isoformat() if date.time() == datetime.time() else date.isoformat(sep=" ", timespec="minutes")
 
@@ -159,7 +159,7 @@ def interim_values(
     sphere: NameArray | None = None,
     lengths: Lengths | None = None,
     temperature_degC: float | None = None,
-) -> tuple[Value, ...]:
+) -> tuple[CheckValue, ...]:
     """Find the test values of a check.
 
     Parameters
@@ -178,7 +178,7 @@ def interim_values(
 
     Returns
     -------
-    tuple of Value
+    tuple of CheckValue
         Of each seat with two points or more `SPAT.Max` and `SPAT.2s` (see
         `truearm.verify.asme_b89_4_22.single_point`); of each length the distance of the seats' means less the known
         one; of each sphere form and diameter of the least-squares sphere, as the tip's centre saw it, thus the ball's
@@ -217,7 +217,7 @@ def _groups(names: NameArray | None, n: int) -> dict[str, npt.NDArray[np.intp]]:
     return {name: np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist()) if name}
 
 
-def _of_seat(name: str, points: FloatArray, std: FloatArray) -> list[Value]:
+def _of_seat(name: str, points: FloatArray, std: FloatArray) -> list[CheckValue]:
     """Scatter in one seat.
 
     With a standard deviation sigma of each coordinate, ``(n - 1) s^2 / sigma^2`` has 3 (n - 1) degrees of freedom, so
@@ -237,8 +237,8 @@ def _of_seat(name: str, points: FloatArray, std: FloatArray) -> list[Value]:
     s = float(np.sqrt((away**2).sum() / (n - 1)))
     sigma = float(np.sqrt((std**2).mean()))
     return [
-        Value("SPAT.2s", name, 2 * s, 2 * sigma / np.sqrt(2 * (n - 1)), 0.0, n),
-        Value("SPAT.Max", name, largest, sigma, 0.0, n),
+        CheckValue("SPAT.2s", name, 2 * s, 2 * sigma / np.sqrt(2 * (n - 1)), 0.0, n),
+        CheckValue("SPAT.Max", name, largest, sigma, 0.0, n),
     ]
 
 
@@ -248,14 +248,14 @@ def _of_lengths(
     points: FloatArray,
     std: FloatArray,
     degC: float | None,
-) -> list[Value]:
+) -> list[CheckValue]:
     """Errors of lengths: ``|mean_a - mean_b| / (1 + alpha (T - 20)) - L``.
 
     From check to check the means scatter along the length, the artefact sits anew and has another temperature.
     """
     values = []
     names = ("seat_a", "seat_b", "length_mm", "u_mm", "u_place_mm")
-    growth = growth_at(lengths, np.nan if degC is None else degC)
+    growth = thermal_expansion_at(lengths, np.nan if degC is None else degC)
     u_growth = (np.where(growth.known, lengths.length_mm * u, 0.0) for u in (growth.u_temperature, growth.u_expansion))
     columns = (*(getattr(lengths, name) for name in names), growth.known, growth.factor, *u_growth)
     for a, b, known, u, u_place, at_reference, factor, u_warm, u_expansion in zip(
@@ -273,7 +273,7 @@ def _of_lengths(
         u_artefact = float(np.linalg.norm([u, u_place, u_warm, u_expansion]))
         n = sum(len(each) for each in rows)
         values.append(
-            Value(
+            CheckValue(
                 "length error",
                 f"{a} to {b}",
                 found / factor - known,
@@ -286,7 +286,7 @@ def _of_lengths(
     return values
 
 
-def _of_sphere(name: str, points: FloatArray, std: FloatArray) -> list[Value]:
+def _of_sphere(name: str, points: FloatArray, std: FloatArray) -> list[CheckValue]:
     """Form and diameter of a sphere.
 
     The form of n points scatters at most as the range of n normal values does, 0.864 standard deviations for five and
@@ -310,12 +310,12 @@ def _of_sphere(name: str, points: FloatArray, std: FloatArray) -> list[Value]:
             hint="the names of the spheres in the session, and whether the model is of this arm",
         )
     return [
-        Value("form", name, fit.form_mm, 0.864 * sigma, 0.0, n),
-        Value("diameter", name, diameter, 2 * float(np.sqrt(fit.covariance[3, 3])), 0.0, n),
+        CheckValue("form", name, fit.form_mm, 0.864 * sigma, 0.0, n),
+        CheckValue("diameter", name, diameter, 2 * float(np.sqrt(fit.covariance[3, 3])), 0.0, n),
     ]
 
 
-class Recalibrate(StrEnum):
+class RecalibrationAdvice(StrEnum):
     """The answer of a history."""
 
     YES = "yes"
@@ -330,7 +330,7 @@ class Trend:
 
     Attributes
     ----------
-    latest : Value
+    latest : CheckValue
         The last one, of the last check that has it.
     current : bool
         Whether that is the last check of all.
@@ -346,7 +346,7 @@ class Trend:
         Whether the value before it was too, an error with the same sign.
     """
 
-    latest: Value
+    latest: CheckValue
     current: bool
     checks: npt.NDArray[np.intp]
     chart: ControlChart | None
@@ -361,9 +361,9 @@ class Trend:
         return None if changed is None else int(self.checks[changed])
 
     @property
-    def beyond_alone(self) -> bool:
+    def single_value_out_of_limits(self) -> bool:
         """Whether the last value alone is beyond the limits of its chart: it may be dirt in a seat."""
-        return self.chart is not None and self.chart.changed is None and self.since == int(self.checks[-1])
+        return self.chart is not None and self.chart.change_index is None and self.since == int(self.checks[-1])
 
     @property
     def asks(self) -> bool:
@@ -373,7 +373,7 @@ class Trend:
     @property
     def certain(self) -> bool:
         """Whether more than the last value says to recalibrate."""
-        return (self.since is not None and not self.beyond_alone) or (self.over_limit and self.over_before)
+        return (self.since is not None and not self.single_value_out_of_limits) or (self.over_limit and self.over_before)
 
     @property
     def enough(self) -> bool:
@@ -387,7 +387,7 @@ class Assessment:
 
     Attributes
     ----------
-    recalibrate : Recalibrate
+    recalibrate : RecalibrationAdvice
     since : int or None
         The check with which the change began, counted from 0; None where there is none, or none that is certain.
     reasons : tuple of str
@@ -400,7 +400,7 @@ class Assessment:
         Those of the values of the last check in their order, then those that earlier checks have.
     """
 
-    recalibrate: Recalibrate
+    recalibrate: RecalibrationAdvice
     since: int | None
     reasons: tuple[str, ...]
     remarks: tuple[str, ...]
@@ -409,7 +409,7 @@ class Assessment:
 
 
 def assess(
-    checks: Sequence[Check], specification: Specification | None = None, *, retired: Collection[str] = ()
+    checks: Sequence[InterimCheck], specification: Specification | None = None, *, retired: Collection[str] = ()
 ) -> Assessment:
     """Say whether the arm has changed since the first checks.
 
@@ -421,7 +421,7 @@ def assess(
 
     Parameters
     ----------
-    checks : sequence of Check
+    checks : sequence of InterimCheck
         All of one model, in the order in which they were made.
     specification : Specification, optional
     retired : collection of str, optional
@@ -444,8 +444,8 @@ def assess(
     for i, check in enumerate(checks):
         for value in check.values:
             series.setdefault(value.key, []).append(i)
-        charted = [QUANTITIES[name] for name, *_ in series if QUANTITIES[name].charted]
-        rules.append(rules_for(max(1, sum(quantity.n_sides for quantity in charted))))
+        charted = [CHECK_QUANTITIES[name] for name, *_ in series if CHECK_QUANTITIES[name].charted]
+        rules.append(control_rules(max(1, sum(quantity.n_sides for quantity in charted))))
     _check_retired(retired, checks)
     by_key = [{value.key: value for value in check.values} for check in checks]
     trends = tuple(
@@ -454,15 +454,15 @@ def assess(
         if not any(by_key[series[key][-1]][key].has(name) for name in retired)
     )
     current = [trend for trend in trends if trend.current and trend.chart is not None]
-    began = [trend.since for trend in trends if trend.since is not None and not trend.beyond_alone]
+    began = [trend.since for trend in trends if trend.since is not None and not trend.single_value_out_of_limits]
     if any(trend.certain for trend in trends):
-        answer = Recalibrate.YES
+        answer = RecalibrationAdvice.YES
     elif any(trend.asks for trend in trends):
-        answer = Recalibrate.AGAIN
+        answer = RecalibrationAdvice.AGAIN
     elif current and all(trend.enough for trend in current):
-        answer = Recalibrate.NO
+        answer = RecalibrationAdvice.NO
     else:
-        answer = Recalibrate.NOT_ENOUGH
+        answer = RecalibrationAdvice.NOT_ENOUGH
     reasons = [_reason(trend, trend.since) for trend in trends if trend.since is not None]
     reasons += [_over(trend) for trend in trends if trend.over_limit]
     n_before = min((int(trend.chart.n_before[-1]) for trend in current if trend.chart is not None), default=0)
@@ -470,41 +470,41 @@ def assess(
     return Assessment(answer, min(began) if began else None, tuple(reasons), remarks, n_before, trends)
 
 
-def in_words(found: Assessment, checks: Sequence[Check]) -> str:
+def describe_assessment(found: Assessment, checks: Sequence[InterimCheck]) -> str:
     """The answer of a history of these checks in a line."""
-    if found.recalibrate is Recalibrate.YES:
-        since = "" if found.since is None else f", since check {found.since + 1} of {told(checks[found.since].date)}"
+    if found.recalibrate is RecalibrationAdvice.YES:
+        since = "" if found.since is None else f", since check {found.since + 1} of {format_date(checks[found.since].date)}"
         return f"recalibrate: yes{since}"
-    if found.recalibrate is Recalibrate.AGAIN:
+    if found.recalibrate is RecalibrationAdvice.AGAIN:
         return "recalibrate: not by one check alone; clean the artefacts, see that they are tight, and check once more"
-    if found.recalibrate is Recalibrate.NO:
+    if found.recalibrate is RecalibrationAdvice.NO:
         return "recalibrate: no"
-    return f"recalibrate: not enough checks yet, {found.n_before} before this one, {NEEDED} are needed"
+    return f"recalibrate: not enough checks yet, {found.n_before} before this one, {MIN_BASELINE_CHECKS} are needed"
 
 
-def was_measured(artefact: str, checks: Sequence[Check]) -> bool:
+def has_measured(artefact: str, checks: Sequence[InterimCheck]) -> bool:
     """Whether a check has a value of an artefact; of a length, of one of its seats."""
     return any(value.has(artefact) for check in checks for value in check.values)
 
 
-def _check_retired(retired: Collection[str], checks: Sequence[Check]) -> None:
+def _check_retired(retired: Collection[str], checks: Sequence[InterimCheck]) -> None:
     for name in retired:
-        if was_measured(name, checks[-1:]):
+        if has_measured(name, checks[-1:]):
             raise InputError(
                 f"{name!r} is retired, and is in the last check",
                 hint="an artefact that is mended or replaced gets another name in the session",
             )
-        if not was_measured(name, checks):
+        if not has_measured(name, checks):
             known = dict.fromkeys(value.artefact for check in checks for value in check.values)
             raise InputError(f"no check has the retired {name!r:.80}", hint=", ".join(known)[:200])
 
 
 def _trend(
-    values: Sequence[Value], at: Sequence[int], rules: Sequence[Rules], specification: Specification | None
+    values: Sequence[CheckValue], at: Sequence[int], rules: Sequence[ControlRules], specification: Specification | None
 ) -> Trend:
     """The series `values` of the checks `at`, among checks that have the `rules`."""
     latest = values[-1]
-    quantity = QUANTITIES[latest.quantity]
+    quantity = CHECK_QUANTITIES[latest.quantity]
     chart = None
     if quantity.charted:
         chart = control_chart(
@@ -521,29 +521,29 @@ def _trend(
     return Trend(latest, at[-1] == len(rules) - 1, np.array(at), chart, limit, over, over_before)
 
 
-def _against(value: Value, specification: Specification | None) -> tuple[float | None, bool]:
+def _against(value: CheckValue, specification: Specification | None) -> tuple[float | None, bool]:
     """What the specification permits [mm], and whether a value is over that beyond its uncertainty."""
     if specification is None or not _comparable(value, specification):
         return None, False
-    stated = [specification.limit(symbol, value.length_mm) for symbol in QUANTITIES[value.quantity].symbols]
+    stated = [specification.limit(symbol, value.length_mm) for symbol in CHECK_QUANTITIES[value.quantity].symbols]
     limit = min((one for one in stated if one is not None), default=None)
     # k = 2
     over = limit is not None and decide(value.value_mm, 2 * value.u_artefact_mm, limit) is Verdict.NOT_CONFORM
     return limit, over
 
 
-def _comparable(value: Value, specification: Specification) -> bool:
+def _comparable(value: CheckValue, specification: Specification) -> bool:
     """Whether the limits of the specification hold for a value: for lengths at 20 degC if it is corrected to that."""
-    if QUANTITIES[value.quantity].artefact != "length":
+    if CHECK_QUANTITIES[value.quantity].artefact != "length":
         return True
     return value.length_mm is not None and specification.corrected_to_20_degC
 
 
 def _reason(trend: Trend, since: int) -> str:
     assert trend.chart is not None
-    if trend.beyond_alone:
+    if trend.single_value_out_of_limits:
         return f"{trend.latest.label}: beyond the limits of its chart in check {since + 1} alone{_when_last(trend)}"
-    if trend.chart.changed is None:
+    if trend.chart.change_index is None:
         what = "beyond the limits of its chart since"
     elif trend.chart.gradual:
         what = "a drift since about"
@@ -553,7 +553,7 @@ def _reason(trend: Trend, since: int) -> str:
 
 
 def _over(trend: Trend) -> str:
-    sign = "" if QUANTITIES[trend.latest.quantity].scale else "+"
+    sign = "" if CHECK_QUANTITIES[trend.latest.quantity].scale else "+"
     alone = "" if trend.over_before else f" in check {trend.checks[-1] + 1} alone"
     return (
         f"{trend.latest.label}: {trend.latest.value_mm:{sign}.4f} mm is over the limit of {trend.limit_mm:.4f} mm"
@@ -572,7 +572,7 @@ def _remarks(trends: Sequence[Trend]) -> tuple[str, ...]:
     for trend in trends:
         if trend.chart is None or trend.asks:
             continue
-        n = f"{trend.chart.n_before[-1]} of {NEEDED} checks before"
+        n = f"{trend.chart.n_before[-1]} of {MIN_BASELINE_CHECKS} checks before"
         if not trend.current:
             then = "unchanged" if trend.enough else f"not judged, {n},"
             remarks.append(f"{trend.latest.label}: not in this check; {then} in check {trend.checks[-1] + 1}")
@@ -594,5 +594,5 @@ def _not_compared(trends: Sequence[Trend], specification: Specification | None) 
         for trend in trends
         if trend.current
         and not _comparable(trend.latest, specification)
-        and any(symbol in specification.limits for symbol in QUANTITIES[trend.latest.quantity].symbols)
+        and any(symbol in specification.limits for symbol in CHECK_QUANTITIES[trend.latest.quantity].symbols)
     )

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from truearm.verify.circumscribed import circumscribed_sphere
-from truearm.verify.decision import Budget, Row, Rule, Verdict, decisive, judged
+from truearm.verify.decision import Budget, ConformityResult, DecisionRule, Verdict, worst_result, assess_conformity
 from truearm.verify.limits import Specification
-from truearm.verify.measurands import LengthMeasured, SphereMeasured
+from truearm.verify.measurands import LengthMeasurement, SphereMeasurement
 
 
-def p_size(spheres: Sequence[SphereMeasured], specification: Specification, *, rule: Rule = "iso14253-1") -> Row:
+def p_size(spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1") -> ConformityResult:
     """Probing size error P_Size.Sph.1x25: diameter of the least-squares sphere less the calibrated one.
 
     The worst of all positions counts. Source: Kreon's page on ISO 10360-12 (25 points, least-squares sphere, two
@@ -25,20 +25,20 @@ def p_size(spheres: Sequence[SphereMeasured], specification: Specification, *, r
 
     Parameters
     ----------
-    spheres : sequence of SphereMeasured
+    spheres : sequence of SphereMeasurement
         One for each position.
     specification : Specification
     rule : {"iso14253-1", "simple"}
 
     Returns
     -------
-    Row
+    ConformityResult
     """
     corrected = specification.corrected_to_20_degC
     limit = specification.limit("P_Size.Sph.1x25")
-    return decisive(
+    return worst_result(
         [
-            judged(
+            assess_conformity(
                 "P_Size.Sph.1x25",
                 one.size_error(corrected=corrected),
                 one.size_budget(corrected=corrected),
@@ -51,23 +51,23 @@ def p_size(spheres: Sequence[SphereMeasured], specification: Specification, *, r
     )
 
 
-def p_form(spheres: Sequence[SphereMeasured], specification: Specification, *, rule: Rule = "iso14253-1") -> Row:
+def p_form(spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1") -> ConformityResult:
     """Probing form error P_Form.Sph.1x25: thickness of the shell about the least-squares centre that holds all points.
 
     The worst of all positions counts. Source: Kreon's page on ISO 10360-12, in these words. Arguments as `p_size`.
     """
     limit = specification.limit("P_Form.Sph.1x25")
-    return decisive(
+    return worst_result(
         [
-            judged("P_Form.Sph.1x25", one.fit.form_mm, one.still_budget, limit, rule=rule, where=one.where)
+            assess_conformity("P_Form.Sph.1x25", one.fit.form_mm, one.form_budget, limit, rule=rule, where=one.where)
             for one in spheres
         ]
     )
 
 
 def l_dia(
-    positions: Sequence[Sequence[SphereMeasured]], specification: Specification, *, rule: Rule = "iso14253-1"
-) -> list[Row]:
+    positions: Sequence[Sequence[SphereMeasurement]], specification: Specification, *, rule: DecisionRule = "iso14253-1"
+) -> list[ConformityResult]:
     """Articulated location error L_Dia.5x5: diameter of the smallest sphere that holds the centres of the groups.
 
     Each group's sphere is fitted with a free radius. Source: Kreon's page on ISO 10360-12 (five groups of five points,
@@ -75,14 +75,14 @@ def l_dia(
 
     Parameters
     ----------
-    positions : sequence of sequence of SphereMeasured
+    positions : sequence of sequence of SphereMeasurement
         The groups of each position of the sphere.
     specification : Specification
     rule : {"iso14253-1", "simple"}
 
     Returns
     -------
-    list of Row
+    list of ConformityResult
         L_Dia of the worst position, and there the largest distance between two centres, which is never larger and
         has no limit: some programs print that.
     """
@@ -92,23 +92,23 @@ def l_dia(
         centres = np.stack([one.fit.centre for one in groups])
         # The diameter hangs on two to four centres; each may have moved with the fixture on its own. A distance of two
         # then has sqrt(2) u; of circumscribed spheres of five, 1.3 u was found by simulation.
-        budget, where = groups[0].place_budget, groups[0].where
+        budget, where = groups[0].position_budget, groups[0].where
         value = circumscribed_sphere(centres).diameter_mm
-        rows.append(judged("L_Dia.5x5", value, budget, limit, rule=rule, where=where))
+        rows.append(assess_conformity("L_Dia.5x5", value, budget, limit, rule=rule, where=where))
         distance = np.sqrt(((centres[:, None] - centres) ** 2).sum(axis=2)).max()
-        secondary.append(judged("L_Dia.5x5, largest distance", float(distance), budget, None, rule=rule, where=where))
-    worst = decisive(rows)
+        secondary.append(assess_conformity("L_Dia.5x5, largest distance", float(distance), budget, None, rule=rule, where=where))
+    worst = worst_result(rows)
     return [worst, secondary[rows.index(worst)]]
 
 
 def e_uni(
-    lengths: Sequence[LengthMeasured],
+    lengths: Sequence[LengthMeasurement],
     specification: Specification,
     *,
     repeats: int = 3,
     tolerated_sets: int = 0,
-    rule: Rule = "iso14253-1",
-) -> list[Row]:
+    rule: DecisionRule = "iso14253-1",
+) -> list[ConformityResult]:
     """Length measurement error E_Uni: distance found less calibrated, ends touched from the same side.
 
     Ball centre to ball centre, seat to seat, or between faces approached from the same side: the error of the stylus
@@ -117,7 +117,7 @@ def e_uni(
 
     Parameters
     ----------
-    lengths : sequence of LengthMeasured
+    lengths : sequence of LengthMeasurement
     specification : Specification
     repeats : int
         Runs that make one set.
@@ -128,7 +128,7 @@ def e_uni(
 
     Returns
     -------
-    list of Row
+    list of ConformityResult
         One row a length, the worst of its positions and repeats; and how many sets were measured again, if any is
         tolerated.
     """
@@ -136,13 +136,13 @@ def e_uni(
 
 
 def e_bi(
-    lengths: Sequence[LengthMeasured],
+    lengths: Sequence[LengthMeasurement],
     specification: Specification,
     *,
     repeats: int = 3,
     tolerated_sets: int = 0,
-    rule: Rule = "iso14253-1",
-) -> list[Row]:
+    rule: DecisionRule = "iso14253-1",
+) -> list[ConformityResult]:
     """Length measurement error E_Bi: distance found less calibrated, faces touched from opposite sides.
 
     It contains the error of the stylus tip. With three and more points on face A the distance is taken along the
@@ -154,16 +154,16 @@ def e_bi(
 def _length_errors(
     symbol: str,
     opposite: bool,
-    lengths: Sequence[LengthMeasured],
+    lengths: Sequence[LengthMeasurement],
     specification: Specification,
     repeats: int,
     tolerated_sets: int,
-    rule: Rule,
-) -> list[Row]:
+    rule: DecisionRule,
+) -> list[ConformityResult]:
     corrected = specification.corrected_to_20_degC
 
-    def row(one: LengthMeasured) -> Row:
-        return judged(
+    def row(one: LengthMeasurement) -> ConformityResult:
+        return assess_conformity(
             f"{symbol}, {one.length.name}",
             one.error(opposite=opposite, corrected=corrected),
             one.budget(corrected=corrected),
@@ -172,23 +172,23 @@ def _length_errors(
             where=one.where,
         )
 
-    sets: dict[tuple[str, ...], list[Row]] = {}
+    sets: dict[tuple[str, ...], list[ConformityResult]] = {}
     for one in sorted(lengths, key=_run):
         sets.setdefault((one.bar.name, one.length.name, one.position), []).append(row(one))
     again = 0
-    counted: dict[tuple[str, ...], list[Row]] = {}
+    counted: dict[tuple[str, ...], list[ConformityResult]] = {}
     for key, rows in sets.items():
         first, second = rows[:repeats], rows[repeats:]
         outside = sum(one.verdict not in (Verdict.CONFORM, None) for one in first)
         if outside == 1 and len(second) == repeats and again < tolerated_sets:
             first, second, again = second, [], again + 1
         counted.setdefault(key[:2], []).extend(first + second)
-    found = [decisive(rows) for rows in counted.values()]
+    found = [worst_result(rows) for rows in counted.values()]
     if tolerated_sets:
-        found.append(Row(f"{symbol}, sets measured again", again, "", Budget(), None, None, f"of {len(sets)}"))
+        found.append(ConformityResult(f"{symbol}, sets measured again", again, "", Budget(), None, None, f"of {len(sets)}"))
     return found
 
 
-def _run(one: LengthMeasured) -> int:
+def _run(one: LengthMeasurement) -> int:
     """The number of its run; 0 of what has none."""
     return int(one.repeat) if one.repeat.isdecimal() else 0

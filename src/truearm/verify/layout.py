@@ -26,7 +26,7 @@ from truearm.verify.test_plan import (
     Articulation,
     EffectiveDiameter,
     LengthTest,
-    Plan,
+    VerificationPlan,
     PlannedTest,
     Probing,
     SinglePoint,
@@ -105,14 +105,14 @@ class Placement:
         return ", ".join([self.test, *(f"{key} {value}" for key, value in self.keys.items())])
 
 
-def layout_of(
-    plan: Plan, artefacts: Artefacts, measuring_range_mm: float, *, shoulder_mm: float | None = None
+def lay_out_tests(
+    plan: VerificationPlan, artefacts: Artefacts, measuring_range_mm: float, *, shoulder_mm: float | None = None
 ) -> tuple[Placement, ...]:
     """Lay out the tests that a plan requires, in the order in which an operator measures them.
 
     Parameters
     ----------
-    plan : Plan
+    plan : VerificationPlan
     artefacts : Artefacts
         Of each kind that the plan needs, the first that fits; lengths from all bars: the longest, and others evenly
         spread below it.
@@ -183,7 +183,7 @@ def directions(n: int, azimuth: float) -> FloatArray:
     return np.concatenate([[[0.0, 0.0, 1.0]], round_it])
 
 
-def chosen_sphere(
+def select_sphere(
     artefacts: Artefacts, name: str, test: Probing | Articulation | EffectiveDiameter
 ) -> CalibratedSphere:
     """The first sphere of a size that the plan allows."""
@@ -197,7 +197,7 @@ def chosen_sphere(
     )
 
 
-def chosen_lengths(
+def select_lengths(
     artefacts: Artefacts, name: str, test: LengthTest | Volumetric, measuring_range_mm: float
 ) -> tuple[tuple[CalibratedBar, CalibratedLength], ...]:
     """As many calibrated lengths as the plan wants, from all bars, in growing order."""
@@ -342,7 +342,7 @@ def _placements(room: _Room, name: str, test: PlannedTest) -> Iterator[tuple[flo
 def _hemisphere_on(
     room: _Room, name: str, test: Probing | EffectiveDiameter, station: float, keys: dict[str, str]
 ) -> Placement:
-    sphere = chosen_sphere(room.artefacts, name, test)
+    sphere = select_sphere(room.artefacts, name, test)
     # Effective diameter: at about half the reach (recalled).
     middle = room.sphere_at(int(station)) if station == int(station) else _half_way(room)
     normals = hemisphere(test.points.value)
@@ -357,7 +357,7 @@ def _half_way(room: _Room) -> FloatArray:
 
 
 def _articulation(room: _Room, name: str, test: Articulation, station: int) -> Iterator[Placement]:
-    sphere = chosen_sphere(room.artefacts, name, test)
+    sphere = select_sphere(room.artefacts, name, test)
     middle = room.sphere_at(station)
     for i, direction in enumerate(directions(test.groups.value, float(np.arctan2(middle[1], middle[0])))):
         normals = hemisphere(test.points.value) @ _frame_about(direction).T
@@ -389,7 +389,7 @@ def _seats(room: _Room, name: str, test: SinglePoint) -> Iterator[tuple[float, P
 
 
 def _bars(room: _Room, name: str, test: LengthTest) -> Iterator[tuple[float, Placement]]:
-    lengths = chosen_lengths(room.artefacts, name, test, 2 * room.reach)
+    lengths = select_lengths(room.artefacts, name, test, 2 * room.reach)
     lengths_mm = [length.length_mm for _, length in lengths]  # all begin at the same ball
     places = lines(name, test.positions.value, lengths_mm, room.reach, room.shoulder)
     for position, (start, along) in enumerate(places):
@@ -403,7 +403,7 @@ def _bars(room: _Room, name: str, test: LengthTest) -> Iterator[tuple[float, Pla
 
 
 def _volumetric(room: _Room, name: str, test: Volumetric) -> Iterator[tuple[float, Placement]]:
-    lengths = chosen_lengths(room.artefacts, name, test, 2 * room.reach)
+    lengths = select_lengths(room.artefacts, name, test, 2 * room.reach)
     n = test.positions.value  # in all, over the lengths in turn
     places = [
         lines(name, len(range(i, n, len(lengths))), [length.length_mm], room.reach, room.shoulder)
@@ -430,14 +430,14 @@ def _ends(
 ) -> Iterator[Placement]:
     """Both ends of a length: one point each, in a seat or the middle of a ball, or on faces that look apart."""
     for end, at, outward in (("A", start, -along), ("B", start + length.length_mm * along, along)):
-        normal = outward if opposite else out_of_seat(along, at)
+        normal = outward if opposite else seat_normal(along, at)
         approach = normal
         if not opposite and abs(along[2]) > UPRIGHT and at[2] < shoulder_mm:  # down there it comes from above
             approach = (normal + [0.0, 0.0, 0.5]) / np.linalg.norm(normal + [0.0, 0.0, 0.5])
         yield Placement(name, bar.name, {**keys, "end": end}, at[None], normal[None], at, approach[None])
 
 
-def out_of_seat(along: FloatArray, at: FloatArray) -> FloatArray:
+def seat_normal(along: FloatArray, at: FloatArray) -> FloatArray:
     """Which way the seats of a bar look: across the bar, up as far as that goes; of an upright bar, towards the arm."""
     look = np.array([0.0, 0.0, 1.0])
     if abs(along[2]) > UPRIGHT:

@@ -9,19 +9,19 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.verify.orthogonal import (
-    Fit,
+    ShapeFit,
     FloatArray,
-    Linearised,
+    LinearisedResiduals,
     covariance_of,
-    normalised,
+    normalise_points,
     principal_axes,
-    scatter,
-    signed,
+    scatter_std,
+    direction_sign,
 )
 
 
 @dataclass(frozen=True, eq=False)
-class Line(Fit):
+class Line(ShapeFit):
     """A line fitted to points; its parameters are the point and the direction, six. Residuals are (n, 2).
 
     Attributes
@@ -55,18 +55,18 @@ def fit_line(points: npt.ArrayLike, *, std_mm: float | None = None) -> Line:
     -----
     In closed form: the line holds the points' mean and follows the axis along which they spread most.
     """
-    normal = normalised(points, least=2, shape="line")
+    normal = normalise_points(points, least=2, shape="line")
     spreads, axes = principal_axes(normal)
     if spreads[0] - spreads[1] <= normal.nothing * spreads[0]:
         raise InputError("expected points along a line, got points that spread alike in two directions")
     # The frame's third axis is the line's direction.
-    frame = axes[:, [1, 2, 0]] * signed(axes[:, 0])
+    frame = axes[:, [1, 2, 0]] * direction_sign(axes[:, 0])
     x, y, z = (normal.points @ frame).T
     one, none = np.ones(len(z)), np.zeros(len(z))
     # By the moves along the first and second axis, and the tilts about them.
     by_x, by_y = np.column_stack([-one, none, none, -z]), np.column_stack([none, -one, z, none])
-    at = Linearised(np.concatenate([x, y]), np.concatenate([by_x, by_y]))
-    std = scatter(at, normal.scale, std_mm)
+    at = LinearisedResiduals(np.concatenate([x, y]), np.concatenate([by_x, by_y]))
+    std = scatter_std(at, normal.scale, std_mm)
     to_parameters = np.zeros((6, 4))
     to_parameters[:3, :2] = frame[:, :2]
     to_parameters[3:, 2:] = np.column_stack([-frame[:, 1], frame[:, 0]]) / normal.scale

@@ -72,7 +72,7 @@ def _largest_u(points: FloatArray) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class SphereMeasured:
+class SphereMeasurement:
     """A calibrated sphere, touched from outside.
 
     Attributes
@@ -114,21 +114,21 @@ class SphereMeasured:
         sphere = self.sphere
         calibration = Contribution("calibration of the diameter", sphere.u_diameter_mm, sphere.calibration_dof)
         thermal = sphere.thermal(sphere.diameter_mm, self.degC) if corrected else ()
-        return Budget((calibration, *thermal, *sphere.still()))
+        return Budget((calibration, *thermal, *sphere.form_and_fixture()))
 
     @property
-    def still_budget(self) -> Budget:
+    def form_budget(self) -> Budget:
         """The uncertainty of form: that of form and fixture."""
-        return Budget(self.sphere.still())
+        return Budget(self.sphere.form_and_fixture())
 
     @property
-    def place_budget(self) -> Budget:
+    def position_budget(self) -> Budget:
         """The uncertainty of the distance between two places of the sphere, which may move between them."""
-        return Budget(self.sphere.still(places=2))
+        return Budget(self.sphere.form_and_fixture(places=2))
 
 
 @dataclass(frozen=True, eq=False)
-class LengthMeasured:
+class LengthMeasurement:
     """A calibrated length, measured once.
 
     Attributes
@@ -141,7 +141,7 @@ class LengthMeasured:
     degC : float
         Temperature of the bar.
     tip_mm : float
-        As of `SphereMeasured`; it matters between opposite faces only.
+        As of `SphereMeasurement`; it matters between opposite faces only.
     position, repeat : str
         Which place of the bar, and which run there.
     """
@@ -206,4 +206,4 @@ class LengthMeasured:
         bar = self.bar
         calibration = Contribution("calibration of the length", self.length.u_mm, bar.calibration_dof)
         thermal = bar.thermal(self.length.length_mm, self.degC) if corrected else ()
-        return Budget((calibration, *thermal, *bar.still(ends=2)))
+        return Budget((calibration, *thermal, *bar.form_and_fixture(ends=2)))

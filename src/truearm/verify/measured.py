@@ -1,7 +1,7 @@
 """Measured points: which test, artefact, place and run each belongs to.
 
-The file (CSV, docs/verification.md) has one row a point. Which of the columns a test needs stands in `KEYS`; the cells
-of the others stay empty. Points that come from elsewhere than a file are made into groups (`Measured.of`).
+The file (CSV, docs/verification.md) has one row a point. Which of the columns a test needs stands in `KEY_COLUMNS`; the cells
+of the others stay empty. Points that come from elsewhere than a file are made into groups (`MeasuredPoints.of`).
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.readings.delimited import Sheet, check_names, read_columns, read_sheet, shown
+from truearm.readings.delimited import Sheet, check_names, read_columns, read_sheet, quoted_cell
 from truearm.readings.expansion import COLDEST_DEGC, WARMEST_DEGC
 from truearm.verify.days import check_past
-from truearm.verify.documents import without_controls
+from truearm.verify.documents import reject_control_characters
 from truearm.verify.orthogonal import FloatArray
 
 NameArray = npt.NDArray[np.str_]
 
 # The columns that tell the groups of a test's points apart, outermost first.
-KEYS: dict[str, tuple[str, ...]] = {
+KEY_COLUMNS: dict[str, tuple[str, ...]] = {
     "probing": ("position",),
     "articulation": ("position", "group"),
     "uni": ("length", "position", "repeat", "end"),
@@ -36,10 +36,10 @@ KEYS: dict[str, tuple[str, ...]] = {
 }
 ENDS = ("A", "B")
 # Tests that compare with a calibrated size, which grows with temperature.
-SIZED = ("probing", "uni", "bi", "effective_diameter", "volumetric")
+SIZE_TESTS = ("probing", "uni", "bi", "effective_diameter", "volumetric")
 
 # Chosen here: temperatures of one group, or of both ends of a length, that differ by more are not averaged.
-MOST_K_APART = 2.0
+MAX_TEMPERATURE_SPREAD_K = 2.0
 # A kilometre; no arm reaches there.
 FARTHEST_MM = 1e6
 
@@ -47,18 +47,18 @@ POINT = ("x_mm", "y_mm", "z_mm")
 TEMPERATURE, TIP = "artefact_degC", "tip_diameter_mm"
 # Names that are listed in a message; of more, how many.
 MOST_NAMED = 12
-NEEDED = ("test", "artefact", "date", *POINT)
-OPTIONAL = ("position", "length", "repeat", "end", "group", TEMPERATURE, TIP)
+REQUIRED_COLUMNS = ("test", "artefact", "date", *POINT)
+OPTIONAL_COLUMNS = ("position", "length", "repeat", "end", "group", TEMPERATURE, TIP)
 
 
-def named(names: Sequence[str], separator: str = ", ") -> str:
+def join_names(names: Sequence[str], separator: str = ", ") -> str:
     """List names, the first of them if they are many."""
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return separator.join(names[:MOST_NAMED]) + more
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class PointGroup:
     """Points that belong together: touched in one go on one thing.
 
     Attributes
@@ -98,21 +98,21 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredPoints:
     """The groups of every test, as `read_points` finds them.
 
     Attributes
     ----------
-    tests : dict of str to tuple of Group
+    tests : dict of str to tuple of PointGroup
     file : Path or None
         None of points that come from no file.
     """
 
-    tests: dict[str, tuple[Group, ...]]
+    tests: dict[str, tuple[PointGroup, ...]]
     file: Path | None = None
 
     @classmethod
-    def of(cls, groups: Iterable[tuple[str, Group]]) -> Measured:
+    def of(cls, groups: Iterable[tuple[str, PointGroup]]) -> MeasuredPoints:
         """Points that come from no file: groups, each with the name of its test.
 
         Raises
@@ -120,25 +120,25 @@ class Measured:
         InputError
             If there is no such test, a group's keys are not its test's, or its points are not finite (n, 3) in mm.
         """
-        tests: dict[str, list[Group]] = {}
+        tests: dict[str, list[PointGroup]] = {}
         for test, group in groups:
-            if test not in KEYS:
-                raise InputError(f"unknown test {shown(test)}", hint=", ".join(KEYS))
-            if set(group.keys) != set(KEYS[test]):
+            if test not in KEY_COLUMNS:
+                raise InputError(f"unknown test {quoted_cell(test)}", hint=", ".join(KEY_COLUMNS))
+            if set(group.keys) != set(KEY_COLUMNS[test]):
                 came = ", ".join(group.keys) or "none"
-                raise InputError(f"a group of test {test!r} is told by {', '.join(KEYS[test])}, got {came}")
+                raise InputError(f"a group of test {test!r} is told by {', '.join(KEY_COLUMNS[test])}, got {came}")
             points = group.points
             if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.isfinite(points).all():
                 raise InputError(f"test {test!r}, {group.where}: expected finite points (n, 3), got {points.shape}")
             tests.setdefault(test, []).append(group)
         return cls({test: tuple(members) for test, members in tests.items()})
 
-    def error(self, problem: str, group: Group | None = None, *, hint: str | None = None) -> InputError:
+    def error(self, problem: str, group: PointGroup | None = None, *, hint: str | None = None) -> InputError:
         """Make an error that knows the file, and the line of a group."""
         return InputError(problem, file=self.file, line=None if group is None else group.line, hint=hint)
 
 
-def read_points(path: str | Path) -> Measured:
+def read_points(path: str | Path) -> MeasuredPoints:
     """Read a file of measured points.
 
     Raises
@@ -148,20 +148,20 @@ def read_points(path: str | Path) -> Measured:
     """
     path = Path(path)
     sheet = read_sheet(path)
-    check_names(sheet, NEEDED, OPTIONAL, meant=_in_mm)
+    check_names(sheet, REQUIRED_COLUMNS, OPTIONAL_COLUMNS, meant=_in_mm)
     columns = _columns(sheet)
     tests = {}
     for test in dict.fromkeys(columns.words["test"].tolist()):
-        if test not in KEYS:
-            close = difflib.get_close_matches(test, KEYS, n=1)
+        if test not in KEY_COLUMNS:
+            close = difflib.get_close_matches(test, KEY_COLUMNS, n=1)
             raise columns.error(
-                f"unknown test {shown(test)}",
+                f"unknown test {quoted_cell(test)}",
                 int(np.argmax(columns.words["test"] == test)),
                 "test",
-                hint=close[0] if close else ", ".join(KEYS),
+                hint=close[0] if close else ", ".join(KEY_COLUMNS),
             )
         tests[test] = tuple(_groups(columns, test))
-    return Measured(tests, path)
+    return MeasuredPoints(tests, path)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +184,7 @@ def _in_mm(column: str) -> str | None:
 
 def _columns(sheet: Sheet) -> _Columns:
     numbers = [*POINT, *(name for name in (TEMPERATURE, TIP) if name in sheet.names)]
-    words = [name for name in (*NEEDED, *OPTIONAL) if name in sheet.names and name not in numbers]
+    words = [name for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if name in sheet.names and name not in numbers]
     index = sheet.names.index
     optional = [index(name) for name in numbers if name not in POINT]
     found, texts = read_columns(sheet, [index(n) for n in numbers], [index(n) for n in words], optional)
@@ -195,14 +195,14 @@ def _columns(sheet: Sheet) -> _Columns:
             name: found[:, numbers.index(name)] if name in numbers else np.full(len(found), np.nan)
             for name in (*POINT, TEMPERATURE, TIP)
         },
-        {name: by_name.get(name, empty) for name in (*NEEDED[:3], *OPTIONAL[:5])},
+        {name: by_name.get(name, empty) for name in (*REQUIRED_COLUMNS[:3], *OPTIONAL_COLUMNS[:5])},
         sheet,
     )
 
 
-def _groups(columns: _Columns, test: str) -> Iterator[Group]:
+def _groups(columns: _Columns, test: str) -> Iterator[PointGroup]:
     """The groups of a test in the order of their first points."""
-    keys = KEYS[test]
+    keys = KEY_COLUMNS[test]
     rows = np.flatnonzero(columns.words["test"] == test)
     for key in ("artefact", "date", *keys):
         cells = columns.words[key][rows]
@@ -211,23 +211,23 @@ def _groups(columns: _Columns, test: str) -> Iterator[Group]:
             raise columns.error(f"a point of test {test!r} needs {key!r}, got an empty cell", row, key)
         for cell in np.unique(cells):
             try:
-                without_controls(str(cell))
+                reject_control_characters(str(cell))
             except InputError as error:
                 raise columns.error(error.problem, int(rows[np.argmax(cells == cell)]), key) from None
         if key == "repeat" and not np.char.isdecimal(cells).all():
             row = int(rows[np.argmin(np.char.isdecimal(cells))])
             raise columns.error(
-                f"expected a whole number 1, 2, .., got {shown(str(columns.words[key][row]))}", row, key
+                f"expected a whole number 1, 2, .., got {quoted_cell(str(columns.words[key][row]))}", row, key
             )
         if key == "end" and not np.isin(cells, ENDS).all():
             row = int(rows[np.argmin(np.isin(cells, ENDS))])
-            raise columns.error(f"expected A or B, got {shown(str(columns.words[key][row]))}", row, key)
+            raise columns.error(f"expected A or B, got {quoted_cell(str(columns.words[key][row]))}", row, key)
     for key in ("position", "length", "repeat", "end", "group"):
         cells = columns.words[key][rows]
         if key not in keys and (cells != "").any():
             row = int(rows[np.argmax(cells != "")])
             raise columns.error(
-                f"a point of test {test!r} has no {key!r}, got {shown(str(columns.words[key][row]))}",
+                f"a point of test {test!r} has no {key!r}, got {quoted_cell(str(columns.words[key][row]))}",
                 row,
                 key,
                 hint=f"it is told by artefact, {', '.join(keys)}: leave the cell empty",
@@ -240,7 +240,7 @@ def _groups(columns: _Columns, test: str) -> Iterator[Group]:
         yield _group(columns, test, told, inside)
 
 
-def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int]) -> Group:
+def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int]) -> PointGroup:
     days = columns.words["date"][rows]
     if (days != days[0]).any():
         row = rows[int(np.argmax(days != days[0]))]
@@ -251,14 +251,14 @@ def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int])
         day = datetime.date.fromisoformat(str(days[0]))
     except ValueError:
         raise columns.error(
-            f"expected a date, got {shown(str(days[0]))}", rows[0], "date", hint="2026-03-31: year, month, day"
+            f"expected a date, got {quoted_cell(str(days[0]))}", rows[0], "date", hint="2026-03-31: year, month, day"
         ) from None
     try:
         check_past(day)
     except InputError as error:
         raise columns.error(error.problem, rows[0], "date", hint=error.hint) from None
     degC = columns.numbers[TEMPERATURE][rows]
-    if test in SIZED and np.isnan(degC).any():
+    if test in SIZE_TESTS and np.isnan(degC).any():
         raise columns.error(
             f"a point of test {test!r} needs the temperature of the artefact, to compare with its size at 20 degC",
             rows[int(np.argmax(np.isnan(degC)))],
@@ -285,16 +285,16 @@ def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int])
         problem = f"expected a coordinate within {FARTHEST_MM:g} mm, got {points[row, axis]:g} mm"
         raise columns.error(problem, rows[row], POINT[axis])
     known = degC[~np.isnan(degC)]
-    if len(known) and np.ptp(known) > MOST_K_APART:
+    if len(known) and np.ptp(known) > MAX_TEMPERATURE_SPREAD_K:
         raise columns.error(
             f"points of one group were taken at {known.min():g} and at {known.max():g} degC: their mean tells nothing",
             rows[0],
             TEMPERATURE,
             hint="measure the group again when the artefact keeps its temperature",
         )
-    return Group(
+    return PointGroup(
         artefact=told[0],
-        keys=dict(zip(KEYS[test], told[1:], strict=True)),
+        keys=dict(zip(KEY_COLUMNS[test], told[1:], strict=True)),
         points=points,
         degC=float(known.mean()) if len(known) else float("nan"),
         tip_mm=float(tip[0]),

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from truearm.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
-State = TypeVar("State")
+ShapeParameters = TypeVar("ShapeParameters")
 
 # Spreads below this share of the largest are taken for none: points on a line, in a plane.
 NOTHING = 1e-9
@@ -33,7 +33,7 @@ MOST_STEPS = 1000
 STALLED = 1e-10
 
 
-class Normalised(NamedTuple):
+class NormalisedPoints(NamedTuple):
     """Points about their mean, in units of their spread.
 
     Attributes
@@ -59,7 +59,7 @@ class Normalised(NamedTuple):
         return max(NOTHING, 16 * self.rounding)
 
 
-class Linearised(NamedTuple):
+class LinearisedResiduals(NamedTuple):
     """Residuals (m,) at a state and their derivative (m, p) by the shape's parameters."""
 
     residuals: FloatArray
@@ -67,7 +67,7 @@ class Linearised(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class ShapeFit:
     """What every shape fitted to points says of the fit.
 
     Attributes
@@ -95,7 +95,7 @@ class Fit:
         return 2 * float(np.sqrt((self.residuals**2).sum(axis=1)).max())
 
 
-def normalised(points: npt.ArrayLike, *, least: int, shape: str) -> Normalised:
+def normalise_points(points: npt.ArrayLike, *, least: int, shape: str) -> NormalisedPoints:
     """Check points (n, 3) [mm], and bring them to their middle and to unit spread.
 
     Raises
@@ -122,10 +122,10 @@ def normalised(points: npt.ArrayLike, *, least: int, shape: str) -> Normalised:
     if spread <= 16 * np.finfo(float).eps:
         raise InputError(f"expected points all over a {shape}, got {len(given)} in one place")
     scale = spread * unit
-    return Normalised(centred / spread, middle, scale, float(np.finfo(float).eps * largest / scale))
+    return NormalisedPoints(centred / spread, middle, scale, float(np.finfo(float).eps * largest / scale))
 
 
-def principal_axes(normal: Normalised) -> tuple[FloatArray, FloatArray]:
+def principal_axes(normal: NormalisedPoints) -> tuple[FloatArray, FloatArray]:
     """Spreads (3,) of the points, largest first, and the right-handed frame (3, 3) of their axes as columns."""
     n = len(normal.points)
     three = np.concatenate([normal.points, np.zeros((max(3 - n, 0), 3))])  # rows of zeros change neither
@@ -137,15 +137,15 @@ def principal_axes(normal: Normalised) -> tuple[FloatArray, FloatArray]:
 
 
 def gauss_newton(
-    start: State,
-    linearised: Callable[[State], Linearised],
-    moved: Callable[[State, FloatArray], State],
+    start: ShapeParameters,
+    linearised: Callable[[ShapeParameters], LinearisedResiduals],
+    moved: Callable[[ShapeParameters, FloatArray], ShapeParameters],
     *,
-    size: Callable[[State], float],
+    size: Callable[[ShapeParameters], float],
     shape: str,
     most_steps: int = MOST_STEPS,
     arrive: bool = True,
-) -> tuple[State, Linearised]:
+) -> tuple[ShapeParameters, LinearisedResiduals]:
     """Minimise a sum of squares by Gauss-Newton steps, halved until they do not raise it.
 
     Parameters
@@ -187,16 +187,16 @@ def gauss_newton(
                 return state, at
         state, at = there, then
         if size(state) > FARTHEST:
-            raise undetermined(shape)
+            raise undetermined_error(shape)
         if promised < rounding or (promised < STALLED * max(1.0, size(state)) and promised > 0.9 * before):
             return state, at
         before = promised
     if arrive:
-        raise undetermined(shape)
+        raise undetermined_error(shape)
     return state, at
 
 
-def undetermined(shape: str) -> InputError:
+def undetermined_error(shape: str) -> InputError:
     """The error of points from which no shape can be found."""
     return InputError(
         f"the points do not determine a {shape}: within their scatter it may be of any size or direction",
@@ -204,7 +204,7 @@ def undetermined(shape: str) -> InputError:
     )
 
 
-def scatter(at: Linearised, scale: float, std_mm: float | None) -> float:
+def scatter_std(at: LinearisedResiduals, scale: float, std_mm: float | None) -> float:
     """The standard deviation of a coordinate [mm]: the given one, or from the residuals; NaN if they cannot tell.
 
     Raises
@@ -220,17 +220,17 @@ def scatter(at: Linearised, scale: float, std_mm: float | None) -> float:
     return scale * float(np.sqrt(at.residuals @ at.residuals / (m - p))) if m > p else np.nan
 
 
-def covariance_of(at: Linearised, to_parameters: FloatArray, std: float, shape: str) -> FloatArray:
+def covariance_of(at: LinearisedResiduals, to_parameters: FloatArray, std: float, shape: str) -> FloatArray:
     """Propagate the points' scatter `std` through the fit: ``std^2 G (J^T J)^-1 G^T`` with ``G = to_parameters``."""
     r: FloatArray = np.asarray(np.linalg.qr(at.jacobian, mode="r"))
     diagonal = np.abs(r.diagonal())
     if diagonal.min() <= RANK * diagonal.max():
-        raise undetermined(shape)
+        raise undetermined_error(shape)
     root = std * to_parameters @ np.linalg.inv(r)
     return np.asarray(root @ root.T)
 
 
-def tilted(frame: FloatArray, a: float, b: float) -> FloatArray:
+def tilt_frame(frame: FloatArray, a: float, b: float) -> FloatArray:
     """The frame (3, 3) turned about its own first two axes by small angles `a`, `b` [rad], orthonormal again."""
     third = frame[:, 2] + b * frame[:, 0] - a * frame[:, 1]
     third = third / np.sqrt(third @ third)
@@ -245,7 +245,7 @@ def cross(one: FloatArray, other: FloatArray) -> FloatArray:
     return np.array([b * f - c * e, c * d - a * f, a * e - b * d])
 
 
-def radial(local: FloatArray, *, moves: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+def radial_distances(local: FloatArray, *, moves: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
     """Distances from the third axis of the shape's frame and their derivatives.
 
     Parameters
@@ -269,7 +269,7 @@ def radial(local: FloatArray, *, moves: tuple[int, ...]) -> tuple[FloatArray, Fl
     return distance, np.column_stack(columns)
 
 
-def signed(direction: FloatArray) -> float:
+def direction_sign(direction: FloatArray) -> float:
     """The sign that makes the largest component of a direction (3,) positive."""
     return 1.0 if direction[np.argmax(np.abs(direction))] > 0 else -1.0
 
@@ -289,9 +289,9 @@ def _norm(vector: FloatArray) -> float:
     return float(np.sqrt(vector @ vector))
 
 
-def _least_squares(at: Linearised, shape: str) -> FloatArray:
+def _least_squares(at: LinearisedResiduals, shape: str) -> FloatArray:
     """The step (p,) that solves ``J step = -r``."""
     step, _, _, singular = np.linalg.lstsq(at.jacobian, -at.residuals, rcond=None)
     if singular[-1] <= RANK * singular[0]:
-        raise undetermined(shape)
+        raise undetermined_error(shape)
     return np.asarray(step)

@@ -6,22 +6,22 @@ from dataclasses import dataclass
 from math import isnan
 
 from truearm.verify.artefacts import Artefact, Artefacts
-from truearm.verify.decision import Row, Rule
+from truearm.verify.decision import ConformityResult, DecisionRule
 from truearm.verify.limits import Specification
-from truearm.verify.measured import Group, Measured
-from truearm.verify.test_plan import Plan
+from truearm.verify.measured import PointGroup, MeasuredPoints
+from truearm.verify.test_plan import VerificationPlan
 from truearm.verify.verification import Verification
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class VerificationRecord:
     """A verification with what went into it.
 
     Parameters
     ----------
-    found : Verification
-    measured : Measured
-    plan : Plan
+    verification : Verification
+    measured : MeasuredPoints
+    plan : VerificationPlan
     artefacts : Artefacts
     specification : Specification
     rule : {"iso14253-1", "simple"}
@@ -29,26 +29,26 @@ class Outcome:
         SHA-256 of the file of the plan, where it is one of the user's own.
     """
 
-    found: Verification
-    measured: Measured
-    plan: Plan
+    verification: Verification
+    measured: MeasuredPoints
+    plan: VerificationPlan
     artefacts: Artefacts
     specification: Specification
-    rule: Rule = "iso14253-1"
+    rule: DecisionRule = "iso14253-1"
     plan_sha256: str | None = None
 
     @property
-    def groups(self) -> tuple[Group, ...]:
+    def groups(self) -> tuple[PointGroup, ...]:
         """The groups of points of all tests."""
         return tuple(group for groups in self.measured.tests.values() for group in groups)
 
     @property
-    def judged(self) -> tuple[Row, ...]:
+    def rows_with_limit(self) -> tuple[ConformityResult, ...]:
         """The rows that have a limit."""
-        return tuple(row for row in self.found.rows if row.verdict is not None)
+        return tuple(row for row in self.verification.rows if row.verdict is not None)
 
     @property
-    def used(self) -> tuple[Artefact, ...]:
+    def used_artefacts(self) -> tuple[Artefact, ...]:
         """The artefacts that points were taken on, in the order of the file of artefacts."""
         names = {group.artefact for group in self.groups}
         kinds = (self.artefacts.spheres, self.artefacts.bars, self.artefacts.seats)

@@ -9,19 +9,19 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.verify.orthogonal import (
-    Fit,
+    ShapeFit,
     FloatArray,
-    Linearised,
+    LinearisedResiduals,
     covariance_of,
-    normalised,
+    normalise_points,
     principal_axes,
-    scatter,
-    signed,
+    scatter_std,
+    direction_sign,
 )
 
 
 @dataclass(frozen=True, eq=False)
-class Plane(Fit):
+class Plane(ShapeFit):
     """A plane fitted to points; its parameters are the point and the normal, six.
 
     Attributes
@@ -55,18 +55,18 @@ def fit_plane(points: npt.ArrayLike, *, std_mm: float | None = None) -> Plane:
     -----
     In closed form: the plane holds the points' mean and is normal to the axis along which they spread least.
     """
-    normal = normalised(points, least=3, shape="plane")
+    normal = normalise_points(points, least=3, shape="plane")
     spreads, axes = principal_axes(normal)
     if spreads[1] - spreads[2] <= normal.nothing * spreads[0]:
         what = "on a line" if spreads[1] <= normal.nothing * spreads[0] else "that spread alike in two directions"
         raise InputError(
             f"expected points all over a plane, got points {what}: they tell no normal", hint="points beside the line"
         )
-    frame = axes * signed(axes[:, 2])
+    frame = axes * direction_sign(axes[:, 2])
     x, y, z = (normal.points @ frame).T
     # By the move along the normal, and the tilts about the first and second axis.
-    at = Linearised(z, np.column_stack([-np.ones(len(z)), -y, x]))
-    std = scatter(at, normal.scale, std_mm)
+    at = LinearisedResiduals(z, np.column_stack([-np.ones(len(z)), -y, x]))
+    std = scatter_std(at, normal.scale, std_mm)
     to_parameters = np.zeros((6, 3))
     to_parameters[:3, 0] = frame[:, 2]
     to_parameters[3:, 1:] = np.column_stack([-frame[:, 1], frame[:, 0]]) / normal.scale

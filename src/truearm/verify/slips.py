@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from truearm.verify.circumscribed import circumscribed_sphere
-from truearm.verify.decision import Row
+from truearm.verify.decision import ConformityResult
 from truearm.verify.limits import Specification
-from truearm.verify.measurands import LengthMeasured, SphereMeasured
-from truearm.verify.measured import Group, named
+from truearm.verify.measurands import LengthMeasurement, SphereMeasurement
+from truearm.verify.measured import PointGroup, join_names
 from truearm.verify.orthogonal import FloatArray
 from truearm.verify.sphere import fit_sphere
 
@@ -32,7 +32,7 @@ LEAST_MM = 0.001
 LEAST_ON_BALL, LEAST_IN_SEAT, LEAST_GROUPS = 9, 6, 5
 
 
-def on_spheres(test: str, groups: Sequence[Group], spheres: Sequence[SphereMeasured], size: Row) -> Iterator[str]:
+def on_spheres(test: str, groups: Sequence[PointGroup], spheres: Sequence[SphereMeasurement], size: ConformityResult) -> Iterator[str]:
     """Single points off a ball; or else a size, the row `size`, that no arm measures."""
     clean = True
     for group, one in zip(groups, spheres, strict=True):
@@ -53,7 +53,7 @@ def on_spheres(test: str, groups: Sequence[Group], spheres: Sequence[SphereMeasu
         )
 
 
-def in_groups(test: str, groups: Sequence[Group], spheres: Sequence[SphereMeasured]) -> Iterator[str]:
+def in_groups(test: str, groups: Sequence[PointGroup], spheres: Sequence[SphereMeasurement]) -> Iterator[str]:
     """A group of an articulation whose sphere lies apart from those of all others at its position."""
     centres = np.array([one.fit.centre for one in spheres])
     away = _from_mean(centres)
@@ -65,7 +65,7 @@ def in_groups(test: str, groups: Sequence[Group], spheres: Sequence[SphereMeasur
         )
 
 
-def in_seats(test: str, groups: Sequence[Group]) -> Iterator[str]:
+def in_seats(test: str, groups: Sequence[PointGroup]) -> Iterator[str]:
     """Single points away from the others in a seat."""
     for group in groups:
         away = _from_mean(group.points)
@@ -78,7 +78,7 @@ def in_seats(test: str, groups: Sequence[Group]) -> Iterator[str]:
 
 
 def in_lengths(
-    symbol: str, pairs: Sequence[tuple[LengthMeasured, Group]], errors: Sequence[float], specification: Specification
+    symbol: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]], errors: Sequence[float], specification: Specification
 ) -> Iterator[str]:
     """Lengths that are so wrong that no arm measured them.
 
@@ -86,7 +86,7 @@ def in_lengths(
     ----------
     symbol : str
         Whose limit it is.
-    pairs : sequence of (LengthMeasured, Group)
+    pairs : sequence of (LengthMeasurement, PointGroup)
         What was measured, with the points of end A.
     errors : sequence of float
         Measured less calibrated [mm].
@@ -107,7 +107,7 @@ def in_lengths(
                 f"{bar.name!r}, and the names of its lengths in the points"
             )
         else:
-            runs = named([f"{pairs[i][1].where} (line {pairs[i][1].line})" for i in far], "; ")
+            runs = join_names([f"{pairs[i][1].where} (line {pairs[i][1].line})" for i in far], "; ")
             lone = any(len(end) == 1 for i in far for end in (pairs[i][0].start, pairs[i][0].end))
             ends = ", and that ends of one point are seats or middles of balls, not points on them" if lone else ""
             yield f"{said}: check {runs}{ends}"

@@ -9,19 +9,19 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.verify.orthogonal import (
-    Fit,
+    ShapeFit,
     FloatArray,
-    Linearised,
+    LinearisedResiduals,
     circle_start,
     covariance_of,
     gauss_newton,
-    normalised,
-    scatter,
+    normalise_points,
+    scatter_std,
 )
 
 
 @dataclass(frozen=True, eq=False)
-class Sphere(Fit):
+class Sphere(ShapeFit):
     """A sphere fitted to points; its parameters are the centre and the radius, four.
 
     Attributes
@@ -55,18 +55,18 @@ def fit_sphere(points: npt.ArrayLike, *, std_mm: float | None = None) -> Sphere:
     -----
     For any centre the best radius is the mean distance from it, so that the steps search the centre alone.
     """
-    normal = normalised(points, least=4, shape="sphere")
+    normal = normalise_points(points, least=4, shape="sphere")
     if np.linalg.svd(normal.points, compute_uv=False)[2] <= normal.nothing * np.sqrt(len(normal.points)):
         raise InputError(
             "expected points all over a sphere, got points in one plane, through which pass spheres of all sizes",
             hint="add a point at the pole",
         )
 
-    def linearised(centre: FloatArray) -> Linearised:
+    def linearised(centre: FloatArray) -> LinearisedResiduals:
         away = normal.points - centre
         distance = np.sqrt((away * away).sum(axis=1))
         outward = away / np.where(distance > 0, distance, 1.0)[:, None]
-        return Linearised(distance - distance.mean(), np.column_stack([-outward, -np.ones(len(away))]))
+        return LinearisedResiduals(distance - distance.mean(), np.column_stack([-outward, -np.ones(len(away))]))
 
     centre, at = gauss_newton(
         circle_start(normal.points),
@@ -76,7 +76,7 @@ def fit_sphere(points: npt.ArrayLike, *, std_mm: float | None = None) -> Sphere:
         shape="sphere",
     )
     radius = float(np.sqrt(((normal.points - centre) ** 2).sum(axis=1)).mean())
-    std = scatter(at, normal.scale, std_mm)
+    std = scatter_std(at, normal.scale, std_mm)
     return Sphere(
         residuals=normal.scale * at.residuals,
         std_mm=std,

@@ -15,10 +15,10 @@ from typing import Annotated, Self
 from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
-from truearm.toml_documents import parsed
+from truearm.toml_documents import parse_toml
 from truearm.verify.documents import Document, Name, NotNegative, Positive, read_document
 
-CHECK = "check against your copy of the standard"
+CHECK_STANDARD = "check against your copy of the standard"
 PLANS = ("iso10360-12", "asme-b89.4.22")
 
 
@@ -129,7 +129,7 @@ class Volumetric(PlannedTest):
     longest_share: Share
 
 
-class Plan(Document):
+class VerificationPlan(Document):
     """A test plan; tests that it has not are not part of it."""
 
     name: Name
@@ -163,7 +163,7 @@ class Plan(Document):
                 if isinstance(number, _Sourced) and not number.confirmed:
                     yield f"{name}.{key}", number.value, number.source  # type: ignore[attr-defined]
 
-    def departures(self) -> Iterator[tuple[str, float, float]]:
+    def changed_numbers(self) -> Iterator[tuple[str, float, float]]:
         """Numbers other than in the program's own plan after the same standard: key, value, value there."""
         there = next((plan.tests for plan in map(_coming, PLANS) if plan.standard == self.standard), {})
         for name, test in self.tests.items():
@@ -175,10 +175,10 @@ class Plan(Document):
                         yield f"{name}.{key}", value, coming_value
 
 
-TESTS = tuple(name for name, field in Plan.model_fields.items() if not field.is_required())
+TESTS = tuple(name for name, field in VerificationPlan.model_fields.items() if not field.is_required())
 
 
-def load_plan(name: str | Path) -> Plan:
+def load_verification_plan(name: str | Path) -> VerificationPlan:
     """Load a plan: one that comes with the program by its name, or a file.
 
     Raises
@@ -192,13 +192,13 @@ def load_plan(name: str | Path) -> Plan:
         raise InputError(
             f"there is no plan {str(name)!r:.80}", hint=f"{', '.join(PLANS)}, or a file that ends in .toml"
         )
-    return read_document(name, Plan)
+    return read_document(name, VerificationPlan)
 
 
 @cache
-def _coming(name: str) -> Plan:
+def _coming(name: str) -> VerificationPlan:
     """A plan that comes with the program, read once: simulated tests ask for it arm by arm."""
-    return parsed(plan_text(name).encode(), Plan)
+    return parse_toml(plan_text(name).encode(), VerificationPlan)
 
 
 def plan_text(name: str) -> str:

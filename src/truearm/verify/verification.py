@@ -9,20 +9,20 @@ from typing import TypeVar
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.delimited import shown
-from truearm.verify import asme_b89_4_22, iso10360_12, slips
+from truearm.readings.delimited import quoted_cell
+from truearm.verify import asme_b89_4_22, iso10360_12, blunders
 from truearm.verify.artefacts import Artefact, Artefacts
-from truearm.verify.decision import SIMPLE_RATIO, Row, Rule, Verdict, overall, simple_applies
+from truearm.verify.decision import SIMPLE_RATIO, ConformityResult, DecisionRule, Verdict, overall_verdict, simple_applies
 from truearm.verify.limits import SYMBOLS, Specification
-from truearm.verify.measurands import LengthMeasured, SphereMeasured, check_spread
-from truearm.verify.measured import ENDS, KEYS, MOST_K_APART, Group, Measured, named
+from truearm.verify.measurands import LengthMeasurement, SphereMeasurement, check_spread
+from truearm.verify.measured import ENDS, KEY_COLUMNS, MAX_TEMPERATURE_SPREAD_K, PointGroup, MeasuredPoints, join_names
 from truearm.verify.orthogonal import FloatArray
 from truearm.verify.test_plan import (
-    CHECK,
+    CHECK_STANDARD,
     Articulation,
     EffectiveDiameter,
     LengthTest,
-    Plan,
+    VerificationPlan,
     PlannedTest,
     Probing,
     SinglePoint,
@@ -45,7 +45,7 @@ class Verification:
 
     Attributes
     ----------
-    rows : tuple of Row
+    rows : tuple of ConformityResult
     verdict : Verdict
         Conform only where every row with a limit is.
     remarks : tuple of str
@@ -53,18 +53,18 @@ class Verification:
         numbers of the plan are recalled.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[ConformityResult, ...]
     verdict: Verdict
     remarks: tuple[str, ...]
 
 
 def verify(
-    measured: Measured,
+    measured: MeasuredPoints,
     *,
-    plan: Plan,
+    plan: VerificationPlan,
     artefacts: Artefacts,
     specification: Specification,
-    rule: Rule = "iso14253-1",
+    rule: DecisionRule = "iso14253-1",
 ) -> Verification:
     """Test points against a specification as a plan says.
 
@@ -78,7 +78,7 @@ def verify(
         if name not in plan.tests:
             raise measured.error(f"the plan {plan.name!r} has no test {name!r}", groups[0], hint=", ".join(plan.tests))
     evaluation = _Evaluation(measured, artefacts, specification, rule)
-    rows: list[Row] = []
+    rows: list[ConformityResult] = []
     remarks: list[str] = []
     for name, test in plan.tests.items():
         if name in measured.tests:
@@ -90,7 +90,7 @@ def verify(
             )
         else:
             remarks.append(f"not tested: {name}")
-    verdict = overall(rows)
+    verdict = overall_verdict(rows)
     if verdict is None:
         raise InputError(
             f"the specification {specification.name!r} states no limit for what was tested",
@@ -101,7 +101,7 @@ def verify(
 
 
 def _remarks(
-    rows: Sequence[Row], plan: Plan, specification: Specification, rule: Rule, tested: Collection[str]
+    rows: Sequence[ConformityResult], plan: VerificationPlan, specification: Specification, rule: DecisionRule, tested: Collection[str]
 ) -> list[str]:
     remarks = []
     if rule == "simple":
@@ -123,8 +123,8 @@ def _remarks(
     if untested := [symbol for symbol in SYMBOLS if symbol in specification.limits and symbol not in symbols]:
         remarks.append(f"limits stated, not tested: {', '.join(untested)}")
     recalled = [(key, f"{value:g}") for key, value, _ in plan.unconfirmed() if key.partition(".")[0] in tested]
-    departing = [(key, f"{value:g} ({other:g})") for key, value, other in plan.departures()]
-    remarks += _by_test(f"recalled, {CHECK}", recalled)
+    departing = [(key, f"{value:g} ({other:g})") for key, value, other in plan.changed_numbers()]
+    remarks += _by_test(f"recalled, {CHECK_STANDARD}", recalled)
     remarks += _by_test(f"not as in truearm's plan after {plan.standard}", departing)
     return remarks
 
@@ -142,13 +142,13 @@ def _by_test(what: str, numbers: Iterable[tuple[str, str]]) -> list[str]:
 class _Evaluation:
     """From groups of points to the functions of the standards, with every count checked on the way."""
 
-    measured: Measured
+    measured: MeasuredPoints
     artefacts: Artefacts
     specification: Specification
-    rule: Rule
+    rule: DecisionRule
     remarks: list[str] = field(default_factory=list)
 
-    def rows_of(self, name: str, test: PlannedTest) -> list[Row]:
+    def rows_of(self, name: str, test: PlannedTest) -> list[ConformityResult]:
         """The rows of one test."""
         groups = self.measured.tests[name]
         if isinstance(test, Probing):
@@ -159,7 +159,7 @@ class _Evaluation:
             size = iso10360_12.p_size(spheres, self.specification, rule=self.rule)
             form = iso10360_12.p_form(spheres, self.specification, rule=self.rule)
             if self._suspect([size, form]):
-                self.remarks.extend(slips.on_spheres(name, groups, spheres, size))
+                self.remarks.extend(blunders.on_spheres(name, groups, spheres, size))
             return [size, form]
         if isinstance(test, Articulation):
             return self._articulation(name, groups, test)
@@ -169,7 +169,7 @@ class _Evaluation:
             self._no_copies(name, [[group] for group in groups])
             size = asme_b89_4_22.effective_diameter(spheres, self.specification, rule=self.rule)
             if self._suspect([size]):
-                self.remarks.extend(slips.on_spheres(name, groups, spheres, size))
+                self.remarks.extend(blunders.on_spheres(name, groups, spheres, size))
             return [size]
         if isinstance(test, SinglePoint):
             return self._single_point(name, groups, test)
@@ -178,7 +178,7 @@ class _Evaluation:
         assert isinstance(test, Volumetric)
         return self._volumetric(name, groups, test)
 
-    def _articulation(self, name: str, groups: Sequence[Group], test: Articulation) -> list[Row]:
+    def _articulation(self, name: str, groups: Sequence[PointGroup], test: Articulation) -> list[ConformityResult]:
         positions = _split(groups, "position")
         self._expect(name, groups[0], "positions", positions, test.positions.value)
         found = []
@@ -204,25 +204,25 @@ class _Evaluation:
         rows = iso10360_12.l_dia(found, self.specification, rule=self.rule)
         if self._suspect(rows):
             for members, spheres in zip(positions.values(), found, strict=True):
-                self.remarks.extend(slips.in_groups(name, members, spheres))
+                self.remarks.extend(blunders.in_groups(name, members, spheres))
         return rows
 
-    def _single_point(self, name: str, groups: Sequence[Group], test: SinglePoint) -> list[Row]:
+    def _single_point(self, name: str, groups: Sequence[PointGroup], test: SinglePoint) -> list[ConformityResult]:
         self._count(name, groups, "position", test.positions.value)
         seats = []
         for group in groups:
             self._points(name, group, test.points.value)
             self._not_frozen(name, group)
             seat = self._known(self.artefacts.seat, group)
-            seats.append(asme_b89_4_22.Seated(seat, group.points, group.where))
+            seats.append(asme_b89_4_22.SeatPoints(seat, group.points, group.where))
         self._no_copies(name, [[group] for group in groups])
         self._apart(name, groups, np.array([[group.points.mean(axis=0)] for group in groups]), SAME_PLACE_MM)
         rows = asme_b89_4_22.single_point(seats, self.specification, rule=self.rule)
         if self._suspect(rows):
-            self.remarks.extend(slips.in_seats(name, groups))
+            self.remarks.extend(blunders.in_seats(name, groups))
         return rows
 
-    def _lengths(self, name: str, groups: Sequence[Group], test: LengthTest) -> list[Row]:
+    def _lengths(self, name: str, groups: Sequence[PointGroup], test: LengthTest) -> list[ConformityResult]:
         repeats, positions = test.repeats.value, test.positions.value
         pairs = self._pairs(name, groups)
         lengths = [one for one, _ in pairs]
@@ -250,10 +250,10 @@ class _Evaluation:
             lengths, self.specification, repeats=repeats, tolerated_sets=test.tolerated_sets.value, rule=self.rule
         )
         if self._suspect(rows):
-            self._slips_in_lengths("E_Uni" if name == "uni" else "E_Bi", pairs, opposite=name == "bi")
+            self._blunders_in_lengths("E_Uni" if name == "uni" else "E_Bi", pairs, opposite=name == "bi")
         return rows
 
-    def _volumetric(self, name: str, groups: Sequence[Group], test: Volumetric) -> list[Row]:
+    def _volumetric(self, name: str, groups: Sequence[PointGroup], test: Volumetric) -> list[ConformityResult]:
         pairs = self._pairs(name, groups)
         self._expect(name, groups[0], "lengths", _split(groups, "artefact", "length"), test.lengths.value)
         self._expect(name, groups[0], "measured lengths", len(pairs), test.positions.value)
@@ -261,21 +261,21 @@ class _Evaluation:
         self._long_enough(name, [one for one, _ in pairs], groups[0], test.longest_share.value)
         rows = asme_b89_4_22.volumetric([one for one, _ in pairs], self.specification, rule=self.rule)
         if self._suspect(rows):
-            self._slips_in_lengths("Volumetric.Max", pairs, opposite=False)
+            self._blunders_in_lengths("Volumetric.Max", pairs, opposite=False)
         return rows
 
-    def _suspect(self, rows: Iterable[Row]) -> bool:
+    def _suspect(self, rows: Iterable[ConformityResult]) -> bool:
         """Whether to look for slips: something does not conform, and people measured it."""
         return self.measured.file is not None and any(row.verdict not in (Verdict.CONFORM, None) for row in rows)
 
-    def _slips_in_lengths(self, symbol: str, pairs: Sequence[tuple[LengthMeasured, Group]], *, opposite: bool) -> None:
+    def _blunders_in_lengths(self, symbol: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]], *, opposite: bool) -> None:
         corrected = self.specification.corrected_to_20_degC
         errors = [one.error(opposite=opposite, corrected=corrected) for one, _ in pairs]
-        self.remarks.extend(slips.in_lengths(symbol, pairs, errors, self.specification))
+        self.remarks.extend(blunders.in_lengths(symbol, pairs, errors, self.specification))
 
     def _sphere(
-        self, name: str, group: Group, test: Probing | Articulation | EffectiveDiameter, where: str = ""
-    ) -> SphereMeasured:
+        self, name: str, group: PointGroup, test: Probing | Articulation | EffectiveDiameter, where: str = ""
+    ) -> SphereMeasurement:
         """A sphere's points, if they are as many as planned and can be that sphere's."""
         self._points(name, group, test.points.value)
         sphere = self._known(self.artefacts.sphere, group)
@@ -287,7 +287,7 @@ class _Evaluation:
                 hint="another sphere, or the plan's numbers as your copy of the standard has them",
             )
         degC = 20.0 if group.degC != group.degC else group.degC  # no temperature is needed for a place
-        found = SphereMeasured(sphere, group.points, degC, group.tip_mm, where or group.where)
+        found = SphereMeasurement(sphere, group.points, degC, group.tip_mm, where or group.where)
         try:
             check_spread(group.points, test.points.value)
             diameter = found.diameter_mm
@@ -298,10 +298,10 @@ class _Evaluation:
         self._plausible(name, group, diameter, sphere.diameter_mm)
         return found
 
-    def _pairs(self, name: str, groups: Sequence[Group]) -> list[tuple[LengthMeasured, Group]]:
+    def _pairs(self, name: str, groups: Sequence[PointGroup]) -> list[tuple[LengthMeasurement, PointGroup]]:
         """Lengths from the groups of their ends, each with the group of end A."""
         found, taken = [], []
-        for members in _split(groups, "artefact", *(key for key in KEYS[name] if key != "end")).values():
+        for members in _split(groups, "artefact", *(key for key in KEY_COLUMNS[name] if key != "end")).values():
             ends = {group.keys["end"]: group for group in members}
             if len(ends) != 2:
                 missing = "B" if "A" in ends else "A"
@@ -312,7 +312,7 @@ class _Evaluation:
             start, end = ends["A"], ends["B"]
             bar = self._known(self.artefacts.bar, start)
             self._known(self.artefacts.bar, end)  # on its own day
-            if abs(start.degC - end.degC) > MOST_K_APART:
+            if abs(start.degC - end.degC) > MAX_TEMPERATURE_SPREAD_K:
                 raise self.measured.error(
                     f"test {name!r}, {start.where}: end A was at {start.degC:g} degC, end B at {end.degC:g} degC: "
                     f"their mean tells nothing of the length",
@@ -320,7 +320,7 @@ class _Evaluation:
                     hint="measure the length again when the artefact keeps its temperature",
                 )
             try:
-                one = LengthMeasured(
+                one = LengthMeasurement(
                     bar,
                     bar.length(start.keys["length"]),
                     start.points,
@@ -341,7 +341,7 @@ class _Evaluation:
         self._no_copies(name, taken)
         return found
 
-    def _long_enough(self, name: str, lengths: Sequence[LengthMeasured], group: Group, share: float) -> None:
+    def _long_enough(self, name: str, lengths: Sequence[LengthMeasurement], group: PointGroup, share: float) -> None:
         """Check that the longest length is such a share of the measuring range."""
         longest = max(one.length.length_mm for one in lengths)
         needed = share * self.specification.measuring_range_mm
@@ -353,7 +353,7 @@ class _Evaluation:
                 hint="a longer bar, or longest_share in the plan as your copy of the standard has it",
             )
 
-    def _bars_apart(self, name: str, groups: Sequence[Group]) -> None:
+    def _bars_apart(self, name: str, groups: Sequence[PointGroup]) -> None:
         """Check that a length lies elsewhere at each position."""
         for members in _split(groups, "artefact", "length").values():
             positions = list(_split(members, "position").values())
@@ -365,7 +365,7 @@ class _Evaluation:
             )
             self._apart(name, [at[0] for at in positions], places, SAME_PLACE_MM)
 
-    def _bars_stay(self, name: str, pairs: Sequence[tuple[LengthMeasured, Group]]) -> None:
+    def _bars_stay(self, name: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]]) -> None:
         """Check that a length lies where it lay from run to run; runs with its ends the other way round are told."""
         if self.measured.file is None:  # laid out by a program
             return
@@ -386,17 +386,17 @@ class _Evaluation:
         if turned:
             self.remarks.append(
                 f"test {name!r}: ends A and B are the other way round than in the first run, which leaves the length "
-                f"as it is: {named(turned, '; ')}"
+                f"as it is: {join_names(turned, '; ')}"
             )
 
-    def _no_copies(self, name: str, taken: Iterable[Sequence[Group]]) -> None:
+    def _no_copies(self, name: str, taken: Iterable[Sequence[PointGroup]]) -> None:
         """Check that no two things measured are bit for bit the same: noise does not repeat so often.
 
         Points that come from no file are computed, and may have no noise.
         """
         if self.measured.file is None:
             return
-        seen: dict[bytes, Group] = {}
+        seen: dict[bytes, PointGroup] = {}
         for groups in taken:
             first = seen.setdefault(b" ".join((group.points + 0.0).tobytes() for group in groups), groups[0])
             if first is not groups[0]:
@@ -406,7 +406,7 @@ class _Evaluation:
                     hint="measure it; if the coordinates are rounded, write them with more digits",
                 )
 
-    def _not_frozen(self, name: str, group: Group) -> None:
+    def _not_frozen(self, name: str, group: PointGroup) -> None:
         """Check that points in a seat are not mostly one and the same; as `_no_copies`, of a file only.
 
         Some are by chance where coordinates are rounded: of ten points with a noise of 10 um, written to 0.01 mm, at
@@ -419,13 +419,13 @@ class _Evaluation:
             same = (which == counts.argmax()).ravel()
             first, *rest = (f"line {line}" for line, one in zip(group.lines, same, strict=True) if one)
             raise self.measured.error(
-                f"test {name!r}, {group.where}: the point of {first} stands in {named(rest)} too, to the last digit: "
+                f"test {name!r}, {group.where}: the point of {first} stands in {join_names(rest)} too, to the last digit: "
                 "copies, or a program that went on sending an old one",
                 group,
                 hint="measure the position again; if the coordinates are rounded, write them with more digits",
             )
 
-    def _apart(self, name: str, groups: Sequence[Group], places: FloatArray, nearest_mm: float) -> None:
+    def _apart(self, name: str, groups: Sequence[PointGroup], places: FloatArray, nearest_mm: float) -> None:
         """Check that at each position an artefact stands elsewhere: one of its places (n, k, 3) is so far away."""
         for i in range(1, len(places)):
             away = [
@@ -441,7 +441,7 @@ class _Evaluation:
                     hint="move the artefact between positions; what is measured again in one place is no position",
                 )
 
-    def _known(self, look_up: Callable[[str], A], group: Group) -> A:
+    def _known(self, look_up: Callable[[str], A], group: PointGroup) -> A:
         """An artefact whose certificate serves on the group's day."""
         try:
             artefact = look_up(group.artefact)
@@ -450,7 +450,7 @@ class _Evaluation:
             raise self.measured.error(error.problem, group, hint=error.hint) from None
         return artefact
 
-    def _plausible(self, name: str, group: Group, found: float, calibrated: float) -> None:
+    def _plausible(self, name: str, group: PointGroup, found: float, calibrated: float) -> None:
         if abs(found - calibrated) <= SAME_SHARE * calibrated:
             return
         hint = "the artefact's name, and whether points are compensated or need tip_diameter_mm"
@@ -463,16 +463,16 @@ class _Evaluation:
             hint=hint,
         )
 
-    def _points(self, name: str, group: Group, planned: int) -> None:
+    def _points(self, name: str, group: PointGroup, planned: int) -> None:
         self._expect(name, group, f"points at {group.where}", len(group.points), planned)
 
-    def _count(self, name: str, groups: Sequence[Group], key: str, planned: int) -> None:
+    def _count(self, name: str, groups: Sequence[PointGroup], key: str, planned: int) -> None:
         """Each position or repeat once, as many as planned."""
         self._expect(name, groups[0], f"{key}s", _split(groups, key), planned)
         for members in _split(groups, key).values():
             self._one_artefact(name, members)
 
-    def _one_artefact(self, name: str, members: Sequence[Group]) -> None:
+    def _one_artefact(self, name: str, members: Sequence[PointGroup]) -> None:
         for group in members:
             if group.artefact != members[0].artefact:
                 raise self.measured.error(
@@ -480,7 +480,7 @@ class _Evaluation:
                 )
 
     def _expect(
-        self, name: str, group: Group, what: str, found: int | Collection[str | tuple[str, ...]], planned: int
+        self, name: str, group: PointGroup, what: str, found: int | Collection[str | tuple[str, ...]], planned: int
     ) -> None:
         """Check a number, or how many names there are, which are told."""
         n = found if isinstance(found, int) else len(found)
@@ -490,20 +490,20 @@ class _Evaluation:
         hint = "measure what is missing" if n < planned else "take out what is too much"
         raise self.measured.error(
             f"test {name!r}: the plan wants {planned} {what}, got {n}"
-            + (f": {named([shown(one) for one in told])}" if told else ""),
+            + (f": {join_names([quoted_cell(one) for one in told])}" if told else ""),
             group,
             hint=f"{hint}, or change the plan (truearm verify --print-plan) if it is so agreed",
         )
 
 
-def _middles(spheres: Sequence[SphereMeasured]) -> FloatArray:
+def _middles(spheres: Sequence[SphereMeasurement]) -> FloatArray:
     """Their middles, (n, 1, 3) [mm]."""
     return np.array([[one.fit.centre] for one in spheres])
 
 
-def _split(groups: Iterable[Group], *keys: str) -> dict[str | tuple[str, ...], list[Group]]:
+def _split(groups: Iterable[PointGroup], *keys: str) -> dict[str | tuple[str, ...], list[PointGroup]]:
     """Groups by the values of some keys, in the order of the file."""
-    found: dict[str | tuple[str, ...], list[Group]] = {}
+    found: dict[str | tuple[str, ...], list[PointGroup]] = {}
     for group in groups:
         values = tuple(group.artefact if key == "artefact" else group.keys[key] for key in keys)
         found.setdefault(values[0] if len(values) == 1 else values, []).append(group)

@@ -2,6 +2,6 @@
 
 from truearm.virtual.arm import Measurement, VirtualArm
 from truearm.virtual.presets import PRESETS, Preset, load_preset, magnitudes
-from truearm.virtual.state import State
+from truearm.virtual.state import VirtualArmState
 
-__all__ = ["PRESETS", "Measurement", "Preset", "State", "VirtualArm", "load_preset", "magnitudes"]
+__all__ = ["PRESETS", "Measurement", "Preset", "VirtualArmState", "VirtualArm", "load_preset", "magnitudes"]

@@ -9,14 +9,14 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.readings.deviations import Errors, errors_of
+from truearm.readings.deviations import PointErrors, point_errors
 from truearm.readings.readings import Readings
 from truearm.terms import directions
 from truearm.virtual.constrained import constrain_geometry
 from truearm.virtual.motions import motions, true_tips
 from truearm.virtual.presets import Preset
 from truearm.virtual.state import (
-    State,
+    VirtualArmState,
     air_temperatures,
     at_rest,
     given_temperatures,
@@ -24,7 +24,7 @@ from truearm.virtual.state import (
     link_temperatures,
     mean_hand_force,
 )
-from truearm.virtual.systematic import ARCSEC, RANDOM, Systematic, draw_systematic
+from truearm.virtual.systematic import ARCSEC, RANDOM, SystematicErrors, draw_systematic_errors
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -45,14 +45,14 @@ class Measurement:
         The angles before noise and quantisation [rad]; the encoders' systematic errors are in them.
     true_tips : (n, 3) array
         Where the tip was, in the base frame [mm].
-    state : State
+    state : VirtualArmState
         Direction of movement, link temperatures and force at each reading.
     """
 
     readings: Readings
     true_angles: FloatArray
     true_tips: FloatArray
-    state: State
+    state: VirtualArmState
 
     def __len__(self) -> int:
         return len(self.true_angles)
@@ -72,7 +72,7 @@ class VirtualArm:
         The drawing.
     preset : Preset
         Magnitudes of errors and noise.
-    systematic : Systematic
+    systematic : SystematicErrors
         The errors drawn for this arm.
     seed : int
         They were drawn from it.
@@ -80,7 +80,7 @@ class VirtualArm:
 
     nominal: Arm
     preset: Preset
-    systematic: Systematic
+    systematic: SystematicErrors
     seed: int
 
     @classmethod
@@ -96,27 +96,27 @@ class VirtualArm:
         if nominal.chain.prismatic.any():
             joint = nominal.joint_names[int(np.argmax(nominal.chain.prismatic))]
             raise InputError(f"a virtual arm has turning joints only, but {joint} of arm {nominal.name!r} slides")
-        systematic = draw_systematic(nominal, preset, seed=_checked_seed(seed))
+        systematic = draw_systematic_errors(nominal, preset, seed=_checked_seed(seed))
         if preset.nominal_mean_mm > 0:
             systematic = constrain_geometry(nominal, systematic, preset, seed=seed)
         return cls(nominal, preset, systematic, seed)
 
-    def true_tip(self, angles: npt.ArrayLike, state: State | None = None) -> FloatArray:
+    def true_tip(self, angles: npt.ArrayLike, state: VirtualArmState | None = None) -> FloatArray:
         """Where the tip is, (n, 3) [mm], at noiseless angles (n, n_joints) [rad]; `state` is `resting` by default."""
         angles = self._checked(angles)
         return true_tips(self.nominal.chain, self.systematic, angles, self._checked_state(state, len(angles)))
 
-    def motions(self, angles: npt.ArrayLike, state: State | None = None) -> FloatArray:
+    def motions(self, angles: npt.ArrayLike, state: VirtualArmState | None = None) -> FloatArray:
         """Give the motions (n, n_places, 6) [rad, mm] that turn the nominal chain into this arm."""
         angles = self._checked(angles)
         return motions(self.nominal.chain, self.systematic, angles, self._checked_state(state, len(angles)))
 
-    def resting(self, n: int) -> State:
+    def resting(self, n: int) -> VirtualArmState:
         """State of n readings with the mean force, at the preset's mean temperature, between the two directions."""
         state = at_rest(self.nominal.chain, n, temperature_degC=self.preset.temperature_degC)
         return state.with_force(mean_hand_force(self.preset))
 
-    def state(self, angles: npt.ArrayLike, *, seed: int, temperature_degC: npt.ArrayLike | None = None) -> State:
+    def state(self, angles: npt.ArrayLike, *, seed: int, temperature_degC: npt.ArrayLike | None = None) -> VirtualArmState:
         """State at each of a sequence of readings, as `measure` with the same seed meets it."""
         return self._session(self._checked(angles), seed, temperature_degC)[1]
 
@@ -168,7 +168,7 @@ class VirtualArm:
             readings = self._referenced(readings, tips, _stream(seed, "reference"))
         return Measurement(readings, angles, tips, state)
 
-    def settle(self, angles: npt.ArrayLike, seat_points: npt.ArrayLike, *, state: State | None = None) -> FloatArray:
+    def settle(self, angles: npt.ArrayLike, seat_points: npt.ArrayLike, *, state: VirtualArmState | None = None) -> FloatArray:
         """Move the joints as little as needed for the true tip to lie in its seat.
 
         Gauss-Newton with the nominal derivatives: they err by less than a per mil, so each step gains three digits.
@@ -180,7 +180,7 @@ class VirtualArm:
             Near the seats [rad].
         seat_points : (n, 3) array
             [mm] in the base frame.
-        state : State, optional
+        state : VirtualArmState, optional
             `resting` by default.
 
         Returns
@@ -202,7 +202,7 @@ class VirtualArm:
             gap = seats - self.true_tip(angles, state)
             if np.abs(gap).max(initial=0.0) < SETTLED_MM:
                 return angles
-            own_axes = self.nominal.chain.small_motions(angles).by_motion[:, 1:-1, 2]
+            own_axes = self.nominal.chain.tip_derivatives(angles).motion_jacobian[:, 1:-1, 2]
             angles += (np.linalg.pinv(own_axes.transpose(0, 2, 1), rcond=1e-6) @ gap[:, :, None])[:, :, 0]
         far = np.linalg.norm(gap, axis=1)
         worst = int(np.argmax(far))
@@ -211,7 +211,7 @@ class VirtualArm:
             hint="a pose whose nominal tip is nearer to the seat, and not with the arm stretched out",
         )
 
-    def noise_floor(self, measurement: Measurement) -> Errors:
+    def noise_floor(self, measurement: Measurement) -> PointErrors:
         """Give what no model can beat: the true function at the measured angles against the reference points.
 
         The true function knows how each joint came and how warm each link was, and takes the mean force.
@@ -227,16 +227,16 @@ class VirtualArm:
                 "the noise floor needs reference points, and these readings have none", hint="reference=True"
             )
         expected = measurement.state.with_force(mean_hand_force(self.preset))
-        return errors_of(self.true_tip(readings.angles, expected), readings.points)
+        return point_errors(self.true_tip(readings.angles, expected), readings.points)
 
-    def nominal_error(self, measurement: Measurement) -> Errors:
+    def nominal_error(self, measurement: Measurement) -> PointErrors:
         """Error of the nominal model at the measured angles against the true tips."""
         tips = self.nominal.chain.tip_in_base(measurement.readings.angles)
-        return errors_of(tips, measurement.true_tips)
+        return point_errors(tips, measurement.true_tips)
 
     def _session(
         self, angles: FloatArray, seed: int, temperature_degC: npt.ArrayLike | None
-    ) -> tuple[FloatArray, State]:
+    ) -> tuple[FloatArray, VirtualArmState]:
         n, chain, preset = len(angles), self.nominal.chain, self.preset
         if n == 0:
             raise InputError("expected at least one pose to measure, got none")
@@ -245,7 +245,7 @@ class VirtualArm:
             air = air_temperatures(n, preset, _stream(seed, "air"))
         else:
             air = given_temperatures(temperature_degC, n)
-        return air, State(
+        return air, VirtualArmState(
             direction=directions(angles),
             link_temperature_degC=link_temperatures(air, self.systematic.lag_s, interval_s=preset.reading_interval_s),
             force_in_flange_N=hand_forces(preset, n, _stream(seed, "force")),
@@ -270,7 +270,7 @@ class VirtualArm:
             raise InputError(f"expected finite angles of shape (n, {self.nominal.n_joints}), got shape {angles.shape}")
         return angles
 
-    def _checked_state(self, state: State | None, n: int) -> State:
+    def _checked_state(self, state: VirtualArmState | None, n: int) -> VirtualArmState:
         if state is None:
             return self.resting(n)
         if len(state) != n:

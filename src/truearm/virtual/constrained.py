@@ -17,7 +17,7 @@ from truearm.errors import InputError
 from truearm.virtual.motions import MotionFunctions
 from truearm.virtual.presets import Preset
 from truearm.virtual.state import at_rest, mean_hand_force
-from truearm.virtual.systematic import Systematic, draw_constants, geometry_stream, gravity_of, masses_of
+from truearm.virtual.systematic import SystematicErrors, draw_constants, geometry_stream, gravity_of, masses_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class _Test:
         return (self.arm.chain.tip_in_base(self.angles, motions) - self.nominal_tips).reshape(-1)
 
 
-def constrain_geometry(arm: Arm, systematic: Systematic, preset: Preset, *, seed: int) -> Systematic:
+def constrain_geometry(arm: Arm, systematic: SystematicErrors, preset: Preset, *, seed: int) -> SystematicErrors:
     """Replace the geometry by the first drawn whose test results are the preset's.
 
     Geometry is drawn again and again from the arm's stream. Scaling a draw settles the mean error; the draw is kept if
@@ -98,8 +98,8 @@ def _test_of(arm: Arm, preset: Preset) -> _Test:
         gravity_in_base=gravity_of(arm),
         cage_ratio=preset.cage_ratio,
     )
-    small = arm.chain.small_motions(angles)
-    by_constant = np.ascontiguousarray(small.by_motion.transpose(1, 2, 0, 3)).reshape(-1, 3 * n)
+    small = arm.chain.tip_derivatives(angles)
+    by_constant = np.ascontiguousarray(small.motion_jacobian.transpose(1, 2, 0, 3)).reshape(-1, 3 * n)
     return _Test(arm, angles, functions, small.tip_in_base, by_constant)
 
 

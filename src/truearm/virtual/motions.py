@@ -12,13 +12,13 @@ import numpy.typing as npt
 from truearm.arm.chain import CHUNK, Chain
 from truearm.arm.masses import LinkMasses
 from truearm.terms import gravity_loads, growth_motions, harmonics
-from truearm.virtual.state import State
-from truearm.virtual.systematic import BEARING_ORDERS, ENCODER_ORDERS, OWN_AXIS, Systematic
+from truearm.virtual.state import VirtualArmState
+from truearm.virtual.systematic import BEARING_ORDERS, ENCODER_ORDERS, OWN_AXIS, SystematicErrors
 
 FloatArray = npt.NDArray[np.float64]
 
 
-def true_tips(chain: Chain, systematic: Systematic, angles: FloatArray, state: State) -> FloatArray:
+def true_tips(chain: Chain, systematic: SystematicErrors, angles: FloatArray, state: VirtualArmState) -> FloatArray:
     """Where the tip of the arm with these errors is, (n, 3) [mm]: the nominal chain with exactly composed motions."""
     tips = np.empty((len(angles), 3))
     for rows in _chunks(len(angles)):
@@ -27,7 +27,7 @@ def true_tips(chain: Chain, systematic: Systematic, angles: FloatArray, state: S
     return tips
 
 
-def motions(chain: Chain, systematic: Systematic, angles: FloatArray, state: State) -> FloatArray:
+def motions(chain: Chain, systematic: SystematicErrors, angles: FloatArray, state: VirtualArmState) -> FloatArray:
     """Motions at every place, (n, n_places, 6) [rad, mm]."""
     functions = MotionFunctions(
         chain=chain,
@@ -52,7 +52,7 @@ class MotionFunctions:
         The drawing.
     angles : (n, n_joints) array
         [rad].
-    state : State
+    state : VirtualArmState
         Of n readings.
     masses : LinkMasses
     gravity_in_base : (3,) array
@@ -63,12 +63,12 @@ class MotionFunctions:
 
     chain: Chain
     angles: FloatArray
-    state: State
+    state: VirtualArmState
     masses: LinkMasses
     gravity_in_base: FloatArray
     cage_ratio: float
 
-    def motions(self, systematic: Systematic) -> FloatArray:
+    def motions(self, systematic: SystematicErrors) -> FloatArray:
         """Motions of an arm, (n, n_places, 6) [rad, mm]. Classes at one place add up before they are composed."""
         out = np.zeros((self.chain.n_places, 6, len(self.angles)))  # by component, as the chain works
         out += systematic.constants[:, :, None]

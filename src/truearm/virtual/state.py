@@ -18,7 +18,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class VirtualArmState:
     """State of an arm at n readings.
 
     Attributes
@@ -41,20 +41,20 @@ class State:
     def __len__(self) -> int:
         return len(self.direction)
 
-    def rows(self, which: slice) -> State:
+    def rows(self, which: slice) -> VirtualArmState:
         """Select the readings that `which` says."""
-        return State(
+        return VirtualArmState(
             self.direction[which], self.link_temperature_degC[which], self.force_in_flange_N[which], self.cage_phase
         )
 
-    def with_force(self, force_in_flange_N: FloatArray) -> State:
+    def with_force(self, force_in_flange_N: FloatArray) -> VirtualArmState:
         """Give the same under another force."""
         return replace(self, force_in_flange_N=np.broadcast_to(force_in_flange_N, self.force_in_flange_N.shape))
 
 
-def at_rest(chain: Chain, n: int, *, temperature_degC: float = REFERENCE_DEGC) -> State:
+def at_rest(chain: Chain, n: int, *, temperature_degC: float = REFERENCE_DEGC) -> VirtualArmState:
     """State of n readings with no force, no direction of movement and links of one temperature."""
-    return State(
+    return VirtualArmState(
         np.zeros((n, chain.n_joints)),
         np.full((n, chain.n_joints + 1), float(temperature_degC)),
         np.zeros((n, 3)),

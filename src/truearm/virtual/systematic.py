@@ -28,7 +28,7 @@ OWN_AXIS = 2  # rotation about z among a motion's six components
 
 
 @dataclass(frozen=True, eq=False)
-class Systematic:
+class SystematicErrors:
     """What is wrong with one arm, as coefficients of the functions in `truearm.terms`.
 
     Attributes
@@ -72,12 +72,12 @@ class Systematic:
     cage: FloatArray
     cage_ratio: float
 
-    def with_constants(self, constants: FloatArray) -> Systematic:
+    def with_constants(self, constants: FloatArray) -> SystematicErrors:
         """Give the same with other geometry."""
         return replace(self, constants=constants)
 
 
-def draw_systematic(arm: Arm, preset: Preset, *, seed: int) -> Systematic:
+def draw_systematic_errors(arm: Arm, preset: Preset, *, seed: int) -> SystematicErrors:
     """Draw an arm's systematic errors. Each class has its own stream, so one class changed leaves the others."""
     chain, n = arm.chain, arm.n_joints
     bearing = np.zeros((n, 2, 2, 6))
@@ -90,7 +90,7 @@ def draw_systematic(arm: Arm, preset: Preset, *, seed: int) -> Systematic:
         )
     masses = masses_of(arm, preset)
     temperature = _stream(seed, "temperature")
-    return Systematic(
+    return SystematicErrors(
         constants=draw_constants(chain, preset, _stream(seed, "geometry")),
         encoder=_encoder(n, preset, _stream(seed, "encoder")),
         bearing=bearing,
