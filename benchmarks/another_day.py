@@ -16,11 +16,11 @@ import numpy as np
 
 from machine import arguments_of, print_json, say_machine, print_table
 from truearm.arm import load_arm
-from truearm.models import KinematicModel, PhysicalModel
-from truearm.models.identified import IdentifiedModel
-from truearm.poses.measuring import measuring_poses
+from truearm.compensation.models import KinematicModel, PhysicalModel
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.readings import Readings
-from truearm.virtual import VirtualArm, load_preset
+from truearm.identification.virtual import VirtualArm, load_preset
 
 DAYS = (1, 2, 4)
 MODELS: dict[str, type[IdentifiedModel]] = {"kinematic": KinematicModel, "physical": PhysicalModel}

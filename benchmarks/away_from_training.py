@@ -16,8 +16,8 @@ from scipy.stats import chi2
 from machine import options_of, print_json, say_machine, print_table
 from truearm import datasets
 from truearm.arm import load_arm
-from truearm.models import KinematicModel, NominalModel, PhysicalModel
-from truearm.models.identified import IdentifiedModel
+from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
+from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.readings import Readings, hold_out
 
 MODELS: dict[str, type[IdentifiedModel]] = {

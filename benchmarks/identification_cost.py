@@ -19,10 +19,10 @@ from growth import peak_bytes
 from identification_row import Row
 from machine import Target
 from truearm.arm import load_arm
-from truearm.identify.identification import identify
-from truearm.identify.problem import PerturbedChain
-from truearm.identify.references import Points
-from truearm.terms import ArmState, Term, candidate_terms
+from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.references import Points
+from truearm.identification.terms import ArmState, Term, candidate_terms
 
 READINGS = (1500, 3000, 6000, 12_000, 24_000)
 JUDGED = 12_000

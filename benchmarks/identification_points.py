@@ -14,7 +14,7 @@ from identification_row import Row, over_splits, three_figures, told
 from machine import Target
 from truearm import datasets
 from truearm.arm import load_arm
-from truearm.models import KinematicModel, NominalModel, PhysicalModel
+from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.readings import Readings, hold_out
 
 FloatArray = npt.NDArray[np.float64]

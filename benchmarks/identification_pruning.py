@@ -18,13 +18,13 @@ from identification_virtual import OTHER, STRATEGY, TEST, TRAIN, measured
 from machine import Target
 from truearm import datasets
 from truearm.arm import Arm, load_arm
-from truearm.identify.alignment import place_base_coarsely
-from truearm.identify.identification import identify
-from truearm.models.relations import references_of, state_of
+from truearm.identification.estimation.alignment import place_base_coarsely
+from truearm.identification.estimation.identification import identify
+from truearm.compensation.models.reading_references import references_of, state_of
 from truearm.readings import Readings, hold_out
 from truearm.readings.lengths import Lengths
 from truearm.readings.seats import seat_errors
-from truearm.terms import Term, candidate_terms, constants
+from truearm.identification.terms import Term, candidate_terms, constants
 
 FloatArray = npt.NDArray[np.float64]
 

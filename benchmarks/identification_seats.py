@@ -13,9 +13,9 @@ from identification_row import Row
 from machine import Target
 from truearm import datasets
 from truearm.arm import load_arm
-from truearm.models import KinematicModel, NominalModel, PhysicalModel
-from truearm.models.identified import IdentifiedModel
-from truearm.models.relations import state_of
+from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.reading_references import state_of
 from truearm.readings import Readings
 from truearm.readings.lengths import Lengths
 from truearm.readings.seats import length_errors, seat_errors

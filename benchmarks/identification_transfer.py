@@ -11,9 +11,9 @@ from identification_row import Row, over_splits, three_figures, told
 from machine import Target
 from truearm import datasets
 from truearm.arm import load_arm
-from truearm.models import KinematicModel, PhysicalModel
-from truearm.models.identified import IdentifiedModel
-from truearm.models.refit import refit
+from truearm.compensation.models import KinematicModel, PhysicalModel
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.refit import refit
 from truearm.readings import Readings
 
 FloatArray = npt.NDArray[np.float64]

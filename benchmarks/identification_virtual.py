@@ -12,12 +12,13 @@ from identification_points import LEVEL, quarters, shares_of, squared_lengths
 from identification_row import Row
 from machine import Target
 from truearm.arm import Arm, chain_from_dh, load_arm
-from truearm.identify.alignment import align
-from truearm.models import KinematicModel, NominalModel, PhysicalModel
-from truearm.poses import STRATEGIES
-from truearm.readings import Readings, point_errors
+from truearm.identification.estimation.alignment import align
+from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
+from truearm.identification.planning.sampling import STRATEGIES
+from truearm.readings import Readings
+from truearm.readings import point_errors
 from truearm.readings.lengths import Lengths
-from truearm.virtual import Measurement, VirtualArm, load_preset
+from truearm.identification.virtual import Measurement, VirtualArm, load_preset
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from machine import Target, options_of, print_json, say_machine, print_table, say_targets, times_of_each
-from truearm.nets.nguyen_widrow import nguyen_widrow
-from truearm.nets.normal_equations import GROUPS, FitProblem
-from truearm.nets.perceptron import Perceptron
+from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
+from truearm.compensation.nets.normal_equations import GROUPS, FitProblem
+from truearm.compensation.nets.perceptron import Perceptron
 from truearm.solve.arrays import add_product
 from truearm.solve.threads import cores, one_blas_thread
 

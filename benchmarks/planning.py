@@ -2,7 +2,7 @@
 
     python benchmarks/planning.py [--draws 2] [--figure FILE.png] [--json]
 
-For every number of poses the plans are made once for each arm as drawn (`truearm.plan`, terms physical). Arms with the
+For every number of poses the plans are made once for each arm as drawn (`truearm.identification.planning`, terms physical). Arms with the
 errors of the preset research are then measured at these poses, a physical model is identified, and its points at poses
 spread over the volume are compared with the true ones, after the frame is fitted. Tracker: points with noise, base and
 tip free. Bar: tips in its two seats, at places in turn, and its length; no point is ever seen.
@@ -19,13 +19,13 @@ import numpy.typing as npt
 
 from machine import arguments_of, print_json, say_machine, print_table
 from truearm.arm import load_arm
-from truearm.models import KinematicModel, PhysicalModel
-from truearm.plan.known import nominal_prior
-from truearm.plan.proposal import LENGTH_U_MM, STRATEGIES, Artefact, CalibrationPlan, propose
-from truearm.plan.template import bars
+from truearm.compensation.models import KinematicModel, PhysicalModel
+from truearm.identification.planning.prior import nominal_prior
+from truearm.identification.planning.proposal import LENGTH_U_MM, STRATEGIES, Artefact, CalibrationPlan, propose
+from truearm.identification.planning.template import bars
 from truearm.readings import Lengths
-from truearm.report.canvas import Figure, figure_style, set_log_scale, make_panel, save_png, styles_of
-from truearm.virtual import VirtualArm, load_preset
+from truearm.pages.plotting import Figure, figure_style, set_log_scale, make_panel, save_png, styles_of
+from truearm.identification.virtual import VirtualArm, load_preset
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -25,9 +25,9 @@ import numpy as np
 
 from machine import Target, Times, arguments_of, print_json, say_machine, say_targets, times_of
 from truearm.arm import Chain, chain_from_mdh
-from truearm.identify.identification import IdentificationResult, identify
-from truearm.identify.references import Points
-from truearm.terms import ArmState, Constant, Term
+from truearm.identification.estimation.identification import IdentificationResult, identify
+from truearm.identification.estimation.references import Points
+from truearm.identification.terms import ArmState, Constant, Term
 
 # The table of pybotics' predefined UR10: alpha [rad], a [mm], theta [rad], d [mm].
 UR10_MDH = np.array(

@@ -32,13 +32,13 @@ from scipy.stats import chi2
 
 from machine import Target, arguments_of, print_json, say_machine, print_table, say_targets, times_of_each
 from truearm.arm import Chain, load_arm
-from truearm.identify.identification import IdentificationResult, identify
-from truearm.identify.poses import LEVER_MM, Orientations
-from truearm.identify.problem import PerturbedChain, SmallMotionProblem
-from truearm.identify.references import Points, Reference
-from truearm.plan.observability import rank_and_gap
-from truearm.terms import ArmState, Term, constants
-from truearm.terms.catalogue import tool_rotation
+from truearm.identification.estimation.identification import IdentificationResult, identify
+from truearm.identification.estimation.orientations import LEVER_MM, Orientations
+from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
+from truearm.identification.estimation.references import Points, Reference
+from truearm.identification.planning.observability import rank_and_gap
+from truearm.identification.terms import ArmState, Term, constants
+from truearm.identification.terms.catalogue import tool_rotation
 
 ANGLE_STD, LENGTH_STD = 1e-3, 0.5  # rad, mm; of every component of every joint
 POINT_NOISE, TURN_NOISE = 0.02, 2e-5  # mm, rad

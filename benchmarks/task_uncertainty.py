@@ -4,7 +4,7 @@
         [--jobs 2] [--json]
 
 Each virtual arm is measured at random poses of a person, with a reference point at each, on one day or several (see
-another_day.py), and identified. The model then states the uncertainty (`truearm.tasks`, 1000 drawn arms) of lengths of
+another_day.py), and identified. The model then states the uncertainty (`truearm.verification.tasks`, 1000 drawn arms) of lengths of
 two points, 50 mm and 1 m, of a length of forty points, a ball, a plate that lies and one that faces the arm; no
 repeatability is given. On a day of its own the virtual arm measures each in 40 ways of holding it, at the mean
 temperature of its readings, and its model, which is not told from which side its joints came, compensates. Counted is
@@ -26,14 +26,14 @@ import numpy.typing as npt
 from another_day import taken
 from machine import Target, arguments_of, print_json, say_machine, print_table, say_targets
 from truearm.arm import load_arm
-from truearm.models import MODELS
-from truearm.models.compensator import Compensator
-from truearm.models.identified import IdentifiedModel
-from truearm.tasks.errors import PosteriorDistribution
-from truearm.tasks.features import UP, Feature, length_at, plane, sphere
-from truearm.tasks.postures import feature_postures, middle_of
-from truearm.tasks.task import N_POSTURES, simulate_measurements
-from truearm.virtual import VirtualArm, load_preset
+from truearm.compensation.models import MODELS
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.verification.tasks.sampled_arms import PosteriorDistribution
+from truearm.verification.tasks.features import UP, Feature, length_at, plane, sphere
+from truearm.verification.tasks.feature_postures import feature_postures, middle_of
+from truearm.verification.tasks.task import N_POSTURES, simulate_measurements
+from truearm.identification.virtual import VirtualArm, load_preset
 
 FloatArray = npt.NDArray[np.float64]
 

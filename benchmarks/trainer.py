@@ -33,13 +33,13 @@ import growth
 from machine import Target, arguments_of, print_json, say_machine, print_table, say_targets
 from network_epoch import dense_jacobian
 from time_to_error import Curve, Task, Watch
-from truearm.nets.lm import train_varpro
-from truearm.nets.nguyen_widrow import nguyen_widrow
-from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import Perceptron
-from truearm.nets.scaling import MinMaxScaler
-from truearm.nets.trainlm import trainlm
-from truearm.papers.gao2017_training import EVALUATION_STREAM, TRAINING_STREAM, Source
+from truearm.compensation.nets.train_varpro import train_varpro
+from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
+from truearm.compensation.nets.normal_equations import FitProblem
+from truearm.compensation.nets.perceptron import Perceptron
+from truearm.compensation.nets.scaling import MinMaxScaler
+from truearm.compensation.nets.trainlm import trainlm
+from truearm.papers.gao2017.training import EVALUATION_STREAM, TRAINING_STREAM, Source
 from truearm.solve import MarquardtDamping, DampingLimit, NormalEquations, levenberg_marquardt
 
 OURS = "truearm lm"

@@ -15,8 +15,10 @@ from dataclasses import asdict
 from machine import Target, options_of, print_json, say_machine, print_table, say_targets, times_of
 from truearm import datasets
 from truearm.arm import load_arm
-from truearm.models import KinematicModel, NominalModel
-from truearm.readings import Readings, point_errors, hold_out
+from truearm.compensation.models import KinematicModel, NominalModel
+from truearm.readings import Readings
+from truearm.readings import point_errors
+from truearm.readings import hold_out
 
 SPLITS = {"ur10-a": "position", "ur10-b": "position", "ur5": "row", "wam": "row"}
 MODELS = {"nominal": NominalModel, "kinematic": KinematicModel}

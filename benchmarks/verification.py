@@ -15,15 +15,15 @@ import numpy as np
 
 from machine import Target, options_of, print_json, say_machine, print_table, say_targets, times_of_each
 from truearm.arm.catalogue import load_arm
-from truearm.tasks.errors import PresetDistribution
-from truearm.tasks.standard_test import pose, simulate_verification
-from truearm.verify.circumscribed import circumscribed_sphere
-from truearm.verify.cylinder import fit_cylinder
-from truearm.verify.example import example_artefacts, example_specification
-from truearm.verify.layout import lay_out_tests
-from truearm.verify.sphere import fit_sphere
-from truearm.verify.test_plan import load_verification_plan
-from truearm.virtual import load_preset
+from truearm.verification.tasks.sampled_arms import PresetDistribution
+from truearm.verification.tasks.simulated_verification import pose, simulate_verification
+from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
+from truearm.verification.shapes.cylinder import fit_cylinder
+from truearm.verification.standards.example_artefacts import example_artefacts, example_specification
+from truearm.verification.standards.layout import lay_out_tests
+from truearm.verification.shapes.sphere import fit_sphere
+from truearm.verification.standards.verification_plan import load_verification_plan
+from truearm.identification.virtual import load_preset
 
 NOISE = 0.01  # mm
 RANGE, ARMS, PRESETS = 2500.0, 100, ("shop", "research")

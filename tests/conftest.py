@@ -22,4 +22,4 @@ def rng() -> np.random.Generator:
 @pytest.fixture(autouse=True)
 def _dates_of_tests_have_come(monkeypatch: pytest.MonkeyPatch) -> None:
     """A day on which the made-up points have been measured, whatever the clock of this machine shows."""
-    monkeypatch.setattr("truearm.verify.dates.now", lambda: datetime.datetime(2026, 12, 1, 12, 0))
+    monkeypatch.setattr("truearm.verification.standards.dates.now", lambda: datetime.datetime(2026, 12, 1, 12, 0))

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.arm import Arm, Chain, LinkMasses, chain_from_dh, chain_from_mdh, load_arm, arm_names, read_arm, write_arm
-from truearm.arm.frames import frame_from_xyz_rpy
+from truearm.arm.transforms import frame_from_xyz_rpy
 from truearm.errors import InputError
-from truearm.terms import gravity_torques, uniform_links
+from truearm.identification.terms import gravity_torques, uniform_links
 
 GOOD = """
 name = "two"

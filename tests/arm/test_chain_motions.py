@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
-from truearm.arm.motions import exponential_derivative, apply_motions, rotations_and_jacobians
+from truearm.arm.rigid_motions import exponential_derivative, apply_motions, rotations_and_jacobians
 
 # Rounding of a dozen products of numbers up to some thousand mm: 1e-12 mm; three orders above it.
 ROUNDING_MM = 1e-9

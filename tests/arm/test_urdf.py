@@ -8,7 +8,7 @@ import pytest
 from truearm.arm import Arm, Chain, load_arm, arm_names, read_urdf, write_urdf
 from truearm.arm.urdf import MAX_BYTES
 from truearm.errors import InputError
-from truearm.terms import gravity_loads, uniform_links
+from truearm.identification.terms import gravity_loads, uniform_links
 
 JOINT = '<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{more}</joint>'
 

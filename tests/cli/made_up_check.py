@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from truearm.arm import load_arm
-from truearm.models import KinematicModel
-from truearm.models.file import save_model
-from truearm.plan.candidates import bar_places
-from truearm.poses import measuring_poses, seat
+from truearm.compensation.models import KinematicModel
+from truearm.compensation.models.model_file import save_model
+from truearm.identification.planning.candidates import bar_places
+from truearm.identification.planning.sampling import measuring_poses
+from truearm.identification.planning.sampling import seat
 from truearm.readings import Readings, write_session
-from truearm.virtual import VirtualArm, load_preset
+from truearm.identification.virtual import VirtualArm, load_preset
 
 ARM, BAR_MM, SPHERE_MM = "measuring7", 600.0, 25.0
 ELBOW = 3  # the joint whose zero creeps, counted from 0

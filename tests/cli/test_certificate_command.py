@@ -12,8 +12,8 @@ import pytest
 from made_up_certificate import ABOUT
 from made_up_verification import ARTEFACTS, MPE, Made
 
-from truearm.export.dcc import read_dcc
-from truearm.verify.test_plan import plan_text
+from truearm.verification.certificate.dcc import read_dcc
+from truearm.verification.standards.verification_plan import plan_text
 
 OPTIONS = ["--plan", "iso10360-12", "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml"]
 ALL = ["certificate", *OPTIONS, "--about", "about.toml", "--out", "certificate.xml", "--html", "certificate.html"]
@@ -107,7 +107,7 @@ def test_no_certificate_of_a_value_without_uncertainty(truearm, bench, snapshot)
 
 
 def test_a_file_that_changes_meanwhile_is_noticed(truearm, bench, snapshot, monkeypatch):
-    from truearm.verify import verification
+    from truearm.verification.standards import verification
 
     def meanwhile(*given, **named):
         Path("mpe.toml").write_text(MPE + "\n")

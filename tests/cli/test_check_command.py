@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from made_up_check import ARM, LENGTHS, session, virtual, write_days, write_model
 
-from truearm.models import KinematicModel
-from truearm.models.compensator import fingerprint
-from truearm.models.file import load_model, save_model
+from truearm.compensation.models import KinematicModel
+from truearm.compensation.models.compensator import fingerprint
+from truearm.compensation.models.model_file import load_model, save_model
 from truearm.readings import Readings, read_lengths, read_session, write_session
-from truearm.verify import history as truearm_history
-from truearm.verify.history import History
-from truearm.verify.interim import InterimCheck, RecalibrationAdvice, assess, interim_values
+from truearm.verification import history as truearm_history
+from truearm.verification.monitor.history import History
+from truearm.verification.monitor.interim import InterimCheck, RecalibrationAdvice, assess, interim_values
 
 PAGE = Path(__file__).parents[2] / "docs" / "interim-check.md"
 TYPED = (1, 10, 11, 18, 26)
@@ -338,7 +338,7 @@ def test_the_page_has_the_charts_and_the_answer(folder):
     assert html.count("<svg") == 7  # six charts and the temperature
 
 
-@pytest.mark.parametrize("where", ["truearm.verify.history._insert", "truearm.verify.history._create"])
+@pytest.mark.parametrize("where", ["truearm.verification.monitor.history._insert", "truearm.verification.monitor.history._create"])
 def test_a_check_that_is_interrupted_is_not_added(truearm, folder, snapshot, monkeypatch, where):
     """While it is written, or while its history is made."""
     if where.endswith("_create"):

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from truearm.models import MODELS
-from truearm.models.file import load_model
+from truearm.compensation.models import MODELS
+from truearm.compensation.models.model_file import load_model
 
 LENGTHS = "seat_a,seat_b,length_mm,u_mm\n"
 STILL = "seat_a,seat_b,length_mm,u_mm,expansion_per_K,u_expansion_per_K\n"
@@ -80,7 +80,7 @@ def test_seats_and_lengths_alone(truearm, shop, tmp_path):
     assert model.free_ == ("tip",)
     points = table[["x_mm", "y_mm", "z_mm"]].to_numpy()
     found = model.predict(np.radians(table[[f"q{i}_deg" for i in range(1, 7)]].to_numpy()))
-    from truearm.identify.alignment import align
+    from truearm.identification.estimation.alignment import align
 
     T = align(found, points)
     off = np.linalg.norm(found @ T[:3, :3].T + T[:3, 3] - points, axis=1)

@@ -104,7 +104,7 @@ def test_an_interrupted_fit_leaves_what_was_there_and_keeps_the_training(slow_fi
 
 def test_the_same_command_goes_on_to_the_same_model(made, tmp_path):
     """Stopped in the second of two trainings; the other model was fitted in one go."""
-    from truearm.models.file import load_model
+    from truearm.compensation.models.model_file import load_model
 
     arguments = ["fit", made / "train.csv", "--arm", "gao2017", "--model", "network", "--hidden", "12", "--members", 2]
     arguments += ["--trainer", "traingd", "--epochs", 2000, "--validation", 0]

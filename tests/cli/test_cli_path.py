@@ -12,7 +12,7 @@ import pytest
 
 from truearm import __version__
 from truearm.cli.main import VERBS
-from truearm.models.file import load_model
+from truearm.compensation.models.model_file import load_model
 from truearm.readings import read_session
 
 ERROR_KEYS = {
@@ -222,7 +222,7 @@ def test_fit_tells_of_every_networks_training(truearm, made, tmp_path):
 
 
 def test_fit_offers_the_models_trainers(truearm):
-    from truearm.models.network import TRAINERS
+    from truearm.compensation.models.network import TRAINERS
 
     assert "|".join(TRAINERS) in truearm("fit", "--help").out
 
@@ -322,7 +322,7 @@ def test_a_real_arm_goes_the_whole_path(truearm, tmp_path):
 
 def test_the_demo_writes_a_page_and_a_summary(truearm, tmp_path, monkeypatch):
     """The demo with a small network: seconds, where --quick takes ten."""
-    from truearm.papers import gao2017_experiment
+    from truearm.papers.gao2017.experiment import experiment as gao2017_experiment
 
     monkeypatch.setattr(gao2017_experiment, "QUICK_SETTINGS", gao2017_experiment.Settings(n_train=300, n_test=50, hidden=(8,), epochs=15))
     out = tmp_path / "new" / "demo"
@@ -353,7 +353,7 @@ def test_the_demo_writes_a_page_and_a_summary(truearm, tmp_path, monkeypatch):
 def test_the_identified_arm_is_shown_and_written(truearm, made, tmp_path):
     """The constants that a kinematic model found, and a URDF of them that predicts as the model does."""
     from truearm.arm import read_urdf
-    from truearm.models.file import load_model
+    from truearm.compensation.models.model_file import load_model
     from truearm.readings import read_session
 
     model = load_model(made / "kinematic.truearm")
@@ -424,5 +424,5 @@ def test_import_refuses_encodings_that_are_not_of_text(truearm, made, tmp_path):
 def test_a_fit_that_has_not_settled_says_so(truearm, made, tmp_path, monkeypatch):
     arguments = ["fit", made / "train.csv", "--arm", "gao2017", "--model", "kinematic", "--out", tmp_path / "m.truearm"]
     assert "has not settled" not in truearm(*arguments).out
-    monkeypatch.setattr("truearm.identify.identification.MOST_ROUNDS", 1)
+    monkeypatch.setattr("truearm.identification.estimation.identification.MOST_ROUNDS", 1)
     assert "has not settled" in truearm(*arguments).out

@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 
 from truearm.arm import load_arm
-from truearm.models import PhysicalModel
-from truearm.models.file import save_model
+from truearm.compensation.models import PhysicalModel
+from truearm.compensation.models.model_file import save_model
 from truearm.readings import write_session
-from truearm.virtual import PRESETS, VirtualArm
+from truearm.identification.virtual import PRESETS, VirtualArm
 
 SAYS = "Not given at all readings, taken at the mean, which is in the uncertainty: directions of movement (0."
 

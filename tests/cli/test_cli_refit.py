@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truearm.models.file import load_model
-from truearm.models.refit import used_in_refit
+from truearm.compensation.models.model_file import load_model
+from truearm.compensation.models.refit import used_in_refit
 from truearm.readings import read_session
 
 

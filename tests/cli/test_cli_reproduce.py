@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from truearm.papers import gao2017_training_plan
-from truearm.papers.gao2017_tables import TABLES
+from truearm.papers.gao2017.experiment import training_plan as gao2017_training_plan
+from truearm.papers.gao2017.tables import TABLES
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_a_table_is_printed_and_written_with_its_page(truearm, small, tmp_path):
 def test_a_second_run_says_the_same_and_trains_nothing(truearm, small, tmp_path, monkeypatch):
     arguments = ["reproduce", "gao2017", "--table", 4, "--out", tmp_path]
     first = truearm(*arguments)
-    monkeypatch.setattr("truearm.papers.gao2017_training._train", None)  # called, it would fail
+    monkeypatch.setattr("truearm.papers.gao2017.training._train", None)  # called, it would fail
     assert truearm(*arguments) == first
     said = first.out
     assert "Final test: 200 further poses" in said
@@ -75,7 +75,7 @@ def test_a_figure_is_drawn(truearm, tmp_path, number):
 
 
 def test_stopped_it_says_that_it_goes_on(truearm, small, tmp_path, monkeypatch):
-    from truearm.papers import gao2017_training
+    from truearm.papers.gao2017.experiment import training as gao2017_training
 
     calls, train = [], gao2017_training._train
 

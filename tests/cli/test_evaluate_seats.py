@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from truearm.arm import load_arm
-from truearm.models import KinematicModel, NominalModel
-from truearm.models.file import save_model
+from truearm.compensation.models import KinematicModel, NominalModel
+from truearm.compensation.models.model_file import save_model
 from truearm.readings import Readings, seat_errors, write_session
 
 POINT_KEYS = {

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from made_up_verification import ARTEFACTS, MPE, Made
 
-from truearm.verify.measured import KEY_COLUMNS, REQUIRED_COLUMNS, OPTIONAL_COLUMNS, SIZE_TESTS
-from truearm.verify.test_plan import plan_text
+from truearm.verification.standards.measured_points import KEY_COLUMNS, REQUIRED_COLUMNS, OPTIONAL_COLUMNS, SIZE_TESTS
+from truearm.verification.standards.verification_plan import plan_text
 
 PAGE = Path(__file__).parents[2] / "docs" / "verification.md"
 

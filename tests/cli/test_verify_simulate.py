@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from made_up_verification import ARTEFACTS, MPE
 
-from truearm.verify.test_plan import PLANS, plan_text
+from truearm.verification.standards.verification_plan import PLANS, plan_text
 
 PAGE = Path(__file__).parents[2] / "docs" / "verification.md"
 

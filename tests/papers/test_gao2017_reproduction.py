@@ -12,13 +12,13 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.errors import InputError
-from truearm.papers.gao2017_final_test import poses_outside
-from truearm.papers.gao2017_plan import BOX_FITTING_ROWS, FULL_EFFORT, PARTS, QUICK_EFFORT, plan_trainings, training_of, trainings
-from truearm.papers.gao2017_reproduction import USED_TO_FIX_BOX, GOAL_MET, _same, reproduce, verdict
-from truearm.papers.gao2017_tables import TABLES
-from truearm.papers.gao2017_training import TEST_STREAM, machine_data, run_training
-from truearm.report import phrases
-from truearm.report.reproduced import read_reproduction
+from truearm.papers.gao2017.final_test import poses_outside
+from truearm.papers.gao2017.training_plan import BOX_FITTING_ROWS, FULL_EFFORT, PARTS, QUICK_EFFORT, plan_trainings, training_of, trainings
+from truearm.papers.gao2017.reproduction import USED_TO_FIX_BOX, GOAL_MET, _same, reproduce, verdict
+from truearm.papers.gao2017.tables import TABLES
+from truearm.papers.gao2017.training import TEST_STREAM, machine_data, run_training
+from truearm.pages import phrases
+from truearm.papers.gao2017.reproduction_file import read_reproduction
 
 # Rows of the paper that show what is special: shared trainings, other activations, gradient descent.
 ROWS = {2: (1, 6, 8, 15), 3: (6, 9, 11, 12), 4: (4,)}
@@ -382,7 +382,7 @@ def test_half_a_file_and_one_that_is_too_large_are_refused(tmp_path, monkeypatch
     with pytest.raises(InputError, match="delete it"):
         run_training(training, tmp_path, lambda share, note: None)
     file.write_text(text)
-    monkeypatch.setattr("truearm.papers.gao2017_training.LARGEST_FILE", 100)
+    monkeypatch.setattr("truearm.papers.gao2017.training.LARGEST_FILE", 100)
     with pytest.raises(InputError, match="at most 100 bytes"):
         run_training(training, tmp_path, lambda share, note: None)
     file.unlink()
@@ -394,7 +394,7 @@ def test_half_a_file_and_one_that_is_too_large_are_refused(tmp_path, monkeypatch
 def test_a_training_of_another_recipe_is_another_training(monkeypatch):
     training = training_of(2, TABLES[2][0], "ours", EFFORT, seed=0)
     name = training.name
-    monkeypatch.setattr("truearm.papers.gao2017_training.RECIPE", 2)
+    monkeypatch.setattr("truearm.papers.gao2017.training.RECIPE", 2)
     assert training.name != name
 
 
@@ -426,8 +426,8 @@ def test_tests_on_further_poses_do_not_count_as_training_time(tmp_path, monkeypa
     def tell(share, note):
         clock[0] += 100
 
-    monkeypatch.setattr("truearm.papers.gao2017_training.perf_counter", lambda: clock[0])
-    monkeypatch.setattr("truearm.papers.gao2017_training._run", run)
+    monkeypatch.setattr("truearm.papers.gao2017.training.perf_counter", lambda: clock[0])
+    monkeypatch.setattr("truearm.papers.gao2017.training._run", run)
     # Levels that are reached at once, and never.
     training = replace(training_of(2, TABLES[2][0], "ours", EFFORT, seed=0), levels_mm=(1e-9, 1e9))
     done = run_training(training, tmp_path, tell)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
-from truearm.arm.conventions import chain_from_dh
-from truearm.papers.gao2017 import PAPER_NETWORK_MM, PAPER_NOMINAL_MM
-from truearm.papers.gao2017_tables import FINAL_TEST, N_TEST, TABLE_1, TABLES, TIP_MM
+from truearm.arm.denavit_hartenberg import chain_from_dh
+from truearm.papers.gao2017.experiment import PAPER_NETWORK_MM, PAPER_NOMINAL_MM
+from truearm.papers.gao2017.tables import FINAL_TEST, N_TEST, TABLE_1, TABLES, TIP_MM
 
 
 @pytest.mark.parametrize(

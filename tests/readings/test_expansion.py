@@ -7,7 +7,7 @@ import pytest
 
 from truearm.errors import InputError
 from truearm.readings import Lengths, length_errors
-from truearm.readings.expansion import ARTEFACT_U_K, UNSTATED_U_K, at_measured_temperature, thermal_expansion_at, thermal_expansion_of
+from truearm.readings.thermal_expansion import ARTEFACT_U_K, UNSTATED_U_K, at_measured_temperature, thermal_expansion_at, thermal_expansion_of
 
 SEAT = np.array(["a", "a", "b", "c", "d"])
 DEGC = np.array([24.0, 26.0, 27.0, 18.0, 20.0])  # 25 degC in a, 27 in b; 18 in c, 20 in d

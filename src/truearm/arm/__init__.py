@@ -3,9 +3,9 @@
 from truearm.arm.arm import Arm
 from truearm.arm.catalogue import resolve_arm, load_arm, arm_names
 from truearm.arm.chain import Chain, Pose, TipDerivatives, exponential_derivative
-from truearm.arm.conventions import DHTable, chain_from_dh, chain_from_mdh, dh_table, mdh_table
-from truearm.arm.files import read_arm, write_arm
-from truearm.arm.inverse import InverseKinematicsResult, solve_inverse_kinematics
+from truearm.arm.denavit_hartenberg import DHTable, chain_from_dh, chain_from_mdh, dh_table, mdh_table
+from truearm.arm.arm_files import read_arm, write_arm
+from truearm.arm.inverse_kinematics import InverseKinematicsResult, solve_inverse_kinematics
 from truearm.arm.masses import LinkMasses
 from truearm.arm.urdf import read_urdf, write_urdf
 

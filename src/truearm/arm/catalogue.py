@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 
 from truearm.arm.arm import Arm
-from truearm.arm.files import read_arm
+from truearm.arm.arm_files import read_arm
 from truearm.errors import InputError
 
 _SUFFIXES = (".toml", ".urdf")

@@ -28,8 +28,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.motions import exponential_derivative as exponential_derivative
-from truearm.arm.motions import apply_motions, rotations_and_jacobians
+from truearm.arm.rigid_motions import exponential_derivative as exponential_derivative
+from truearm.arm.rigid_motions import apply_motions, rotations_and_jacobians
 from truearm.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]

@@ -15,13 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
-from truearm.arm.bounded import read_limited
+from truearm.files.file_reading import read_limited
 from truearm.arm.chain import Chain
-from truearm.arm.documents import Element, attribute, child, children, float_attribute, parse_xml
-from truearm.arm.frames import FloatArray, frame_from_xyz_rpy, rotation_from_z_to, xyz_rpy_from_frame
+from truearm.files.xml_reader import Element, attribute, child, children, float_attribute, parse_xml
+from truearm.arm.transforms import FloatArray, frame_from_xyz_rpy, rotation_from_z_to, xyz_rpy_from_frame
 from truearm.arm.masses import PointMass, combine_point_masses
 from truearm.errors import InputError
-from truearm.writing import atomic_file
+from truearm.files.atomic_write import atomic_file
 
 MAX_BYTES = 5_000_000
 MM_PER_M = 1000.0

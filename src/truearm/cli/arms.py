@@ -61,9 +61,9 @@ def _identified(path: Path) -> Arm:
     from dataclasses import replace
 
     from truearm.errors import InputError
-    from truearm.models import NetworkModel
-    from truearm.models.file import load_model
-    from truearm.models.identified import IdentifiedModel
+    from truearm.compensation.models import NetworkModel
+    from truearm.compensation.models.model_file import load_model
+    from truearm.compensation.models.identified_model import IdentifiedModel
 
     model = load_model(path)
     if isinstance(model, NetworkModel):
@@ -86,7 +86,7 @@ def _facts(arm: Arm, convention: Literal["dh", "mdh"]) -> dict[str, Any]:
     import numpy as np
 
     from truearm.arm import dh_table, mdh_table
-    from truearm.arm.frames import xyz_rpy_from_frame
+    from truearm.arm.transforms import xyz_rpy_from_frame
     from truearm.errors import InputError
 
     frames = [xyz_rpy_from_frame(frame) for frame in arm.chain.fixed]

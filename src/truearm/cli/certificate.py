@@ -11,7 +11,7 @@ import typer
 from truearm.cli.console import check_output_is_not_input, check_page_path, print_line
 
 if TYPE_CHECKING:
-    from truearm.verify.decision import DecisionRule
+    from truearm.verification.standards.decision import DecisionRule
 
 
 def certificate(
@@ -36,9 +36,9 @@ def certificate(
     paper.
     """
     from truearm.errors import InputError
-    from truearm.export.about import read_administrative_data
-    from truearm.export.about import template as template_text
-    from truearm.writing import check_writable, atomic_file
+    from truearm.verification.certificate.administrative_data import read_administrative_data
+    from truearm.verification.certificate.administrative_data import template as template_text
+    from truearm.files.atomic_write import check_writable, atomic_file
 
     if template:
         print_line(template_text().rstrip("\n"))
@@ -64,16 +64,16 @@ def certificate(
         check_page_path(html, *inputs, out)
 
     from truearm.cli.verify import digests, facts, files_of
-    from truearm.export.certificate import administrative_sections, make_certificate, check_uncertainties
-    from truearm.export.dcc import write_dcc
-    from truearm.report.html import write_page
-    from truearm.report.verification import certificate_page, describe_decision, describe_rule
-    from truearm.verify.artefacts import read_artefacts
-    from truearm.verify.limits import read_specification
-    from truearm.verify.measured import read_points
-    from truearm.verify.outcome import VerificationRecord
-    from truearm.verify.test_plan import load_verification_plan
-    from truearm.verify.verification import verify
+    from truearm.verification.certificate.certificate import administrative_sections, make_certificate, check_uncertainties
+    from truearm.verification.certificate.dcc import write_dcc
+    from truearm.pages.html import write_page
+    from truearm.verification.standards.verification_page import certificate_page, describe_decision, describe_rule
+    from truearm.verification.standards.artefacts import read_artefacts
+    from truearm.verification.standards.specification import read_specification
+    from truearm.verification.standards.measured_points import read_points
+    from truearm.verification.standards.verification_record import VerificationRecord
+    from truearm.verification.standards.verification_plan import load_verification_plan
+    from truearm.verification.standards.verification import verify
 
     files = files_of(plan, *inputs[1:])
     known = digests(files)

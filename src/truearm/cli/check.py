@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     import datetime
     from collections.abc import Sequence
 
-    from truearm.models import Compensator
-    from truearm.models.compensator import BoolArray
+    from truearm.compensation.models import Compensator
+    from truearm.compensation.models.compensator import BoolArray
     from truearm.readings import Lengths, Readings
-    from truearm.verify.history import OtherModel
-    from truearm.verify.interim import Assessment, InterimCheck, Trend, CheckValue
+    from truearm.verification.monitor.history import OtherModel
+    from truearm.verification.monitor.interim import Assessment, InterimCheck, Trend, CheckValue
 
 CODES = {"no": 0, "yes": 1, "check once more": 3, "not enough checks yet": 3}
 
@@ -63,10 +63,10 @@ def check(
     comes with more, such as --lengths. Exit code 0: no need; 1: recalibrate; 3: check once more, or not enough checks
     to say.
     """
-    from truearm.models.compensator import fingerprint
-    from truearm.verify.history import History
-    from truearm.verify.interim import InterimCheck, assess
-    from truearm.verify.limits import read_specification
+    from truearm.compensation.models.compensator import fingerprint
+    from truearm.verification.monitor.history import History
+    from truearm.verification.monitor.interim import InterimCheck, assess
+    from truearm.verification.standards.specification import read_specification
 
     files = [model, session, *(path for path in (lengths, mpe) if path is not None)]
     check_output_is_not_input(history, *files)
@@ -88,8 +88,8 @@ def check(
         completed = added and len(checks) == n_before
         changed = _of_other_models(before, checks)
         if report is not None:
-            from truearm.report.drift import drift_page
-            from truearm.report.html import write_page
+            from truearm.verification.monitor.interim_check_page import drift_page
+            from truearm.pages.html import write_page
 
             facts = _facts(fitted, model, history)
             write_page(drift_page(checks, found, arm=name, remarks=changed, facts=facts), report)
@@ -109,7 +109,7 @@ def check(
 
 def _same(checks: Sequence[InterimCheck], new: InterimCheck) -> str:
     """Which check a session already is."""
-    from truearm.verify.interim import format_date
+    from truearm.verification.monitor.interim import format_date
 
     number = [one.session for one in checks].index(new.session)
     return f"this session is check {number + 1} of {format_date(checks[number].date)} in the history already"
@@ -149,7 +149,7 @@ def _values(fitted: Compensator, readings: Readings, lengths: Path | None) -> tu
     from truearm.cli.fit import lengths_of
     from truearm.errors import InputError
     from truearm.readings import check_sessions
-    from truearm.verify.interim import interim_values
+    from truearm.verification.monitor.interim import interim_values
 
     known = None if lengths is None else lengths_of(lengths, readings)
     _note_lone(readings, known)
@@ -187,7 +187,7 @@ def _date(given: str | None) -> datetime.datetime:
     import datetime
 
     from truearm.errors import InputError
-    from truearm.verify.days import check_past, now
+    from truearm.verification.standards.dates import check_past, now
 
     if given is None:
         return now()
@@ -203,7 +203,7 @@ def _date(given: str | None) -> datetime.datetime:
 
 def _gone(retired: list[str], checks: tuple[InterimCheck, ...], others: tuple[OtherModel, ...]) -> list[str]:
     """Artefacts that are retired, but for those that only checks of other models have: retired before this one."""
-    from truearm.verify.interim import has_measured
+    from truearm.verification.monitor.interim import has_measured
 
     elsewhere = [check for one in others for check in one.checks]
     return [name for name in retired if has_measured(name, checks) or not has_measured(name, elsewhere)]
@@ -211,7 +211,7 @@ def _gone(retired: list[str], checks: tuple[InterimCheck, ...], others: tuple[Ot
 
 def _of_other_models(others: list[tuple[OtherModel, Assessment]], checks: tuple[InterimCheck, ...]) -> list[str]:
     """What other models' checks say, while this one is new or after checks with another one."""
-    from truearm.verify.control_chart import MIN_BASELINE_CHECKS
+    from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS
 
     if not others or (len(checks) > MIN_BASELINE_CHECKS and checks[-2].date > others[0][0].checks[-1].date):
         return []
@@ -219,13 +219,13 @@ def _of_other_models(others: list[tuple[OtherModel, Assessment]], checks: tuple[
 
 
 def _when(one: InterimCheck) -> str:
-    from truearm.verify.interim import format_date
+    from truearm.verification.monitor.interim import format_date
 
     return format_date(one.date)
 
 
 def _tell(checks: tuple[InterimCheck, ...], found: Assessment, changed: list[str], *, model: Path, outside: BoolArray) -> None:
-    from truearm.verify.interim import describe_assessment
+    from truearm.verification.monitor.interim import describe_assessment
 
     last = checks[-1]
     warm = "" if last.temperature_degC is None else f", {last.temperature_degC:.1f} degC"
@@ -274,7 +274,7 @@ def _cells(trend: Trend) -> list[str]:
 
 
 def _for_machines(checks: tuple[InterimCheck, ...], found: Assessment) -> dict[str, Any]:
-    from truearm.verify.control_chart import MIN_BASELINE_CHECKS
+    from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS
 
     last = checks[-1]
     since = None if found.since is None else {"check": found.since + 1, "date": _when(checks[found.since])}

@@ -78,7 +78,7 @@ def check_page_path(page: Path, *inputs: Path) -> None:
         If the name does not end in .html, is one of `inputs`, or cannot be written.
     """
     from truearm.errors import InputError
-    from truearm.writing import check_writable
+    from truearm.files.atomic_write import check_writable
 
     if page.suffix not in (".html", ".htm"):
         raise InputError(f"expected a file name that ends in .html, got {page.name!r}", file=page)

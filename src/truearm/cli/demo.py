@@ -10,8 +10,8 @@ import typer
 from truearm.cli.console import Json, progress, print_line, print_json, print_table
 
 if TYPE_CHECKING:
-    from truearm.papers.gao2017 import Experiment
-    from truearm.report.page import Page
+    from truearm.papers.gao2017.experiment import Experiment
+    from truearm.pages.page import Page
 
 
 def demo(
@@ -33,10 +33,10 @@ def demo(
     import numpy as np
 
     from truearm.errors import InputError
-    from truearm.papers.gao2017 import PAPER_SETTINGS, QUICK_SETTINGS, experiment
-    from truearm.report.figures import before_after, save_png
-    from truearm.report.html import render
-    from truearm.writing import atomic_file
+    from truearm.papers.gao2017.experiment import PAPER_SETTINGS, QUICK_SETTINGS, experiment
+    from truearm.pages.figures import before_after, save_png
+    from truearm.pages.html import render
+    from truearm.files.atomic_write import atomic_file
 
     if out.exists() and not out.is_dir():
         raise InputError("expected a folder to write to, got a file", file=out)
@@ -66,7 +66,7 @@ def demo(
 
 def _check_folder(out: Path) -> None:
     """Check, before long work, that a folder can be written to, or made where it is not there yet."""
-    from truearm.writing import check_writable
+    from truearm.files.atomic_write import check_writable
 
     if out.is_dir():
         for name in ("report.html", "summary.json", "before_after.png"):
@@ -77,7 +77,7 @@ def _check_folder(out: Path) -> None:
 
 
 def _say(summary: dict[str, Any], out: Path) -> None:
-    from truearm.papers.gao2017 import PAPER_NETWORK_MM
+    from truearm.papers.gao2017.experiment import PAPER_NETWORK_MM
 
     floor = summary["noise_floor"]
     rows = [
@@ -115,8 +115,8 @@ def _say(summary: dict[str, Any], out: Path) -> None:
 def demo_page(done: Experiment, *, quick: bool) -> Page:
     """The report of the demo: the box in full, the poses outside it as a table."""
     from truearm.cli.report import compared, facts
-    from truearm.report.comparison import comparison_page, error_table
-    from truearm.report.page import Section
+    from truearm.compensation.models.comparison_page import comparison_page, error_table
+    from truearm.pages.page import Section
 
     readings = done.tests["box"].readings
     floor = done.arm.noise_floor(done.tests["box"])["mean_abs_coordinate_mm"]

@@ -10,7 +10,7 @@ import typer
 from truearm.cli.console import Json, progress, print_line, print_json, print_table
 
 if TYPE_CHECKING:
-    from truearm.models.compensator import FloatArray
+    from truearm.compensation.models.compensator import FloatArray
     from truearm.readings import Lengths, Readings
 
 
@@ -35,8 +35,10 @@ def evaluate(
     from truearm.cli.fit import as_measured, lengths_of
     from truearm.cli.predict import check_reference, load_for, without_served
     from truearm.cli.report import remarks
-    from truearm.models import NominalModel
-    from truearm.readings import check_sessions, compare_errors, point_errors
+    from truearm.compensation.models import NominalModel
+    from truearm.readings import check_sessions
+    from truearm.readings import compare_errors
+    from truearm.readings import point_errors
 
     with progress(f"reading {session.name}"):
         fitted, readings = load_for(model, session)

@@ -23,7 +23,7 @@ def fetch(
     from truearm import datasets
     from truearm.errors import InputError
     from truearm.readings import check_session_path, write_lengths, write_session
-    from truearm.writing import check_writable, atomic_file
+    from truearm.files.atomic_write import check_writable, atomic_file
 
     if show or not name:
         print_table(["name", "set", "arm"], [[n, s.title, s.arm] for n, s in datasets.DATASETS.items()], left_aligned=(0, 1, 2))

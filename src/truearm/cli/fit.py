@@ -14,11 +14,11 @@ from truearm.cli.console import ArmOption, Json, check_output_is_not_input, prin
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
-    from truearm.identify.outliers import LengthOutlier
-    from truearm.models import Compensator, NominalModel
-    from truearm.models.identified import IdentifiedModel
-    from truearm.models.network import Member
-    from truearm.models.selection import ModelScore
+    from truearm.identification.estimation.outliers import LengthOutlier
+    from truearm.compensation.models import Compensator, NominalModel
+    from truearm.compensation.models.identified_model import IdentifiedModel
+    from truearm.compensation.models.network import Member
+    from truearm.compensation.models.selection import ModelScore
     from truearm.readings import ErrorComparison, Lengths, Readings
 
 # Below so many readings a kinematic model's training error says little: it has some 50 constants, 27 of them
@@ -86,12 +86,12 @@ def fit(
     same command goes on from there to the same model. The folder is removed when the model is written.
     """
     from truearm.arm import resolve_arm
-    from truearm.models import MODELS, NetworkModel
-    from truearm.models.file import save_model
-    from truearm.models.relations import check_spread
-    from truearm.models.selection import select_model
+    from truearm.compensation.models import MODELS, NetworkModel
+    from truearm.compensation.models.model_file import save_model
+    from truearm.compensation.models.reading_references import check_spread
+    from truearm.compensation.models.selection import select_model
     from truearm.readings import read_session
-    from truearm.writing import check_writable
+    from truearm.files.atomic_write import check_writable
 
     nominal = resolve_arm(arm)
     check_output_is_not_input(out, session, Path(arm), *([] if lengths is None else [lengths]))
@@ -155,7 +155,7 @@ class Kept:
 
     def __init__(self, out: Path) -> None:
         from truearm.errors import InputError
-        from truearm.models.network import checkpoints
+        from truearm.compensation.models.network import checkpoints
 
         # The longest name that a file may have leaves no room for more.
         name = out.name if len(os.fsencode(out.name)) < 240 else out.name[:50]
@@ -180,8 +180,8 @@ class Kept:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         from truearm.errors import InputError
-        from truearm.models.network import checkpoints, remove_checkpoints
-        from truearm.nets.checkpoint import RESTART_HINT
+        from truearm.compensation.models.network import checkpoints, remove_checkpoints
+        from truearm.compensation.nets.checkpoint import RESTART_HINT
 
         if error is None or not checkpoints(self.folder):
             remove_checkpoints(self.folder)
@@ -196,7 +196,7 @@ class Kept:
 
 
 def _check(readings: Readings, arm: Arm, *, relations: bool, constants: bool) -> None:
-    from truearm.models.compensator import MIN_ROWS
+    from truearm.compensation.models.compensator import MIN_ROWS
     from truearm.readings import check_fit, check_reach
 
     lower, upper = arm.limits.T
@@ -245,7 +245,7 @@ def lengths_of(path: Path, readings: Readings, used: Readings | None = None) -> 
 
 def as_measured(lengths: Lengths | None, readings: Readings) -> Lengths | None:
     """Lengths as they are at the temperature of the readings, told where that is not known."""
-    from truearm.readings.expansion import at_measured_temperature
+    from truearm.readings.thermal_expansion import at_measured_temperature
 
     note_expansion(lengths, readings)
     if lengths is None or readings.seat is None:
@@ -257,7 +257,7 @@ def note_expansion(lengths: Lengths | None, readings: Readings) -> None:
     """Tell of lengths that are taken as at 20 degC for want of a temperature or an expansion, where that matters."""
     import numpy as np
 
-    from truearm.readings.expansion import REFERENCE_DEGC, STEEL_PER_K, thermal_expansion_of
+    from truearm.readings.thermal_expansion import REFERENCE_DEGC, STEEL_PER_K, thermal_expansion_of
 
     if lengths is None:
         return
@@ -280,8 +280,8 @@ def note_expansion(lengths: Lengths | None, readings: Readings) -> None:
 
 def _fitted_as_drawn(arm: Arm, free: tuple[str, ...], readings: Readings, lengths: Lengths | None) -> NominalModel:
     """The arm as drawn, put to the readings; refuse those that no arm of this drawing can have made."""
-    from truearm.models import NominalModel
-    from truearm.models.compensator import MAX_NOMINAL_ERROR
+    from truearm.compensation.models import NominalModel
+    from truearm.compensation.models.compensator import MAX_NOMINAL_ERROR
 
     as_drawn = NominalModel(arm, free=free).fit_readings(readings, lengths=lengths)
     mean = nominal_miss(as_drawn)
@@ -336,11 +336,11 @@ def _say_result(
 ) -> None:
     from dataclasses import asdict
 
-    from truearm.identify.identifiability import identifiability
-    from truearm.identify.outliers import outliers
-    from truearm.models import MODELS, KinematicModel, NetworkModel, NominalModel
-    from truearm.models.identified import IdentifiedModel
-    from truearm.models.relations import MIN_READINGS_ON, surfaces_with_too_few_readings
+    from truearm.identification.estimation.identifiability import identifiability
+    from truearm.identification.estimation.outliers import outliers
+    from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, NominalModel
+    from truearm.compensation.models.identified_model import IdentifiedModel
+    from truearm.compensation.models.reading_references import MIN_READINGS_ON, surfaces_with_too_few_readings
     from truearm.readings import compare_errors, seat_errors
 
     model = next(name for name, kind in MODELS.items() if type(fitted) is kind)
@@ -422,9 +422,9 @@ def _say_table(table: tuple[ModelScore, ...]) -> None:
 
 
 def _wrong_lengths(fitted: IdentifiedModel, readings: Readings, lengths: Lengths | None) -> list[LengthOutlier]:
-    from truearm.identify.outliers import length_outliers
-    from truearm.models.frames import to_first_session_frame
-    from truearm.models.relations import references_of
+    from truearm.identification.estimation.outliers import length_outliers
+    from truearm.compensation.models.session_frames import to_first_session_frame
+    from truearm.compensation.models.reading_references import references_of
 
     readings = to_first_session_frame(readings, fitted.session_frames_)
     return length_outliers(fitted.fit_, fitted.state(readings), references_of(readings, lengths))
@@ -432,8 +432,8 @@ def _wrong_lengths(fitted: IdentifiedModel, readings: Readings, lengths: Lengths
 
 def _say_identified(fitted: IdentifiedModel, readings: Readings, lengths: Lengths | None) -> None:
     """What the model cannot explain, which groups of terms it has, and readings and lengths far off."""
-    from truearm.identify.identifiability import identifiability
-    from truearm.identify.outliers import outliers
+    from truearm.identification.estimation.identifiability import identifiability
+    from truearm.identification.estimation.outliers import outliers
 
     print_line(f"unexplained: {fitted.residual_std_:.4f} mm, standard deviation of a coordinate")
     if len(fitted.fit_.groups) > 5:

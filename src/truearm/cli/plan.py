@@ -14,10 +14,10 @@ from truearm.cli.console import Json, check_page_path, progress, print_line, pri
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
-    from truearm.models.identified import IdentifiedModel
-    from truearm.plan.known import Prior
-    from truearm.plan.proposal import CalibrationPlan
-    from truearm.poses import Sector
+    from truearm.compensation.models.identified_model import IdentifiedModel
+    from truearm.identification.planning.prior import Prior
+    from truearm.identification.planning.proposal import CalibrationPlan
+    from truearm.identification.planning.sampling import Sector
     from truearm.readings import Readings
 
 # Of a coordinate, where no model says how large it is [mm].
@@ -77,8 +77,8 @@ def plan(
     With a model instead of an arm: the next poses after those it learned from.
     """
     from truearm.errors import InputError
-    from truearm.plan.proposal import STRATEGIES, Artefact, propose
-    from truearm.plan.template import check_template_path, continue_seat_numbers, write_bar_lengths, write_template
+    from truearm.identification.planning.proposal import STRATEGIES, Artefact, propose
+    from truearm.identification.planning.template import check_template_path, continue_seat_numbers, write_bar_lengths, write_template
 
     check_template_path(out)
     lengths = out.with_name(f"{out.stem}-lengths.csv") if artefact == "bar" else None
@@ -106,8 +106,8 @@ def plan(
         chosen = continue_seat_numbers(planned.proposals[strategy].poses, seats_before)
         result = _result(planned, strategy, out=out, lengths=lengths, page=page)
         if page is not None:
-            from truearm.report.html import write_page
-            from truearm.report.plan_page import plan_page
+            from truearm.pages.html import write_page
+            from truearm.identification.planning.plan_page import plan_page
 
             tell(len(STRATEGIES), "drawing the page")
             facts = _facts(planned, arm, taken=taken, seed=seed)
@@ -130,8 +130,8 @@ def usual_seats(artefact: str, poses: int) -> int:
 def sector_of(text: str, arm: Arm) -> Sector:
     """The volume that --volume names."""
     from truearm.errors import InputError
-    from truearm.poses import Sector
-    from truearm.poses.workspace import stance
+    from truearm.identification.planning.sampling import Sector
+    from truearm.identification.planning.sampling.workspace import stance
 
     try:
         near, far, low, high, half_angle = numbers = [float(part) for part in text.split(",")]
@@ -152,7 +152,7 @@ def _before(
     """The arm, what is known of it, and the names of seats that readings have been taken in."""
     from truearm.arm import resolve_arm
     from truearm.errors import InputError
-    from truearm.plan.known import nominal_prior
+    from truearm.identification.planning.prior import nominal_prior
 
     model = None
     if _is_model(arm):
@@ -179,8 +179,8 @@ def _is_model(arm: str) -> bool:
 
 def _model(path: Path) -> IdentifiedModel:
     from truearm.errors import InputError
-    from truearm.models.file import load_model
-    from truearm.models.identified import IdentifiedModel
+    from truearm.compensation.models.model_file import load_model
+    from truearm.compensation.models.identified_model import IdentifiedModel
 
     model = load_model(path)
     if not isinstance(model, IdentifiedModel):
@@ -192,7 +192,7 @@ def _model(path: Path) -> IdentifiedModel:
 
 def _of_model(model: IdentifiedModel, noise: float | None) -> tuple[Arm, Prior]:
     """A model's arm, and what the model knows of it."""
-    from truearm.plan.known import identified_prior
+    from truearm.identification.planning.prior import identified_prior
     from truearm.readings import Readings
 
     return identified_prior(
@@ -214,7 +214,7 @@ def _readings(session: Path, arm: Arm) -> Readings:
 
 def _facts(planned: CalibrationPlan, name: str, *, taken: Path | None, seed: int) -> list[tuple[str, str]]:
     """What a page about a plan rests on."""
-    from truearm.plan.proposal import LENGTH_U_MM
+    from truearm.identification.planning.proposal import LENGTH_U_MM
 
     arm = planned.arm
     groups = ", ".join(dict.fromkeys(term.group for term in planned.prior.perturbed_chain.terms))
@@ -237,7 +237,7 @@ def _facts(planned: CalibrationPlan, name: str, *, taken: Path | None, seed: int
 
 
 def _result(planned: CalibrationPlan, strategy: str, *, out: Path, lengths: Path | None, page: Path | None) -> dict[str, Any]:
-    from truearm.plan.untold import limitations
+    from truearm.identification.planning.limitations import limitations
 
     chosen = next(proposal for name, proposal in planned.proposals.items() if name == strategy)
     return {

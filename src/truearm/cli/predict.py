@@ -11,8 +11,8 @@ import typer
 from truearm.cli.console import Json, check_output_is_not_input, print_status, progress, print_line, print_json
 
 if TYPE_CHECKING:
-    from truearm.models import Compensator
-    from truearm.models.compensator import BoolArray, FloatArray
+    from truearm.compensation.models import Compensator
+    from truearm.compensation.models.compensator import BoolArray, FloatArray
     from truearm.readings import Readings
 
 
@@ -38,9 +38,9 @@ def predict(
     import numpy as np
 
     from truearm.errors import InputError
-    from truearm.models import NetworkModel, PhysicalModel
-    from truearm.models.identified import IdentifiedModel
-    from truearm.writing import check_writable
+    from truearm.compensation.models import NetworkModel, PhysicalModel
+    from truearm.compensation.models.identified_model import IdentifiedModel
+    from truearm.files.atomic_write import check_writable
 
     if out.suffix != ".csv":
         raise InputError(f"expected a file name that ends in .csv, got {out.name!r}", file=out)
@@ -102,7 +102,7 @@ def _write(out: Path, readings: Readings, points: FloatArray, std: FloatArray, o
     import pandas as pd
 
     from truearm.readings.readings import NAMED
-    from truearm.writing import atomic_file
+    from truearm.files.atomic_write import atomic_file
 
     columns: dict[str, object] = {f"{axis}_mm": points[:, i] for i, axis in enumerate("xyz")}
     columns |= {f"s{axis}_mm": std[:, i] for i, axis in enumerate("xyz")}
@@ -120,7 +120,7 @@ def load_for(model: Path, session: Path) -> tuple[Compensator, Readings]:
     from zipfile import is_zipfile
 
     from truearm.errors import InputError
-    from truearm.models.file import load_model
+    from truearm.compensation.models.model_file import load_model
     from truearm.readings import check_angles, read_session
 
     if is_zipfile(session) and model.is_file() and not is_zipfile(model):
@@ -156,7 +156,7 @@ def without_served(models: Sequence[Compensator], readings: Readings) -> tuple[R
     """The readings without those that served to refit a model, and how many these were; all, if no other is left."""
     import numpy as np
 
-    from truearm.models.refit import used_in_refit
+    from truearm.compensation.models.refit import used_in_refit
 
     used = np.any([used_in_refit(model, readings) for model in models], axis=0)
     if not used.any() or used.all():

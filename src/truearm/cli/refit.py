@@ -42,13 +42,13 @@ def refit(
     from truearm.cli.fit import free_parts, lengths_of, nominal_miss, note_expansion
     from truearm.cli.predict import check_reference, load_for
     from truearm.errors import InputError
-    from truearm.identify.outliers import outliers
-    from truearm.models.compensator import MAX_NOMINAL_ERROR
-    from truearm.models.file import save_model
-    from truearm.models.identified import IdentifiedModel
-    from truearm.models.refit import refit as refitted
+    from truearm.identification.estimation.outliers import outliers
+    from truearm.compensation.models.compensator import MAX_NOMINAL_ERROR
+    from truearm.compensation.models.model_file import save_model
+    from truearm.compensation.models.identified_model import IdentifiedModel
+    from truearm.compensation.models.refit import refit as refitted
     from truearm.readings import stratified_rows
-    from truearm.writing import check_writable
+    from truearm.files.atomic_write import check_writable
 
     parts = free_parts(free)
     if not parts:

@@ -10,15 +10,15 @@ import typer
 from truearm.cli.console import check_page_path, progress, print_line, version_row
 
 if TYPE_CHECKING:
-    from truearm.identify.joint_errors import JointError
-    from truearm.models import Compensator
-    from truearm.models.identified import IdentifiedModel
-    from truearm.models.uncertainty import PredictionOutlier
+    from truearm.identification.estimation.joint_errors import JointError
+    from truearm.compensation.models import Compensator
+    from truearm.compensation.models.identified_model import IdentifiedModel
+    from truearm.compensation.models.uncertainty import PredictionOutlier
     from truearm.readings import Lengths, Readings
-    from truearm.report.comparison import ModelComparison
-    from truearm.report.identified import OutlierRow, HeldOutErrors
-    from truearm.report.page import Page, Section
-    from truearm.report.seats import SeatComparison
+    from truearm.compensation.models.comparison_page import ModelComparison
+    from truearm.compensation.models.identification_sections import OutlierRow, HeldOutErrors
+    from truearm.pages.page import Page, Section
+    from truearm.compensation.models.seat_page import SeatComparison
 
 # Points of a joint's curve for each wave of the highest order.
 POINTS_A_WAVE = 10
@@ -44,8 +44,8 @@ def report(
     from truearm.cli.fit import as_measured, lengths_of
     from truearm.cli.predict import load_with_reference, without_served
     from truearm.errors import InputError
-    from truearm.models.file import load_model
-    from truearm.report.html import write_page
+    from truearm.compensation.models.model_file import load_model
+    from truearm.pages.html import write_page
 
     *paths, session = files
     if paths and all(is_zipfile(path) for path in files):
@@ -79,8 +79,8 @@ def report(
 
 
 def _page(models: dict[str, Compensator], readings: Readings, known: Lengths | None, session: Path, title: str) -> Page:
-    from truearm.report.comparison import comparison_page
-    from truearm.report.seats import seats_page
+    from truearm.compensation.models.comparison_page import comparison_page
+    from truearm.compensation.models.seat_page import seats_page
 
     arm = _of_one_arm(models).arm
     told: dict[str, Any] = {
@@ -96,9 +96,9 @@ def _page(models: dict[str, Compensator], readings: Readings, known: Lengths | N
 
 def compared(models: dict[str, Compensator], readings: Readings) -> ModelComparison:
     """What the models make of the readings, each beside its own nominal arm; the first one's stands for all."""
-    from truearm.models import NominalModel
+    from truearm.compensation.models import NominalModel
     from truearm.readings import compare_errors
-    from truearm.report.comparison import ModelComparison
+    from truearm.compensation.models.comparison_page import ModelComparison
 
     points = readings.points
     assert points is not None  # checked by the caller
@@ -122,9 +122,9 @@ def seated(models: dict[str, Compensator], readings: Readings, known: Lengths | 
     """What the models make of readings in seats; those alone in their seat are left out."""
     import numpy as np
 
-    from truearm.models import NominalModel
+    from truearm.compensation.models import NominalModel
     from truearm.readings import check_sessions, length_errors
-    from truearm.report.seats import SeatComparison
+    from truearm.compensation.models.seat_page import SeatComparison
 
     assert readings.seat is not None  # checked by the caller
     check_sessions(readings, known)
@@ -187,13 +187,13 @@ def _of_one_arm(models: dict[str, Compensator]) -> Compensator:
 
 def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section]:
     """Sections on what the identified models, if there are any, found of their arm."""
-    from truearm.identify.effects import effects
-    from truearm.identify.identifiability import identifiability
-    from truearm.models import NominalModel
-    from truearm.models.identified import IdentifiedModel
-    from truearm.models.uncertainty import uncertainty_budget
-    from truearm.report import identification_sections
-    from truearm.report.figures import styles_of
+    from truearm.identification.estimation.effects import effects
+    from truearm.identification.estimation.identifiability import identifiability
+    from truearm.compensation.models import NominalModel
+    from truearm.compensation.models.identified_model import IdentifiedModel
+    from truearm.compensation.models.uncertainty import uncertainty_budget
+    from truearm.compensation.models import identification_sections
+    from truearm.pages.figures import styles_of
 
     found = {
         name: model
@@ -237,7 +237,7 @@ def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section
 def _held_out(model: IdentifiedModel) -> HeldOutErrors | None:
     import numpy as np
 
-    from truearm.report.identified import HeldOutErrors
+    from truearm.compensation.models.identification_sections import HeldOutErrors
 
     held_out = model.held_out_
     if not len(held_out.rows):
@@ -251,7 +251,7 @@ def _joint_errors(model: IdentifiedModel, readings: Readings) -> list[JointError
     """The own errors of the joints that turn, over the angles the model learned from."""
     import numpy as np
 
-    from truearm.identify.joint_errors import joint_error
+    from truearm.identification.estimation.joint_errors import joint_error
 
     found = []
     for joint in (np.flatnonzero(~model.arm.chain.is_prismatic) + 1).tolist():
@@ -265,8 +265,8 @@ def _joint_errors(model: IdentifiedModel, readings: Readings) -> list[JointError
 
 def _far_off(model: IdentifiedModel, readings: Readings, far: tuple[PredictionOutlier, ...]) -> dict[str, list[OutlierRow]]:
     """Readings far off among those the model learned from, and, where these are others, among those of the page."""
-    from truearm.identify.outliers import outliers
-    from truearm.report.identified import OutlierRow
+    from truearm.identification.estimation.outliers import outliers
+    from truearm.compensation.models.identification_sections import OutlierRow
 
     learned = model.is_trained_on(readings)
     found = {
@@ -286,7 +286,7 @@ def _far_off(model: IdentifiedModel, readings: Readings, far: tuple[PredictionOu
 
 def remarks(model: Compensator, readings: Readings) -> list[str]:
     """What must be known of a model before its errors on these readings are believed."""
-    from truearm.models.compensator import MAX_NOMINAL_ERROR
+    from truearm.compensation.models.compensator import MAX_NOMINAL_ERROR
     from truearm.readings import point_errors
 
     said = []
@@ -307,7 +307,7 @@ def remarks(model: Compensator, readings: Readings) -> list[str]:
 
 def facts(models: dict[str, Compensator], readings: Readings) -> list[tuple[str, str]]:
     """What a page about models rests on."""
-    from truearm.models.compensator import fingerprint
+    from truearm.compensation.models.compensator import fingerprint
 
     rows = [
         (f"model {name}", f"{model.n_train_} training readings, fingerprint {model.data_fingerprint_}")

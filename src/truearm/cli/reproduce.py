@@ -42,12 +42,12 @@ def reproduce(
     import json
 
     from truearm.errors import InputError
-    from truearm.papers.gao2017_plan import FULL_EFFORT, PARTS, QUICK_EFFORT
-    from truearm.papers.gao2017_reproduction import reproduce as reproduced
-    from truearm.report.figures import save_png
-    from truearm.report.html import render
-    from truearm.report.reproduction import reproduction_page
-    from truearm.writing import check_writable, atomic_file
+    from truearm.papers.gao2017.training_plan import FULL_EFFORT, PARTS, QUICK_EFFORT
+    from truearm.papers.gao2017.reproduction import reproduce as reproduced
+    from truearm.pages.figures import save_png
+    from truearm.pages.html import render
+    from truearm.papers.gao2017.reproduction_page import reproduction_page
+    from truearm.files.atomic_write import check_writable, atomic_file
 
     parts = _parts(PARTS, table=table, figure=figure, everything=everything, quick=quick)
     if out.exists() and not out.is_dir():

@@ -12,9 +12,9 @@ from truearm.cli.console import Json, progress, print_line, print_json
 
 if TYPE_CHECKING:
     from truearm.arm.arm import Arm
-    from truearm.poses import Poses
+    from truearm.identification.planning.sampling import Poses
     from truearm.readings import Lengths
-    from truearm.virtual import Measurement, VirtualArm
+    from truearm.identification.virtual import Measurement, VirtualArm
 
 
 # Standard uncertainty that a certificate states of a bar's length [mm].
@@ -69,8 +69,8 @@ def simulate(
     from truearm.errors import InputError
     from truearm.readings import write_lengths
     from truearm.readings.files import check_session_path, write_session
-    from truearm.virtual import VirtualArm, load_preset
-    from truearm.writing import check_writable, atomic_file
+    from truearm.identification.virtual import VirtualArm, load_preset
+    from truearm.files.atomic_write import check_writable, atomic_file
 
     nominal, magnitudes = resolve_arm(arm), load_preset(preset)
     check_session_path(out)
@@ -112,7 +112,7 @@ def _poses(nominal: Arm, strategy: str, n: int, *, seed: int, seats: int | None,
     from math import radians
 
     from truearm.errors import InputError
-    from truearm.poses import STRATEGIES
+    from truearm.identification.planning.sampling import STRATEGIES
 
     if strategy not in STRATEGIES:
         close = get_close_matches(strategy, STRATEGIES, n=1)
@@ -137,8 +137,9 @@ def _with_bars(nominal: Arm, strategy: str, n: int, *, seed: int, seats: int | N
     import numpy as np
 
     from truearm.errors import InputError
-    from truearm.plan.candidates import bar_places
-    from truearm.poses import Poses, seat
+    from truearm.identification.planning.candidates import bar_places
+    from truearm.identification.planning.sampling import Poses
+    from truearm.identification.planning.sampling import seat
 
     if strategy != "seat":
         raise InputError(f"--bars is for the strategy seat, not for {strategy}", hint="--strategy seat")
@@ -198,7 +199,7 @@ def _result(
 
 
 def _tell(result: dict[str, Any], taken: Poses) -> None:
-    from truearm.poses.measuring import describe_rejections
+    from truearm.identification.planning.sampling.measuring import describe_rejections
 
     print_line(
         f"{result['session']}: {result['n']} readings of virtual arm {result['arm']}, "

@@ -26,7 +26,7 @@ def split(
     from truearm.errors import InputError
     from truearm.readings import check_session_path, hold_out, read_session, write_session
     from truearm.readings.split import SplitBy
-    from truearm.writing import atomic_file
+    from truearm.files.atomic_write import atomic_file
 
     if train.resolve() == test.resolve():
         raise InputError("--train and --test are the same file", file=train)

@@ -11,12 +11,12 @@ from truearm.cli.console import progress, print_line, print_json, print_table
 
 if TYPE_CHECKING:
     from truearm.arm.arm import Arm
-    from truearm.tasks.errors import ArmDistribution
-    from truearm.tasks.standard_test import PosedTest, ResultDistribution
-    from truearm.verify.artefacts import Artefacts
-    from truearm.verify.decision import DecisionRule
-    from truearm.verify.limits import Specification
-    from truearm.verify.test_plan import VerificationPlan
+    from truearm.verification.tasks.sampled_arms import ArmDistribution
+    from truearm.verification.tasks.simulated_verification import PosedTest, ResultDistribution
+    from truearm.verification.standards.artefacts import Artefacts
+    from truearm.verification.standards.decision import DecisionRule
+    from truearm.verification.standards.specification import Specification
+    from truearm.verification.standards.verification_plan import VerificationPlan
 
 ARM = "measuring7"
 SHARES = (1.0, 0.9, 0.8, 0.7, 0.6)
@@ -35,9 +35,9 @@ def simulate_test(
     as_json: bool,
 ) -> None:
     """Take a test with virtual arms of a preset or a model, and print what they would pass."""
-    from truearm.tasks.standard_test import result_distributions, proportion_interval, simulate_verification, verdict_shares
-    from truearm.verify.decision import Verdict
-    from truearm.verify.test_plan import load_verification_plan
+    from truearm.verification.tasks.simulated_verification import result_distributions, proportion_interval, simulate_verification, verdict_shares
+    from truearm.verification.standards.decision import Verdict
+    from truearm.verification.standards.verification_plan import load_verification_plan
 
     planned = load_verification_plan(plan)
     errors = _errors(what, arm)
@@ -113,10 +113,10 @@ def _prepared(
     links add up to in which all points are reached.
     """
     from truearm.errors import InputError
-    from truearm.poses.measuring import check_five_rotary_joints
-    from truearm.poses.workspace import stance
-    from truearm.tasks.standard_test import pose
-    from truearm.verify.layout import lay_out_tests
+    from truearm.identification.planning.sampling.measuring import check_five_rotary_joints
+    from truearm.identification.planning.sampling.workspace import stance
+    from truearm.verification.tasks.simulated_verification import pose
+    from truearm.verification.standards.layout import lay_out_tests
 
     check_five_rotary_joints(arm)
     stands = stance(arm)
@@ -141,9 +141,9 @@ def given_or_example(
     measuring_range_mm: float, *, mpe: Path | None, artefacts: Path | None
 ) -> tuple[Specification, Artefacts]:
     """The specification and the artefacts from files, or examples for a measuring range."""
-    from truearm.verify.artefacts import read_artefacts
-    from truearm.verify.example import example_artefacts, example_specification
-    from truearm.verify.limits import read_specification
+    from truearm.verification.standards.artefacts import read_artefacts
+    from truearm.verification.standards.example_artefacts import example_artefacts, example_specification
+    from truearm.verification.standards.specification import read_specification
 
     specification = example_specification(measuring_range_mm) if mpe is None else read_specification(mpe)
     range_mm = specification.measuring_range_mm
@@ -153,9 +153,9 @@ def given_or_example(
 def _errors(what: str, arm: str | None) -> ArmDistribution:
     from truearm.arm.catalogue import resolve_arm, arm_names
     from truearm.errors import InputError
-    from truearm.models.file import load_model
-    from truearm.tasks.errors import PosteriorDistribution, PresetDistribution
-    from truearm.virtual import PRESETS
+    from truearm.compensation.models.model_file import load_model
+    from truearm.verification.tasks.sampled_arms import PosteriorDistribution, PresetDistribution
+    from truearm.identification.virtual import PRESETS
 
     if what in PRESETS:
         return PresetDistribution(resolve_arm(arm or ARM), PRESETS[what])

@@ -13,9 +13,9 @@ from truearm.cli.console import Json, check_page_path, progress, print_line, pri
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
-    from truearm.tasks.errors import ArmDistribution
-    from truearm.tasks.features import Feature
-    from truearm.tasks.task import Estimate, Fitness, TaskResult
+    from truearm.verification.tasks.sampled_arms import ArmDistribution
+    from truearm.verification.tasks.features import Feature
+    from truearm.verification.tasks.task import Estimate, Fitness, TaskResult
 
 
 CODES = {"yes": 0, "no": 1, "only with guard bands": 3}
@@ -111,8 +111,8 @@ def task(
     if tolerance is not None and not (isfinite(tolerance) and tolerance > 0):
         raise InputError(f"--tolerance expects a width above zero in mm, got {tolerance}", hint="0.1 for +-0.05 mm")
     with progress(f"measuring a {feature}", total=arms) as tell:
-        from truearm.tasks.specification_sheet import SpecificationDistribution, share_of_limit
-        from truearm.tasks.task import fitness, simulate_measurements
+        from truearm.verification.tasks.specification_sheet import SpecificationDistribution, share_of_limit
+        from truearm.verification.tasks.task import fitness, simulate_measurements
 
         errors, about = _errors(what, spec, arm, repeatability)
         measured = _feature(
@@ -138,8 +138,8 @@ def task(
                 f"Of arms that just keep the limits, U = {found.at_limit.expanded_mm:.4f} mm: to buy by, take it."
             )
         if report is not None:
-            from truearm.report.html import write_page
-            from truearm.report.task import task_page
+            from truearm.pages.html import write_page
+            from truearm.verification.tasks.task_page import task_page
 
             facts = _facts(errors, about, found, seed)
             write_page(task_page(found, fit, about=about, remarks=remarks, facts=facts), report)
@@ -157,9 +157,9 @@ def _errors(what: str | None, spec: Path | None, arm: str | None, repeatability:
     """The arms that may be the one in question, and what is known of it in a few words."""
     from truearm.arm import resolve_arm
     from truearm.errors import InputError
-    from truearm.models.file import load_model
-    from truearm.tasks.errors import PosteriorDistribution, PresetDistribution
-    from truearm.virtual.presets import PRESETS, load_preset
+    from truearm.compensation.models.model_file import load_model
+    from truearm.verification.tasks.sampled_arms import PosteriorDistribution, PresetDistribution
+    from truearm.identification.virtual.presets import PRESETS, load_preset
 
     if (what is None) == (spec is None):
         raise InputError(
@@ -175,8 +175,8 @@ def _errors(what: str | None, spec: Path | None, arm: str | None, repeatability:
     if repeatability is not None:
         raise InputError("--repeatability is for a model; a preset or specification says how points scatter")
     if spec is not None:
-        from truearm.tasks.specification_sheet import SpecificationDistribution
-        from truearm.verify.limits import read_specification
+        from truearm.verification.tasks.specification_sheet import SpecificationDistribution
+        from truearm.verification.standards.specification import read_specification
 
         promised, nominal = read_specification(spec), resolve_arm(ARM if arm is None else arm)
         try:
@@ -203,8 +203,8 @@ def _feature(
     points: int | None,
 ) -> Feature:
     from truearm.errors import InputError
-    from truearm.tasks import features
-    from truearm.tasks.postures import middle_of
+    from truearm.verification.tasks import features
+    from truearm.verification.tasks.feature_postures import middle_of
 
     places = [numbers("--at", text) for text in at or []]
     seats = kind == "length" and len(places) == 2
@@ -248,8 +248,8 @@ def numbers(option: str, text: str) -> list[float]:
 
 def assumptions(errors: ArmDistribution) -> list[str]:
     """What a result rests on, in sentences."""
-    from truearm.tasks.errors import PosteriorDistribution
-    from truearm.tasks.specification_sheet import BEST_SHARE, LEAST_SHARE, TRIES, SpecificationDistribution
+    from truearm.verification.tasks.sampled_arms import PosteriorDistribution
+    from truearm.verification.tasks.specification_sheet import BEST_SHARE, LEAST_SHARE, TRIES, SpecificationDistribution
 
     perfect = "The part is perfect and at 20 degC; its temperature and its form are uncertainties besides."
     if isinstance(errors, PosteriorDistribution):
@@ -275,7 +275,7 @@ def assumptions(errors: ArmDistribution) -> list[str]:
 
 
 def _remarks(errors: ArmDistribution, found: TaskResult) -> list[str]:
-    from truearm.tasks.errors import PosteriorDistribution
+    from truearm.verification.tasks.sampled_arms import PosteriorDistribution
 
     if not isinstance(errors, PosteriorDistribution):
         return []
@@ -297,7 +297,7 @@ def _facts(errors: ArmDistribution, about: str, found: TaskResult, seed: int) ->
 
 
 def _result(found: TaskResult, fit: Fitness | None, about: str, remarks: list[str], errors: ArmDistribution) -> dict[str, Any]:
-    from truearm.tasks.task import COVERAGE_PROBABILITY
+    from truearm.verification.tasks.task import COVERAGE_PROBABILITY
 
     return {
         "feature": found.feature.name,
@@ -343,7 +343,7 @@ def _for_machines(estimate: Estimate) -> dict[str, Any]:
 
 
 def _tell(found: TaskResult, fit: Fitness | None, about: str, remarks: list[str]) -> None:
-    from truearm.tasks.task import advice, describe_fitness
+    from truearm.verification.tasks.task import advice, describe_fitness
 
     print_line(f"{found.feature.name}, by {about}: errors of {found.n_arms} drawn arms")
     rows = []

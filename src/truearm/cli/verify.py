@@ -12,8 +12,8 @@ import typer
 from truearm.cli.console import Json, check_page_path, print_line, print_json, print_table, version_row
 
 if TYPE_CHECKING:
-    from truearm.verify.decision import ConformityResult, DecisionRule
-    from truearm.verify.test_plan import VerificationPlan
+    from truearm.verification.standards.decision import ConformityResult, DecisionRule
+    from truearm.verification.standards.verification_plan import VerificationPlan
 
 CODES = {"conform": 0, "not conform": 1, "undecided": 3}
 
@@ -88,7 +88,7 @@ def verify(
     )
     rule: DecisionRule = "simple" if simple else "iso14253-1"
     if print_plan is not None:
-        from truearm.verify.test_plan import plan_text
+        from truearm.verification.standards.verification_plan import plan_text
 
         typer.echo(plan_text(print_plan), nl=False)
     elif sheet is not None and out is not None:
@@ -142,12 +142,12 @@ def _judge(
     points: Path, *, plan: str, artefacts: Path, mpe: Path, rule: DecisionRule, report: Path | None, as_json: bool
 ) -> None:
     """Judge measured points, print the verdict and end with its exit code."""
-    from truearm.verify.artefacts import read_artefacts
-    from truearm.verify.decision import COVERAGE_PROBABILITY, Verdict
-    from truearm.verify.limits import read_specification
-    from truearm.verify.measured import read_points
-    from truearm.verify.test_plan import load_verification_plan
-    from truearm.verify.verification import verify as verified
+    from truearm.verification.standards.artefacts import read_artefacts
+    from truearm.verification.standards.decision import COVERAGE_PROBABILITY, Verdict
+    from truearm.verification.standards.specification import read_specification
+    from truearm.verification.standards.measured_points import read_points
+    from truearm.verification.standards.verification_plan import load_verification_plan
+    from truearm.verification.standards.verification import verify as verified
 
     if report is not None:
         check_page_path(report, Path(plan), points, artefacts, mpe)
@@ -157,9 +157,9 @@ def _judge(
     measured, certified = read_points(points), read_artefacts(artefacts)
     found = verified(measured, plan=planned, artefacts=certified, specification=specification, rule=rule)
     if report is not None:
-        from truearm.report.html import write_page
-        from truearm.report.verification import verification_page
-        from truearm.verify.outcome import VerificationRecord
+        from truearm.pages.html import write_page
+        from truearm.verification.standards.verification_page import verification_page
+        from truearm.verification.standards.verification_record import VerificationRecord
 
         outcome = VerificationRecord(found, measured, planned, certified, specification, rule, known.get(Path(plan)))
         write_page(verification_page(outcome, facts=facts(known, plan=planned)), report)
@@ -196,7 +196,7 @@ def _judge(
 
 def files_of(plan: str, *others: Path) -> tuple[Path, ...]:
     """The files that are read: the plan's, unless it comes with the program, and the others."""
-    from truearm.verify.test_plan import PLANS
+    from truearm.verification.standards.verification_plan import PLANS
 
     return others if plan in PLANS else (Path(plan), *others)
 

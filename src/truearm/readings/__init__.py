@@ -1,7 +1,7 @@
 """Readings of an arm: the record, the session file, lengths, foreign tables, what a fit demands, fair splits."""
 
 from truearm.readings.checks import check_angles, check_fit, check_reach, check_sessions, has_reference
-from truearm.readings.deviations import ErrorComparison, PointErrors, compare_errors, point_errors
+from truearm.readings.point_errors import ErrorComparison, PointErrors, compare_errors, point_errors
 from truearm.readings.files import check_session_path, read_session, write_session
 from truearm.readings.lengths import Lengths, read_lengths, write_lengths
 from truearm.readings.readings import Readings

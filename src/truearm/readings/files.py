@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.readings.columns import ANGLE, FACTOR, QUATERNION, TEMPERATURE, Columns, recognise_columns, unit_of
-from truearm.readings.delimited import MAX_NAME, FloatArray, NameArray, read_columns, read_sheet, quoted_cell
+from truearm.files.delimited import MAX_NAME, FloatArray, NameArray, read_columns, read_sheet, quoted_cell
 from truearm.readings.readings import DIRECTION, NAMED, SPHERE_DISTANCE, Readings
-from truearm.writing import check_writable, atomic_file
+from truearm.files.atomic_write import check_writable, atomic_file
 
 AngleUnit = Literal["deg", "rad"]
 

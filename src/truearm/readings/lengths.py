@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.delimited import check_names, read_columns, read_sheet, quoted_cell
+from truearm.files.delimited import check_names, read_columns, read_sheet, quoted_cell
 from truearm.readings.readings import FloatArray, NameArray
-from truearm.writing import atomic_file
+from truearm.files.atomic_write import atomic_file
 
 ENDS = ("seat_a", "seat_b")
 NUMBERS = ("length_mm", "u_mm")

@@ -10,7 +10,7 @@ from typing import Literal, TypeVar, get_args
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.delimited import FloatArray, NameArray, Sheet, read_columns, read_sheet, quoted_cell
+from truearm.files.delimited import FloatArray, NameArray, Sheet, read_columns, read_sheet, quoted_cell
 from truearm.readings.readings import Readings
 
 JointUnit = Literal["deg", "rad", "counts", "mm"]

@@ -3,8 +3,8 @@
 from truearm.solve.damping import MarquardtDamping, Damping, NielsenDamping
 from truearm.solve.gradient_descent import DescentState, LearningRate, DifferentiableProblem, gradient_descent
 from truearm.solve.levenberg_marquardt import LevenbergMarquardtResult, levenberg_marquardt
-from truearm.solve.problem import NormalEquations, Problem
-from truearm.solve.stops import (
+from truearm.solve.least_squares_problem import NormalEquations, Problem
+from truearm.solve.stop_criteria import (
     BestPoint,
     DampingLimit,
     MaxEpochs,

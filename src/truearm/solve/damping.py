@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
 from truearm.errors import InputError
-from truearm.solve.problem import NormalEquations
+from truearm.solve.least_squares_problem import NormalEquations
 
 SMALLEST = 1e-20
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import TruearmError
-from truearm.solve.stops import StopReason, OptimizerState, StopCriterion, first_stop_reason
+from truearm.solve.stop_criteria import StopReason, OptimizerState, StopCriterion, first_stop_reason
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from truearm.errors import TruearmError
 from truearm.solve.damping import Damping, NielsenDamping
-from truearm.solve.problem import NormalEquations, Problem
-from truearm.solve.stops import MaxEpochs, MinGradient, StopReason, CostConverged, OptimizerState, StopCriterion, first_stop_reason
+from truearm.solve.least_squares_problem import NormalEquations, Problem
+from truearm.solve.stop_criteria import MaxEpochs, MinGradient, StopReason, CostConverged, OptimizerState, StopCriterion, first_stop_reason
 
 FloatArray = npt.NDArray[np.float64]
 

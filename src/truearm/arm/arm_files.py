@@ -1,0 +1,366 @@
+"""Arm files: a Denavit-Hartenberg table in TOML with its units in the names; a URDF by its suffix.
+
+The format::
+
+    name = "two-link"                  # as typed on the command line
+    title = "Planar arm of two links"  # optional
+    source = "drawing 12-345"          # optional: where the numbers come from
+    convention = "dh"                  # or "mdh": row i then holds alpha(i-1), a(i-1)
+    tip_mm = [0.0, 0.0, 50.0]          # tip after the last row and the flange
+    gravity_in_base = [0, 0, -1]       # optional: where weight pulls, a direction; downwards along z by default
+
+    [base]                             # optional, before the first row
+    xyz_mm = [0.0, 0.0, 300.0]
+    rpy_deg = [0.0, 0.0, 90.0]         # roll, pitch, yaw about fixed axes, as in URDF
+
+    [[joints]]                         # base to tip
+    name = "shoulder"                  # optional: J1, J2, ... by default
+    type = "revolute"                  # or "prismatic", or "fixed": folded in, no joint of the arm
+    a_mm = 400.0
+    d_mm = 0.0
+    alpha_deg = 0.0
+    theta_deg = 0.0                    # optional, 0 by default: added to the joint's angle
+    min_deg = -170.0                   # optional limits; _mm for a sliding joint
+    max_deg = 170.0
+    working_deg = 30.0                 # optional, a pose in the middle of usual work
+    mass_kg = 4.2                      # optional: of the link that moves with the joint, for all joints or none
+    centre_of_mass_mm = [-180, 0, 15]  # and its centre of mass, in the frame in which the row ends
+
+    [flange]                           # optional, after the last row, as [base]
+
+Every ``_mm`` may be ``_m`` and every ``_deg`` may be ``_rad``, but not both at once.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from itertools import accumulate, pairwise
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from truearm.arm.arm import Arm
+from truearm.files.file_reading import read_limited
+from truearm.arm.chain import Chain
+from truearm.arm.denavit_hartenberg import (
+    Convention,
+    DHTable,
+    Kind,
+    chain_from_dh,
+    chain_from_mdh,
+    dh_table,
+    mdh_table,
+    row_end_frames,
+)
+from truearm.arm.transforms import FloatArray, frame_from_xyz_rpy, xyz_rpy_from_frame
+from truearm.arm.masses import LinkMasses, PointMass, combine_point_masses
+from truearm.arm.urdf import read_urdf, write_urdf
+from truearm.errors import InputError
+from truearm.files.toml_documents import parse_toml
+from truearm.files.atomic_write import atomic_file
+
+MAX_BYTES = 1_000_000
+
+_Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_Triple = Annotated[list[_Number], Field(min_length=3, max_length=3)]
+_UNITS = {"mm": 1.0, "m": 1000.0, "deg": np.pi / 180, "rad": 1.0}  # to mm and rad
+_LENGTHS = ("_mm", "_m")
+_ANGLES = ("_deg", "_rad")
+
+
+class _Strict(BaseModel):
+    """A table of the file: no unknown keys, and each quantity in one unit."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    @model_validator(mode="after")
+    def _one_unit_each(self) -> Self:
+        given = sorted(self.model_fields_set)
+        for key, following in pairwise(given):
+            if key.rpartition("_")[0] and key.rpartition("_")[0] == following.rpartition("_")[0]:
+                raise InputError(f"expected one of {key} and {following}, got both")
+        return self
+
+    def settled(self, quantity: str) -> FloatArray | None:
+        """Look the quantity up under any of its units and give it in mm or rad; None if it is not there."""
+        for unit, factor in _UNITS.items():
+            value = getattr(self, f"{quantity}_{unit}", None)
+            if value is not None:
+                return factor * np.asarray(value)
+        return None
+
+
+class _Frame(_Strict):
+    xyz_mm: _Triple | None = None
+    xyz_m: _Triple | None = None
+    rpy_deg: _Triple | None = None
+    rpy_rad: _Triple | None = None
+
+
+class _Joint(_Strict):
+    name: str | None = None
+    type: Kind
+    a_mm: _Number | None = None
+    a_m: _Number | None = None
+    d_mm: _Number | None = None
+    d_m: _Number | None = None
+    alpha_deg: _Number | None = None
+    alpha_rad: _Number | None = None
+    theta_deg: _Number | None = None
+    theta_rad: _Number | None = None
+    min_deg: _Number | None = None
+    min_rad: _Number | None = None
+    min_mm: _Number | None = None
+    min_m: _Number | None = None
+    max_deg: _Number | None = None
+    max_rad: _Number | None = None
+    max_mm: _Number | None = None
+    max_m: _Number | None = None
+    working_deg: _Number | None = None
+    working_rad: _Number | None = None
+    working_mm: _Number | None = None
+    working_m: _Number | None = None
+    mass_kg: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)] | None = None
+    centre_of_mass_mm: _Triple | None = None
+    centre_of_mass_m: _Triple | None = None
+
+    @model_validator(mode="after")
+    def _whole_row(self) -> Self:
+        for quantity in ("a", "d", "alpha"):
+            if self.settled(quantity) is None:
+                raise InputError(f"the key {' or '.join(_Joint.keys_of(quantity))} is missing")
+        return self
+
+    @model_validator(mode="after")
+    def _fits_the_type(self) -> Self:
+        units = {"revolute": _ANGLES, "prismatic": _LENGTHS, "fixed": ()}[self.type]
+        for quantity in ("min", "max", "working"):
+            for key in self.model_fields_set.intersection(_Joint.keys_of(quantity)):
+                if not units:
+                    raise InputError(f"a fixed joint has no {key}")
+                if not key.endswith(units):
+                    raise InputError(
+                        f"a {self.type} joint needs {' or '.join(quantity + unit for unit in units)}, got {key}"
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _whole_mass(self) -> Self:
+        centred = self.settled("centre_of_mass") is not None
+        if centred and self.mass_kg is None:
+            raise InputError("a centre of mass without the key mass_kg")
+        if self.mass_kg and not centred:
+            raise InputError("mass_kg needs the key centre_of_mass_mm or centre_of_mass_m")
+        return self
+
+    @classmethod
+    def keys_of(cls, quantity: str) -> list[str]:
+        """List the keys that may hold the quantity."""
+        return [key for key in cls.model_fields if key.rpartition("_")[0] == quantity]
+
+
+class _ArmFile(_Strict):
+    name: Annotated[str, Field(min_length=1)]
+    title: str = ""
+    source: str = ""
+    convention: Convention
+    tip_mm: _Triple | None = None
+    tip_m: _Triple | None = None
+    base: _Frame | None = None
+    flange: _Frame | None = None
+    gravity_in_base: _Triple | None = None
+    joints: Annotated[list[_Joint], Field(min_length=1, max_length=100)]
+
+
+def read_arm(path: str | Path) -> Arm:
+    """Read an arm file (TOML) or a URDF, told apart by the suffix.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, of another kind, or breaks a rule of its format; with the key that is at fault.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".urdf":
+        return read_urdf(path)
+    if path.suffix.lower() != ".toml":
+        raise _wrong_suffix(path)
+    try:
+        return _arm_of(parse_toml(read_limited(path, limit_bytes=MAX_BYTES), _ArmFile))
+    except InputError as error:
+        raise error.in_file(path) from None
+
+
+def write_arm(arm: Arm, path: str | Path, *, convention: Convention = "dh") -> None:
+    """Write an arm as TOML, or as URDF if `path` ends in ``.urdf``.
+
+    Parameters
+    ----------
+    arm : Arm
+    path : path
+    convention : {"dh", "mdh"}
+        Of the TOML file's table.
+
+    Raises
+    ------
+    InputError
+        If two axes are too nearly parallel for a table (a URDF takes any arm), or the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".urdf":
+        write_urdf(arm, path)
+        return
+    if path.suffix.lower() != ".toml":
+        raise _wrong_suffix(path)
+    table = dh_table(arm.chain) if convention == "dh" else mdh_table(arm.chain)
+    with atomic_file(path) as beside:
+        beside.write_text("\n".join(_toml_lines(arm, table)) + "\n", encoding="utf-8")
+
+
+def _wrong_suffix(path: Path) -> InputError:
+    return InputError(f"an arm file ends in .toml or .urdf, got {path.suffix!r}", file=path)
+
+
+def _arm_of(file: _ArmFile) -> Arm:
+    moving = [joint for joint in file.joints if joint.type != "fixed"]
+    lower, upper, working = np.array([_states_of(joint) for joint in moving]).reshape(-1, 3).T
+    return Arm(
+        name=file.name,
+        chain=_chain_of(file),
+        title=file.title,
+        joint_names=tuple(joint.name or f"J{number}" for number, joint in enumerate(moving, 1)),
+        lower=lower,
+        upper=upper,
+        working_pose=working,
+        source=file.source,
+        masses=_masses_of(file),
+        gravity_in_base=None if file.gravity_in_base is None else np.asarray(file.gravity_in_base),
+    )
+
+
+def _table_of(file: _ArmFile) -> dict[str, Any]:
+    return {q: [_number(joint, q) for joint in file.joints] for q in ("a", "d", "alpha", "theta")} | {
+        "kinds": [joint.type for joint in file.joints]
+    }
+
+
+def _chain_of(file: _ArmFile) -> Chain:
+    build = chain_from_dh if file.convention == "dh" else chain_from_mdh
+    return build(
+        **_table_of(file),
+        base=_frame_of(file.base),
+        flange=_frame_of(file.flange),
+        tip_in_flange=_triple(file, "tip"),
+    )
+
+
+def _masses_of(file: _ArmFile) -> LinkMasses | None:
+    """Masses of the links, those of fixed rows with the link that carries them; what does not move has no say."""
+    ends = row_end_frames(file.convention, **_table_of(file))
+    lumps = []
+    for joint, (number, end) in zip(file.joints, ends, strict=True):
+        if joint.mass_kg is not None and number > 0:
+            lumps.append(PointMass(number, joint.mass_kg, end[:3, :3] @ _triple(joint, "centre_of_mass") + end[:3, 3]))
+    given = {lump.joint for lump in lumps}
+    if not given:
+        return None
+    n_joints = ends[-1][0]
+    if missing := [number for number in range(1, n_joints + 1) if number not in given]:
+        raise InputError(
+            f"the mass of the link behind moving joint {missing[0]} is missing: expected masses of all {n_joints} "
+            f"links or none, got {len(given)}",
+            hint="mass_kg = 0 for a link that weighs next to nothing",
+        )
+    return combine_point_masses(lumps, n_joints)
+
+
+def _states_of(joint: _Joint) -> tuple[float, float, float]:
+    """Lower limit, upper limit and working value of a joint [rad, or mm]."""
+    lower = _number(joint, "min", missing=-np.inf)
+    upper = _number(joint, "max", missing=np.inf)
+    return lower, upper, _number(joint, "working", missing=min(max(0.0, lower), upper))
+
+
+def _frame_of(frame: _Frame | None) -> FloatArray | None:
+    return None if frame is None else frame_from_xyz_rpy(_triple(frame, "xyz"), _triple(frame, "rpy"))
+
+
+def _number(table: _Strict, quantity: str, *, missing: float = 0.0) -> float:
+    value = table.settled(quantity)
+    return missing if value is None else float(value)
+
+
+def _triple(table: _Strict, quantity: str) -> FloatArray:
+    value = table.settled(quantity)
+    return np.zeros(3) if value is None else value
+
+
+def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
+    yield "# An arm: see docs/arm-file.md. Lengths and angles say their unit; title and source appear in reports."
+    yield f"name = {_quoted(arm.name)}"
+    yield f"title = {_quoted(arm.title)}"
+    yield f"source = {_quoted(arm.source)}"
+    yield f'convention = "{table.convention}"'
+    yield f"tip_mm = {_listed(table.tip_in_flange)}  # the tip behind the last joint's row"
+    if (arm.gravity_direction != [0, 0, -1]).any():
+        yield f"gravity_in_base = {_listed(arm.gravity_direction)}  # where weight pulls"
+    yield from _frame_lines("base", table.base)
+    centres = np.zeros((0, 3)) if arm.masses is None else _centres_at_row_ends(arm.chain, arm.masses, table)
+    for i, name in enumerate(arm.joint_names):
+        slides = bool(table.prismatic[i])
+        yield from ("", "[[joints]]", f"name = {_quoted(name)}", f'type = "{"prismatic" if slides else "revolute"}"')
+        yield from (f"a_mm = {_plain(table.a[i])}", f"d_mm = {_plain(table.d[i])}")
+        yield from (f"alpha_deg = {_plain_deg(table.alpha[i])}", f"theta_deg = {_plain_deg(table.theta[i])}")
+        plain, unit = (_plain, "mm") if slides else (_plain_deg, "deg")
+        lower, upper = arm.limits[i]
+        if np.isfinite(lower):
+            yield f"min_{unit} = {plain(lower)}"
+        if np.isfinite(upper):
+            yield f"max_{unit} = {plain(upper)}"
+        if np.isinf(lower) and np.isinf(upper):
+            yield f"# min_{unit} = -170.0, max_{unit} = 170.0: limits of travel, one a line; none for an endless joint"
+        yield f"working_{unit} = {plain(arm.working[i])}"
+        if arm.masses is not None:
+            yield f"mass_kg = {_plain(arm.masses.mass_kg[i])}"
+            yield f"centre_of_mass_mm = {_listed(centres[i])}  # in the frame at the end of this row"
+    yield from _frame_lines("flange", table.flange)
+
+
+def _centres_at_row_ends(chain: Chain, masses: LinkMasses, table: DHTable) -> FloatArray:
+    """(n_joints, 3) centres of mass in the frames at the ends of a table's rows [mm].
+
+    The table's places lie on the same axes as the chain's, but turned about and shifted along them.
+    """
+    kinds: list[Kind] = ["prismatic" if slides else "revolute" for slides in table.prismatic]
+    ends = row_end_frames(table.convention, a=table.a, d=table.d, alpha=table.alpha, theta=table.theta, kinds=kinds)
+    places = [np.stack(list(accumulate(c.fixed[:-1], np.matmul))) for c in (chain, table.chain())]
+    at_ends = np.linalg.inv(places[0]) @ places[1] @ np.stack([end for _, end in ends])
+    off = masses.centre_in_joint_mm - at_ends[:, :3, 3]
+    return np.asarray(np.einsum("nab,na->nb", at_ends[:, :3, :3], off))
+
+
+def _frame_lines(key: str, frame: FloatArray) -> Iterator[str]:
+    if (frame == np.eye(4)).all():
+        return
+    xyz, rpy = xyz_rpy_from_frame(frame)
+    yield from ("", f"[{key}]", f"xyz_mm = {_listed(xyz)}", f"rpy_deg = {_listed(np.rad2deg(rpy))}")
+
+
+def _quoted(text: str) -> str:
+    # JSON's strings are TOML's but for DEL, which TOML wants escaped.
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _plain(number: float) -> str:
+    return repr(float(number) + 0.0)  # adding zero takes the sign off a negative zero
+
+
+def _plain_deg(angle: float) -> str:
+    return _plain(round(float(np.rad2deg(angle)), 12))  # a hundredth of a nanometre at a reach of metres
+
+
+def _listed(numbers: FloatArray) -> str:
+    return f"[{', '.join(_plain(number) for number in numbers)}]"

@@ -1,0 +1,357 @@
+"""Denavit-Hartenberg tables, standard and modified, into a chain and out of one.
+
+Standard (Denavit and Hartenberg 1955; Paul 1981): ``T_i = Rz(q_i + theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i)``.
+Modified (Craig 1986): ``T_i = Rx(alpha_i) Tx(a_i) Rz(q_i + theta_i) Tz(d_i)``; what Craig calls alpha(i-1), a(i-1)
+stands in row i here, as in every published table. A sliding joint adds q_i to d_i instead of theta_i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.chain import Chain
+from truearm.arm.transforms import FloatArray, screw_x, screw_z
+from truearm.errors import InputError
+
+Convention = Literal["dh", "mdh"]
+Kind = Literal["revolute", "prismatic", "fixed"]
+
+# A table says where the common normal of two axes meets them, which runs away as the axes become parallel. A longer
+# offset than this is refused: it would be no property of the arm but of rounding.
+MAX_OFFSET_MM = 10_000.0
+_PARALLEL = 1e-13  # sine of the angle between axes below which they are parallel: 1e-10 mm at a reach of 1 m
+_COINCIDENT_MM = 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class DHTable:
+    """A Denavit-Hartenberg table, one row a joint.
+
+    Parameters
+    ----------
+    convention : {"dh", "mdh"}
+        Standard or modified, see the module's formulas.
+    a, d : (n_joints,) array
+        Lengths along x and z [mm].
+    alpha, theta : (n_joints,) array
+        Angles about x and z [rad]; theta is the constant that is added to the joint's angle.
+    prismatic : (n_joints,) bool array
+        Which joints slide.
+    base : (4, 4) array
+        Rigid motion before the first row [mm].
+    flange : (4, 4) array
+        Rigid motion after the last row [mm].
+    tip_in_flange : (3,) array
+        The tip after `flange` [mm].
+    """
+
+    convention: Convention
+    a: FloatArray
+    d: FloatArray
+    alpha: FloatArray
+    theta: FloatArray
+    prismatic: npt.NDArray[np.bool_]
+    base: FloatArray
+    flange: FloatArray
+    tip_in_flange: FloatArray
+
+    def chain(self) -> Chain:
+        """Build the chain that the table describes."""
+        build = chain_from_dh if self.convention == "dh" else chain_from_mdh
+        return build(
+            a=self.a,
+            d=self.d,
+            alpha=self.alpha,
+            theta=self.theta,
+            kinds=["prismatic" if slides else "revolute" for slides in self.prismatic],
+            base=self.base,
+            flange=self.flange,
+            tip_in_flange=self.tip_in_flange,
+        )
+
+
+def chain_from_dh(
+    *,
+    a: npt.ArrayLike,
+    d: npt.ArrayLike,
+    alpha: npt.ArrayLike,
+    theta: npt.ArrayLike | None = None,
+    kinds: Sequence[Kind] | None = None,
+    base: npt.ArrayLike | None = None,
+    flange: npt.ArrayLike | None = None,
+    tip_in_flange: npt.ArrayLike = (0.0, 0.0, 0.0),
+) -> Chain:
+    """Chain of a standard Denavit-Hartenberg table.
+
+    Parameters
+    ----------
+    a, d : (n_rows,) array
+        Lengths along x and z [mm].
+    alpha : (n_rows,) array
+        Angles about x [rad].
+    theta : (n_rows,) array, optional
+        Constants added to the joint angles [rad]; zeros by default.
+    kinds : sequence of {"revolute", "prismatic", "fixed"}, optional
+        One a row, all revolute by default. A fixed row is folded into its neighbours and is no joint of the chain.
+    base : (4, 4) array, optional
+        Rigid motion before the first row [mm].
+    flange : (4, 4) array, optional
+        Rigid motion after the last row [mm].
+    tip_in_flange : (3,) array
+        The tip after `flange` [mm].
+
+    Raises
+    ------
+    InputError
+        If lengths do not fit each other, a kind is unknown, a number is not finite, or no joint moves.
+    """
+    return _folded(_links("dh", _rows(a, d, alpha, theta, kinds)), base, flange, tip_in_flange)
+
+
+def chain_from_mdh(
+    *,
+    a: npt.ArrayLike,
+    d: npt.ArrayLike,
+    alpha: npt.ArrayLike,
+    theta: npt.ArrayLike | None = None,
+    kinds: Sequence[Kind] | None = None,
+    base: npt.ArrayLike | None = None,
+    flange: npt.ArrayLike | None = None,
+    tip_in_flange: npt.ArrayLike = (0.0, 0.0, 0.0),
+) -> Chain:
+    """Chain of a modified (Craig's) Denavit-Hartenberg table.
+
+    Parameters and errors as in `chain_from_dh`; row i holds alpha(i-1) and a(i-1), which act before joint i.
+    """
+    return _folded(_links("mdh", _rows(a, d, alpha, theta, kinds)), base, flange, tip_in_flange)
+
+
+def row_end_frames(
+    convention: Convention,
+    *,
+    a: npt.ArrayLike,
+    d: npt.ArrayLike,
+    alpha: npt.ArrayLike,
+    theta: npt.ArrayLike | None = None,
+    kinds: Sequence[Kind] | None = None,
+) -> list[tuple[int, FloatArray]]:
+    """Frames at the ends of a table's rows, in which the literature gives a link's centre of mass.
+
+    Parameters are those of `chain_from_dh`.
+
+    Returns
+    -------
+    list of (int, (4, 4) array)
+        For every row the joint that it moves with, counted from 1 (0: it does not move), and the frame at its end in
+        the frame of that joint's place [mm]; that of a row that does not move, in the frame where the first row begins.
+    """
+    ends: list[tuple[int, FloatArray]] = []
+    joint, end = 0, np.eye(4)
+    for kind, before, after in _links(convention, _rows(a, d, alpha, theta, kinds)):
+        if kind == "fixed":
+            end = end @ before @ after
+        else:
+            joint, end = joint + 1, after
+        ends.append((joint, end))
+    return ends
+
+
+def dh_table(chain: Chain, *, max_offset_mm: float = MAX_OFFSET_MM) -> DHTable:
+    """Write any chain as a standard Denavit-Hartenberg table, exact to rounding.
+
+    The table's freedom is used so: |theta| <= 90 deg with a of either sign; between parallel axes d = 0, the offset
+    stands in the row where the run of parallel axes ends. `base` is the chain's F0; `flange` a screw about z at most.
+
+    Parameters
+    ----------
+    chain : Chain
+    max_offset_mm : float
+        Longest d that is given out [mm].
+
+    Raises
+    ------
+    InputError
+        If two axes are so nearly parallel that d would be longer than `max_offset_mm`.
+    """
+    normals, carried = _common_normals(chain, max_offset_mm)
+    end = screw_z(*carried) @ chain.fixed[-1]
+    last = _common_normal(end, last=True)
+    if last.longest > max_offset_mm:  # nothing asks for a table row here: the flange takes it all
+        last, flange = _NOTHING, end
+    else:
+        flange = screw_z(*last.after)
+    rows = [(normal.theta, normal.d, normal.a, normal.alpha) for normal in (*normals, last)]
+    return _table("dh", rows, chain, base=chain.fixed[0], flange=flange)
+
+
+def mdh_table(chain: Chain, *, max_offset_mm: float = MAX_OFFSET_MM) -> DHTable:
+    """Write any chain as a modified (Craig's) Denavit-Hartenberg table, exact to rounding.
+
+    `base` is a screw about z at most, `flange` the chain's last fixed motion; else as in `dh_table`.
+
+    Raises
+    ------
+    InputError
+        If two axes are so nearly parallel that d would be longer than `max_offset_mm`.
+    """
+    first = _common_normal(chain.fixed[0])
+    if first.longest > max_offset_mm:  # nothing asks for a table row here: the base takes it all
+        first, base = _NOTHING, chain.fixed[0]
+    else:
+        base = screw_z(first.theta, first.d)
+    normals, carried = _common_normals(chain, max_offset_mm, carried=first.after)
+    screws = [*((normal.theta, normal.d) for normal in normals), carried]
+    rows = [(*screw, normal.a, normal.alpha) for screw, normal in zip(screws, (first, *normals), strict=True)]
+    return _table("mdh", rows, chain, base=base, flange=chain.fixed[-1])
+
+
+class _Row(NamedTuple):
+    a: float
+    d: float
+    alpha: float
+    theta: float
+    kind: Kind
+
+
+class _CommonNormal(NamedTuple):
+    """A rigid motion as ``Rz(theta) Tz(d) Tx(a) Rx(alpha) Rz(after[0]) Tz(after[1])``."""
+
+    theta: float
+    d: float
+    a: float
+    alpha: float
+    after: tuple[float, float]
+
+    @property
+    def longest(self) -> float:
+        """The longer of the two offsets along the axes [mm]."""
+        return max(abs(self.d), abs(self.after[1]))
+
+
+_NOTHING = _CommonNormal(0.0, 0.0, 0.0, 0.0, (0.0, 0.0))
+
+
+def _rows(
+    a: npt.ArrayLike,
+    d: npt.ArrayLike,
+    alpha: npt.ArrayLike,
+    theta: npt.ArrayLike | None,
+    kinds: Sequence[Kind] | None,
+) -> list[_Row]:
+    n = np.size(a)
+    columns = {"a": a, "d": d, "alpha": alpha, "theta": np.zeros(n) if theta is None else theta}
+    arrays = {name: np.asarray(column, dtype=float) for name, column in columns.items()}
+    for name, column in arrays.items():
+        if column.shape != (n,):
+            raise InputError(f"a table needs columns of one length, got {n} of a and shape {column.shape} of {name}")
+        if not np.isfinite(column).all():
+            raise InputError(f"{name} must be finite numbers, got {column.tolist()}")
+    kinds = ["revolute"] * n if kinds is None else list(kinds)
+    if len(kinds) != n or not set(kinds) <= set(get_args(Kind)):
+        raise InputError(f"expected {n} kinds of joint out of {', '.join(get_args(Kind))}, got {kinds}")
+    return [_Row(*row) for row in zip(*(column.tolist() for column in arrays.values()), kinds, strict=True)]
+
+
+def _links(convention: Convention, rows: list[_Row]) -> list[tuple[Kind, FloatArray, FloatArray]]:
+    """Kind, rigid motion before the joint and rigid motion after it, of each row."""
+    links: list[tuple[Kind, FloatArray, FloatArray]] = []
+    for row in rows:
+        along_z, along_x = screw_z(row.theta, row.d), screw_x(row.alpha, row.a)
+        if convention == "dh":
+            links.append((row.kind, np.eye(4), along_z @ along_x))
+        else:
+            links.append((row.kind, along_x @ along_z, np.eye(4)))
+    return links
+
+
+def _folded(
+    links: list[tuple[Kind, FloatArray, FloatArray]],
+    base: npt.ArrayLike | None,
+    flange: npt.ArrayLike | None,
+    tip_in_flange: npt.ArrayLike,
+) -> Chain:
+    """Chain of links (kind, rigid motion before the joint, rigid motion after it)."""
+    fixed, prismatic = [_frame(base, "base")], []
+    for kind, before, after in links:
+        fixed[-1] = fixed[-1] @ before
+        if kind == "fixed":
+            fixed[-1] = fixed[-1] @ after
+        else:
+            fixed.append(after)
+            prismatic.append(kind == "prismatic")
+    if not prismatic:
+        raise InputError("an arm needs at least one joint that moves, got fixed ones only")
+    fixed[-1] = fixed[-1] @ _frame(flange, "flange")
+    return Chain(np.array(fixed), np.asarray(tip_in_flange, dtype=float), np.array(prismatic))
+
+
+def _frame(frame: npt.ArrayLike | None, name: str) -> FloatArray:
+    frame = np.eye(4) if frame is None else np.array(frame, dtype=float)
+    if frame.shape != (4, 4):
+        raise InputError(f"{name} must be a (4, 4) rigid motion, got shape {frame.shape}")
+    return frame
+
+
+def _common_normals(
+    chain: Chain, max_offset_mm: float, *, carried: tuple[float, float] = (0.0, 0.0)
+) -> tuple[list[_CommonNormal], tuple[float, float]]:
+    """Split the motions between joints one after the other.
+
+    The screw about z that one split leaves over commutes with the joint there and is carried into the next.
+    """
+    normals = []
+    for i in range(1, chain.n_joints):
+        normal = _common_normal(screw_z(*carried) @ chain.fixed[i])
+        if normal.longest > max_offset_mm:
+            raise InputError(
+                f"the axes of joints {i} and {i + 1} are nearly but not quite parallel: a Denavit-Hartenberg table "
+                f"would need an offset d of {normal.longest / 1000:.3g} m (the bound is {max_offset_mm / 1000:g} m)",
+                hint="write a URDF, which has no such trouble",
+            )
+        normals.append(normal)
+        carried = normal.after
+    return normals, carried
+
+
+def _common_normal(frame: FloatArray, *, last: bool = False) -> _CommonNormal:
+    """Split a rigid motion at the common normal of its two z axes.
+
+    Parallel axes have many: theta or d that could stand at either end is left to `after`, unless this is the last.
+    """
+    p, z = frame[:3, 3], frame[:3, 2]
+    parallel = bool(np.hypot(z[0], z[1]) < _PARALLEL)
+    if parallel and np.hypot(p[0], p[1]) < _COINCIDENT_MM:
+        theta = np.arctan2(frame[1, 0], frame[0, 0]) if last else 0.0
+    else:
+        theta = np.arctan2(p[1], p[0]) if parallel else np.arctan2(z[0], -z[1])
+        if abs(theta) > np.pi / 2:
+            theta -= np.copysign(np.pi, theta)  # the same normal from the other side
+    left = screw_z(-theta, 0.0) @ frame  # Tz(d) Tx(a) Rx(alpha), then the screw for `after`
+    sin, cos = -left[1, 2], left[2, 2]
+    if parallel:
+        alpha = 0.0 if cos > 0 else np.pi
+        d, after = (left[2, 3], 0.0) if last else (0.0, left[2, 3] * np.sign(cos))
+    else:
+        alpha = np.arctan2(sin, cos)
+        after = -left[1, 3] / sin
+        d = left[2, 3] - after * cos
+    turned = screw_x(-alpha, 0.0)[:3, :3] @ left[:3, :3]
+    angle = np.arctan2(turned[1, 0], turned[0, 0])
+    return _CommonNormal(float(theta), float(d), float(left[0, 3]), float(alpha), (float(angle), float(after)))
+
+
+def _table(
+    convention: Convention,
+    rows: list[tuple[float, float, float, float]],
+    chain: Chain,
+    *,
+    base: FloatArray,
+    flange: FloatArray,
+) -> DHTable:
+    theta, d, a, alpha = np.array(rows).T
+    return DHTable(convention, a, d, alpha, theta, chain.is_prismatic, base, flange, chain.tip_in_flange)

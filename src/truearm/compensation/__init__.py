@@ -1,0 +1,1 @@
+"""Compensate: models that turn joint angles into true coordinates."""

@@ -1,0 +1,416 @@
+"""The network model of the founding paper: straight from joint angles to coordinates."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm import __version__
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.compensation.models.compensator import MIN_ROWS, Compensator
+from truearm.compensation.nets.checkpoint import Checkpoint
+from truearm.compensation.nets.train_varpro import train_varpro
+from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
+from truearm.compensation.nets.normal_equations import FitProblem
+from truearm.compensation.nets.perceptron import Perceptron
+from truearm.compensation.nets.scaling import MinMaxScaler
+from truearm.compensation.nets.trainbr import BayesianRecord, trainbr
+from truearm.compensation.nets.traingd import traingd
+from truearm.compensation.nets.traingdx import traingdx
+from truearm.compensation.nets.training import Epoch, TrainingRecord, dividerand
+from truearm.compensation.nets.trainlm import trainlm
+from truearm.readings.lengths import Lengths
+from truearm.readings.readings import Readings
+from truearm.solve.threads import one_blas_thread
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+TRAINERS: dict[str, Callable[..., tuple[FloatArray, TrainingRecord]]] = {
+    "lm": train_varpro,
+    "trainlm": trainlm,
+    "trainbr": trainbr,
+    "traingd": traingd,
+    "traingdx": traingdx,
+}
+# The name of a training's file in the checkpoint folder, member and start counted from 1.
+CHECKPOINT_NAME = "member-{}-start-{}.npz"
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """A trained network of an ensemble.
+
+    Attributes
+    ----------
+    weights : (n_weights,) array
+    basis_covariance : (units + 1, units + 1) array
+        Inverse Gram matrix of the last hidden layer on the member's training data.
+    start : int
+        Which of its starts was kept, counted from 0.
+    record : TrainingRecord, optional
+        What the kept training did. Model files of format 1 have none.
+    """
+
+    weights: FloatArray
+    basis_covariance: FloatArray
+    start: int = 0
+    record: TrainingRecord | None = None
+
+
+class NetworkModel(Compensator):
+    """Multilayer perceptrons from joint angles to coordinates, as Gao et al. (2017) train them.
+
+    They know nothing of kinematics: they need thousands of readings and hold only within their joint ranges.
+
+    Parameters
+    ----------
+    arm : Arm
+        Serves the comparison with the nominal arm only.
+    hidden : tuple of int
+        Units of the hidden layers.
+    activation : str
+        ``"tansig"``, ``"logsig"`` or ``"purelin"``.
+    trainer : str
+        ``"lm"`` (variable projection and Nielsen's damping), or as MATLAB's ``"trainlm"``, ``"trainbr"`` (Bayesian
+        regularisation: slower, but no overfitting where readings are few), ``"traingd"`` or ``"traingdx"`` (gradient
+        descent: thousands of epochs for a rough fit; here because others report it).
+    epochs : int
+        At most so many a training.
+    goal : float
+        Mean squared error of scaled outputs at which to stop.
+    validation : float
+        Share of the readings set aside; training stops when the error on them grows, and the best weights are kept.
+    max_fail : int
+        Epochs in a row without a better validation error that stop it; ``"trainbr"`` does not stop so.
+    n_restarts : int
+        Trainings of a member, each from start weights of its own. The one with the smallest validation error is kept,
+        the smallest training error where nothing is set aside.
+    n_members : int
+        Networks of the ensemble, each with start weights and a division into training and validation data of its own.
+        Their mean is the prediction.
+    seed : int
+        Of start weights and divisions. One network draws the same whatever the number of members and restarts.
+    free : tuple of str
+        Of the nominal arm to compare with, as in `NominalModel`.
+
+    Attributes
+    ----------
+    network_ : Perceptron
+        The shape of all members.
+    members_ : tuple of Member
+    record_ : TrainingRecord
+        Of the first member.
+    angle_scale_, point_scale_ : MinMaxScaler
+        Angles [rad] and points [mm] onto [-1, 1].
+    residual_covariance_ : (3, 3) array
+        Mean product of a member's residuals [mm^2] on its validation data, without the share that the scatter of the
+        members explains; where nothing is set aside on the training data, with the freedom that the weights took
+        accounted for.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        hidden: tuple[int, ...] = (30, 30),
+        activation: str = "tansig",
+        trainer: str = "lm",
+        epochs: int = 200,
+        goal: float = 0.0,
+        validation: float = 0.15,
+        max_fail: int = 10,
+        n_restarts: int = 1,
+        n_members: int = 1,
+        seed: int = 0,
+        free: tuple[str, ...] = ("base", "tip"),
+    ) -> None:
+        self.arm = arm
+        self.hidden = hidden
+        self.activation = activation
+        self.trainer = trainer
+        self.epochs = epochs
+        self.goal = goal
+        self.validation = validation
+        self.max_fail = max_fail
+        self.n_restarts = n_restarts
+        self.n_members = n_members
+        self.seed = seed
+        self.free = free
+
+    @property
+    def record_(self) -> TrainingRecord | None:
+        """The training of the first member, MATLAB's ``tr``; None after reading a model file of format 1."""
+        return self.members_[0].record
+
+    def member_scatter(self, angles: npt.ArrayLike) -> FloatArray:
+        """(n, 3, 3) covariance of the members' points about their mean [mm^2]; zero where there is one member.
+
+        Small where the readings were, large where they do not tell what to predict.
+        """
+        return self._scatter(self._checked_angles(angles))
+
+    def _check_references(self, readings: Readings, lengths: Lengths | None) -> int:
+        if lengths is not None:
+            raise InputError(
+                "a network learns from points alone, and lengths between seats were given with them",
+                hint="fit it without lengths, or fit a kinematic or physical model",
+            )
+        return super()._check_references(readings, lengths)
+
+    def _identify(
+        self,
+        readings: Readings,
+        lengths: Lengths | None,
+        progress: Callable[[int, str], None],
+        checkpoint: Path | None,
+    ) -> None:
+        del lengths  # refused before
+        if self.session_frames_:
+            raise readings.error(
+                f"the readings are of {len(self.session_frames_)} sessions, each in a frame of its own, and a network "
+                "learns one",
+                column="session",
+                hint="the readings of one session (truearm split --by session), or a physical model",
+            )
+        points = readings.points
+        assert points is not None  # checked
+        _check_motion(self.arm, readings, points)
+        self.network_ = Perceptron.with_layers(readings.n_joints, self.hidden, 3, activation=self.activation)
+        self.angle_scale_ = MinMaxScaler.of(readings.angles.T, what="the angle of joint")
+        self.point_scale_ = MinMaxScaler.of(points.T, what="coordinate")
+        inputs, targets = self.angle_scale_.scale(readings.angles.T), self.point_scale_.scale(points.T)
+        if checkpoint is not None:
+            try:
+                checkpoint.mkdir(exist_ok=True)
+            except OSError as error:
+                raise InputError(
+                    f"the folder for the training cannot be made: {error.strerror}",
+                    file=checkpoint,
+                    hint="a name that is no file's, in a folder that exists and may be written to",
+                ) from None
+        members, judges = [], []
+        for number in range(self.n_members):
+            train, aside, _ = dividerand(
+                len(points), train=1 - self.validation, validation=self.validation, test=0, seed=self._stream(number, 0)
+            )
+            training = FitProblem(self.network_, inputs[:, train], targets[:, train])
+            validation = FitProblem(self.network_, inputs[:, aside], targets[:, aside]) if len(aside) else None
+            if validation is None:
+                self._check_enough(training, readings)
+            start, weights, record = self._trained(number, training, validation, progress, checkpoint)
+            with one_blas_thread():
+                members.append(Member(weights, self._basis_covariance(weights, training.inputs), start, record))
+            judges.append(train if validation is None else aside)
+        self.members_ = tuple(members)
+        with one_blas_thread():
+            self.residual_covariance_ = self._residual_covariance(readings.angles, points, judges, apart=len(aside) > 0)
+
+    def _trained(
+        self,
+        number: int,
+        training: FitProblem,
+        validation: FitProblem | None,
+        progress: Callable[[int, str], None],
+        checkpoint: Path | None,
+    ) -> tuple[int, FloatArray, TrainingRecord]:
+        """The best of a member's starts: its number, the weights and the record."""
+        options = {"validation": validation, "epochs": self.epochs, "goal": self.goal}
+        if self.trainer != "trainbr":  # stopped by the evidence, never by validation data
+            options["max_fail"] = self.max_fail
+        least, best = np.inf, None
+        for restart in range(self.n_restarts):
+            weights = nguyen_widrow(self.network_, seed=self._stream(number, restart))
+            kept = None
+            if checkpoint is not None:
+                name = CHECKPOINT_NAME.format(number + 1, restart + 1)
+                kept = Checkpoint(checkpoint / name, self._fingerprint(training, validation, weights))
+            weights, record = TRAINERS[self.trainer](
+                training,
+                weights,
+                callback=self._teller(number * self.n_restarts + restart, progress),
+                checkpoint=kept,
+                **options,
+            )
+            error = float((record.perf if validation is None else record.vperf)[record.best_epoch])
+            if best is None or error < least:
+                least, best = error, (restart, weights, record)
+        assert best is not None  # one start at least
+        return best
+
+    def _teller(self, done: int, progress: Callable[[int, str], None]) -> Callable[[Epoch], None]:
+        """Progress of a training after `done` others: errors in mm instead of scaled squares."""
+        scale = float(np.sqrt(np.mean(self.point_scale_.half_range**2)))
+        n_trainings = self.n_members * self.n_restarts
+        first = f"training {done + 1}/{n_trainings}, " if n_trainings > 1 else ""
+
+        def tell(state: Epoch) -> None:
+            note = f"{first}epoch {state.epoch}, rms error {scale * np.sqrt(state.perf):.3g} mm"
+            if np.isfinite(state.vperf):
+                note += f", validation {scale * np.sqrt(state.vperf):.3g} mm"
+            if np.isfinite(state.mu):
+                note += f", mu {state.mu:.0e}"
+            progress(done * self.epochs + state.epoch, note)
+
+        return tell
+
+    def _stream(self, member: int, restart: int) -> int:
+        """The seed of a start, or of a member's division (restart 0); that of the first is `seed` itself."""
+        if member == restart == 0:
+            return int(self.seed)
+        words = np.random.SeedSequence([int(self.seed), member, restart]).generate_state(2, np.uint64)
+        return int(words[0]) << 64 | int(words[1])
+
+    def _fingerprint(self, training: FitProblem, validation: FitProblem | None, start: FloatArray) -> str:
+        """SHA-256 of all that a training's course depends on."""
+        network = self.network_
+        options = [__version__, self.trainer, network.sizes, network.hidden, self.epochs, self.goal, self.max_fail]
+        digest = hashlib.sha256(json.dumps(options, default=lambda number: number.item()).encode())
+        for part in (training, validation):
+            if part is not None:
+                digest.update(f"{part.inputs.shape[1]} samples".encode())
+                digest.update(np.ascontiguousarray(part.inputs, dtype="<f8").tobytes())
+                digest.update(np.ascontiguousarray(part.targets, dtype="<f8").tobytes())
+        digest.update(np.ascontiguousarray(start, dtype="<f8").tobytes())
+        return digest.hexdigest()
+
+    def _check_enough(self, training: FitProblem, readings: Readings) -> None:
+        """Refuse to train a network, with nothing set aside, that can repeat every reading."""
+        if self.trainer != "trainbr" and training.n_errors <= self.network_.n_weights:
+            raise readings.error(
+                f"{training.inputs.shape[1]} readings give {training.n_errors} coordinates for "
+                f"{self.network_.n_weights} weights: the network would repeat them, and nothing would tell how wrong "
+                "it is elsewhere",
+                hint="set readings aside (validation=0.15), trainbr, more readings, fewer units, the kinematic model",
+            )
+
+    def _check_options(self) -> None:
+        super()._check_options()
+        if self.trainer not in TRAINERS:
+            raise InputError(f"expected a trainer among {list(TRAINERS)}, got {self.trainer!r}")
+        if not isinstance(self.hidden, tuple | list) or not all(isinstance(n, int | np.integer) for n in self.hidden):
+            raise InputError(f"expected hidden layers as whole numbers, such as (30, 30), got {self.hidden!r}")
+        for name, least in (("epochs", 1), ("max_fail", 1), ("n_restarts", 1), ("n_members", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if not isinstance(value, int | np.integer) or value < least:
+                raise InputError(f"expected {name} as a whole number of {least} or more, got {value!r}")
+        if not 0 <= self.validation < 1:
+            raise InputError(f"expected validation, a share of the readings, from 0 to below 1, got {self.validation}")
+        if not 0 <= self.goal < np.inf:
+            raise InputError(f"expected goal, a mean squared error of scaled outputs, of 0 or more, got {self.goal}")
+
+    def _residual_covariance(
+        self, angles: FloatArray, points: FloatArray, judges: list[IntArray], *, apart: bool
+    ) -> FloatArray:
+        """What a member leaves over: on the readings by which it is judged, over and above the members' scatter."""
+        parts = []
+        for member, rows in zip(self.members_, judges, strict=True):
+            residuals = self._points(member, self.angle_scale_.scale(angles[rows].T)) - points[rows]
+            squares = residuals.T @ residuals / len(rows)
+            if len(rows) < MIN_ROWS:  # too few to tell directions apart
+                squares = np.trace(squares) / 3 * np.eye(3)
+            parts.append(squares if apart else squares / self._free_share(member, residuals.size))
+        covariance = np.mean(parts, axis=0)
+        if apart and self.n_members > 1:
+            scatter = self._scatter(angles)
+            known = np.mean([np.trace(scatter[rows].mean(axis=0)) for rows in judges]) / np.trace(covariance)
+            # Were it all scatter, the mean of the members would still err by their share.
+            covariance = covariance * max(1 - known, 1 / self.n_members)
+        return np.asarray(covariance)
+
+    def _free_share(self, member: Member, n_coordinates: int) -> float:
+        """Share of the training coordinates' freedom that the weights in use have left."""
+        in_use = member.record.gamk[-1] if isinstance(member.record, BayesianRecord) else self.network_.n_weights
+        return max(1 - in_use / n_coordinates, 1e-3)
+
+    def _basis_covariance(self, weights: FloatArray, inputs: FloatArray) -> FloatArray:
+        basis = self._basis(weights, inputs)
+        gram = basis.T @ basis
+        # A thousandth of a reading in every direction keeps the inverse finite where hidden units have become alike.
+        return np.asarray(np.linalg.inv(gram + 1e-3 * np.eye(len(gram))))
+
+    def _basis(self, weights: FloatArray, inputs: FloatArray) -> FloatArray:
+        """(n, units + 1) last hidden layer and bias at scaled inputs (n_inputs, n)."""
+        last_hidden = self.network_.forward(weights, inputs)[-2]
+        return np.concatenate([last_hidden, np.ones((1, last_hidden.shape[1]))]).T
+
+    def _points(self, member: Member, inputs: FloatArray) -> FloatArray:
+        """(n, 3) a member's points [mm] at scaled inputs (n_inputs, n)."""
+        return np.asarray(self.point_scale_.unscale(self.network_.outputs(member.weights, inputs)).T)
+
+    def _tips(self, readings: Readings) -> FloatArray:
+        return self._mean(readings.angles)
+
+    def _mean(self, angles: FloatArray) -> FloatArray:
+        """(n, 3) mean of the members' points [mm]."""
+        inputs = self.angle_scale_.scale(angles.T)
+        return np.asarray(np.mean([self._points(member, inputs) for member in self.members_], axis=0))
+
+    def _scatter(self, angles: FloatArray) -> FloatArray:
+        out = np.zeros((len(angles), 3, 3))
+        if len(self.members_) > 1:
+            inputs = self.angle_scale_.scale(angles.T)
+            mean = self._mean(angles)
+            for member in self.members_:
+                off = self._points(member, inputs) - mean
+                out += off[:, :, None] * off[:, None, :]
+            out /= len(self.members_) - 1
+        return out
+
+    def _covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
+        """What the data left open of the weights, and what members leave over.
+
+        The first is the second, times the leverage of the last hidden layers, and the members' scatter. The leverage is
+        that of a Bayesian linear output layer. Hidden units saturate, so that it does not grow without bound far
+        outside; the scatter does not hold the error that all members share. Such rows are flagged instead.
+        """
+        angles = readings.angles
+        inputs = self.angle_scale_.scale(angles.T)
+        leverage = np.zeros(len(angles))
+        for member in self.members_:
+            basis = self._basis(member.weights, inputs)
+            leverage += np.einsum("ni,ij,nj->n", basis, member.basis_covariance, basis) / len(self.members_)
+        left_over = np.broadcast_to(self.residual_covariance_, (len(angles), 3, 3))
+        return leverage[:, None, None] * left_over + self._scatter(angles), left_over
+
+
+def checkpoints(folder: Path) -> list[Path]:
+    """The files of trainings in a checkpoint folder; none where there is no folder."""
+    return sorted(folder.glob(CHECKPOINT_NAME.format("*", "*")))
+
+
+def remove_checkpoints(folder: Path) -> None:
+    """Remove the files of trainings, and the folder if nothing else is in it."""
+    # A program that was killed while writing may have left a file under a hidden name.
+    for file in [*checkpoints(folder), *folder.glob("." + CHECKPOINT_NAME.format("*", "*"))]:
+        file.unlink(missing_ok=True)
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def _check_motion(arm: Arm, readings: Readings, points: FloatArray) -> None:
+    """Refuse an input or output without a range to scale."""
+    for joint, values in enumerate(readings.angles.T):
+        if values.min() == values.max():
+            name, unit = arm.joint_names[joint], "mm" if arm.chain.is_prismatic[joint] else "rad"
+            raise readings.error(
+                f"joint {name} is at {values[0]:.6g} {unit} in all {len(readings)} readings: a network cannot learn "
+                "from a joint that does not move",
+                column=None if readings.angle_columns is None else readings.angle_columns[joint],
+                hint='readings in which it moves, or an arm without it (type = "fixed" in an arm file)',
+            )
+    for axis, values in zip("xyz", points.T, strict=True):
+        if values.min() == values.max():
+            raise readings.error(
+                f"the coordinate {axis} is {values[0]:.6g} mm in all {len(readings)} readings: a network has nothing "
+                "to learn in it",
+                hint="readings that leave this plane, the kinematic model",
+            )

@@ -1,0 +1,206 @@
+"""The page of a session without reference points: how well models' points agree in their seats and keep lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.pages import figures
+from truearm.pages.page import Cell, Column, Page, LabelledValue, Section, Table
+from truearm.pages.phrases import format_count, format_mm
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SeatComparison:
+    """Readings in seats and what models made of them.
+
+    Attributes
+    ----------
+    angles : (n, n_joints) array
+        [rad], or [mm] for sliding joints.
+    seat : (n,) array of str
+        The seat of each reading; in every seat there are two readings or more.
+    predicted : mapping of str to (n, 3) array
+        By each model [mm]; the first is the state before compensation.
+    lengths : sequence of (str, str, float, float)
+        Known lengths: seat, seat, length and its standard uncertainty [mm].
+    length_errors : mapping of str to (m,) array
+        Of each model: its length less the known one [mm].
+    joint_names : sequence of str
+    lower, upper : (n_joints,) array
+        Joint limits, infinite where there is none.
+    sliding : sequence of bool
+    """
+
+    angles: FloatArray
+    seat: npt.NDArray[np.str_]
+    predicted: Mapping[str, FloatArray]
+    lengths: Sequence[tuple[str, str, float, float]]
+    length_errors: Mapping[str, FloatArray]
+    joint_names: Sequence[str]
+    lower: FloatArray
+    upper: FloatArray
+    sliding: Sequence[bool]
+
+
+def seats_page(
+    seated: SeatComparison,
+    *,
+    title: str,
+    subtitle: str,
+    facts: Sequence[tuple[str, str]],
+    remarks: Sequence[str] = (),
+    more: Sequence[Section] = (),
+) -> Page:
+    """The page: agreement in the seats before and after, lengths, what was measured, where the errors come from.
+
+    Parameters
+    ----------
+    seated : SeatComparison
+    title, subtitle, facts, remarks, more
+        As in `truearm.compensation.models.comparison_page.comparison_page`.
+    """
+    distances = {name: _from_mean(points, seated.seat) for name, points in seated.predicted.items()}
+    best = min(distances, key=lambda name: float(distances[name].mean()))
+    styles = figures.styles_of(distances)
+    return Page(
+        title=title,
+        subtitle=subtitle,
+        summary=_summary(seated, distances, best),
+        sections=(
+            _agreement(seated, distances, remarks, styles),
+            *_lengths(seated),
+            *more,
+            Section(
+                "What was measured",
+                "Where the joints and the tip were. A model holds where readings like these have taught it.",
+                figures=(
+                    figures.joint_ranges(
+                        seated.angles,
+                        names=seated.joint_names,
+                        lower=seated.lower,
+                        upper=seated.upper,
+                        sliding=seated.sliding,
+                    ),
+                    figures.workspace(seated.predicted[best]),
+                ),
+            ),
+            Section(
+                "Where the error comes from",
+                "Which joints the errors go with. Distances have no sign: a wave shows twice as often.",
+                figures=(
+                    figures.error_against_joint(
+                        seated.angles, distances, names=seated.joint_names, sliding=seated.sliding, styles=styles
+                    ),
+                ),
+            ),
+        ),
+        facts=tuple(facts),
+    )
+
+
+def _from_mean(points: FloatArray, seat: npt.NDArray[np.str_]) -> FloatArray:
+    """(n,) distances of points from the mean of their seat [mm]."""
+    index = np.unique(seat, return_inverse=True)[1]
+    means = np.stack([np.bincount(index, column) for column in points.T], axis=1) / np.bincount(index)[:, None]
+    return np.asarray(np.linalg.norm(points - means[index], axis=1))
+
+
+def _summary(seated: SeatComparison, distances: Mapping[str, FloatArray], best: str) -> tuple[LabelledValue, ...]:
+    before = next(iter(distances))
+    rows = [LabelledValue(f"mean distance from the seat's mean, {before}", float(distances[before].mean()), "mm")]
+    if best != before:
+        rows += [
+            LabelledValue(f"the same, {best}", float(distances[best].mean()), "mm"),
+            LabelledValue(f"largest, {best}", float(distances[best].max()), "mm"),
+        ]
+    if seated.lengths:
+        rows.append(LabelledValue(f"largest error of a length, {best}", float(np.abs(seated.length_errors[best]).max()), "mm"))
+    return tuple(rows)
+
+
+def _agreement(
+    seated: SeatComparison,
+    distances: Mapping[str, FloatArray],
+    remarks: Sequence[str],
+    styles: Mapping[str, figures.Style],
+) -> Section:
+    names, index, counts = np.unique(seated.seat, return_inverse=True, return_counts=True)
+    of_models = Table(
+        (
+            Column("model"),
+            Column("mean distance", "mm"),
+            Column("rms distance", "mm"),
+            Column("95 % of distances below", "mm"),
+            Column("largest distance", "mm"),
+            Column("readings"),
+        ),
+        tuple(
+            (
+                name,
+                float(d.mean()),
+                float(np.sqrt((d**2).mean())),
+                float(np.quantile(d, 0.95)),
+                float(d.max()),
+                len(d),
+            )
+            for name, d in distances.items()
+        ),
+        "Distances from the mean of the seat",
+    )
+    of_seats = Table(
+        (Column("seat"), Column("readings"), *(Column(name, "mm", group="mean distance") for name in distances)),
+        tuple(
+            (str(name), int(counts[i]), *(float(d[index == i].mean()) for d in distances.values()))
+            for i, name in enumerate(names)
+        ),
+        "Seat by seat",
+    )
+    clouds = figures.before_after(distances, styles=styles)
+    spread = figures.error_distribution(distances, styles=styles)
+    return Section(
+        "Agreement in the seats",
+        "\n\n".join(remarks)
+        + ("\n\n" if remarks else "")
+        + f"The tip was held in {format_count(len(names), 'seat')}, in many poses each. An arm without error would come to "
+        "the same point in all poses of a seat; the distance of each point from the mean of its seat is what errors "
+        "and noise make of it. What shifts all points of a seat alike is not seen, nor is the size of the arm: that "
+        "takes lengths.",
+        tables=(of_models, of_seats),
+        figures=(clouds, replace(spread, caption=spread.caption.replace("the reference's", "the mean of its seat"))),
+    )
+
+
+def _lengths(seated: SeatComparison) -> tuple[Section, ...]:
+    if not seated.lengths:
+        return ()
+    rows: list[tuple[Cell, ...]] = [
+        (a, b, length, u, *(float(errors[i]) for errors in seated.length_errors.values()))
+        for i, (a, b, length, u) in enumerate(seated.lengths)
+    ]
+    worst = {name: float(np.abs(errors).max()) for name, errors in seated.length_errors.items()}
+    told = ", ".join(f"{name} {format_mm(error)}" for name, error in worst.items())
+    table = Table(
+        (
+            Column("seat"),
+            Column("seat"),
+            Column("length", "mm", 7),
+            Column("its u", "mm", 2),
+            *(Column(name, "mm", 2, group="error") for name in seated.length_errors),
+        ),
+        tuple(rows),
+        "Known lengths, and by how much each model's are longer",
+    )
+    return (
+        Section(
+            "Lengths",
+            "The distance between the mean points of two seats, less the length that is known. Lengths that served to "
+            f"identify the arm prove little; others test it. The largest errors: {told}.",
+            tables=(table,),
+        ),
+    )

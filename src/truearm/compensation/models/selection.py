@@ -1,0 +1,125 @@
+"""Which model to keep: the simplest that predicts readings held out as well as the best, within its standard error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.kinematic import KinematicModel
+from truearm.compensation.models.nominal import NominalModel
+from truearm.compensation.models.physical import PhysicalModel
+from truearm.readings.lengths import Lengths
+from truearm.readings.readings import Readings
+
+# From the simplest up.
+CANDIDATES: dict[str, type[IdentifiedModel]] = {
+    "nominal": NominalModel,
+    "kinematic": KinematicModel,
+    "physical": PhysicalModel,
+}
+
+
+@dataclass(frozen=True)
+class ModelScore:
+    """A model as its held-out readings judge it.
+
+    Attributes
+    ----------
+    name : str
+    mean_mm, standard_error_mm : float
+        Error of readings held out with their position or seat, and how well that mean is known.
+    p95_mm, max_mm : float
+    n_effective : float
+        Parameters that the readings determine.
+    kept : bool
+    """
+
+    name: str
+    mean_mm: float
+    standard_error_mm: float
+    p95_mm: float
+    max_mm: float
+    n_effective: float
+    kept: bool
+
+
+def select_model(
+    arm: Arm,
+    readings: Readings,
+    *,
+    free: tuple[str, ...] = ("base", "tip"),
+    lengths: Lengths | None = None,
+    progress: Callable[[int, str], None] | None = None,
+    nominal: NominalModel | None = None,
+) -> tuple[IdentifiedModel, tuple[ModelScore, ...]]:
+    """Fit the nominal, the kinematic and the physical model and keep one.
+
+    Kept is the simplest whose mean error on readings held out lies within one standard error of the least (L. Breiman
+    and others, "Classification and Regression Trees", 1984, section 3.4.3): terms that do not pay are not taken along.
+
+    Parameters
+    ----------
+    arm : Arm
+    readings : Readings
+        With reference points, seats, or both.
+    free : tuple of str
+        See the models.
+    lengths : Lengths, optional
+        Known lengths between seats.
+    progress : callable, optional
+        Told the steps done and how it stands.
+    nominal : NominalModel, optional
+        The first of the three, if it has been fitted to these readings with these options.
+
+    Returns
+    -------
+    model : IdentifiedModel
+        Fitted to all readings.
+    table : tuple of ModelScore
+        All candidates, the simplest first.
+
+    Raises
+    ------
+    InputError
+        As `fit_readings`; also if no readings can be held out.
+    """
+    models: dict[str, IdentifiedModel] = {} if nominal is None else {"nominal": nominal}
+    for number, (name, kind) in enumerate(CANDIDATES.items()):
+        if name in models:
+            continue
+
+        def told(_: int, note: str, number: int = number, name: str = name) -> None:
+            if progress is not None:
+                progress(number, f"{name}: {note}")
+
+        model = kind(arm, free=free)
+        models[name] = model.fit_readings(readings, lengths=lengths, progress=told, nominal=models.get("nominal"))
+        if not len(models[name].held_out_.rows):
+            raise InputError(
+                "expected readings with points, or seats of two readings or more, as models are compared on points of "
+                "readings held out, and surfaces and orientations give none",
+                file=readings.file,
+                hint="these readings serve to fit a model that is named: --model kinematic, or --model physical",
+            )
+    held_out = {name: model.held_out_ for name, model in models.items()}
+    best = min(held_out, key=lambda name: held_out[name].mean_mm)
+    most = held_out[best].mean_mm + held_out[best].standard_error_mm
+    kept = next(name for name in models if held_out[name].mean_mm <= most)
+    table = tuple(
+        ModelScore(
+            name,
+            part.mean_mm,
+            part.standard_error_mm,
+            float(np.quantile(part.errors_mm, 0.95)),
+            float(part.errors_mm.max()),
+            sum(group.effective for group in models[name].fit_.groups),
+            name == kept,
+        )
+        for name, part in held_out.items()
+    )
+    return models[kept], table

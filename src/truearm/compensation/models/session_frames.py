@@ -1,0 +1,164 @@
+"""Frames of sessions: between two set-ups the base or the reference moved, so each has a frame of its own.
+
+Terms are small motions, and between two places of a tracker lie metres. So a further session's points are first carried
+into the first one's frame by a rough rigid motion, from where the nominal arm has its tips; what that is off by is six
+small motions of the base in that session alone, identified with all others. A rough motion stays with the model, which
+gives points of a session back in its own frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.errors import InputError
+from truearm.identification.estimation.alignment import rms_distance_from_line, align_robust
+from truearm.compensation.models.reading_references import MIN_POINT_SPREAD, rows_with_orientation
+from truearm.readings.readings import BoolArray, Readings
+from truearm.identification.terms import Session, Term, base_terms
+
+FloatArray = npt.NDArray[np.float64]
+Frames = Mapping[str, FloatArray]
+
+FEWEST_POINTS = 3
+
+
+def rough_session_frames(arm: Arm, readings: Readings, free: tuple[str, ...]) -> dict[str, FloatArray]:
+    """Rough frames of the sessions in which a reference saw the arm.
+
+    Parameters
+    ----------
+    arm : Arm
+    readings : Readings
+        As they are, each session in its own frame.
+    free : tuple of str
+        With a base that is not free all points are in the arm's own frame.
+
+    Returns
+    -------
+    dict of str to (4, 4) array
+        By the session's name, in the order of the readings, the motion that carries its points into the frame of the
+        first [mm]. Empty where there is one session or none.
+
+    Raises
+    ------
+    InputError
+        If some readings that the reference saw name a session and others do not, or a session's points are less than
+        three or lie on a line.
+    """
+    seen = readings.has_point
+    seen[rows_with_orientation(readings)] = True
+    if readings.session is None or "base" not in free or not seen.any():
+        return {}
+    names = list(dict.fromkeys(readings.session[seen].tolist()))
+    if len(names) == 1:
+        return {}
+    if "" in names:
+        row = int(np.argmax(seen & (readings.session == "")))
+        raise readings.error(
+            f"expected the session of every reading that the reference saw, got none{_where(readings, row)}",
+            row,
+            column="session",
+            hint="each session has a frame of its own: name all of them, or leave the column out if there is one",
+        )
+    return dict(zip(names, _motions(arm, readings, names), strict=True))
+
+
+def _motions(arm: Arm, readings: Readings, names: list[str]) -> Iterator[FloatArray]:
+    """Motions (4, 4) that carry points into the frame of the first of the sessions."""
+    assert readings.session is not None
+    first = None
+    for name in names:
+        rows = np.flatnonzero((readings.session == name) & readings.has_point)
+        points = np.zeros((0, 3)) if readings.points is None else readings.points[rows]
+        if len(points) < FEWEST_POINTS or rms_distance_from_line(points) < MIN_POINT_SPREAD * arm.chain.reach:
+            raise readings.error(
+                f"session {name!r} has {len(points)} reference points, too few or along a line: where the base stands "
+                "in it cannot be told",
+                hint="three points or more, spread over an area; or leave the session out, truearm refit serves it",
+            )
+        placement = align_robust(arm.chain.tip_in_base(readings.angles[rows]), points)
+        first = placement if first is None else first
+        yield np.eye(4) if first is placement else first @ np.linalg.inv(placement)
+
+
+def session_frame_terms(chain: Chain, frames: Frames) -> list[Term]:
+    """Small motions of the base in every session but the first, as free as the base."""
+    return [
+        replace(term, name=f"{term.name}, session {name}", basis=Session(name), group="frames of further sessions")
+        for name in list(frames)[1:]
+        for term in base_terms(chain)
+    ]
+
+
+def to_first_session_frame(readings: Readings, frames: Frames) -> Readings:
+    """Readings with what the reference saw in the frame of the first session.
+
+    Standard uncertainties that differ by axis are turned too; what correlations that makes between the new axes is left
+    out.
+    """
+    points, std, quaternion = readings.points, readings.point_std, readings.quaternion
+    for rows, T in _by_session(readings, frames):
+        R = T[:3, :3]
+        if points is not None:
+            points = points.copy() if points is readings.points else points
+            points[rows] = points[rows] @ R.T + T[:3, 3]
+        if std is not None:
+            std = std.copy() if std is readings.point_std else std
+            std[rows] = np.sqrt(std[rows] ** 2 @ (R**2).T)
+        if quaternion is not None:
+            quaternion = quaternion.copy() if quaternion is readings.quaternion else quaternion
+            turned = np.flatnonzero(rows & np.isfinite(quaternion).all(axis=1))
+            found = Rotation.from_matrix(R) * Rotation.from_quat(quaternion[turned], scalar_first=True)
+            quaternion[turned] = found.as_quat(scalar_first=True)
+    return replace(readings, points=points, point_std=std, quaternion=quaternion)
+
+
+def points_to_session_frames(points: FloatArray, readings: Readings, frames: Frames) -> FloatArray:
+    """Points (n, 3) [mm] of the first session's frame, each in the frame of its reading's session if that is known."""
+    out = points
+    for rows, T in _by_session(readings, frames):
+        out = out.copy() if out is points else out
+        out[rows] = (points[rows] - T[:3, 3]) @ T[:3, :3]
+    return out
+
+
+def covariances_to_session_frames(covariance: FloatArray, readings: Readings, frames: Frames) -> FloatArray:
+    """Covariances (n, 3, 3) [mm^2], turned likewise."""
+    out = covariance
+    for rows, T in _by_session(readings, frames):
+        out = out.copy() if out is covariance else out
+        out[rows] = T[:3, :3].T @ covariance[rows] @ T[:3, :3]
+    return out
+
+
+def _by_session(readings: Readings, frames: Frames) -> Iterator[tuple[BoolArray, FloatArray]]:
+    """Readings (n,) of every session but the first, and the motion (4, 4) that carries its points."""
+    for name in list(frames)[1:]:
+        rows = np.zeros(len(readings), bool) if readings.session is None else readings.session == name
+        if rows.any():
+            yield rows, frames[name]
+
+
+def checked_frames(names: list[str], motions: FloatArray) -> dict[str, FloatArray]:
+    """Frames as a file has them.
+
+    Raises
+    ------
+    InputError
+        If they are not rigid motions (k, 4, 4), the first of them none at all, or a name stands twice.
+    """
+    rigid = Chain(motions, np.zeros(3)).fixed
+    if len(rigid) != len(names) or len(set(names)) != len(names) or (rigid[0] != np.eye(4)).any():
+        raise InputError(f"expected a frame for each of {len(names)} sessions, the first one's as it is")
+    return dict(zip(names, rigid, strict=True))
+
+
+def _where(readings: Readings, row: int) -> str:
+    return f" in {readings.label(row)}" if readings.first_line is None else ""

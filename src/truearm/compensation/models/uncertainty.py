@@ -1,0 +1,146 @@
+"""The uncertainty that a model states at readings, put together as a metrologist does, and whether readings keep it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2
+
+from truearm.identification.estimation.relative_covariance import relative_covariance
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.readings.readings import Readings
+
+FloatArray = npt.NDArray[np.float64]
+
+# U = k u with k = 2 holds a coordinate with a probability of about 95 % (JCGM 100:2008, 6.3.3).
+COVERAGE_FACTOR = 2.0
+LEVEL = 0.95
+# An ellipsoid that holds a point with that probability has half axes of so many standard uncertainties.
+ELLIPSOID_FACTOR = float(np.sqrt(chi2.ppf(LEVEL, 3)))
+# Whitened length from which a reading is far off: of Gaussian ones, one in 10^13 is.
+FAR_STDS = 8.0
+
+
+@dataclass(frozen=True)
+class UncertaintyBudget:
+    """Standard uncertainties of a coordinate of a predicted point [mm], root mean square over readings and x, y, z.
+
+    Attributes
+    ----------
+    of_parameters_mm : float
+        What the readings left open of the arm.
+    unexplained_mm : float
+        What the model cannot explain.
+    combined_mm : float
+        Of both.
+    largest_mm : float
+        The largest combined one of a coordinate at a reading.
+    is_relative : bool
+        Whether `of_parameters_mm` is of coordinates against each other, a frame fitted to them: of an arm identified
+        without points or orientations, which cannot know where its frame stands, and asked about readings without.
+    n_points : int
+        Readings with reference points, to check by.
+    n_covered : int
+        How many of them lie in their ellipsoids of 95 %, the reference's own uncertainty included.
+    """
+
+    of_parameters_mm: float
+    unexplained_mm: float
+    combined_mm: float
+    largest_mm: float
+    is_relative: bool
+    n_points: int
+    n_covered: int
+
+    @property
+    def expanded_mm(self) -> float:
+        """Expanded uncertainty of a coordinate, k = 2 [mm]."""
+        return COVERAGE_FACTOR * self.combined_mm
+
+    @property
+    def ellipsoid_mm(self) -> float:
+        """Half axis of a point's 95 % ellipsoid, were it a sphere [mm]."""
+        return ELLIPSOID_FACTOR * self.combined_mm
+
+
+@dataclass(frozen=True)
+class PredictionOutlier:
+    """A reading whose point lies where the model does not expect it.
+
+    Attributes
+    ----------
+    row : int
+        Among the readings, counted from 0.
+    error_mm : float
+        Distance of the predicted from the reference point [mm].
+    normalized_residual : float
+        That distance over its root mean square by the stated uncertainty.
+    """
+
+    row: int
+    error_mm: float
+    normalized_residual: float
+
+
+def uncertainty_budget(model: Compensator, readings: Readings) -> tuple[UncertaintyBudget, tuple[PredictionOutlier, ...]]:
+    """Put together what a model's uncertainty is at readings, and find the readings that belie it.
+
+    Parameters
+    ----------
+    model : Compensator
+        Fitted.
+    readings : Readings
+        One or more.
+
+    Returns
+    -------
+    budget : UncertaintyBudget
+    far : tuple of PredictionOutlier
+        Those of more than eight standard deviations, the farthest first.
+    """
+    of_parameters, unexplained = model.covariance_parts(readings)
+    seen = np.flatnonzero(readings.has_point)
+    is_relative = isinstance(model, IdentifiedModel) and not len(seen) and _frame_unseen(model)
+    if is_relative:
+        of_parameters = relative_covariance(model.fit_, model.state(readings))
+    combined = of_parameters + unexplained
+    times, errors = np.zeros(0), np.zeros(0)
+    if len(seen):
+        assert readings.points is not None
+        deviations = model.predict_readings(readings)[seen] - readings.points[seen]
+        spread = combined[seen]
+        if readings.point_std is not None:
+            spread = spread + readings.point_std[seen, :, None] ** 2 * np.eye(3)
+        times = np.sqrt((deviations[:, None] @ np.linalg.solve(spread, deviations[:, :, None]))[:, 0, 0])
+        errors = np.linalg.norm(deviations, axis=1)
+    budget = UncertaintyBudget(
+        of_parameters_mm=_rms_std(of_parameters),
+        unexplained_mm=_rms_std(unexplained),
+        combined_mm=_rms_std(combined),
+        largest_mm=float(np.sqrt(_variances(combined).max())),
+        is_relative=is_relative,
+        n_points=len(seen),
+        n_covered=int((times < ELLIPSOID_FACTOR).sum()),
+    )
+    far = [
+        PredictionOutlier(int(seen[i]), float(errors[i]), float(times[i] / np.sqrt(3)))
+        for i in np.argsort(-times)
+        if times[i] > FAR_STDS
+    ]
+    return budget, tuple(far)
+
+
+def _frame_unseen(model: IdentifiedModel) -> bool:
+    """Whether nothing that the model learned from says where the arm's frame stands."""
+    return not {"point", "orientation"} & {reference.kind for reference in model.fit_.references}
+
+
+def _rms_std(covariance: FloatArray) -> float:
+    return float(np.sqrt(_variances(covariance).mean()))
+
+
+def _variances(covariance: FloatArray) -> FloatArray:
+    return np.diagonal(covariance, axis1=1, axis2=2)

@@ -1,0 +1,100 @@
+"""The multilayer perceptron: layers of weights, all connected."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy.typing as npt
+from array_api_compat import array_namespace
+
+from truearm.errors import InputError
+from truearm.compensation.nets.activations import ACTIVATIONS, Activation
+from truearm.solve.arrays import Array, as_array_like
+
+
+@dataclass(frozen=True)
+class Perceptron:
+    """The shape of a network: ``h_0`` the inputs, ``h_{l+1} = phi_l(W_l^T [h_l; 1])``, the last layer is linear.
+
+    Weights travel as one vector: the layers' ``W_l`` ``(n_l + 1, n_{l+1})`` one after the other, row by row, the bias
+    in the last row.
+
+    Parameters
+    ----------
+    sizes : tuple of int
+        Units of every layer, inputs first, outputs last: ``(6, 30, 30, 3)``.
+    hidden : tuple of str
+        Activation of every hidden layer: tansig, logsig or purelin.
+
+    Raises
+    ------
+    InputError
+        If there is no hidden layer, a layer is empty, or an activation is unknown.
+    """
+
+    sizes: tuple[int, ...]
+    hidden: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.sizes) < 3 or min(self.sizes) < 1:
+            raise InputError(f"a network needs inputs, one or more hidden layers and outputs, got sizes {self.sizes}")
+        if len(self.hidden) != len(self.sizes) - 2:
+            raise InputError(f"{len(self.sizes) - 2} hidden layers need as many activations, got {list(self.hidden)}")
+        for name in self.hidden:
+            if name not in ACTIVATIONS:
+                raise InputError(f"unknown activation {name!r}", hint=", ".join(ACTIVATIONS))
+
+    @classmethod
+    def with_layers(
+        cls, n_inputs: int, hidden: Sequence[int], n_outputs: int, *, activation: str = "tansig"
+    ) -> Perceptron:
+        """A network with one activation in all hidden layers."""
+        return cls((n_inputs, *hidden, n_outputs), (activation,) * len(hidden))
+
+    @property
+    def activations(self) -> tuple[Activation, ...]:
+        """The activation of every layer of weights, the linear output layer included."""
+        return tuple(ACTIVATIONS[name] for name in (*self.hidden, "purelin"))
+
+    @property
+    def shapes(self) -> tuple[tuple[int, int], ...]:
+        """Shapes of the layers' ``W_l``."""
+        return tuple((m + 1, n) for m, n in zip(self.sizes[:-1], self.sizes[1:], strict=True))
+
+    @property
+    def n_weights(self) -> int:
+        """Number of weights and biases."""
+        return sum(m * n for m, n in self.shapes)
+
+    def layers(self, weights: Array) -> list[Array]:
+        """The layers' ``W_l`` as views into the vector `weights` (n_weights,)."""
+        xp, parts, start = array_namespace(weights), [], 0
+        for m, n in self.shapes:
+            parts.append(xp.reshape(weights[start : start + m * n], (m, n)))
+            start += m * n
+        return parts
+
+    def forward(self, weights: npt.ArrayLike, inputs: Array) -> list[Array]:
+        """Values of every layer, laid out (units, samples): the inputs first, the outputs last.
+
+        Parameters
+        ----------
+        weights : (n_weights,) array
+        inputs : (n_inputs, n) array
+            Samples in columns; of NumPy or PyTorch, and so are the values.
+        """
+        return self.through(self.layers(as_array_like(weights, inputs)), inputs)
+
+    def through(self, layers: Sequence[Array], inputs: Array) -> list[Array]:
+        """The same from the layers' ``W_l``, which lie where the inputs do."""
+        values = [inputs]
+        for W, activation in zip(layers, self.activations, strict=True):
+            net = W[:-1, :].T @ values[-1]
+            net += W[-1, :][:, None]
+            values.append(activation.value(net))
+        return values
+
+    def outputs(self, weights: npt.ArrayLike, inputs: Array) -> Array:
+        """(n_outputs, n) outputs for inputs (n_inputs, n)."""
+        return self.forward(weights, inputs)[-1]

@@ -1,0 +1,134 @@
+"""MATLAB's ``traingd``: gradient descent with its names, defaults and stops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+from truearm.compensation.nets.checkpoint import Checkpoint
+from truearm.compensation.nets.training_log import TrainingLog
+from truearm.compensation.nets.normal_equations import FitProblem
+from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
+from truearm.solve import DescentState, MaxEpochs, CostGoal, MinGradient, LearningRate, MaxSeconds, gradient_descent
+from truearm.solve.threads import one_blas_thread
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class MeanSquareProblem:
+    """MATLAB's ``mse`` of a network's scaled outputs, as a problem in its weights."""
+
+    fit: FitProblem
+
+    def gradient(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """Mean squared error, and its gradient (n_weights,), at weights `x` (n_weights,)."""
+        cost, gradient = self.fit.gradient(x)
+        half = self.fit.n_errors / 2
+        return cost / half, gradient / half
+
+
+def traingd(
+    training: FitProblem,
+    weights: FloatArray,
+    *,
+    validation: FitProblem | None = None,
+    test: FitProblem | None = None,
+    epochs: int = 1000,
+    goal: float = 0.0,
+    lr: float = 0.01,
+    max_fail: int = 6,
+    min_grad: float = 1e-5,
+    time: float = float("inf"),
+    callback: Callable[[Epoch], None] | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> tuple[FloatArray, TrainingRecord]:
+    """Train a network's weights by ``weights - lr * gradient of the mean squared error``.
+
+    It takes very many epochs; it is here because others report it. It ends, asked in this order after every epoch,
+    when `perf` is at `goal`, after `epochs`, after `time`, when `gradient` is at `min_grad`, and when the validation
+    error was above its best `max_fail` times. An error that grows beyond all bounds ends it too.
+
+    Source: defaults and stops as https://www.mathworks.com/help/deeplearning/ref/traingd.html has them.
+
+    Parameters
+    ----------
+    training, validation, test : FitProblem
+        The same network on different samples; without `validation` there is no validation stop.
+    weights : (n_weights,) array
+        Where to start.
+    epochs, goal, lr, max_fail, min_grad, time
+        As in MATLAB. `goal` is a mean squared error of scaled outputs, `min_grad` a norm of its gradient, `lr` the
+        step for a unit of it, `time` is in seconds.
+    callback, checkpoint
+        As in `trainlm`.
+
+    Returns
+    -------
+    weights : (n_weights,) array
+        Those of the best validation epoch, or of the best `perf` without validation data.
+    record : TrainingRecord
+        Its `mu` is NaN.
+
+    Raises
+    ------
+    InputError
+        As `trainlm`.
+    """
+    if not 0 < lr < float("inf"):
+        raise InputError(f"expected a learning rate lr above zero, got {lr}")
+    start = checked_start(training, weights, validation, test)
+    check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad, max_fail=max_fail)
+    log = TrainingLog(
+        "traingd",
+        start,
+        training,
+        validation,
+        test,
+        epochs=epochs,
+        max_fail=max_fail,
+        n_memory=1 + len(start),
+        callback=callback,
+        checkpoint=checkpoint,
+    )
+
+    def keep(state: DescentState) -> None:
+        log.keep(state, perf=state.cost, gradient=state.gradient_norm, memory=descent_memory(state))
+
+    if not log.ended:
+        with one_blas_thread(), log:
+            gradient_descent(
+                MeanSquareProblem(training),
+                descent_start(log),
+                rate=LearningRate(lr),
+                stops=[CostGoal(goal), MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), *log.stops],
+                callback=keep,
+            )
+    return log.best_weights(), log.record(TrainingRecord)
+
+
+def descent_memory(state: DescentState) -> FloatArray:
+    """What a descent remembers beside its parameters: rate and step, as `descent_start` takes them up."""
+    return np.concatenate([[state.rate], state.step])
+
+
+def descent_start(log: TrainingLog) -> FloatArray | DescentState:
+    """Where a descent begins, or goes on."""
+    if (row := log.resumed) is None:
+        return log.start
+    if not log.memory[0] > 0:
+        raise log.damaged("the checkpoint holds a learning rate that is not above zero")
+    return DescentState(
+        epoch=log.epoch,
+        x=log.x,
+        cost=row["perf"],
+        previous_cost=np.nan,
+        gradient_norm=row["gradient"],
+        seconds=row["time"],
+        rate=float(log.memory[0]),
+        step=log.memory[1:],
+    )

@@ -1,0 +1,149 @@
+"""What trainers are given and give: options and their limits, what is told after an epoch, the record, the division."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+from truearm.compensation.nets.normal_equations import FitProblem
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Epoch:
+    """How a training stands after an epoch.
+
+    Attributes
+    ----------
+    epoch : int
+        Epochs done; 0 is the start.
+    perf, vperf : float
+        Mean squared error of scaled outputs on training and validation data; NaN where there are none.
+    mu : float
+        Damping; NaN where there is none.
+    gradient : float
+        Norm of the gradient, as the trainer's record has it.
+    val_fail : int
+        Validation failures since the best epoch.
+    seconds : float
+        Time of training so far [s], that before an interruption included.
+    weights : callable
+        Gives all weights (n_weights,) of this epoch.
+    """
+
+    epoch: int
+    perf: float
+    vperf: float
+    mu: float
+    gradient: float
+    val_fail: int
+    seconds: float
+    weights: Callable[[], FloatArray]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrainingRecord:
+    """What a training did, under MATLAB's names; every array has an entry for each epoch, the start first.
+
+    Attributes
+    ----------
+    perf, vperf, tperf : (epochs + 1,) array
+        Mean squared error of scaled outputs on training, validation and test data; NaN where there are none.
+    mu : (epochs + 1,) array
+        Damping; NaN where there is none.
+    gradient : (epochs + 1,) array
+        Norm of the gradient of `perf` by the weights.
+    val_fail : (epochs + 1,) array
+        Validation failures since the best epoch.
+    time : (epochs + 1,) array
+        Since the start [s], that before an interruption included.
+    best_epoch : int
+        The epoch whose weights were kept.
+    stop : str
+        Why it ended, in MATLAB's words.
+    """
+
+    perf: FloatArray
+    vperf: FloatArray
+    tperf: FloatArray
+    mu: FloatArray
+    gradient: FloatArray
+    val_fail: IntArray
+    time: FloatArray
+    best_epoch: int
+    stop: str
+
+    @property
+    def num_epochs(self) -> int:
+        """Epochs done."""
+        return len(self.perf) - 1
+
+
+def checked_start(
+    training: FitProblem, weights: npt.ArrayLike, validation: FitProblem | None, test: FitProblem | None
+) -> FloatArray:
+    """The start weights (n_weights,) as doubles.
+
+    Raises
+    ------
+    InputError
+        If they are not finite numbers, one for each weight of the network; or validation or test data are for another
+        network.
+    """
+    network = training.network
+    start = np.array(weights, dtype=float)
+    if start.shape != (network.n_weights,):
+        sizes = "-".join(map(str, network.sizes))
+        raise InputError(f"expected {network.n_weights} start weights for a {sizes} network, got shape {start.shape}")
+    if not np.isfinite(start).all():
+        raise InputError("expected start weights that are finite numbers, got NaN or infinity")
+    for what, problem in (("validation", validation), ("test", test)):
+        if problem is not None and problem.network != network:
+            raise InputError(f"expected {what} data of the network in training, got those of another network")
+    return start
+
+
+def check_stops(*, epochs: int, goal: float, time: float, min_grad: float = 0.0, max_fail: int = 1) -> None:
+    """Check the stops that trainers share.
+
+    Raises
+    ------
+    InputError
+        If one can never be meant: below zero, NaN, no whole number where one is needed.
+    """
+    if not isinstance(epochs, int | np.integer) or epochs < 0:
+        raise InputError(f"expected epochs as a whole number of 0 or more, got {epochs!r}")
+    if not isinstance(max_fail, int | np.integer) or max_fail < 1:
+        raise InputError(f"expected max_fail as a whole number of 1 or more, got {max_fail!r}")
+    for name, value in (("goal", goal), ("time", time), ("min_grad", min_grad)):
+        if not value >= 0:
+            raise InputError(f"expected {name} of 0 or more, got {value}")
+
+
+def dividerand(
+    n: int, *, train: float = 0.7, validation: float = 0.15, test: float = 0.15, seed: int
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Indices of a random division of n samples into training, validation and test data.
+
+    The shares are taken relative to their sum, as in MATLAB; 1, 0, 0 trains on everything.
+
+    Raises
+    ------
+    InputError
+        If a share is negative, or nothing is left to train on.
+    """
+    shares = np.array([train, validation, test], dtype=float)
+    if (shares < 0).any() or not np.isfinite(shares).all() or shares.sum() <= 0:
+        raise InputError(f"expected shares of training, validation and test data of 0 or more, got {shares.tolist()}")
+    n_validation, n_test = (int(np.floor(n * float(share) + 0.5)) for share in shares[1:] / shares.sum())
+    if n - n_validation - n_test < 1:
+        raise InputError(f"no samples left to train on: {n} in all, {n_validation} to validate, {n_test} to test")
+    order = np.random.default_rng([seed, *b"dividerand"]).permutation(n)
+    parts = np.split(order, [n - n_validation - n_test, n - n_test])
+    return np.sort(parts[0]), np.sort(parts[1]), np.sort(parts[2])

@@ -1,0 +1,102 @@
+"""MATLAB's ``trainlm``: Levenberg-Marquardt training with its names, defaults and stops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.compensation.nets.checkpoint import Checkpoint
+from truearm.compensation.nets.training_log import TrainingLog
+from truearm.compensation.nets.normal_equations import FitProblem
+from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
+from truearm.solve import MarquardtDamping, DampingLimit, MaxEpochs, CostGoal, MinGradient, MaxSeconds, levenberg_marquardt
+from truearm.solve.threads import one_blas_thread
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def trainlm(
+    training: FitProblem,
+    weights: FloatArray,
+    *,
+    validation: FitProblem | None = None,
+    test: FitProblem | None = None,
+    epochs: int = 1000,
+    goal: float = 0.0,
+    max_fail: int = 6,
+    min_grad: float = 1e-7,
+    mu: float = 1e-3,
+    mu_dec: float = 0.1,
+    mu_inc: float = 10.0,
+    mu_max: float = 1e10,
+    time: float = float("inf"),
+    callback: Callable[[Epoch], None] | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> tuple[FloatArray, TrainingRecord]:
+    """Train a network's weights.
+
+    It ends, asked in this order after every epoch, when `perf` is at `goal`, after `epochs`, after `time`, when
+    `gradient` is at `min_grad`, when `mu` is at `mu_max`, and when the validation error was above its best `max_fail`
+    times. With more weights than errors it still trains: the damping chooses among the weights that fit alike.
+
+    Parameters
+    ----------
+    training, validation, test : FitProblem
+        The same network on different samples; without `validation` there is no validation stop.
+    weights : (n_weights,) array
+        Where to start.
+    epochs, goal, max_fail, min_grad, mu, mu_dec, mu_inc, mu_max, time
+        As in MATLAB. `goal` is a mean squared error of scaled outputs, `min_grad` a norm of its gradient, `time` is
+        in seconds. The damping `mu` stands beside ``J^T J`` of the scaled errors, summed over samples and outputs.
+    callback : callable, optional
+        Told how the training stands after every epoch, and at the start. The checkpoint takes an epoch in once it was
+        told: one whose telling was interrupted is told again.
+    checkpoint : Checkpoint, optional
+        Where to keep the training, so that it can be stopped and gone on with.
+
+    Returns
+    -------
+    weights : (n_weights,) array
+        Those of the best validation epoch, or of the best `perf` without validation data.
+    record : TrainingRecord
+
+    Raises
+    ------
+    InputError
+        If weights, data or options do not fit together, or the checkpoint's file is of another training.
+    """
+    start = checked_start(training, weights, validation, test)
+    check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad, max_fail=max_fail)
+    damping = MarquardtDamping(mu, mu_dec, mu_inc, mu_max)
+    log = TrainingLog(
+        "trainlm",
+        start,
+        training,
+        validation,
+        test,
+        epochs=epochs,
+        max_fail=max_fail,
+        n_memory=4,
+        callback=callback,
+        checkpoint=checkpoint,
+    )
+
+    if not log.ended:
+        with one_blas_thread(), log:
+            levenberg_marquardt(
+                training,
+                log.lm_start(damping),
+                damping=damping,
+                stops=[
+                    CostGoal(goal * log.half),
+                    MaxEpochs(epochs),
+                    MaxSeconds(time),
+                    MinGradient(min_grad * log.half),
+                    DampingLimit(),
+                    *log.stops,
+                ],
+                callback=log.record_lm_epoch,
+            )
+    return log.best_weights(), log.record(TrainingRecord)

@@ -1,0 +1,356 @@
+"""How readings look to an arm identified without them, group by group, in closed form.
+
+On the linearisation at the minimum, with prior scales, noise and robust weights kept, a group's residuals r, of all
+kinds, and their Jacobian J by the coefficients and the artefacts' unknowns, both whitened, and the posterior covariance
+Sigma of these give, with ``S = J Sigma J^T``,
+
+    residuals without the group:                        (I - S)^-1 r
+    covariance of what is predicted without the group:  S (I - S)^-1.
+
+Everything that was read goes: points and orientations, seats and surfaces, and lengths where it leaves nothing that
+they would be between. A whole leave-one-group-out cross-validation then costs about as much as one more Gauss-Newton
+matrix. Source: R. D. Cook, S. Weisberg, "Residuals and Influence in Regression", 1982, eqs. 2.2.7 and 3.6.4, for
+several cases at once.
+
+Judged are tips with points, by these, and tips in seats: by the seat's place as other groups' readings of it have it,
+or, of a seat that the group has for itself, by the mean of the tips predicted in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import eigh
+from scipy.sparse import csr_array, hstack, vstack
+
+from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.estimation.identification import UNKNOWN_STD, ReferenceFit, IdentificationResult, initial_problem, eliminate_unknowns
+from truearm.identification.estimation.problem import SmallMotionProblem
+from truearm.identification.estimation.references import LinearisedResiduals, Reference
+from truearm.solve.group_evidence import covariance_factor
+from truearm.solve.threads import one_blas_thread
+from truearm.identification.terms.state import ArmState
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+# A group: of every reference that it has readings of, which ones.
+Members = list[tuple[int, IntArray]]
+
+# Eigenvalues of I - S: 1 where the others tell all of a group. Below this a group alone tells something. Its residuals
+# along it are then little but what the iterations left of them, and are made larger by no more than a thousand; so a
+# wide prior alone (the frame of a session that is all one group) leaves deviations there as small as residuals are.
+# The covariance goes on down to rounding, and shows which deviations these are (`HeldOutReadings.select_informative`).
+LEAST_FREEDOM = 1e-3
+# Shares of variance below this are none.
+ROUNDING = 1e-9
+# Readings whose derivatives are there at once: with 1500 coefficients some ten megabytes.
+CHUNK = 256
+
+
+def cross_validate_by_group(fit: IdentificationResult, state: ArmState, references: Sequence[Reference], group: IntArray) -> HeldOutReadings:
+    """Readings as an arm identified without their group sees them.
+
+    Parameters
+    ----------
+    fit : IdentificationResult
+    state : ArmState
+        Of the readings it was identified from.
+    references : sequence of Reference
+        From which it was identified.
+    group : (n,) int array
+        The group of every reading.
+
+    Returns
+    -------
+    HeldOutReadings
+        Of readings with points, and of those in seats of two or more.
+    """
+    with one_blas_thread():
+        minimum = _Minimum.of(fit, state, references)
+        found = [part for batch in _batches(fit.references, group) for part in minimum.without(batch, group)]
+    if not found:
+        empty = np.zeros(0, dtype=np.intp)
+        return HeldOutReadings(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
+    names = ("rows", "group", "deviations", "covariance", "freedom")
+    return HeldOutReadings(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
+
+
+def _batches(references: Sequence[ReferenceFit], group: IntArray) -> Iterator[list[Members]]:
+    """Groups, several small ones at once, so that the chain goes through many readings in one pass."""
+    key = np.concatenate([group[reference.rows] for reference in references])
+    which = np.concatenate([np.full(len(reference.rows), i) for i, reference in enumerate(references)])
+    row = np.concatenate([np.arange(len(reference.rows)) for reference in references])
+    order = np.lexsort((row, which, key))
+    batch: list[Members] = []
+    n = 0
+    for members in np.split(order, np.flatnonzero(np.diff(key[order])) + 1):
+        if n and n + len(members) > CHUNK:
+            yield batch
+            batch, n = [], 0
+        cuts = np.flatnonzero(np.diff(which[members])) + 1
+        batch.append([(int(which[part[0]]), row[part]) for part in np.split(members, cuts)])
+        n += len(members)
+    yield batch
+
+
+@dataclass(frozen=True, eq=False)
+class _Whitened:
+    """A reference at the minimum, whitened; rows of matrices are its residuals, reading by reading.
+
+    Attributes
+    ----------
+    reference_fit : ReferenceFit
+    weights, residuals : (m, k) array
+    linear : LinearisedResiduals
+    by_unknown : (m k, u) sparse array
+        Derivatives by the unknowns that were eliminated, of all references.
+    spread : (m k, u + s) sparse array
+        The root of their part of S, of unknowns given the coefficients; the last s of what artefacts share.
+    columns : (n_artefacts, a) int array
+        Which of these columns belong to an artefact.
+    count : (n_artefacts,) int array
+        Readings of each.
+    is_linked : (n_artefacts,) bool array
+        Whether anything but its readings tells of it.
+    is_judged : (m,) bool array
+        Readings with a point, and in seats those without, as no reading is judged twice.
+    """
+
+    reference_fit: ReferenceFit
+    weights: FloatArray
+    residuals: FloatArray
+    linear: LinearisedResiduals
+    by_unknown: csr_array
+    spread: csr_array
+    columns: IntArray
+    count: IntArray
+    is_linked: npt.NDArray[np.bool_]
+    is_judged: npt.NDArray[np.bool_]
+
+
+class _Piece(NamedTuple):
+    """Readings `rows` of a reference, and the coefficients' part of the root of S of them, (m k, p)."""
+
+    which: int
+    rows: IntArray
+    spread: FloatArray
+
+
+class _Group(NamedTuple):
+    """A group's residuals (n,), and the unknowns' part of the root of S of them, (n, t).
+
+    `own` (n, q), orthonormal, are the motions of the seats that the group has for itself.
+    """
+
+    residuals: FloatArray
+    spread: FloatArray
+    own: csr_array | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Minimum:
+    """The linearisation at the minimum.
+
+    With the root F of the coefficients' covariance, ``F^T F``; unknowns move by minus `slope` (u, p) times them.
+    """
+
+    problem: SmallMotionProblem
+    x: FloatArray
+    root: FloatArray
+    slope: FloatArray
+    parts: list[_Whitened]
+
+    @classmethod
+    def of(cls, fit: IdentificationResult, state: ArmState, references: Sequence[Reference]) -> _Minimum:
+        problem, _ = initial_problem(fit.perturbed_chain, state, references)
+        x, weights = fit.parameters, [part.weights for part in fit.references]
+        p, u = len(fit.coefficients), len(x) - len(fit.coefficients)
+        slope, root_of_gone, of_shared = np.zeros((0, p)), csr_array((0, 0)), np.zeros((0, 0))
+        place, is_linked = np.zeros(u, dtype=np.intp), np.zeros(u, dtype=bool)
+        if u:
+            parts, whole = problem.equations(x, weights)
+            left = eliminate_unknowns(parts, whole, x)
+            # What artefacts share goes the way of the others, a level up.
+            matrix = left.gram[p:, p:] + UNKNOWN_STD**-2.0 * np.eye(len(left.kept) - p)
+            half = np.linalg.inv(np.linalg.cholesky(matrix))
+            slope = left.slope[:, :p] - left.slope[:, p:] @ (half.T @ (half @ left.gram[p:, :p]))
+            root_of_gone, of_shared = left.root, left.slope[:, p:] @ half.T
+            place[left.eliminated - p] = np.arange(len(left.eliminated))
+            is_linked = problem.constraints(x).blocks.diagonal() > 0
+        found = []
+        for i, (part, weight, linear) in enumerate(zip(fit.references, weights, problem.linearised(x), strict=True)):
+            own = problem.unknowns_of(i).start - p + linear.unknown
+            weighed = linear.weighted(weight)
+            by_unknown = _by_unknown(weighed, place[own], len(slope))
+            first = np.unique(part.artefact, return_index=True)[1]
+            found.append(
+                _Whitened(
+                    part,
+                    weight.T,
+                    (weight * part.residuals).T,
+                    weighed,
+                    by_unknown,
+                    csr_array(hstack([by_unknown @ root_of_gone.T, csr_array(by_unknown @ of_shared)], format="csr")),
+                    place[own[:, first]].T,
+                    np.bincount(part.artefact),
+                    is_linked[own[:, first]].any(axis=0),
+                    _is_judged(part, fit.references),
+                )
+            )
+        return cls(problem, x, covariance_factor(fit.covariance), slope, found)
+
+    def without(self, batch: list[Members], group: IntArray) -> Iterator[HeldOutReadings]:
+        """Every group of a batch without itself."""
+        judged = [members for members in batch if any(self.parts[i].is_judged[rows].any() for i, rows in members)]
+        if len(batch) == 1 and judged:
+            yield from self._without(self._group(judged[0]), lambda: self._pieces(judged[0]), group)
+            return
+        spread: dict[int, list[FloatArray]] = {}
+        for i in {i for members in judged for i, _ in members}:
+            rows = [rows for members in judged for j, rows in members if j == i]
+            stops = self.parts[i].weights.shape[1] * np.cumsum([len(some) for some in rows])
+            spread[i] = np.split(self._spread(i, np.concatenate(rows)), stops[:-1])
+        for members in judged:
+            pieces = [_Piece(i, rows, spread[i].pop(0)) for i, rows in members]
+            yield from self._without(self._group(members), lambda pieces=pieces: iter(pieces), group)  # type: ignore[misc]
+
+    def _pieces(self, members: Members) -> Iterator[_Piece]:
+        for i, rows in members:
+            for start in range(0, len(rows), CHUNK):
+                some = rows[start : start + CHUNK]
+                yield _Piece(i, some, self._spread(i, some))
+
+    def _spread(self, which: int, rows: IntArray) -> FloatArray:
+        """(m k, p) the coefficients' part of the root of S, of some readings of a reference."""
+        part = self.parts[which]
+        columns = self.problem.coefficient_columns(which, rows, part.linear, self.x)
+        p, k, m = columns.shape
+        by = columns.transpose(2, 1, 0).reshape(m * k, p)
+        if part.linear.unknown.size:
+            by = by - part.by_unknown[_residuals_of(rows, part)] @ self.slope
+        return np.asarray(by @ self.root.T)
+
+    def _group(self, members: Members) -> _Group:
+        residuals = np.concatenate([self.parts[i].residuals[rows].ravel() for i, rows in members])
+        n = len(residuals)
+        if not any(self.parts[i].linear.unknown.size for i, _ in members):
+            return _Group(residuals, np.zeros((n, 0)), None)
+        spread = csr_array(
+            vstack([self.parts[i].spread[_residuals_of(rows, self.parts[i])] for i, rows in members], format="csr")
+        )
+        touched = np.zeros(spread.shape[1], dtype=bool)
+        touched[spread.indices] = True
+        apart = np.zeros(len(touched), dtype=bool)
+        where, column, values = [], [], []
+        start = n_own = 0
+        for i, rows in members:
+            part = self.parts[i]
+            k = part.weights.shape[1]
+            if part.linear.unknown.size:
+                artefact = part.reference_fit.artefact[rows]
+                whole = np.bincount(artefact, minlength=len(part.count)) == part.count
+                # Only the group tells of these: they take up what they can of its residuals, and nothing stays of them.
+                apart[part.columns[whole & ~part.is_linked]] = True
+                if part.reference_fit.kind == "seat":
+                    inside = np.flatnonzero(whole[artefact])
+                    length = np.sqrt(
+                        [np.bincount(artefact, w, minlength=len(whole)) for w in part.weights[rows].T ** 2]
+                    )
+                    values.append((part.weights[rows[inside]] / length[:, artefact[inside]].T).ravel())
+                    where.append((start + k * inside[:, None] + np.arange(k)).ravel())
+                    seat = np.cumsum(whole)[artefact[inside]] - 1
+                    column.append((n_own + k * seat[:, None] + np.arange(k)).ravel())
+                    n_own += k * int(whole.sum())
+            start += k * len(rows)
+        taken_up = spread[:, np.flatnonzero(apart & touched)]
+        residuals = residuals - taken_up @ (taken_up.T @ residuals)
+        own = None
+        if n_own:
+            entries = np.concatenate(values), (np.concatenate(where), np.concatenate(column))
+            own = csr_array(entries, shape=(n, n_own))
+        return _Group(residuals, spread[:, np.flatnonzero(touched & ~apart)].toarray(), own)
+
+    def _without(self, of: _Group, pieces: Callable[[], Iterator[_Piece]], group: IntArray) -> Iterator[HeldOutReadings]:
+        """A group without itself."""
+        r, own = of.residuals, of.own
+        n, dimension = len(r), len(self.root) + of.spread.shape[1]
+        # With S = A A^T: (I - S)^-1 = I + A (I - A^T A)^-1 A^T, of which one matrix is small.
+        dual = n <= dimension
+        if dual:
+            A = np.hstack([np.concatenate([piece.spread for piece in pieces()]), of.spread])
+            shares, vectors = np.linalg.eigh(A @ A.T)
+            whole_told = vectors * np.sqrt(np.maximum(shares, 0))
+            along, mean = whole_told.T @ r, np.zeros((0, n)) if own is None else own.T @ whole_told
+        else:
+            gram, along = np.zeros((dimension, dimension)), np.zeros(dimension)
+            mean = np.zeros((0 if own is None else own.shape[1], dimension))
+            for piece, at in _placed(pieces()):
+                A = np.hstack([piece.spread, of.spread[at]])
+                gram += A.T @ A
+                along += A.T @ r[at]
+                if own is not None:
+                    mean += own[at].T @ A
+            shares, vectors = eigh(gram.T, overwrite_a=True, check_finite=False)  # of columns: no copy is made
+            along, mean = vectors.T @ along, mean @ vectors
+        along = along / np.maximum(1 - shares, LEAST_FREEDOM)
+        left = np.sqrt(np.maximum(1 - shares, ROUNDING))
+        half_mean = mean / left
+        for piece, at in _placed(pieces()):
+            part = self.parts[piece.which]
+            if not part.is_judged[piece.rows].any():
+                continue
+            told = whole_told[at] if dual else np.hstack([piece.spread, of.spread[at]]) @ vectors
+            white, half, freedom = r[at] + told @ along, told / left, np.ones(len(piece.rows))
+            if own is not None:
+                unit = own[at]
+                white -= unit @ (own.T @ r + mean @ along)
+                half -= unit @ half_mean
+                freedom -= (unit.multiply(unit)).sum(axis=1).reshape(len(freedom), -1).mean(axis=1)
+            yield _held_out(part, piece.rows, white, half, freedom, group)
+
+
+def _held_out(
+    part: _Whitened, rows: IntArray, white: FloatArray, half: FloatArray, freedom: FloatArray, group: IntArray
+) -> HeldOutReadings:
+    """Whitened deviations and the root of their covariance, as millimetres; seats of one reading show nothing."""
+    shows = part.is_judged[rows] & (freedom > ROUNDING)
+    rows, weights = rows[shows], part.weights[rows[shows]]
+    half = half.reshape(len(shows), 3, -1)[shows] / weights[:, :, None]
+    covariance = half @ half.transpose(0, 2, 1)
+    covariance += (part.reference_fit.std[:, rows].T ** 2)[:, :, None] * np.eye(3)
+    readings = part.reference_fit.rows[rows]
+    return HeldOutReadings(readings, group[readings], white.reshape(-1, 3)[shows] / weights, covariance, freedom[shows])
+
+
+def _is_judged(part: ReferenceFit, references: Sequence[ReferenceFit]) -> npt.NDArray[np.bool_]:
+    if part.kind == "seat":
+        pointed = [reference.rows for reference in references if reference.kind == "point"]
+        return ~np.isin(part.rows, np.concatenate([np.zeros(0, dtype=np.intp), *pointed]))
+    return np.full(len(part.rows), part.kind == "point")
+
+
+def _placed(pieces: Iterator[_Piece]) -> Iterator[tuple[_Piece, slice]]:
+    """Pieces of a group, and which of its residuals they are."""
+    start = 0
+    for piece in pieces:
+        yield piece, slice(start, start + len(piece.spread))
+        start += len(piece.spread)
+
+
+def _residuals_of(rows: IntArray, part: _Whitened) -> IntArray:
+    """Rows of matrices (m k, ..) that belong to readings."""
+    k = part.weights.shape[1]
+    return np.asarray((k * rows[:, None] + np.arange(k)).ravel())
+
+
+def _by_unknown(linear: LinearisedResiduals, unknown: IntArray, n: int) -> csr_array:
+    """(m k, n) derivatives by `unknown` (a, m) of n, reading by reading."""
+    k, a, m = linear.by_unknown.shape
+    residual = np.broadcast_to(np.arange(k)[:, None, None] + k * np.arange(m), (k, a, m))
+    told = linear.by_unknown != 0
+    column = np.broadcast_to(unknown, (k, a, m))
+    return csr_array((linear.by_unknown[told], (residual[told], column[told])), shape=(m * k, n))

@@ -1,0 +1,486 @@
+"""Identification: what an arm's small motions are, from readings with references.
+
+Maximum a posteriori by Gauss-Newton on exact kinematics. The prior scale of every group of terms and the noise of every
+kind of reference are those of greatest evidence; far residuals weigh less, as under a density with long tails. The four
+depend on each other and are found in rounds: weights and noise from the residuals, a linearisation, scales and
+parameters from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.chain import Chain
+from truearm.errors import InputError
+from truearm.identification.estimation.noise import huber_weights, paule_mandel_variance
+from truearm.identification.estimation.problem import RELATIVE, PerturbedChain, SmallMotionProblem
+from truearm.identification.estimation.references import Reference
+from truearm.solve.arrowhead import Arrowhead, SchurComplement
+from truearm.solve.group_evidence import (
+    GroupedPrior,
+    Posterior,
+    marginal_posterior,
+    posterior,
+    covariance_factor,
+    update_scales,
+    prune_groups,
+)
+from truearm.solve.threads import one_blas_thread
+from truearm.identification.terms.state import ArmState
+from truearm.identification.terms.term import Term
+
+FloatArray = npt.NDArray[np.float64]
+
+MOST_ROUNDS = 24
+# Rounds of the evidence on one linearisation.
+SCALE_ROUNDS = 2
+# Scales stand still when none changes by a larger share; a scale is known to some tens of per cent at best.
+SETTLED_SCALES = 1e-2
+# Groups of fewer effective parameters have no say in that.
+LEAST_EFFECTIVE = 0.1
+# A group is not seen whose usual size is a smaller share of the noise, root mean square, and that moves all residuals
+# together by less than one standard deviation.
+INVISIBLE, INVISIBLE_IN_ALL = 0.02, 1.0
+# A step is the last when tips move by a smaller share of their uncertainty; the noise is calm when it changes by less.
+SETTLED_STEP = 0.05
+CALM_NOISE = 0.05
+# A group's scale is known beforehand to a factor of five, as arms differ by as much, and is ten at most: a term larger
+# than that is what other, missing terms look like. Harmonics to 16 alone would explain some of a UR10's higher ones by
+# radians that nearly cancel where readings are, and miss others by 20 mm.
+LOG_SPREAD = float(np.log(5.0))
+LEAST_SCALE, MOST_SCALE = 1e-4, 10.0
+# Where nothing tells its size it stays as drawn, to this share.
+SIZE_STD = 1e-6
+# An artefact's unknowns have a prior far beyond any workshop [mm, or 1]: nothing known beforehand.
+UNKNOWN_STD = 1e6
+
+
+@dataclass(frozen=True)
+class TermGroupResult:
+    """What became of a group of terms.
+
+    Attributes
+    ----------
+    name : str
+    n_coefficients : int
+        Offered.
+    effective : float
+        How many of them the readings determine.
+    scale : float
+        Of the prior, against where evidence started; 0 where it had no use for the group and left it out.
+    """
+
+    name: str
+    n_coefficients: int
+    effective: float
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceFit:
+    """What a reference looks like under the identified terms.
+
+    Attributes
+    ----------
+    kind : str
+        Of reference: point, seat.
+    rows : (m,) int array
+        Its readings.
+    residuals : (k, m) array
+        [mm].
+    std : (k, m) array
+        Standard uncertainties of what is known [mm].
+    noise_std : float
+        Standard deviation of a residual that neither terms nor reference explain [mm].
+    robust_weight : (m,) array
+        Robust weight of every reading, 1 for an ordinary one.
+    artefact : (m,) int array
+        Which seat, which sphere each reading was on; zeros for points.
+    unknowns : dict of str to float
+        What was found of the artefact by name; names have units.
+    """
+
+    kind: str
+    rows: npt.NDArray[np.intp]
+    residuals: FloatArray
+    std: FloatArray
+    noise_std: float
+    robust_weight: FloatArray
+    artefact: npt.NDArray[np.intp]
+    unknowns: dict[str, float]
+
+    @property
+    def weights(self) -> FloatArray:
+        """(k, m) what residuals are multiplied with: square roots of robust weight over variance [1/mm]."""
+        return np.asarray(np.sqrt(self.robust_weight / (self.std**2 + self.noise_std**2)))
+
+
+@dataclass(frozen=True, eq=False)
+class IdentificationResult:
+    """What was identified.
+
+    Attributes
+    ----------
+    perturbed_chain : PerturbedChain
+        The chain, as drawn and placed, and the terms that move it; groups without evidence are not among them.
+    coefficients : (n_coefficients,) array
+        Of the terms [rad or mm per unit of the basis].
+    covariance : (n_coefficients, n_coefficients) array
+        Their posterior covariance.
+    prior_std : (n_coefficients,) array
+        Their prior standard deviations as evidence found them.
+    groups : tuple of TermGroupResult
+        All that were offered.
+    references : tuple of ReferenceFit
+    converged : bool
+    rounds : int
+    """
+
+    perturbed_chain: PerturbedChain
+    coefficients: FloatArray
+    covariance: FloatArray
+    prior_std: FloatArray
+    groups: tuple[TermGroupResult, ...]
+    references: tuple[ReferenceFit, ...]
+    converged: bool
+    rounds: int
+
+    @property
+    def chain(self) -> Chain:
+        """The chain with the constant terms composed; those that depend on the arm's state are left out."""
+        return self.perturbed_chain.with_constants(self.coefficients)
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The coefficients and after them the references' unknowns, as `SmallMotionProblem` takes them."""
+        return np.concatenate([self.coefficients, *(list(part.unknowns.values()) for part in self.references)])
+
+    def tips(self, state: ArmState) -> FloatArray:
+        """(n, 3) tips [mm] at the readings of a state."""
+        return self.perturbed_chain.tips(state, self.coefficients)
+
+    def tip_covariance(self, state: ArmState) -> FloatArray:
+        """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
+        out = np.empty((len(state), 3, 3))
+        uncertain, root = self._root
+        for rows, _, columns in self.perturbed_chain.derivatives(state, self.coefficients):
+            # By the root, for a sum of squares: of an arm known to rounding a variance came out below zero.
+            spread = np.tensordot(root, columns[uncertain], axes=1)
+            out[rows] = np.einsum("pin,pjn->nij", spread, spread)
+        return out
+
+    @cached_property
+    def _root(self) -> tuple[npt.NDArray[np.intp], FloatArray]:
+        """The (k,) coefficients that are uncertain, and F (k, k) with ``F^T F`` their covariance."""
+        uncertain = np.flatnonzero(self.covariance.diagonal() > 0)
+        return uncertain, covariance_factor(self.covariance[np.ix_(uncertain, uncertain)])
+
+
+def grouped_prior(terms: Sequence[Term], n_unknowns: int) -> tuple[GroupedPrior, tuple[str, ...]]:
+    """The prior of all coefficients and unknowns at the scales where evidence starts, and the groups' names.
+
+    Raises
+    ------
+    InputError
+        If terms of one group do not agree whether evidence finds its scale.
+    """
+    names = tuple(dict.fromkeys(term.group for term in terms))
+    learned: dict[str, bool] = {}
+    for term in terms:
+        if learned.setdefault(term.group, term.learn) != term.learn:
+            raise InputError(f"the terms of group {term.group!r} must agree whether its scale is learned")
+    ratio = np.concatenate([*(term.prior_stds for term in terms), np.full(n_unknowns, UNKNOWN_STD)])
+    group = np.concatenate(
+        [*(np.full(term.n_coefficients, names.index(term.group)) for term in terms), np.full(n_unknowns, len(names))]
+    ).astype(np.intp)
+    prior = GroupedPrior(ratio, group, np.ones(len(names) + 1), np.array([*learned.values(), False]))
+    return prior, names
+
+
+def identify(
+    chain: Chain,
+    state: ArmState,
+    terms: Sequence[Term],
+    references: Sequence[Reference],
+    *,
+    robust: bool = True,
+    progress: Callable[[int, str], None] | None = None,
+) -> IdentificationResult:
+    """Identify terms from readings.
+
+    Parameters
+    ----------
+    chain : Chain
+        As drawn, roughly placed: its tips come out in the frame of the references.
+    state : ArmState
+        Of all readings.
+    terms : sequence of Term
+    references : sequence of Reference
+        At least one; of each kind one, as noise is estimated by kind.
+    robust : bool
+        Whether far residuals weigh less.
+    progress : callable, optional
+        Told the rounds done and how it stands.
+
+    Returns
+    -------
+    IdentificationResult
+
+    Raises
+    ------
+    InputError
+        If there are no references, or two of a kind; if one has no readings, readings that are not in the state, or
+        uncertainties that are none; or if a term's place is beyond the chain.
+    """
+    kinds = [reference.kind for reference in references]
+    if not kinds or len(set(kinds)) < len(kinds):
+        raise InputError(f"expected references, one of a kind, got {kinds or 'none'}")
+    for term in terms:
+        term.check_place(chain)
+    for reference in references:
+        _check_rows(reference, len(state))
+    perturbed_chain = PerturbedChain(chain, tuple(terms))
+    problem, unknowns = initial_problem(perturbed_chain, state, references)
+    n_coefficients = perturbed_chain.n_coefficients
+    x = np.concatenate([np.zeros(n_coefficients), unknowns])
+    prior, groups = grouped_prior(terms, len(x) - n_coefficients)
+    per_kind = np.zeros(len(references))
+    noise_before, calm = np.full(len(references), np.inf), 0
+    step_before, share = np.zeros(len(x)), 1.0
+    residuals = problem.residuals(x)
+    for n_rounds in range(1, MOST_ROUNDS + 1):
+        noise, weights, trust = _weighed(problem.references, residuals, per_kind, robust=robust)
+        if progress is not None:
+            told = ", ".join(f"{kind} {np.sqrt(v):.4f} mm" for kind, v in zip(kinds, noise, strict=True))
+            progress(n_rounds, f"unexplained: {told}")
+        parts, whole = linearised(problem, x, weights)
+        left = eliminate_unknowns(parts, whole, x)
+        calm = calm + 1 if np.all(np.abs(noise - noise_before) < CALM_NOISE * noise) else 0
+        if calm == 1:
+            prior = _without_invisible(prior, whole.diagonal, sum(residual.size for residual in residuals))
+        # While the noise still falls, what it hides must not be given up.
+        with one_blas_thread():
+            prior, found, effective = _evidence(left, x, prior, prune=calm >= 2)
+        if x[~prior.active].any():
+            x = np.where(prior.active, x, 0.0)
+            residuals = problem.residuals(x)
+        step = left.step(found.x - x[left.kept])
+        along = whole.times(step)
+        # Rounding may leave a product of almost nothing below zero.
+        moved_by = np.sqrt(max(float(step @ along), 0.0) / max(float(effective.sum()) + left.n_determined, 1.0))
+        back = float(along @ step_before) < 0
+        share = max(share / 2, 0.1) if calm >= 2 and back else min(1.5 * share, 1.0)
+        step_before = step
+        x, residuals = _stepped(problem, x, share * step, weights, prior, residuals)
+        per_kind = left.traces(parts, found.covariance)
+        converged = calm >= 2 and moved_by < SETTLED_STEP
+        noise_before = noise
+        if converged:
+            break
+    # Where readings leave a motion of decimetres open, a last step within all uncertainty still turns what is open by
+    # more than the noise: the covariance is that of the arm that was found.
+    parts, whole = linearised(problem, x, weights)
+    left = eliminate_unknowns(parts, whole, x)
+    with one_blas_thread():
+        found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior.subset(left.kept), size=left.size)
+    return _gathered(problem, x, prior, groups, found, effective, noise, trust, converged, n_rounds)
+
+
+def initial_problem(perturbed_chain: PerturbedChain, state: ArmState, references: Sequence[Reference]) -> tuple[SmallMotionProblem, FloatArray]:
+    """The problem with references laid out about the arm as drawn, and the unknowns where they start."""
+    rough = perturbed_chain.tips(state, np.zeros(perturbed_chain.n_coefficients)).T
+    laid = [reference.initialise(rough[:, reference.rows]) for reference in references]
+    problem = SmallMotionProblem(perturbed_chain, state, tuple(reference for reference, _ in laid))
+    return problem, np.concatenate([np.zeros(0), *(unknowns for _, unknowns in laid)])
+
+
+def _check_rows(reference: Reference, n: int) -> None:
+    rows, std = reference.rows, reference.std
+    if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer) or not len(rows):
+        raise InputError(f"expected the numbers of one reading or more with a {reference.kind}, got {rows!r:.60}")
+    if rows.min() < 0 or rows.max() >= n:
+        raise InputError(f"expected a {reference.kind} at readings 0 to {n - 1}, got {rows.min()} to {rows.max()}")
+    if std.shape != (reference.n_residuals, len(rows)) or not (np.isfinite(std) & (std >= 0)).all():
+        raise InputError(f"expected standard uncertainties of a {reference.kind} of zero or more, finite, got others")
+
+
+def linearised(
+    problem: SmallMotionProblem, x: FloatArray, weights: list[FloatArray]
+) -> tuple[list[Arrowhead], Arrowhead]:
+    """Normal equations of every reference, and of all of them and their constraints together."""
+    parts, whole = problem.equations(x, weights)
+    head, gradient = whole.head, whole.gradient
+    if any(reference.kind in RELATIVE for reference in problem.references):
+        size = problem.log_size_ratio_gradient(x)
+        for part, reference in zip(parts, problem.references, strict=True):
+            if reference.kind in RELATIVE:
+                gradient = gradient - 2 * part.cost * size
+        if _size_is_open(problem, x):
+            of_coefficients = size[: len(head)]
+            head = head + np.outer(of_coefficients, of_coefficients) / SIZE_STD**2
+            gradient = gradient + size * problem.log_size_ratio(x) / SIZE_STD**2
+    return parts, replace(whole, gradient=gradient, head=head)
+
+
+def eliminate_unknowns(parts: Sequence[Arrowhead], whole: Arrowhead, x: FloatArray) -> SchurComplement:
+    """Normal equations without the artefacts' unknowns.
+
+    Those that no reading is about stay: lengths of artefacts, which tie the places where these stood to one another.
+    """
+    in_readings = np.concatenate([part.blocks.diagonal() for part in parts]) > 0
+    return whole.eliminate(np.full(len(in_readings), UNKNOWN_STD**-2.0), x, shared=~in_readings)
+
+
+def _size_is_open(problem: SmallMotionProblem, x: FloatArray) -> bool:
+    """Whether nothing tells how large the arm is: neither points nor lengths nor radii."""
+    told = [reference.constraints(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)]
+    return all(r.kind != "point" for r in problem.references) and all(constraints is None for constraints in told)
+
+
+def _gathered(
+    problem: SmallMotionProblem,
+    x: FloatArray,
+    prior: GroupedPrior,
+    groups: tuple[str, ...],
+    found: Posterior,
+    effective: FloatArray,
+    noise: FloatArray,
+    trust: list[FloatArray],
+    converged: bool,
+    n_rounds: int,
+) -> IdentificationResult:
+    perturbed_chain = problem.perturbed_chain
+    kept = tuple(term for term in perturbed_chain.terms if prior.scale[groups.index(term.group)] > 0)
+    active = np.flatnonzero(prior.active[: perturbed_chain.n_coefficients])
+    offered = np.bincount(prior.group, minlength=len(groups))
+    return IdentificationResult(
+        PerturbedChain(perturbed_chain.chain, kept),
+        x[active],
+        found.covariance[np.ix_(active, active)],
+        (prior.ratio * prior.scale[prior.group])[active],
+        tuple(
+            TermGroupResult(name, int(offered[i]), float(effective[i]), float(prior.scale[i]))
+            for i, name in enumerate(groups)
+        ),
+        reference_fits(problem, x, np.sqrt(noise), trust),
+        bool(converged),
+        n_rounds,
+    )
+
+
+def reference_fits(
+    problem: SmallMotionProblem, x: FloatArray, noise_std: FloatArray, trust: Sequence[FloatArray]
+) -> tuple[ReferenceFit, ...]:
+    """What the references look like at parameters `x`, with the noise of each and the trust in its readings."""
+    found = []
+    for i, (reference, residual) in enumerate(zip(problem.references, problem.residuals(x), strict=True)):
+        unknowns = dict(zip(reference.unknowns, x[problem.unknowns_of(i)].tolist(), strict=True))
+        found.append(
+            ReferenceFit(
+                reference.kind,
+                reference.rows,
+                residual,
+                reference.std,
+                float(noise_std[i]),
+                trust[i],
+                _artefact(problem, i, x),
+                unknowns,
+            )
+        )
+    return tuple(found)
+
+
+def _artefact(problem: SmallMotionProblem, which: int, x: FloatArray) -> npt.NDArray[np.intp]:
+    """(m,) which artefact each reading has to do with: those that share unknowns share it."""
+    reference = problem.references[which]
+    if not reference.unknowns:
+        return np.zeros(len(reference.rows), dtype=np.intp)
+    tips = problem.perturbed_chain.tips(problem.state.rows(reference.rows), x[: problem.perturbed_chain.n_coefficients])
+    first = reference.linearised(tips.T, x[problem.unknowns_of(which)], slice(None)).unknown[0]
+    return np.unique(first, return_inverse=True)[1].astype(np.intp)
+
+
+def _weighed(
+    references: Sequence[Reference], residuals: list[FloatArray], effective: FloatArray, *, robust: bool
+) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
+    """Noise variance of every reference, weights (k, m) of its residuals and trust (m,) in its readings."""
+    noise, weights, trusts = np.empty(len(references)), [], []
+    for i, (reference, residual) in enumerate(zip(references, residuals, strict=True)):
+        known = reference.std.T**2
+        noise[i] = paule_mandel_variance(residual.T, known, n_effective=float(effective[i]), robust=robust)
+        variance = known + noise[i]
+        trust = huber_weights(residual.T, variance) if robust else np.ones(len(known))
+        weights.append(np.sqrt(trust / variance.T))
+        trusts.append(trust)
+    return noise, weights, trusts
+
+
+def _without_invisible(prior: GroupedPrior, diagonal: FloatArray, n_residuals: int) -> GroupedPrior:
+    """Leave out groups that would not be seen at their usual size, as harmonics of a joint whose axis meets the tip.
+
+    Evidence would let them grow beyond any sense: to where they are seen.
+    """
+    in_all = np.sqrt(prior.group_sums(prior.ratio**2 * diagonal))
+    hidden = (in_all < INVISIBLE * np.sqrt(n_residuals)) & (in_all < INVISIBLE_IN_ALL)
+    return replace(prior, scale=np.where(prior.learned & hidden, 0.0, prior.scale))
+
+
+def _evidence(
+    left: SchurComplement, x: FloatArray, prior: GroupedPrior, *, prune: bool
+) -> tuple[GroupedPrior, Posterior, FloatArray]:
+    """Scales of greatest evidence on a linearisation, as far as some rounds get, and the posterior of those kept in it.
+
+    Pruned groups have scale 0 and stay out.
+    """
+    gram, right, size = left.gram, left.gram @ x[left.kept] - left.gradient, left.size
+    of_kept = prior.subset(left.kept)
+    effective = np.zeros(len(prior.scale))
+    for _ in range(SCALE_ROUNDS):
+        known = marginal_posterior(gram, right, of_kept, size=size)
+        scale, effective = update_scales(of_kept, known, log_spread=LOG_SPREAD, least=LEAST_SCALE, most=MOST_SCALE)
+        told = effective > LEAST_EFFECTIVE
+        change = np.abs(scale - of_kept.scale)[told] / of_kept.scale[told]
+        of_kept = replace(of_kept, scale=scale)
+        if change.max(initial=0.0) < SETTLED_SCALES:
+            break
+    found = posterior(gram, right, of_kept, size=size)
+    if prune:
+        pruned = prune_groups(of_kept, found, log_spread=LOG_SPREAD)
+        if (pruned.scale < of_kept.scale).any():
+            of_kept = pruned
+            found = posterior(gram, right, of_kept, size=size)
+            effective = np.where(of_kept.scale > 0, effective, 0.0)
+    return replace(prior, scale=of_kept.scale), found, effective
+
+
+def _stepped(
+    problem: SmallMotionProblem,
+    x: FloatArray,
+    step: FloatArray,
+    weights: list[FloatArray],
+    prior: GroupedPrior,
+    residuals: list[FloatArray],
+) -> tuple[FloatArray, list[FloatArray]]:
+    """`x` after the step, halved until the cost under these weights does not rise, and the residuals there."""
+
+    def cost(at: FloatArray, residuals: list[FloatArray]) -> float:
+        growth = problem.log_size_ratio(at)
+        data = (growth / SIZE_STD) ** 2 if _size_is_open(problem, at) else 0.0
+        for reference, w, r in zip(problem.references, weights, residuals, strict=True):
+            data += float(((w * r) ** 2).sum()) * (np.exp(-2 * growth) if reference.kind in RELATIVE else 1.0)
+        return 0.5 * (
+            data + float((prior.precision[prior.active] * at[prior.active] ** 2).sum())
+        ) + problem.constraints_cost(at)
+
+    before = cost(x, residuals)
+    for _ in range(8):
+        found = problem.residuals(x + step)
+        if cost(x + step, found) <= before * (1 + 1e-9):
+            return x + step, found
+        step = step / 2
+    return x, residuals

@@ -1,0 +1,124 @@
+"""Orientations of the flange that a reference saw; with a point at the same reading, a full pose.
+
+A pose is a point and an orientation, two references of the same readings: millimetres and radians have a noise each,
+found from the readings, and nobody has to say how many of the one weigh as much as one of the other.
+
+The tool that the reference sees sits on the flange as nobody knows: its rotation is that of the tip's place, see
+`truearm.identification.terms.catalogue.tool_rotation`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from truearm.arm.chain import Chain
+from truearm.arm.rigid_motions import rotations_and_jacobians
+from truearm.errors import InputError
+from truearm.identification.estimation.references import FloatArray, IntArray, LinearisedResiduals, Points
+
+# Angles count as the shift at a metre's distance, so that every residual is in mm. A unit, not a weight: orientations
+# have a noise of their own.
+LEVER_MM = 1000.0
+
+
+@dataclass(frozen=True, eq=False)
+class Orientations:
+    """Orientations of the flange, as a reference instrument saw them.
+
+    The residual is the rotation vector of ``R_reference_flange^T R_model``, along the flange's axes, times `LEVER_MM`.
+
+    Parameters
+    ----------
+    rows : (m,) int array
+        The readings.
+    R_reference_flange : (m, 3, 3) array
+        Axes of the flange, or of the tool on it, as columns in the reference's frame.
+    turn_std : (m, 3) array, optional
+        Standard uncertainties about those axes [rad].
+
+    Raises
+    ------
+    InputError
+        If one is not a rotation (1e-6).
+    """
+
+    rows: IntArray
+    R_reference_flange: FloatArray
+    turn_std: FloatArray | None = None
+    kind = "orientation"
+    n_residuals = 3
+    uses_orientation = True
+    unknowns: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        R = np.asarray(self.R_reference_flange, dtype=float)
+        if R.shape != (len(self.rows), 3, 3):
+            raise InputError(f"expected {len(self.rows)} orientations as (3, 3) matrices, got shape {R.shape}")
+        R = np.where(np.abs(R) < 2, R, 0.0)  # neither NaN nor what overflows
+        off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+        bad = ~((off < 1e-6) & (np.linalg.det(R) > 0))
+        if bad.any():
+            raise InputError(f"expected rotations, got another matrix at reading {self.rows[int(np.argmax(bad))]}")
+
+    @property
+    def std(self) -> FloatArray:
+        """(3, m) standard uncertainties at the lever [mm]."""
+        return np.zeros((3, len(self.rows))) if self.turn_std is None else LEVER_MM * self.turn_std.T
+
+    def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
+        """See `Reference`."""
+        del tips
+        return self, np.zeros(0)
+
+    def linearised(
+        self, tips: FloatArray, unknowns: FloatArray, which: slice, axes: FloatArray | None = None
+    ) -> LinearisedResiduals:
+        """See `Reference`."""
+        del unknowns
+        assert axes is not None, "it turns"
+        m = tips.shape[1]
+        back = self.R_reference_flange[which].transpose(0, 2, 1)
+        r = Rotation.from_matrix(back @ axes.transpose(2, 0, 1)).as_rotvec()
+        # Turning the flange by d turns R_ref^T R_model on the left by R_ref^T d; the rotation vector's change is the
+        # inverse of the left Jacobian times that. The Jacobian's eigenvalues stay above 2/pi up to half a turn.
+        _, J = rotations_and_jacobians(r.T)
+        by_turn = LEVER_MM * (np.linalg.inv(J.transpose(2, 0, 1)) @ back).transpose(1, 2, 0)
+        nothing = np.zeros((0, m), np.intp), np.zeros((3, 0, m))
+        return LinearisedResiduals(LEVER_MM * r.T, np.zeros((3, 3, m)), *nothing, by_turn)
+
+    def constraints(self, unknowns: FloatArray) -> None:
+        """See `Reference`."""
+        del unknowns
+
+
+def pose_references(
+    rows: IntArray,
+    points: FloatArray,
+    quaternions: FloatArray,
+    *,
+    point_std: FloatArray | None = None,
+    turn_std: FloatArray | None = None,
+) -> tuple[Points, Orientations]:
+    """Full poses: points (m, 3) [mm] and orientations as quaternions (m, 4), w x y z, of the same readings.
+
+    Standard uncertainties (m, 3) in mm and rad.
+    """
+    R = Rotation.from_quat(quaternions, scalar_first=True).as_matrix()
+    return Points(rows, points, point_std), Orientations(rows, R, turn_std)
+
+
+def orient_flange_coarsely(chain: Chain, angles: npt.ArrayLike, R_reference_flange: FloatArray) -> Chain:
+    """The chain with its flange's axes turned to where they come nearest to orientations seen (m, 3, 3).
+
+    Small-angle steps find the tool's rotation on the flange from less than half a turn; this finds it from anywhere,
+    once the chain stands in the reference's frame. The tip stays where it is.
+    """
+    seen_in_flange = chain.pose(angles).R_base_tip.transpose(0, 2, 1) @ R_reference_flange
+    motions = np.zeros((chain.n_places, 6))
+    motions[-1, :3] = Rotation.from_matrix(seen_in_flange).mean().as_rotvec()
+    return chain.with_motions(motions)

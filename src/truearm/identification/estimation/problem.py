@@ -1,0 +1,548 @@
+"""The least-squares problem of an arm's terms: its residuals, and its normal equations without the Jacobian.
+
+A column of the Jacobian is a product, the tip's derivative by a small motion (of a *site*: place and direction) times a
+basis function of the arm's state. So for two sites a, b with basis functions phi and psi
+
+    (J^T J)[(a, k), (b, l)] = sum_n [sum_c t_a,c t_b,c](n) phi_k(n) psi_l(n),
+
+coordinates before readings. Sites with many functions (harmonics of a joint's own angle) go that way, in pairs; those
+with few stand side by side as columns of a narrow Jacobian, which costs less than to treat them in pairs. Readings go
+in chunks, so that memory does not grow with them. What is unknown of an artefact has to do with its own readings only:
+the matrix is an arrowhead (`truearm.solve.arrowhead`), whose cost and size are linear in the artefacts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_array
+
+from truearm.arm.chain import Chain
+from truearm.arm.rigid_motions import rotations_and_jacobians
+from truearm.identification.estimation.references import LinearisedResiduals, Reference
+from truearm.solve.arrowhead import Arrowhead
+from truearm.solve.threads import cores, one_blas_thread
+from truearm.identification.terms.basis import Basis, Constant
+from truearm.identification.terms.state import ArmState
+from truearm.identification.terms.term import Term
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+# References that compare tips with one another. A smaller arm has smaller residuals of them, and none of them says that
+# it is not so: they count as shares of the arm's size, or the noise would be found smaller and smaller with the arm.
+RELATIVE = ("seat", "sphere", "plane", "line")
+CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays near a core
+# Chunks are dealt to so many groups, whatever the threads: the order of the sums is always the same.
+GROUPS = 2
+# A site with more functions than this goes in pairs.
+MOST_NARROW = 24
+# Values of basis functions that are kept between evaluations, rather than computed again.
+KEPT_BYTES = 96 * 2**20
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A place and a direction, with all basis functions that move the arm there.
+
+    Attributes
+    ----------
+    place : int
+    direction : (6,) array
+    bases : tuple of Basis
+    columns : (n_functions,) int array
+        Their coefficients among the parameters.
+    """
+
+    place: int
+    direction: FloatArray
+    bases: tuple[Basis, ...]
+    columns: IntArray
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether its motion is the same in every pose."""
+        return all(isinstance(basis, Constant) for basis in self.bases)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(n_functions, m) values of the basis functions at a state's readings."""
+        if len(self.bases) == 1:
+            return self.bases[0].values(state)
+        return np.concatenate([basis.values(state) for basis in self.bases])
+
+
+@dataclass(frozen=True, eq=False)
+class PerturbedChain:
+    """A chain with terms, whose motions are composed exactly, a set for each reading.
+
+    Parameters
+    ----------
+    chain : Chain
+        Without them.
+    terms : tuple of Term
+    """
+
+    chain: Chain
+    terms: tuple[Term, ...]
+
+    @cached_property
+    def n_coefficients(self) -> int:
+        """Of all terms."""
+        return sum(term.n_coefficients for term in self.terms)
+
+    @cached_property
+    def sites(self) -> list[Site]:
+        """Terms gathered by place and direction."""
+        starts = np.cumsum([0, *(term.n_coefficients for term in self.terms)])
+        gathered: dict[tuple[int, tuple[float, ...]], list[int]] = {}
+        for i, term in enumerate(self.terms):
+            gathered.setdefault((term.place, term.direction), []).append(i)
+        return [
+            Site(
+                place,
+                np.array(direction),
+                tuple(self.terms[i].basis for i in members),
+                np.concatenate([np.arange(starts[i], starts[i + 1]) for i in members]),
+            )
+            for (place, direction), members in gathered.items()
+        ]
+
+    def values(self, state: ArmState) -> list[FloatArray]:
+        """Values of the basis functions of every site; sites that have the same share them."""
+        found: dict[tuple[Basis, ...], FloatArray] = {}
+        for site in self.sites:
+            if site.bases not in found:
+                found[site.bases] = site.values(state)
+        return [found[site.bases] for site in self.sites]
+
+    def motions(self, x: FloatArray, values: list[FloatArray]) -> FloatArray:
+        """(n_places, 6, m) motions [rad, mm] with coefficients `x`; (n_places, 6, 1) if they are constant."""
+        m = 1 if all(site.is_constant for site in self.sites) else values[0].shape[1]
+        out = np.zeros((self.chain.n_places, 6, m))
+        for site, value in zip(self.sites, values, strict=True):
+            part = x[site.columns]
+            if part.any():
+                out[site.place] += site.direction[:, None] * (part @ value[:, :m])
+        return out
+
+    def with_constants(self, x: FloatArray) -> Chain:
+        """The chain with the constant terms composed, others left out."""
+        motions, start = np.zeros((self.chain.n_places, 6)), 0
+        for term in self.terms:
+            if isinstance(term.basis, Constant):
+                motions[term.place] += x[start] * np.array(term.direction)
+            start += term.n_coefficients
+        return self.chain.with_motions(motions)
+
+    def tips(self, state: ArmState, x: FloatArray) -> FloatArray:
+        """(n, 3) tips [mm] at the readings of a state."""
+        out = np.empty((len(state), 3))
+        for rows in chunks(len(state)):
+            piece = state.rows(rows)
+            motions = self.motions(x, self.values(piece)) if self.sites else np.zeros((self.chain.n_places, 6, 1))
+            wide = np.broadcast_to(motions, (*motions.shape[:2], len(piece)))
+            out[rows] = self.chain.tip_in_base(piece.angles, wide.transpose(2, 0, 1))
+        return out
+
+    def derivatives(self, state: ArmState, x: FloatArray) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
+        """Give tips (3, m) [mm] and their derivatives (n_coefficients, 3, m) piece by piece."""
+        for rows in chunks(len(state)):
+            piece = state.rows(rows)
+            values = self.values(piece)
+            tips, motion_jacobian = moved_chain(self.chain, piece, self.motions(x, values))
+            columns = np.empty((self.n_coefficients, 3, len(piece)))
+            for site, value in zip(self.sites, values, strict=True):
+                by_site = np.tensordot(site.direction, motion_jacobian[site.place], axes=1)
+                columns[site.columns] = by_site * value[:, None, :]
+            yield rows, tips, columns
+
+
+def moved_chain(chain: Chain, state: ArmState, motions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Tips (3, m) [mm] and their derivatives (n_places, 6, 3, m) by the motions' components, of up to `CHUNK`."""
+    _, tips, motion_jacobian = next(chain.tip_derivatives_by_chunk(state.angles, lambda _: motions, chunk=CHUNK))
+    return tips, motion_jacobian
+
+
+def chunks(n: int) -> list[slice]:
+    """Readings that go through together."""
+    return [slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK)]
+
+
+@dataclass(frozen=True, eq=False)
+class SmallMotionProblem:
+    """Residuals of readings under terms and references' unknowns.
+
+    The parameters are the coefficients of all terms, then the unknowns of all references.
+
+    Parameters
+    ----------
+    perturbed_chain : PerturbedChain
+        The chain and its terms; its tips come out in the frame of the references.
+    state : ArmState
+        Of all readings.
+    references : tuple of Reference
+    """
+
+    perturbed_chain: PerturbedChain
+    state: ArmState
+    references: tuple[Reference, ...]
+    _kept: dict[tuple[int, int], list[FloatArray]] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def n_parameters(self) -> int:
+        """Coefficients and unknowns."""
+        return self._starts[-1]
+
+    def unknowns_of(self, which: int) -> slice:
+        """Where the unknowns of a reference stand among the parameters."""
+        return slice(self._starts[which], self._starts[which + 1])
+
+    @cached_property
+    def _starts(self) -> list[int]:
+        counts = [self.perturbed_chain.n_coefficients, *(len(reference.unknowns) for reference in self.references)]
+        return [int(start) for start in np.cumsum(counts)]
+
+    def residuals(self, x: FloatArray) -> list[FloatArray]:
+        """(k, m) residuals of every reference [mm]."""
+        found = []
+        for i, reference in enumerate(self.references):
+            out = np.empty((reference.n_residuals, len(reference.rows)))
+            for piece in chunks(len(reference.rows)):
+                state = self.state.rows(reference.rows[piece])
+                motions = self._motions(i, piece, state, x)
+                if reference.uses_orientation:
+                    out[:, piece] = self._linearised(i, piece, state, motions, x)[0].residuals
+                else:
+                    wide = np.broadcast_to(motions, (*motions.shape[:2], len(state)))
+                    tips = self.perturbed_chain.chain.tip_in_base(state.angles, wide.transpose(2, 0, 1)).T
+                    out[:, piece] = reference.linearised(tips, x[self.unknowns_of(i)], piece).residuals
+            found.append(out)
+        return found
+
+    def normal_equations(self, x: FloatArray, weights: Sequence[FloatArray]) -> list[Arrowhead]:
+        """Cost, gradient and Gauss-Newton matrix of every reference by itself, with its own unknowns.
+
+        Parameters
+        ----------
+        x : (n_parameters,) array
+            [rad, mm per unit of the basis; mm].
+        weights : sequence of (k, m) array
+            One over the standard deviations of each reference's residuals [1/mm].
+        """
+        with one_blas_thread():
+            return [self._equations(i, x, weights[i]) for i in range(len(self.references))]
+
+    def jacobian(self, x: FloatArray) -> list[FloatArray]:
+        """Derivatives (n_parameters, k, m) of every reference's residuals, for a few readings: all of them at once.
+
+        What the normal equations have lost to rounding, as the rank, is still in them.
+        """
+        n = self.perturbed_chain.n_coefficients
+        found = []
+        for i, linear in enumerate(self.linearised(x)):
+            out = np.zeros((self.n_parameters, *linear.residuals.shape))
+            for piece in chunks(out.shape[2]):
+                rows = np.arange(piece.start, piece.stop)
+                out[:n, :, piece] = self.coefficient_columns(i, rows, linear, x)
+                self._add_by_unknown(out[n:, :, piece], i, of_readings(linear, rows))
+            found.append(out)
+        return found
+
+    def linearised(self, x: FloatArray) -> list[LinearisedResiduals]:
+        """Residuals of every reference and their derivatives by tips, turns and unknowns."""
+        found = []
+        for i, reference in enumerate(self.references):
+            parts = []
+            for piece in chunks(len(reference.rows)):
+                state = self.state.rows(reference.rows[piece])
+                parts.append(self._linearised(i, piece, state, self._motions(i, piece, state, x), x)[0])
+            turns = [part.by_turn for part in parts if part.by_turn is not None]
+            found.append(
+                LinearisedResiduals(
+                    np.concatenate([part.residuals for part in parts], axis=-1),
+                    np.concatenate([part.by_tip for part in parts], axis=-1),
+                    np.concatenate([part.unknown for part in parts], axis=-1),
+                    np.concatenate([part.by_unknown for part in parts], axis=-1),
+                    np.concatenate(turns, axis=-1) if turns else None,
+                )
+            )
+        return found
+
+    def coefficient_columns(self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray) -> FloatArray:
+        """Derivatives (n_coefficients, k, m) by the terms, of up to `CHUNK` of a reference's readings.
+
+        `linear` is the whole reference, as `linearised` gives it; of residuals times weights, if it was weighed.
+        """
+        state = self.state.rows(self.references[which].rows[rows])
+        values = self.perturbed_chain.values(state)
+        motions = self.perturbed_chain.motions(x, values)
+        linear = of_readings(linear, rows)
+        by_place = _by_place(linear, motions, moved_chain(self.perturbed_chain.chain, state, motions)[1])
+        out = np.empty((self.perturbed_chain.n_coefficients, *linear.residuals.shape))
+        for site, value in zip(self.perturbed_chain.sites, values, strict=True):
+            by_site = np.tensordot(site.direction, by_place[site.place], axes=1)
+            out[site.columns] = by_site * value[:, None, :]
+        return out
+
+    def log_size_ratio(self, x: FloatArray) -> float:
+        """How much larger, as a logarithm, the tips of readings with relative references lie than as drawn."""
+        if not len(self._relative):
+            return 0.0
+        return float(np.log(self._size(x) / self._size_as_drawn) / 2)
+
+    def log_size_ratio_gradient(self, x: FloatArray) -> FloatArray:
+        """(n_parameters,) derivative of `log_size_ratio`."""
+        found = np.zeros(self.n_parameters)
+        if len(self._relative):
+            off = self._off_axis(x)
+            off = self.perturbed_chain.chain.fixed[0, :3, :3] @ off.T / ((off**2).sum() + 1e-12)
+            state = self.state.rows(self._relative)
+            for rows, _, columns in self.perturbed_chain.derivatives(state, self._without_base(x)):
+                found[: self.perturbed_chain.n_coefficients] += np.tensordot(columns, off[:, rows], axes=2)
+            found[self._base] = 0.0
+        return found
+
+    @cached_property
+    def _relative(self) -> IntArray:
+        """Readings that are compared with one another."""
+        rows = [reference.rows for reference in self.references if reference.kind in RELATIVE]
+        return np.unique(np.concatenate(rows)) if rows else np.zeros(0, dtype=np.intp)
+
+    @cached_property
+    def _base(self) -> IntArray:
+        """Coefficients that move the arm as a whole."""
+        columns = [site.columns for site in self.perturbed_chain.sites if site.place == 0]
+        return np.concatenate(columns) if columns else np.zeros(0, dtype=np.intp)
+
+    def _without_base(self, x: FloatArray) -> FloatArray:
+        """Coefficients of an arm that stands as drawn."""
+        coefficients = x[: self.perturbed_chain.n_coefficients].copy()
+        coefficients[self._base] = 0.0
+        return coefficients
+
+    def _size(self, x: FloatArray) -> float:
+        return float((self._off_axis(x) ** 2).sum()) + 1e-12  # a picometre
+
+    @cached_property
+    def _size_as_drawn(self) -> float:
+        return self._size(np.zeros(self.n_parameters))
+
+    def _off_axis(self, x: FloatArray) -> FloatArray:
+        """Those tips in the base frame (m, 3) [mm], from the axis of joint 1, and along it from their mean.
+
+        Where the arm stands, and how high on its axis, is then no part of its size; and tips all in one seat, which
+        move together as the arm fits better, still have one.
+        """
+        base = self.perturbed_chain.chain.fixed[0]
+        tips = self.perturbed_chain.tips(self.state.rows(self._relative), self._without_base(x))
+        off: FloatArray = (tips - base[:3, 3]) @ base[:3, :3]
+        off[:, 2] -= off[:, 2].mean()
+        return off
+
+    def equations(self, x: FloatArray, weights: Sequence[FloatArray]) -> tuple[list[Arrowhead], Arrowhead]:
+        """Normal equations of every reference, and of all of them and their constraints together."""
+        parts, constraints = self.normal_equations(x, weights), self.constraints(x)
+        joined = Arrowhead.combine(parts)
+        return parts, Arrowhead(
+            joined.cost + constraints.cost,
+            joined.gradient + constraints.gradient,
+            joined.head,
+            joined.coupling,
+            joined.blocks + constraints.blocks,
+        )
+
+    def constraints(self, x: FloatArray) -> Arrowhead:
+        """What is known among the unknowns: lengths; all coefficients and unknowns are in it."""
+        p, u = self.perturbed_chain.n_coefficients, self.n_parameters - self.perturbed_chain.n_coefficients
+        cost, gradient, blocks = 0.0, np.zeros(self.n_parameters), csr_array((u, u))
+        for i, reference in enumerate(self.references):
+            where = self.unknowns_of(i)
+            constraints = reference.constraints(x[where])
+            if constraints is not None:
+                residuals = constraints.residuals / constraints.std
+                line, unknown = np.nonzero(constraints.by_unknown)
+                values = constraints.by_unknown[line, unknown] / constraints.std[line]
+                by = csr_array((values, (line, unknown + where.start - p)), shape=(len(residuals), u))
+                cost += 0.5 * float(residuals @ residuals)
+                gradient[p:] += by.T @ residuals
+                blocks = blocks + by.T @ by
+        return Arrowhead(cost, gradient, np.zeros((p, p)), np.zeros((u, p)), blocks)
+
+    def constraints_cost(self, x: FloatArray) -> float:
+        """Their cost alone."""
+        found = (self.references[i].constraints(x[self.unknowns_of(i)]) for i in range(len(self.references)))
+        return sum(0.5 * float(((r.residuals / r.std) ** 2).sum()) for r in found if r is not None)
+
+    def _equations(self, which: int, x: FloatArray, weights: FloatArray) -> Arrowhead:
+        pieces = chunks(len(self.references[which].rows))
+        groups = [pieces[start::GROUPS] for start in range(min(GROUPS, len(pieces)))]
+
+        def sums_of(group: list[slice]) -> _Sums:
+            sums = _Sums(self.perturbed_chain.sites, self.perturbed_chain.n_coefficients, len(self.references[which].unknowns))
+            for piece in group:
+                self._add(sums, which, piece, x, weights[:, piece])
+            return sums
+
+        if len(groups) == 1:
+            return sums_of(groups[0]).equations()
+        with ThreadPoolExecutor(cores()) as threads:
+            first, *others = threads.map(sums_of, groups)
+        for other in others:
+            first.merge(other)
+        return first.equations()
+
+    def _add(self, sums: _Sums, which: int, piece: slice, x: FloatArray, weights: FloatArray) -> None:
+        state = self.state.rows(self.references[which].rows[piece])
+        values = self._values(which, piece, state)
+        motions = self.perturbed_chain.motions(x, values)
+        plain, motion_jacobian = self._linearised(which, piece, state, motions, x)
+        linear = plain.weighted(weights)
+        sums.add(linear, _by_place(linear, motions, motion_jacobian), values)
+
+    def _add_by_unknown(self, out: FloatArray, which: int, linear: LinearisedResiduals) -> None:
+        """Add derivatives by a reference's unknowns to those (n_unknowns, k, m) by all."""
+        start = self.unknowns_of(which).start - self.perturbed_chain.n_coefficients
+        readings = np.arange(out.shape[2])
+        for unknown, by in zip(linear.unknown, linear.by_unknown.transpose(1, 2, 0), strict=True):
+            out[start + unknown, :, readings] += by
+
+    def _linearised(
+        self, which: int, piece: slice, state: ArmState, motions: FloatArray, x: FloatArray
+    ) -> tuple[LinearisedResiduals, FloatArray]:
+        """Residuals and derivatives of a piece, and the tips' derivatives (n_places, 6, 3, m) by the motions."""
+        reference = self.references[which]
+        tips, motion_jacobian = moved_chain(self.perturbed_chain.chain, state, motions)
+        # Shifts of the tip are along the flange's axes before a rotation there turns them.
+        axes = motion_jacobian[-1, 3:].transpose(1, 0, 2)
+        if reference.uses_orientation and motions[-1, :3].any():
+            turned, _ = rotations_and_jacobians(motions[-1, :3])
+            axes = np.einsum("abm,bcm->acm", axes, np.broadcast_to(turned, axes.shape))
+        return reference.linearised(tips, x[self.unknowns_of(which)], piece, axes), motion_jacobian
+
+    def _motions(self, which: int, piece: slice, state: ArmState, x: FloatArray) -> FloatArray:
+        return self.perturbed_chain.motions(x, self._values(which, piece, state))
+
+    def _values(self, which: int, piece: slice, state: ArmState) -> list[FloatArray]:
+        key = (which, piece.start)
+        if key not in self._kept:
+            values = self.perturbed_chain.values(state)
+            if 8 * self.perturbed_chain.n_coefficients * CHUNK * (len(self._kept) + 1) > KEPT_BYTES:
+                return values
+            self._kept[key] = values
+        return self._kept[key]
+
+
+def _by_place(linear: LinearisedResiduals, motions: FloatArray, motion_jacobian: FloatArray) -> FloatArray:
+    """(n_places, 6, k, m) derivatives of residuals by the motions, from those of the tips (n_places, 6, 3, m)."""
+    by_place = np.einsum("kcm,pdcm->pdkm", linear.by_tip, motion_jacobian)
+    if linear.by_turn is not None:
+        for place, motion in enumerate(motions):
+            _, jacobian = rotations_and_jacobians(motion[:3])
+            wide = np.broadcast_to(jacobian, (3, 3, motion_jacobian.shape[3]))
+            turns = np.einsum("dbm,dcm->bcm", wide, motion_jacobian[place, 3:])
+            by_place[place, :3] += np.einsum("kcm,bcm->bkm", linear.by_turn, turns)
+    return np.asarray(by_place)
+
+
+def of_readings(linear: LinearisedResiduals, rows: IntArray) -> LinearisedResiduals:
+    """Some of the readings."""
+    return LinearisedResiduals(
+        linear.residuals[:, rows],
+        linear.by_tip[..., rows],
+        linear.unknown[:, rows],
+        linear.by_unknown[..., rows],
+        None if linear.by_turn is None else linear.by_turn[..., rows],
+    )
+
+
+class _Sums:
+    """Sums over readings of a gradient and a Gauss-Newton matrix: narrow columns first, then the sites in pairs."""
+
+    def __init__(self, sites: list[Site], n_coefficients: int, n_unknowns: int) -> None:
+        self.narrow = [i for i, site in enumerate(sites) if len(site.columns) <= MOST_NARROW]
+        self.wide = [i for i, site in enumerate(sites) if len(site.columns) > MOST_NARROW]
+        nothing = np.zeros(0, dtype=np.intp)
+        self.order = np.concatenate([nothing, *(sites[i].columns for i in (*self.narrow, *self.wide))])
+        self.places = [(site.place, site.direction) for site in sites]
+        self.n_narrow = n_coefficients - sum(len(sites[i].columns) for i in self.wide)
+        stops = np.cumsum([self.n_narrow, *(len(sites[i].columns) for i in self.wide)])
+        self.spans = [slice(int(a), int(b)) for a, b in pairwise(stops)]
+        self.cost = 0.0
+        self.gradient = np.zeros(n_coefficients)
+        self.gram = np.zeros((n_coefficients, n_coefficients))
+        self.by_unknown = np.zeros(n_unknowns)
+        self.coupling = np.zeros((n_unknowns, n_coefficients))
+        self.blocks = csr_array((n_unknowns, n_unknowns))
+
+    def add(self, linear: LinearisedResiduals, by_place: FloatArray, values: list[FloatArray]) -> None:
+        """Add a chunk, weighed: `by_place` (n_places, 6, k, m) are derivatives by the motions of places."""
+        residuals = linear.residuals
+        k, m = residuals.shape
+        by_site = [np.tensordot(direction, by_place[place], axes=1) for place, direction in self.places]
+        columns = np.empty((self.n_narrow, k, m))
+        start = 0
+        for i in self.narrow:
+            stop = start + len(values[i])
+            np.multiply(by_site[i], values[i][:, None, :], out=columns[start:stop])
+            start = stop
+        flat = columns.reshape(self.n_narrow, k * m)
+        self.cost += 0.5 * float(np.vdot(residuals, residuals))
+        self.gradient[: self.n_narrow] += flat @ residuals.ravel()
+        self.gram[: self.n_narrow, : self.n_narrow] += flat @ flat.T
+        for n, (i, span) in enumerate(zip(self.wide, self.spans, strict=True)):
+            contracted = np.einsum("km,pkm->pm", by_site[i], columns)
+            self.gram[: self.n_narrow, span] += contracted @ values[i].T
+            self.gradient[span] += values[i] @ (by_site[i] * residuals).sum(axis=0)
+            for j, other in zip(self.wide[n:], self.spans[n:], strict=True):
+                product = (by_site[i] * by_site[j]).sum(axis=0)
+                self.gram[span, other] += (product * values[i]) @ values[j].T
+        if len(self.by_unknown):
+            self._add_unknowns(linear, by_site, values, flat)
+
+    def _add_unknowns(
+        self, linear: LinearisedResiduals, by_site: list[FloatArray], values: list[FloatArray], flat: FloatArray
+    ) -> None:
+        by = by_all_unknowns(linear, len(self.by_unknown))
+        self.by_unknown += by @ linear.residuals.ravel()
+        self.blocks = self.blocks + by @ by.T
+        self.coupling[:, : self.n_narrow] += by @ flat.T
+        readings = np.broadcast_to(np.arange(linear.unknown.shape[1]), linear.unknown.shape).ravel()
+        for i, span in zip(self.wide, self.spans, strict=True):
+            contracted = (linear.by_unknown * by_site[i][:, None]).sum(axis=0)
+            spread = csr_array(
+                (contracted.ravel(), (linear.unknown.ravel(), readings)),
+                shape=(len(self.by_unknown), linear.unknown.shape[1]),
+            )
+            self.coupling[:, span] += spread @ values[i].T
+
+    def merge(self, other: _Sums) -> None:
+        """Add what another group of chunks came to."""
+        self.cost += other.cost
+        self.gradient += other.gradient
+        self.gram += other.gram
+        self.by_unknown += other.by_unknown
+        self.coupling += other.coupling
+        self.blocks = self.blocks + other.blocks
+
+    def equations(self) -> Arrowhead:
+        """The normal equations in the order of the parameters."""
+        back = np.argsort(self.order)
+        upper = np.triu(self.gram)
+        gram = upper + np.triu(upper, 1).T
+        gradient = np.concatenate([self.gradient[back], self.by_unknown])
+        return Arrowhead(self.cost, gradient, gram[np.ix_(back, back)], self.coupling[:, back], self.blocks)
+
+
+def by_all_unknowns(linear: LinearisedResiduals, n: int) -> csr_array:
+    """(n, k m) derivatives of residuals by all unknowns of their reference."""
+    k, m = linear.residuals.shape
+    unknown = np.broadcast_to(linear.unknown, linear.by_unknown.shape)
+    residual = np.broadcast_to(m * np.arange(k)[:, None, None] + np.arange(m), unknown.shape)
+    told = linear.by_unknown != 0
+    return csr_array((linear.by_unknown[told], (unknown[told], residual[told])), shape=(n, k * m))

@@ -1,0 +1,542 @@
+"""Choose the readings that leave the least uncertainty where it matters: greedy selection, then exchange.
+
+With information ``A = Lambda + sum over chosen i of J_i^T J_i`` (Lambda the prior precision, J_i a candidate's Jacobian
+over its noise) and covariance ``C = A^-1``, the two criteria are
+
+- I-optimal: ``trace(M C)``, where M is the mean over the volume of ``J_t^T J_t``: the mean squared uncertainty of a
+  measured point there, three-dimensional [mm^2];
+- D-optimal: ``-log det A``: the volume of the parameters' confidence ellipsoid, whatever they are needed for.
+
+What a candidate with k rows takes off them follows from two k x k matrices, ``S_i = J_i C J_i^T`` and
+``T_i = J_i C M C J_i^T`` (Woodbury):
+
+    I: trace((I + S_i)^-1 T_i),        D: log det(I + S_i).
+
+When candidate s is taken, with ``U = C J_s^T`` and ``G = (I + S_s)^-1``, C falls by ``U G U^T``. The matrices of all
+candidates follow from ``J_i U`` and ``J_i C M U`` alone, one product of all Jacobians with 2 k columns: a choice costs
+n k^2 p operations, not n k p^2. To leave a reading out is the same with ``G = -(I - S_s)^-1``. A chosen reading is
+exchanged for the best other one as long as that lowers the criterion (Fedorov's algorithm as modified by Cook and
+Nachtsheim: each in turn, rather than the best of all pairs). It ends where no swap of one for one helps, which need not
+be the best choice there is.
+
+Sources: V. V. Fedorov, "Theory of Optimal Experiments", Academic Press 1972; R. D. Cook, C. J. Nachtsheim,
+"A comparison of algorithms for constructing exact D-optimal designs", Technometrics 22 (1980) 315; I-optimality with a
+prior: K. Chaloner, I. Verdinelli, "Bayesian experimental design: a review", Statistical Science 10 (1995) 273; for
+robots, with poses to be accurate at: A. Klimchik, A. Pashkevich, Y. Wu, S. Caro, B. Furet, "Design of calibration
+experiments for identification of manipulator elastostatic parameters", Applied Mechanics and Materials 162 (2012) 161.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cho_solve, qr
+
+from truearm.errors import InputError
+from truearm.identification.estimation.alignment import rigid_motions
+from truearm.identification.planning.sampling.poses import checked_seed
+from truearm.solve.arrays import whiten
+from truearm.solve.threads import one_blas_thread
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+Progress = Callable[[str, int, int], None]
+"""Told what is being done, how much of it is done, and of how much."""
+
+# Rows of all Jacobians that go through a product together: their products are copies of them.
+_ROWS = 4096
+# A drop so near to the best, as a share of it, is as good: rounding must not decide, the first of them is taken.
+_TIE = 1e-9
+# A swap must bring so much more than what it replaces, as a share of it, or rounding might swap for ever.
+_LEAST = 1e-6
+# Updates since the last exact calculation may have taken so many times what is left; rounding is that times 1e-16.
+_MOST_WEAR = 1e8
+# Share of a direction's information that must stay when a reading is left out by an update.
+_LEAST_LEFT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class DesignProblem:
+    """What can be measured, what is known before, and what is to be known.
+
+    Parameters
+    ----------
+    factors : (n, k, p) array
+        Of every candidate, the Jacobian J_i, rows divided by the standard deviation of their noise: its information is
+        ``J_i^T J_i``. A candidate with fewer rows than others has rows of zeros (see `stack_factors`).
+    prior_precision : (p, p) array
+        Inverse of the covariance of the parameters before; readings already taken add their ``J^T J`` to it.
+    target : (p, p) array
+        M [mm^2 per squared unit of the parameters], see `moment_matrix`.
+
+    Notes
+    -----
+    The parameters may have any units: the criteria do not depend on them. Unknowns that several candidates share, such
+    as the centre of a seat that is touched by each of them, are parameters with zeros in the target; those that one
+    candidate has for itself are taken out of it (see `project_out`).
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, a number is not finite, the prior is not positive definite, or the target has a negative
+        eigenvalue.
+    """
+
+    factors: FloatArray
+    prior_precision: FloatArray
+    target: FloatArray
+
+    def __post_init__(self) -> None:
+        factors = np.ascontiguousarray(self.factors, dtype=float)
+        if factors.ndim != 3 or 0 in factors.shape:
+            raise InputError(f"expected factors of shape (candidates, rows, parameters), got {factors.shape}")
+        if not np.isfinite(factors).all():
+            bad = int(np.argmin(np.isfinite(factors).all(axis=(1, 2))))
+            raise InputError(f"factors must be finite, but those of candidate {bad} are not")
+        object.__setattr__(self, "factors", factors)
+        for name in ("prior_precision", "target"):
+            object.__setattr__(self, name, _symmetric(name, getattr(self, name), factors.shape[2]))
+        with one_blas_thread():
+            if _variance(self.prior_precision, self._target_factor) is None:
+                raise InputError(
+                    "the prior precision must be positive definite", hint="a prior for every parameter, however wide"
+                )
+
+    @property
+    def n_candidates(self) -> int:
+        """Number of candidates."""
+        return len(self.factors)
+
+    def information(self, rows: npt.ArrayLike) -> FloatArray:
+        """(p, p) information of the prior and the candidates `rows`."""
+        chosen = self.factors[np.asarray(rows, dtype=np.intp)].reshape(-1, self.factors.shape[2])
+        return self.prior_precision + chosen.T @ chosen
+
+    def variance(self, rows: npt.ArrayLike) -> float:
+        """``trace(M C)`` once the candidates `rows` have been measured [mm^2], calculated afresh."""
+        variance = _variance(self.information(rows), self._target_factor)
+        assert variance is not None  # no less definite than the prior
+        return variance
+
+    def log_det(self, rows: npt.ArrayLike) -> float:
+        """``log det A`` once the candidates `rows` have been measured."""
+        return float(np.linalg.slogdet(self.information(rows))[1])
+
+    def course(self, rows: npt.ArrayLike) -> FloatArray:
+        """``trace(M C)`` before any and after each of the candidates `rows` in turn, (len(rows) + 1,) [mm^2]."""
+        order = np.asarray(rows, dtype=np.intp)
+        with one_blas_thread():
+            return np.array([self.variance(order[:count]) for count in range(len(order) + 1)])
+
+    @cached_property
+    def _target_factor(self) -> FloatArray:
+        try:
+            return factor_of(self.target)
+        except InputError as error:
+            raise InputError(f"the target must be a mean of squares: {error.problem}") from None
+
+
+class Criterion(Protocol):
+    """What a selection makes small."""
+
+    def value(self, problem: DesignProblem, rows: npt.ArrayLike) -> float:
+        """The criterion with candidates `rows` measured, calculated afresh."""
+        ...
+
+    def drops(self, S: FloatArray, T: FloatArray) -> FloatArray:
+        """(n,) what every candidate takes off the criterion, from its (n, k, k) matrices S and T."""
+        ...
+
+
+class IOptimality:
+    """Mean squared uncertainty of a point in the volume."""
+
+    def value(self, problem: DesignProblem, rows: npt.ArrayLike) -> float:
+        """``trace(M C)`` [mm^2]."""
+        return problem.variance(rows)
+
+    def drops(self, S: FloatArray, T: FloatArray) -> FloatArray:
+        """``trace((I + S)^-1 T)`` [mm^2]."""
+        return np.asarray(np.linalg.solve(np.eye(S.shape[1]) + S, T).trace(axis1=1, axis2=2))
+
+
+class DOptimality:
+    """Volume of the parameters' confidence ellipsoid."""
+
+    def value(self, problem: DesignProblem, rows: npt.ArrayLike) -> float:
+        """``-log det A``."""
+        return -problem.log_det(rows)
+
+    def drops(self, S: FloatArray, T: FloatArray) -> FloatArray:  # noqa: ARG002
+        """``log det(I + S)``."""
+        return np.asarray(np.linalg.slogdet(np.eye(S.shape[1]) + S)[1])
+
+
+@dataclass(frozen=True, eq=False)
+class DesignSelection:
+    """Candidates chosen.
+
+    Attributes
+    ----------
+    rows : (n,) int array
+        In the order to take them: each is the best of those left (random ones: as drawn), so that who stops early has
+        a good start.
+    swaps : int
+        How many were exchanged after the greedy choice.
+    """
+
+    rows: IntArray
+    swaps: int = 0
+
+
+STRATEGIES = ("I-optimal", "D-optimal", "random")
+"""The strategies that `select_candidates` knows."""
+
+
+def select_candidates(
+    problem: DesignProblem,
+    n: int,
+    *,
+    strategy: str = "I-optimal",
+    taken: Sequence[int] | IntArray = (),
+    among: Sequence[int] | IntArray | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> DesignSelection:
+    """Choose candidates by one of the strategies to be compared.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+    n : int
+        How many, each at most once.
+    strategy : str
+        One of `STRATEGIES`.
+    taken : sequence of int, optional
+        Candidates that are in the plan already; they stay.
+    among : sequence of int, optional
+        Candidates that may be chosen, all by default.
+    seed : int
+        Of the random strategy; the others are the same every time.
+    progress : callable, optional
+
+    Raises
+    ------
+    InputError
+        If the strategy is unknown, or there are fewer candidates than asked for.
+    """
+    if strategy not in STRATEGIES:
+        raise InputError(f"there is no strategy {strategy!r}; there are {', '.join(STRATEGIES)}")
+    fixed = _checked_rows("taken", taken, problem.n_candidates)
+    pool = np.setdiff1d(
+        np.arange(problem.n_candidates) if among is None else _checked_rows("among", among, problem.n_candidates), fixed
+    )
+    if not 1 <= n <= len(pool):
+        raise InputError(f"expected to choose 1 to {len(pool)} candidates, as many as there are, got {n}")
+    if strategy == "random":
+        return DesignSelection(np.random.default_rng(checked_seed(seed)).permutation(pool)[:n])
+    criterion: Criterion = IOptimality() if strategy == "I-optimal" else DOptimality()
+    starting: list[Criterion] = [criterion] if strategy == "D-optimal" else [criterion, DOptimality()]
+    with one_blas_thread():
+        free = DesignProblem(problem.factors[pool], problem.information(fixed), problem.target)
+        # Where candidates are worth something only together, as the first two poses in a seat are, the I-criterion sees
+        # nothing in the first of them. Determinants do: the selection starts from both.
+        starts = [greedy(free, n, start, progress=progress) for start in starting]
+        best = min(
+            (fedorov_exchange(free, start.rows, criterion, progress=progress) for start in starts),
+            key=lambda found: criterion.value(free, found.rows),
+        )
+        chosen = DesignProblem(free.factors[best.rows], free.prior_precision, free.target)
+        order = greedy(chosen, n, criterion).rows
+    return DesignSelection(pool[best.rows[order]], best.swaps)
+
+
+def greedy(problem: DesignProblem, n: int, criterion: Criterion, *, progress: Progress | None = None) -> DesignSelection:
+    """Choose n candidates, each the one that lowers the criterion most.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+    n : int
+        At most the number of candidates.
+    criterion : Criterion
+    progress : callable, optional
+    """
+    posterior = _Posterior(problem, [])
+    for count in range(n):
+        drops = posterior.drops(criterion)
+        drops[posterior.rows] = -np.inf
+        posterior.add(_first_best(drops))
+        if progress is not None:
+            progress("choose", count + 1, n)
+    return DesignSelection(np.array(posterior.rows, dtype=np.intp))
+
+
+def fedorov_exchange(
+    problem: DesignProblem, rows: npt.ArrayLike, criterion: Criterion, *, progress: Progress | None = None
+) -> DesignSelection:
+    """Exchange chosen candidates for others, one for one, until no swap lowers the criterion.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+    rows : (n,) int array
+        The choice to start from.
+    criterion : Criterion
+    progress : callable, optional
+
+    Returns
+    -------
+    DesignSelection
+        Never worse than `rows`.
+    """
+    best = np.array(rows, dtype=np.intp)
+    value, swaps = criterion.value(problem, best), 0
+    while True:
+        posterior = _Posterior(problem, best.tolist())
+        tried, made = _one_round(posterior, criterion, progress)
+        lowered = criterion.value(problem, tried)
+        # Calculated afresh: what rounding made look better ends the search.
+        if not made or lowered >= value:
+            return DesignSelection(best, swaps)
+        best, value, swaps = tried, lowered, swaps + made
+
+
+def moment_matrix(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None, *, scale: bool = False) -> FloatArray:
+    """Target of the I-criterion: the mean over poses of ``J_t^T J_t``, (p, p).
+
+    With `tips` it is of what is left once the frame is fitted to the points. That is how an arm errs whose coordinates
+    are compared with each other only, as a hand-held one's are; no seat and no bar tells where its base is.
+
+    Parameters
+    ----------
+    jacobians : (n, 3, p) array
+        Derivatives of the tip by the parameters at poses spread as the arm is to be used [mm per unit].
+    tips : (n, 3) array, optional
+        The tip at these poses [mm].
+    scale : bool
+        Whether a scale is fitted with the frame: seats without a known length do not tell it.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit or a number is not finite.
+    """
+    J = np.asarray(jacobians, dtype=float)
+    if J.ndim != 3 or J.shape[1] != 3 or 0 in J.shape or not np.isfinite(J).all():
+        raise InputError(f"expected finite Jacobians of shape (poses, 3, parameters), got {J.shape}")
+    rows = J.reshape(-1, J.shape[2])
+    if tips is not None:
+        if len(tips := np.asarray(tips, dtype=float)) != len(J):
+            raise InputError(f"expected {len(J)} finite tips, got {len(tips)}")
+        rows = project_out(rows, rigid_motions(tips, scale=scale))
+    return np.asarray(rows.T @ rows / len(J))
+
+
+def stack_factors(factors: Sequence[FloatArray]) -> FloatArray:
+    """Bring candidates of different numbers of rows into one array (n, k, p), filled up with zeros.
+
+    Parameters
+    ----------
+    factors : sequence of (k_i, p) arrays
+        One with more rows than parameters is replaced by its triangular factor, which has the same information.
+    """
+    reduced = [_triangular(np.asarray(factor, dtype=float)) for factor in factors]
+    if not reduced or any(factor.ndim != 2 or factor.shape[1] != reduced[0].shape[1] for factor in reduced):
+        raise InputError("expected at least one factor, and all of them matrices with as many columns")
+    out = np.zeros((len(reduced), max(1, *map(len, reduced)), reduced[0].shape[1]))
+    for place, factor in zip(out, reduced, strict=True):
+        place[: len(factor)] = factor
+    return out
+
+
+def project_out(jacobian: npt.ArrayLike, nuisance: npt.ArrayLike) -> FloatArray:
+    """Rows that tell of the parameters what is left once unknowns of no interest are determined from the same readings.
+
+    The information of ``[J B]`` about the parameters alone is ``J^T (I - B B^+) J``, the Schur complement of ``B^T B``;
+    the rows returned are J in the directions that B does not reach. A seat touched k times leaves 3 k - 3 of 3 k rows.
+
+    Parameters
+    ----------
+    jacobian : (m, p) array
+        By the parameters, rows over the noise.
+    nuisance : (m, q) array
+        By the unknowns, rows over the noise; without a prior.
+
+    Returns
+    -------
+    (m - rank of nuisance, p) array
+    """
+    J, B = np.asarray(jacobian, dtype=float), np.asarray(nuisance, dtype=float)
+    if J.ndim != 2 or B.ndim != 2 or len(J) != len(B) or not (np.isfinite(J).all() and np.isfinite(B).all()):
+        raise InputError(f"expected finite matrices with as many rows, got {J.shape} and {B.shape}")
+    if not B.size:
+        return J
+    Q, R, _ = qr(B, pivoting=True)
+    size = np.abs(R.diagonal())
+    rank = int((size > max(B.shape) * np.finfo(float).eps * size[0]).sum())
+    return np.asarray(Q[:, rank:].T @ J)
+
+
+def factor_of(information: npt.ArrayLike) -> FloatArray:
+    """Rows F (r, p) with ``F^T F`` equal to an information matrix (p, p) of rank r, to rounding.
+
+    Raises
+    ------
+    InputError
+        If it is not a finite symmetric matrix, or has an eigenvalue below zero.
+    """
+    matrix = np.asarray(information, dtype=float)
+    matrix = _symmetric("an information matrix", matrix, len(np.atleast_1d(matrix)))
+    scale = np.sqrt(np.abs(matrix.diagonal()))  # what is rounding must not depend on the parameters' units
+    divisor = np.where(scale > 0, scale, 1.0)
+    unit = matrix / np.outer(divisor, divisor)
+    values, vectors = np.linalg.eigh(unit)
+    rounding = len(values) * np.finfo(float).eps * np.abs(values).max()
+    if values[0] < -10 * rounding:
+        raise InputError(f"an information matrix has no eigenvalue below zero, got {values[0]:.3g} of the largest")
+    kept = values > rounding
+    return np.ascontiguousarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T * scale)
+
+
+def _one_round(posterior: _Posterior, criterion: Criterion, progress: Progress | None) -> tuple[IntArray, int]:
+    """Offer every chosen candidate for exchange once; give what is chosen then, and the number of swaps."""
+    swaps = 0
+    offered = list(posterior.rows)
+    for count, row in enumerate(offered):
+        posterior.mend()
+        without = posterior.without(row)
+        drops = without.drops(criterion)
+        own = drops[row]
+        drops[without.rows] = -np.inf
+        other = _first_best(drops)
+        if drops[other] > (1 + _LEAST) * own:
+            posterior = without
+            posterior.add(other)
+            swaps += 1
+        if progress is not None:
+            progress("exchange", count + 1, len(offered))
+    return np.array(posterior.rows, dtype=np.intp), swaps
+
+
+class _Posterior:
+    """Covariance with some candidates measured, and the matrices S and T of all candidates."""
+
+    C: FloatArray
+    S: FloatArray
+    T: FloatArray
+    # Traces of S and T when they were last calculated afresh: rounding since is 1e-16 of them.
+    S_then: FloatArray
+    T_then: FloatArray
+
+    def __init__(self, problem: DesignProblem, rows: list[int]) -> None:
+        self.problem = problem
+        self.rows = list(rows)
+        self._afresh()
+
+    def drops(self, criterion: Criterion) -> FloatArray:
+        """(n,) what every candidate takes off the criterion."""
+        self.mend()
+        return criterion.drops(self.S, self.T)
+
+    def add(self, row: int) -> None:
+        """Measure one more candidate."""
+        self._update(row, np.linalg.inv(np.eye(self.S.shape[1]) + self.S[row]))
+        self.rows.append(row)
+
+    def without(self, row: int) -> _Posterior:
+        """Leave out a candidate that is in."""
+        left = np.eye(self.S.shape[1]) - self.S[row]
+        rows = [other for other in self.rows if other != row]
+        if np.linalg.eigvalsh(left)[0] < _LEAST_LEFT:
+            return _Posterior(self.problem, rows)
+        other = copy(self)
+        other.rows = rows
+        other._update(row, -np.linalg.inv(left))
+        return other
+
+    def mend(self) -> None:
+        """Calculate everything afresh if the updates' rounding may show."""
+        S, T = self._sizes()
+        S = 1 + np.abs(S)
+        best = np.abs(T / S).max()
+        if (self.S_then / S).max() > _MOST_WEAR or (self.T_then / S).max() > _MOST_WEAR * best:
+            self._afresh()
+
+    def _update(self, row: int, G: FloatArray) -> None:
+        """``C - U G U^T`` and what follows for S and T, in new arrays: `without` shares the old ones."""
+        factors, M = self.problem.factors, self.problem.target
+        U = self.C @ factors[row].T
+        MU = M @ U
+        both = factors @ np.concatenate([U, self.C @ MU], axis=1)
+        A, B = both[:, :, : len(G)], both[:, :, len(G) :]
+        AG = A @ (0.5 * (G + G.T))
+        BGA = B @ AG.transpose(0, 2, 1)
+        self.C = self.C - U @ (0.5 * (G + G.T)) @ U.T
+        self.S = self.S - AG @ A.transpose(0, 2, 1)
+        self.T = self.T - BGA - BGA.transpose(0, 2, 1) + AG @ (U.T @ MU) @ AG.transpose(0, 2, 1)
+
+    def _afresh(self) -> None:
+        """Calculate everything from the candidates that are in."""
+        factors, M = self.problem.factors, self.problem.target
+        p = factors.shape[2]
+        L = np.linalg.cholesky(self.problem.information(self.rows))
+        self.C = cho_solve((L, True), np.eye(p), check_finite=False)
+        self.S = np.empty((len(factors), factors.shape[1], factors.shape[1]))
+        self.T = np.empty_like(self.S)
+        at_once = max(1, _ROWS // factors.shape[1])
+        for first in range(0, len(factors), at_once):
+            some = factors[first : first + at_once]
+            JC = (some.reshape(-1, p) @ self.C).reshape(some.shape)
+            JCM = (JC.reshape(-1, p) @ M).reshape(some.shape)
+            self.S[first : first + at_once] = JC @ some.transpose(0, 2, 1)
+            self.T[first : first + at_once] = JCM @ JC.transpose(0, 2, 1)
+        self.S_then, self.T_then = self._sizes()
+
+    def _sizes(self) -> tuple[FloatArray, FloatArray]:
+        return self.S.trace(axis1=1, axis2=2), self.T.trace(axis1=1, axis2=2)
+
+
+def _first_best(drops: FloatArray) -> int:
+    best = drops.max()
+    return int(np.argmax(drops >= best - _TIE * abs(best)))
+
+
+def _variance(information: FloatArray, target_factor: FloatArray) -> float | None:
+    """``trace(F A^-1 F^T)``, or None where A is not positive definite."""
+    half = whiten(information.copy(), target_factor.T)
+    return None if half is None else float(np.vdot(half, half))
+
+
+def _triangular(factor: FloatArray) -> FloatArray:
+    tall = factor.ndim == 2 and factor.shape[0] > factor.shape[1]
+    return np.asarray(np.linalg.qr(factor, mode="r")) if tall else factor
+
+
+def _symmetric(name: str, matrix: npt.ArrayLike, p: int) -> FloatArray:
+    array = np.asarray(matrix, dtype=float)
+    if array.shape != (p, p) or p < 1:
+        raise InputError(f"expected {name} of shape {(p, p)}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} must be finite")
+    scale = np.sqrt(np.abs(array.diagonal()))
+    if not (np.abs(array - array.T) <= 1e-9 * np.outer(scale, scale)).all():
+        raise InputError(f"{name} must be symmetric")
+    return np.asarray(0.5 * (array + array.T))
+
+
+def _checked_rows(name: str, rows: Sequence[int] | IntArray, n: int) -> IntArray:
+    array = np.asarray(rows)
+    if array.size == 0:
+        return np.zeros(0, dtype=np.intp)
+    if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"expected {name} as numbers of candidates, got {rows!r}")
+    if array.min() < 0 or array.max() >= n or len(np.unique(array)) != len(array):
+        raise InputError(f"expected {name} as different numbers from 0 to {n - 1}, got {array.tolist()}")
+    return array.astype(np.intp)

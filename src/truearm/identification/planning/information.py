@@ -1,0 +1,168 @@
+"""What candidates tell of the terms: from poses and artefacts to a design problem."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.planning.candidates import Candidates
+from truearm.identification.planning.exchange import DesignProblem, project_out, moment_matrix, stack_factors
+from truearm.readings.lengths import PLACE_U_MM
+from truearm.identification.terms.state import ArmState
+
+FloatArray = npt.NDArray[np.float64]
+
+SEAT_STD_MM = 1e4
+"""Prior of a seat's point: nothing is known of it. A wider one would cost digits and tell no less."""
+
+
+def tip_jacobian(
+    perturbed_chain: PerturbedChain, state: ArmState, coefficients: npt.ArrayLike | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Tips and their derivatives by the coefficients of all terms.
+
+    Parameters
+    ----------
+    perturbed_chain : PerturbedChain
+        Chain and terms.
+    state : ArmState
+        n poses.
+    coefficients : (p,) array, optional
+        Where; zeros, the arm as drawn, by default.
+
+    Returns
+    -------
+    tips : (n, 3) array
+        [mm].
+    jacobian : (n, 3, p) array
+        [mm per unit of the coefficients].
+    """
+    p = perturbed_chain.n_coefficients
+    x = np.zeros(p) if coefficients is None else np.asarray(coefficients, dtype=float)
+    if x.shape != (p,) or not np.isfinite(x).all():
+        raise InputError(f"expected {p} finite coefficients, one for each of the terms', got shape {x.shape}")
+    tips, jacobian = np.empty((len(state), 3)), np.empty((len(state), 3, p))
+    for rows, some, columns in perturbed_chain.derivatives(state, x):
+        tips[rows] = some.T
+        jacobian[rows] = columns.transpose(2, 1, 0)
+    return tips, jacobian
+
+
+def design_problem(
+    perturbed_chain: PerturbedChain,
+    candidates: Candidates,
+    state: ArmState,
+    volume: ArmState,
+    *,
+    prior_precision: npt.ArrayLike,
+    noise_mm: float,
+    length_u_mm: float = 0.0,
+    scale: bool = False,
+    coefficients: npt.ArrayLike | None = None,
+) -> DesignProblem:
+    """The problem of which candidates to measure, for the least uncertainty in a volume up to a rigid motion.
+
+    Under a tracker a reading tells the tip. In a seat it tells the tip from the unknown point of the seat, and a bar
+    tells the distance of its two seats besides. A seat's point is eliminated where all its readings belong to one
+    candidate; where they are spread over several it becomes three more parameters, after those of the terms. What a
+    bar tells of its two seats is then known before, as the prior is, else it belongs to the candidate.
+
+    The bar is one, with one certificate, whatever its places: its length is the last parameter. So plans with many
+    places do not pretend to know the scale better than the certificate does.
+
+    Parameters
+    ----------
+    perturbed_chain : PerturbedChain
+        Chain and terms, with p coefficients.
+    candidates : Candidates
+    state : ArmState
+        At the readings of the candidates: ``ArmState(chain, candidates.angles)``, or with temperatures and the like.
+    volume : ArmState
+        At poses as the arm is to be used.
+    prior_precision : (p, p) array
+        Of the coefficients: the diagonal of inverse prior variances, or the inverse of the covariance found so far.
+    noise_mm : float
+        Standard deviation of a coordinate of a reading, by the reference, by the touch, and by what no term explains.
+    length_u_mm : float
+        Standard uncertainty of a bar's length; from place to place it differs by `PLACE_U_MM` besides.
+    scale : bool
+        Whether the uncertainty in the volume is up to a scale as well.
+    coefficients : (p,) array, optional
+        As in `tip_jacobian`.
+
+    Raises
+    ------
+    InputError
+        If sizes do not fit, or noise or uncertainty are not positive numbers.
+    """
+    if len(state) != len(candidates.angles):
+        raise InputError(f"expected a state of {len(candidates.angles)} readings, got {len(state)}")
+    if not (np.isfinite(noise_mm) and noise_mm > 0):
+        raise InputError(f"expected the positive noise of a reading in mm, got {noise_mm}")
+    bar = candidates.length_mm is not None
+    if bar and not (np.isfinite(length_u_mm) and length_u_mm > 0):
+        raise InputError(f"expected the positive uncertainty of the bar's length in mm, got {length_u_mm}")
+    tips, jacobian = tip_jacobian(perturbed_chain, state, coefficients)
+    tips_there, jacobian_there = tip_jacobian(perturbed_chain, volume, coefficients)
+    n_seats, seat = _seats(candidates)
+    bars = _bars(candidates, seat, tips)
+    shared = {number for number in range(n_seats) if len(np.unique(candidates.candidate[seat == number])) > 1}
+    # A bar of which one seat is shared: the other is known by the length too.
+    shared |= {end for one, other, _ in bars if one in shared or other in shared for end in (one, other)}
+    p, q = jacobian.shape[2], 3 * len(shared) + bar
+    column = {number: p + 3 * place for place, number in enumerate(sorted(shared))}
+    factors = []
+    for place in range(len(candidates)):
+        rows = candidates.readings([place])
+        own = [number for number in dict.fromkeys(seat[rows].tolist()) if number >= 0 and number not in shared]
+        lengths = [bar for bar in bars if bar[0] in own and bar[1] in own]
+        J = np.zeros((3 * len(rows) + len(lengths), p + q))
+        B = np.zeros((len(J), 3 * len(own)))
+        J[: 3 * len(rows), :p] = jacobian[rows].reshape(-1, p) / noise_mm
+        for reading, number in enumerate(seat[rows].tolist()):
+            if number >= 0:
+                part = J[:, column[number] :] if number in shared else B[:, 3 * own.index(number) :]
+                part[3 * reading :][:3, :3] = -np.eye(3) / noise_mm
+        for at, (one, other, along) in zip(range(3 * len(rows), len(J)), lengths, strict=True):
+            B[at, 3 * own.index(one) :][:3], B[at, 3 * own.index(other) :][:3] = -along, along
+            J[at, -1] = -1 / PLACE_U_MM
+        factors.append(project_out(J, B))
+    precision = np.asarray(prior_precision, dtype=float)
+    if precision.shape != (p, p):
+        raise InputError(f"expected a prior precision of shape {(p, p)}, got {precision.shape}")
+    prior, target = np.diag(np.full(p + q, SEAT_STD_MM**-2.0)), np.zeros((p + q, p + q))
+    prior[:p, :p] = precision
+    if bar:
+        prior[-1, -1] = length_u_mm**-2.0
+    for one, other, along in bars:
+        if one in shared:
+            row = np.zeros(p + q)
+            row[column[one] :][:3], row[column[other] :][:3], row[-1] = -along, along, -1 / PLACE_U_MM
+            prior += np.outer(row, row)
+    target[:p, :p] = moment_matrix(jacobian_there, tips_there, scale=scale)
+    return DesignProblem(stack_factors(factors), prior, target)
+
+
+def _seats(candidates: Candidates) -> tuple[int, npt.NDArray[np.intp]]:
+    """How many seats there are, and the number of each reading's, -1 where it is in none."""
+    if candidates.seat is None:
+        return 0, np.full(len(candidates.angles), -1)
+    names, seat = np.unique(candidates.seat, return_inverse=True)
+    return len(names), seat.astype(np.intp)
+
+
+def _bars(candidates: Candidates, seat: npt.NDArray[np.intp], tips: FloatArray) -> list[tuple[int, int, FloatArray]]:
+    """Both seats of every place of a bar, and the direction from one to the other over the place's uncertainty."""
+    if candidates.length_mm is None:
+        return []
+    assert candidates.place is not None  # a bar has places
+    found = []
+    for place in np.unique(candidates.place):
+        here = candidates.place == place
+        ends = np.unique(seat[here]).tolist()
+        if len(ends) == 2:
+            along = np.subtract(*(tips[here & (seat == end)].mean(axis=0) for end in ends[::-1]))
+            found.append((ends[0], ends[1], along / (np.linalg.norm(along) * PLACE_U_MM)))
+    return found

@@ -1,0 +1,22 @@
+"""Where to put the joints: sampling strategies, each a function of an arm, a number of poses and a seed."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+from truearm.identification.planning.sampling.measuring import measuring_poses
+from truearm.identification.planning.sampling.poses import Poses
+from truearm.identification.planning.sampling.seat import seat
+from truearm.identification.planning.sampling.space_filling import HALF_WIDTH_RAD, box, uniform
+from truearm.identification.planning.sampling.workspace import Sector
+
+STRATEGIES: Mapping[str, Callable[..., Poses]] = {
+    "box": box,
+    "uniform": uniform,
+    "sobol-box": partial(box, sobol=True),
+    "sobol": partial(uniform, sobol=True),
+    "measuring": measuring_poses,
+    "seat": seat,
+}
+"""Strategies by the names that the command line knows: ``STRATEGIES[name](arm, n, seed=seed)``."""
+
+__all__ = ["HALF_WIDTH_RAD", "STRATEGIES", "Poses", "Sector", "box", "measuring_poses", "seat", "uniform"]

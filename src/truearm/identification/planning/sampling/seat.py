@@ -1,0 +1,130 @@
+"""Poses with the tip in a seat and the joints as different as they can be."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.identification.planning.sampling.measuring import inner_limits, check_five_rotary_joints, reach
+from truearm.identification.planning.sampling.poses import Poses, checked_count, checked_seed
+from truearm.identification.planning.sampling.workspace import Sector, Stance, azimuth_of, draw_points, stance, within_cone
+
+FloatArray = npt.NDArray[np.float64]
+
+SEAT_SECTOR = Sector(near=0.35, far=0.75, low=-0.25, high=0.25, half_angle_deg=60.0)
+"""Seats stand on the table or on posts, where the arm has room to turn about them."""
+
+CONE_RAD = float(np.radians(60.0))  # the stylus leans off the vertical at most so far
+SWING_RAD = float(np.radians(100.0))  # postures lie from the working pose at most so far, joint by joint
+POOL = 5  # candidates a pose, from which the most different are taken
+SPARE_SEATS = 20
+NOT_REACHED, TOO_FEW = "seat not reached in that posture", "seat reached by too few postures"
+
+
+def seat(arm: Arm, n: int, *, seed: int, seats: int | npt.ArrayLike = 3) -> Poses:
+    """Poses with the tip in seats: all motion is null-space motion, as in a single-point articulation test.
+
+    For each seat many poses are found, with the stylus within 60 deg of the vertical and postures within 100 deg of
+    the working pose turned to the seat, 2 deg off the limits; those are taken that lie farthest from one another.
+
+    Parameters
+    ----------
+    arm : Arm
+        Base z up, at least five joints.
+    n : int
+        Number of poses in all, shared out evenly among the seats.
+    seed : int
+    seats : int or (n_seats, 3) array
+        How many seats, set well apart in front of the arm, or where they are in the base frame [mm].
+
+    Returns
+    -------
+    Poses
+        Seat by seat, named S1, S2, ..., with the points of the seats.
+
+    Raises
+    ------
+    InputError
+        If the arm has too few joints, there are more seats than poses, or a seat is not reached by enough postures.
+    """
+    check_five_rotary_joints(arm)
+    rng = np.random.default_rng(checked_seed(seed))
+    where = stance(arm)
+    given = None if isinstance(seats, int | np.integer) else _checked_points(seats)
+    n_seats = checked_count(int(seats), "seats") if given is None else len(given)  # type: ignore[arg-type]
+    counts = _shares(checked_count(n), n_seats)
+    rejected: Counter[str] = Counter()
+    held: list[tuple[FloatArray, FloatArray]] = []
+    for point in _apart(where, n_seats + SPARE_SEATS, rng) if given is None else given:
+        angles = _postures_in(arm, point, counts[len(held)], where, rejected, rng)
+        if angles is not None:
+            held.append((point, angles))
+        elif given is not None:
+            raise InputError(
+                f"the seat at {np.round(point, 1).tolist()} mm is reached by fewer than {counts[len(held)]} postures",
+                hint=f"a seat about {0.5 * where.reach_mm:.0f} mm in front of the shoulder, or fewer poses",
+            )
+        else:
+            rejected[TOO_FEW] += 1
+        if len(held) == n_seats:
+            return _in_order(held, rejected)
+    raise InputError(f"only {len(held)} of {n_seats} seats found that arm {arm.name!r} reaches by enough postures")
+
+
+def farthest_points(angles: FloatArray, n: int) -> npt.NDArray[np.intp]:
+    """Choose n rows, each the farthest from those before it; the first is the farthest from the mean."""
+    chosen = [int(np.linalg.norm(angles - angles.mean(axis=0), axis=1).argmax())]
+    nearest = np.full(len(angles), np.inf)
+    while len(chosen) < n:
+        nearest = np.minimum(nearest, np.linalg.norm(angles - angles[chosen[-1]], axis=1))
+        chosen.append(int(nearest.argmax()))
+    return np.array(chosen)
+
+
+def _postures_in(
+    arm: Arm, point: FloatArray, n: int, where: Stance, rejected: Counter[str], rng: np.random.Generator
+) -> FloatArray | None:
+    """Find n postures with the tip at a point, (n, n_joints) [rad], or None."""
+    m = POOL * n + 20
+    tips = np.tile(point, (m, 1))
+    axes = within_cone(np.tile([0.0, 0.0, -1.0], (m, 1)), half_angle_rad=CONE_RAD, rng=rng)
+    posture = arm.working + rng.uniform(-SWING_RAD, SWING_RAD, (m, arm.n_joints))
+    posture[:, 0] += azimuth_of(tips, where)
+    angles, reason = reach(arm, tips, axes, np.clip(posture, *inner_limits(arm)))
+    good = angles[reason == ""]
+    rejected[NOT_REACHED] += m - len(good)
+    return good[farthest_points(good, n)] if len(good) >= n else None
+
+
+def _apart(where: Stance, n: int, rng: np.random.Generator) -> FloatArray:
+    """Points in the sector, each as far as can be from those before it."""
+    pool = draw_points(where, 10 * n, sector=SEAT_SECTOR, rng=rng)
+    return pool[farthest_points(pool, n)]
+
+
+def _shares(n: int, n_seats: int) -> list[int]:
+    if n_seats > n:
+        raise InputError(f"expected at least one pose a seat, got {n} poses for {n_seats} seats")
+    return [n // n_seats + (i < n % n_seats) for i in range(n_seats)]
+
+
+def _checked_points(seats: npt.ArrayLike) -> FloatArray:
+    points = np.asarray(seats, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 1 or not np.isfinite(points).all():
+        raise InputError(
+            f"expected a number of seats or their finite points (n_seats, 3) in mm, got shape {points.shape}"
+        )
+    return points
+
+
+def _in_order(held: list[tuple[FloatArray, FloatArray]], rejected: Counter[str]) -> Poses:
+    return Poses(
+        np.concatenate([angles for _, angles in held]),
+        dict(+rejected),
+        np.concatenate([np.full(len(angles), f"S{i}") for i, (_, angles) in enumerate(held, start=1)]),
+        np.concatenate([np.tile(point, (len(angles), 1)) for point, angles in held]),
+    )

@@ -1,0 +1,102 @@
+"""Where a person works with an arm: the front sector, seen from its shoulder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.identification.terms import link_vectors
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sector:
+    """The sector that parts stand in, in shares of the reach.
+
+    Parameters
+    ----------
+    near, far : float
+        Horizontal distance from the shoulder.
+    low, high : float
+        Height above the shoulder.
+    half_angle_deg : float
+        To both sides of the front, which is where the working pose has its tip.
+    """
+
+    near: float = 0.30
+    far: float = 0.85
+    low: float = -0.30
+    high: float = 0.40
+    half_angle_deg: float = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Stance:
+    """How an arm stands before its work.
+
+    Attributes
+    ----------
+    shoulder_in_base : (3,) array
+        Origin of joint 2 at the working pose (of joint 1 if there is no other) [mm].
+    reach_mm : float
+        Sum of the links from the shoulder to the tip.
+    front_rad : float
+        Azimuth of the working pose's tip about the shoulder.
+    """
+
+    shoulder_in_base: FloatArray
+    reach_mm: float
+    front_rad: float
+
+
+def stance(arm: Arm) -> Stance:
+    """Find shoulder, reach and front of an arm that stands upright (base z up)."""
+    chain = arm.chain
+    shoulder = joint_origins(chain, arm.working[None])[0, :2][-1]
+    reach = float(np.linalg.norm(link_vectors(chain)[min(2, chain.n_joints) :], axis=1).sum())
+    ahead = chain.tip_in_base(arm.working[None])[0] - shoulder
+    return Stance(shoulder, reach, float(np.arctan2(ahead[1], ahead[0])))
+
+
+def joint_origins(chain: Chain, angles: FloatArray) -> FloatArray:
+    """Where the joints are, (n, n_joints, 3) [mm] in the base frame."""
+    out = np.empty((len(angles), chain.n_joints, 3))
+    out[:, 0] = chain.fixed[0, :3, 3]
+    for i in range(1, chain.n_joints):  # the chain cut at the next joint has its tip there
+        out[:, i] = Chain(chain.fixed[: i + 1], np.zeros(3), chain.is_prismatic[:i]).tip_in_base(angles[:, :i])
+    return out
+
+
+def draw_points(where: Stance, n: int, *, sector: Sector, rng: np.random.Generator) -> FloatArray:
+    """Points evenly spread over the sector's volume, (n, 3) [mm] in the base frame."""
+    # Evenly over an area between two radii: the square of the radius is even.
+    radius = where.reach_mm * np.sqrt(rng.uniform(sector.near**2, sector.far**2, n))
+    azimuth = where.front_rad + np.radians(rng.uniform(-sector.half_angle_deg, sector.half_angle_deg, n))
+    height = where.reach_mm * rng.uniform(sector.low, sector.high, n)
+    return where.shoulder_in_base + np.column_stack([radius * np.cos(azimuth), radius * np.sin(azimuth), height])
+
+
+def azimuth_of(points: FloatArray, where: Stance) -> FloatArray:
+    """Azimuths of points as seen from the shoulder, from the front, (n,) [rad] in -pi .. pi."""
+    ahead = points - where.shoulder_in_base
+    return (np.arctan2(ahead[:, 1], ahead[:, 0]) - where.front_rad + np.pi) % (2 * np.pi) - np.pi
+
+
+def within_cone(axes: FloatArray, *, half_angle_rad: float, rng: np.random.Generator) -> FloatArray:
+    """Directions evenly spread over the cones about unit vectors `axes` (n, 3)."""
+    n = len(axes)
+    cosine = rng.uniform(np.cos(half_angle_rad), 1.0, n)
+    turn = rng.uniform(0, 2 * np.pi, n)
+    sine = np.sqrt(1 - cosine**2)
+    first = np.cross(axes, np.eye(3)[np.abs(axes).argmin(axis=1)])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(axes, first)
+    out: FloatArray = (
+        cosine[:, None] * axes + (sine * np.cos(turn))[:, None] * first + (sine * np.sin(turn))[:, None] * second
+    )
+    return out

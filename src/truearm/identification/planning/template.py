@@ -1,0 +1,152 @@
+"""A plan as a session file to fill in, and the lengths of its bar."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.identification.planning.candidates import Candidates
+from truearm.identification.planning.proposal import LENGTH_U_MM
+from truearm.readings.lengths import ARTEFACT, ENDS, EXPANSION, NUMBERS
+from truearm.files.atomic_write import check_writable, atomic_file
+
+NameArray = npt.NDArray[np.str_]
+
+
+def check_template_path(path: str | Path) -> None:
+    """Check, before long work, that a template can be written, and that nothing is there: it may have been filled in.
+
+    Raises
+    ------
+    InputError
+        If the name does not end in ``.csv``, there is such a file, or its folder is not writable.
+    """
+    path = Path(path)
+    if path.suffix != ".csv":
+        raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
+    if path.exists():
+        raise InputError("there is such a file, and readings may be in it", file=path, hint="another name")
+    check_writable(path)
+
+
+def write_template(arm: Arm, poses: Candidates, path: str | Path) -> None:
+    """Write poses as a session file in which the readings are to be filled in.
+
+    The angles to aim at stand in columns of notes. Those of the readings are empty, and no fit takes the file before
+    they are filled in: it would learn that the arm is as drawn.
+
+    Parameters
+    ----------
+    arm : Arm
+    poses : Candidates
+        In the order to take them.
+    path : path
+        Ends in ``.csv``.
+
+    Raises
+    ------
+    InputError
+        As `check_template_path`.
+    """
+    check_template_path(path)
+    units = ["mm" if slides else "deg" for slides in arm.chain.is_prismatic]
+    joints = [f"q{number}_{unit}" for number, unit in enumerate(units, start=1)]
+    names: list[NameArray] = []
+    heads = [*joints]
+    if poses.seat is None:
+        heads += ["x_mm", "y_mm", "z_mm"]
+    else:
+        heads.append("seat")
+        names.append(poses.seat)
+    if poses.length_mm is not None:
+        heads.append("position")
+        names.append(place_names(poses))
+    heads += ["note", *(f"note_{joint}" for joint in joints)]
+    aims = np.where(arm.chain.is_prismatic, poses.angles, np.degrees(poses.angles))
+    empty = [""] * (len(joints) + (3 if poses.seat is None else 0))
+    with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(heads)
+        for row, (note, aim) in enumerate(zip(notes(poses), aims.tolist(), strict=True)):
+            writer.writerow([*empty, *(name[row] for name in names), note, *(f"{angle:.1f}" for angle in aim)])
+
+
+def write_bar_lengths(poses: Candidates, path: str | Path) -> None:
+    """Write the length of the bar at each of its places, as a fit takes it: one artefact, with one certificate.
+
+    Raises
+    ------
+    InputError
+        As `check_template_path`.
+    """
+    check_template_path(path)
+    note = "as planned; put in length and standard uncertainty from the bar's certificate, and its expansion if known"
+    with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow((*ENDS, *NUMBERS, ARTEFACT, *EXPANSION, "note"))
+        stated = f"{poses.length_mm:g}", f"{LENGTH_U_MM:g}", f"bar {poses.length_mm:g}", "", "", note
+        writer.writerows((*ends, *stated) for ends in bars(poses))
+
+
+def bars(poses: Candidates) -> list[tuple[str, str]]:
+    """The two seats of every place of the bar at which both are used."""
+    assert poses.seat is not None  # a bar has seats
+    names = place_names(poses)
+    found = [np.unique(poses.seat[names == name]).tolist() for name in dict.fromkeys(names.tolist())]
+    return [(ends[0], ends[1]) for ends in found if len(ends) == 2]
+
+
+def place_names(poses: Candidates) -> NameArray:
+    """Name of the place of each reading: its seat, or what both seats of a bar have in common."""
+    assert poses.seat is not None  # poses in seats
+    return poses.seat if poses.length_mm is None else np.array([name[:-1] for name in poses.seat.tolist()])
+
+
+def continue_seat_numbers(poses: Candidates, taken: Iterable[str]) -> Candidates:
+    """Name the places 1, 2, ... in the order of the poses, on from the seats taken: the same name is the same seat."""
+    if poses.seat is None:
+        return poses
+    letter = poses.seat[0][0]
+    numbers = (re.fullmatch(rf"{letter}([0-9]{{1,9}})[ab]?", name) for name in taken)
+    used = [int(found[1]) for found in numbers if found]
+    places = place_names(poses)
+    number = {name: max(used, default=0) + count for count, name in enumerate(dict.fromkeys(places.tolist()), start=1)}
+    named = [
+        f"{letter}{number[place]}{seat[len(place) :]}"
+        for place, seat in zip(places.tolist(), poses.seat.tolist(), strict=True)
+    ]
+    return replace(poses, seat=np.array(named))
+
+
+def notes(poses: Candidates) -> list[str]:
+    """What to do for each pose, in words."""
+    if poses.seat is None:
+        return ["tip in sight of the tracker"] * len(poses.angles)
+    assert poses.seat_points is not None  # poses in seats
+    said, before = [], ""
+    places = place_names(poses)
+    for row, seat in enumerate(poses.seat.tolist()):
+        if places[row] == before:
+            said.append(f"tip in seat {seat}")
+            continue
+        before = str(places[row])
+        ends = dict.fromkeys(poses.seat[places == before].tolist())
+        where = "; ".join(f"{end} at {_point(poses, end)}" for end in sorted(ends))
+        what = "seat fixed" if poses.length_mm is None else "bar fixed"
+        said.append(f"{what}, {where}; tip in seat {seat}")
+    return said
+
+
+def _point(poses: Candidates, seat: str) -> str:
+    assert poses.seat is not None
+    assert poses.seat_points is not None
+    x, y, z = poses.seat_points[int(np.argmax(poses.seat == seat))]
+    return f"x {x:.0f} y {y:.0f} z {z:.0f} mm"

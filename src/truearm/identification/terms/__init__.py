@@ -1,0 +1,64 @@
+"""Terms: the small motions that make a real arm differ from its drawing, and the functions that shape them.
+
+The virtual arm draws errors from the functions, identification fits the terms' coefficients. Single causes of errors
+are in `truearm.identification.terms.catalogue`.
+"""
+
+from truearm.arm.masses import LinkMasses
+from truearm.identification.terms.basis import (
+    Basis,
+    Column,
+    Constant,
+    Direction,
+    GravityTorque,
+    Harmonics,
+    Session,
+    Temperature,
+    basis_from_data,
+    register_basis,
+)
+from truearm.identification.terms.catalogue import (
+    FREE_BASE,
+    FREE_TIP,
+    SkippedTerm,
+    base_terms,
+    candidate_terms,
+    constants,
+    place_name,
+)
+from truearm.identification.terms.gravity import GravityLoads, gravity_loads, gravity_torques, uniform_links
+from truearm.identification.terms.harmonics import directions, harmonics
+from truearm.identification.terms.state import ArmState
+from truearm.identification.terms.term import Term
+from truearm.identification.terms.thermal import growth_motions, link_vectors
+
+__all__ = [
+    "FREE_BASE",
+    "FREE_TIP",
+    "ArmState",
+    "Basis",
+    "Column",
+    "Constant",
+    "Direction",
+    "GravityLoads",
+    "GravityTorque",
+    "Harmonics",
+    "SkippedTerm",
+    "LinkMasses",
+    "Session",
+    "Temperature",
+    "Term",
+    "base_terms",
+    "basis_from_data",
+    "candidate_terms",
+    "constants",
+    "directions",
+    "gravity_loads",
+    "gravity_torques",
+    "growth_motions",
+    "harmonics",
+    "link_vectors",
+    "place_name",
+    "register_basis",
+    "uniform_links",
+]

@@ -1,0 +1,360 @@
+"""Basis functions: numbers that shape a small motion from reading to reading.
+
+A basis is data: a frozen class with a few plain fields, which a file can hold and which gives its functions' values at
+a state. A class of one's own needs `labels`, `values` and the decorator `register_basis`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+from truearm.readings.thermal_expansion import REFERENCE_DEGC
+from truearm.identification.terms.state import ArmState
+
+FloatArray = npt.NDArray[np.float64]
+
+AXES = "xyz"
+HIGHEST_ORDER = 1000
+"""Harmonics above have periods of less than 0.36 deg, which no set of readings samples."""
+
+
+class Basis(ABC):
+    """Base of the basis functions. Subclasses are frozen dataclasses whose fields are numbers, strings or tuples."""
+
+    @property
+    def n_functions(self) -> int:
+        """Number of functions."""
+        return len(self.labels())
+
+    @abstractmethod
+    def labels(self) -> tuple[str, ...]:
+        """Give every function's name."""
+
+    @abstractmethod
+    def values(self, state: ArmState) -> FloatArray:
+        """Evaluate the functions at a state.
+
+        Returns
+        -------
+        (n_functions, n) array
+            C-contiguous.
+
+        Raises
+        ------
+        InputError
+            If the state lacks what they depend on.
+        """
+
+    def as_data(self) -> dict[str, Any]:
+        """Give the basis as plain data: ``kind``, the class's name, and its fields."""
+        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}  # type: ignore[arg-type]
+        return {"kind": type(self).__name__} | {k: list(v) if isinstance(v, tuple) else v for k, v in fields.items()}
+
+
+_KINDS: dict[str, Callable[..., Basis]] = {}
+
+B = TypeVar("B", bound=Basis)
+
+
+def register_basis(basis: type[B]) -> type[B]:
+    """Class decorator: let `basis_from_data`, and so model files, know a basis by its class's name.
+
+    Raises
+    ------
+    InputError
+        If another class has that name.
+    """
+    known = _KINDS.get(basis.__name__)
+    # The same class defined anew, as in a notebook's cell that runs twice, takes the older one's place.
+    if known is not None and (known.__module__, known.__qualname__) != (basis.__module__, basis.__qualname__):
+        raise InputError(f"a basis of kind {basis.__name__!r} is registered already", hint="another class name")
+    _KINDS[basis.__name__] = basis
+    return basis
+
+
+def basis_from_data(data: Mapping[str, Any]) -> Basis:
+    """Build a basis from what its `as_data` gave.
+
+    Raises
+    ------
+    InputError
+        If the kind is not registered, or the fields are not those of the kind.
+    """
+    kind = data.get("kind") if isinstance(data, Mapping) else None
+    if not isinstance(kind, str):
+        raise InputError(f"expected a basis as a table with its kind, got {_short(data)}")
+    make = _KINDS.get(kind)
+    if make is None:
+        raise InputError(
+            f"expected a basis among {sorted(_KINDS)}, got {kind[:60]!r}",
+            hint="import the module that registers it, if it is one of your own",
+        )
+    fields = {str(key): tuple(v) if isinstance(v, list) else v for key, v in data.items() if key != "kind"}
+    try:
+        return make(**fields)
+    except InputError:
+        raise
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"expected the fields of a basis {kind!r}, got {_short(data)}") from problem
+
+
+@register_basis
+@dataclass(frozen=True)
+class Constant(Basis):
+    """One at every reading."""
+
+    def labels(self) -> tuple[str, ...]:
+        """One function."""
+        return ("1",)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(1, n) ones."""
+        return np.ones((1, len(state)))
+
+
+@register_basis
+@dataclass(frozen=True)
+class Harmonics(Basis):
+    """Cosine and sine of whole multiples of a joint's angle: ``cos k1 q, sin k1 q, cos k2 q, ...``.
+
+    Parameters
+    ----------
+    joint : int
+        Counted from 1.
+    orders : tuple of int
+        The multiples k, rising, from 1 to 1000.
+    """
+
+    joint: int
+    orders: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        _settle_whole(self, "joint", 1)
+        if not isinstance(self.orders, tuple) or not self.orders:
+            raise InputError(f"expected a tuple of orders, got {_short(self.orders)}")
+        orders = tuple(_whole("orders", order, 1, HIGHEST_ORDER) for order in self.orders)
+        object.__setattr__(self, "orders", orders)
+        if any(a >= b for a, b in pairwise(self.orders)):
+            raise InputError(f"expected rising orders, got {_short(self.orders)}")
+
+    def labels(self) -> tuple[str, ...]:
+        """Two functions for each order."""
+        multiples = [f"{k} J{self.joint}" if k > 1 else f"J{self.joint}" for k in self.orders]
+        return tuple(f"{function} {of}" for of in multiples for function in ("cos", "sin"))
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(2 n_orders, n) cosines and sines.
+
+        Orders that follow each other come from the addition theorems, four products instead of a cosine and a sine;
+        rounding grows with the length of such a row, to 2e-14 at 80.
+        """
+        angle = _of_joint(state.angles, self.joint)
+        out = np.empty((2 * len(self.orders), len(angle)))
+        cos_1, sin_1, work = np.cos(angle), np.sin(angle), np.empty_like(angle)
+        for row, k in enumerate(self.orders):
+            cos_k, sin_k = out[2 * row], out[2 * row + 1]
+            if k == 1:
+                cos_k[:], sin_k[:] = cos_1, sin_1
+            elif row > 0 and k == self.orders[row - 1] + 1:
+                cos_before, sin_before = out[2 * row - 2], out[2 * row - 1]
+                np.multiply(cos_before, cos_1, out=cos_k)
+                cos_k -= np.multiply(sin_before, sin_1, out=work)
+                np.multiply(sin_before, cos_1, out=sin_k)
+                sin_k += np.multiply(cos_before, sin_1, out=work)
+            else:
+                np.multiply(k, angle, out=work)
+                np.cos(work, out=cos_k)
+                np.sin(work, out=sin_k)
+        return out
+
+
+@register_basis
+@dataclass(frozen=True)
+class GravityTorque(Basis):
+    """A component of the torque that the weight outward of a joint exerts there, at the nominal pose [N m].
+
+    Parameters
+    ----------
+    joint : int
+        Counted from 1, along the axes of that joint's place; 0 is what joint 1 passes on to the base, along the axes
+        of place 0, which do not turn with it.
+    axis : int
+        0, 1, 2 for x, y, z.
+    """
+
+    joint: int
+    axis: int
+
+    def __post_init__(self) -> None:
+        _settle_whole(self, "joint", 0)
+        _settle_whole(self, "axis", 0, 2)
+
+    def labels(self) -> tuple[str, ...]:
+        """One function."""
+        return (f"weight's torque about {AXES[self.axis]} of {f'J{self.joint}' if self.joint else 'the base'}",)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(1, n) torques [N m]."""
+        if self.joint > 0:
+            _of_joint(state.angles, self.joint)
+            return np.ascontiguousarray(state.gravity_torques[None, :, self.joint - 1, self.axis])
+        torque = state.gravity_torques[:, 0]
+        if self.axis == 2 or state.chain.is_prismatic[0]:
+            return np.ascontiguousarray(torque[None, :, self.axis])
+        cos, sin = np.cos(state.angles[:, 0]), np.sin(state.angles[:, 0])
+        x, y = torque[:, 0], torque[:, 1]
+        return np.asarray(cos * x - sin * y if self.axis == 0 else sin * x + cos * y)[None]
+
+
+@register_basis
+@dataclass(frozen=True)
+class Temperature(Basis):
+    """How much warmer than 20 degC a link is [K].
+
+    Parameters
+    ----------
+    link : int
+        0 is the stand, i the link that joint i moves. Where the state has one temperature it is every link's.
+    """
+
+    link: int = 0
+
+    def __post_init__(self) -> None:
+        _settle_whole(self, "link", 0)
+
+    def labels(self) -> tuple[str, ...]:
+        """One function."""
+        return (f"temperature of {f'link {self.link}' if self.link else 'the stand'} above 20 degC",)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(1, n) temperature differences [K]."""
+        if state.temperature_degC is None:
+            raise InputError("expected readings with a temperature, got none", column="temperature_degC")
+        if self.link > state.chain.n_joints:
+            raise InputError(f"expected a link from 0 to {state.chain.n_joints}, got {self.link}")
+        temperature = state.temperature_degC
+        own = temperature if temperature.ndim == 1 else temperature[:, self.link]
+        return np.asarray(own - REFERENCE_DEGC)[None]
+
+
+@register_basis
+@dataclass(frozen=True)
+class Direction(Basis):
+    """Sign of a joint's last movement.
+
+    Parameters
+    ----------
+    joint : int
+        Counted from 1.
+    """
+
+    joint: int
+
+    def __post_init__(self) -> None:
+        _settle_whole(self, "joint", 1)
+
+    def labels(self) -> tuple[str, ...]:
+        """One function."""
+        return (f"direction of J{self.joint}",)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(1, n) signs."""
+        if state.directions is None:
+            raise InputError("expected readings whose joints' last directions of movement are known, got none")
+        return _of_joint(state.directions, self.joint)[None]
+
+
+@register_basis
+@dataclass(frozen=True)
+class Session(Basis):
+    """One at the readings of a session, zero at all others.
+
+    Parameters
+    ----------
+    name : str
+        The session's name in the session file.
+    """
+
+    name: str
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"expected the name of a session, got {_short(self.name)}")
+
+    def labels(self) -> tuple[str, ...]:
+        """One function."""
+        return (f"session {self.name}",)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(1, n) ones and zeros."""
+        return np.zeros((1, len(state))) if state.session is None else (state.session == self.name)[None].astype(float)
+
+
+@register_basis
+@dataclass(frozen=True)
+class Column(Basis):
+    """A column of the session, in its own unit.
+
+    Parameters
+    ----------
+    name : str
+        The column's name in the session file.
+    """
+
+    name: str
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"expected a column's name, got {_short(self.name)}")
+
+    def labels(self) -> tuple[str, ...]:
+        """One function."""
+        return (self.name,)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(1, n) the column's numbers."""
+        if self.name not in state.columns:
+            raise InputError(
+                f"expected readings with a column {self.name!r}, got {sorted(state.columns) or 'none'}",
+                column=self.name,
+            )
+        return np.ascontiguousarray(state.columns[self.name])[None]
+
+
+def _of_joint(by_joint: FloatArray, joint: int) -> FloatArray:
+    """Column of a joint counted from 1, contiguous."""
+    if joint > by_joint.shape[1]:
+        raise InputError(f"expected a joint from 1 to {by_joint.shape[1]}, got {joint}")
+    return np.ascontiguousarray(by_joint[:, joint - 1])
+
+
+def _settle_whole(basis: Basis, field: str, lowest: int, highest: int | None = None) -> None:
+    """Make a field a plain whole number, which a file can hold, whatever kind of one it is."""
+    object.__setattr__(basis, field, _whole(field, getattr(basis, field), lowest, highest))
+
+
+def _whole(what: str, value: object, lowest: int, highest: int | None = None) -> int:
+    value = plain(value)
+    if not isinstance(value, int) or isinstance(value, bool) or value < lowest or (highest or value) < value:
+        upto = f" to {highest}" if highest is not None else " or more"
+        raise InputError(f"expected {what} as whole numbers, {lowest}{upto}, got {_short(value)}")
+    return value
+
+
+def plain(value: object) -> Any:
+    """Give a NumPy scalar as Python's number, which a file can hold; anything else as it is."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,129 @@
+"""What an arm's small motions may depend on, at n readings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.arm.masses import LinkMasses
+from truearm.errors import InputError
+from truearm.identification.terms.gravity import STANDARD_GRAVITY, STANDARD_GRAVITY_IN_BASE, gravity_torques, uniform_links
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ArmState:
+    """State of an arm at n readings; the argument of every basis function.
+
+    Parameters
+    ----------
+    chain : Chain
+        Nominal kinematics in the arm's own base frame, not placed in a reference's: gravity and the stand are told
+        from it.
+    angles : (n, n_joints) array
+        Joint angles [rad], displacements of sliding joints [mm].
+    temperature_degC : (n,) or (n, n_joints + 1) array, optional
+        Of the arm, or of the stand and each link [degC].
+    directions : (n, n_joints) array, optional
+        Sign of each joint's last movement: -1, 1, or 0 where it is not known.
+    columns : mapping of str to (n,) array
+        Further numbers of the readings by name, in the units the names state.
+    links : LinkMasses, optional
+        Masses of the links. Without them 1 kg/m everywhere: the shape of the torques is then a guess and their size
+        is left to the coefficients.
+    session : (n,) array of str, optional
+        Name of the set-up of each reading; None: the one in whose frame the chain is.
+    gravity_in_base : (3,) array
+        Acceleration of free fall along the base frame's axes [m/s^2]; of an upright arm by default.
+
+    Raises
+    ------
+    InputError
+        If a shape does not fit or a number is not finite.
+    """
+
+    chain: Chain
+    angles: FloatArray
+    temperature_degC: FloatArray | None = None
+    directions: FloatArray | None = None
+    columns: Mapping[str, FloatArray] = field(default_factory=dict)
+    links: LinkMasses | None = None
+    gravity_in_base: FloatArray = field(default_factory=lambda: np.array(STANDARD_GRAVITY_IN_BASE))
+    session: npt.NDArray[np.str_] | None = None
+
+    def __post_init__(self) -> None:
+        angles = np.asarray(self.angles, dtype=float)
+        n_joints = self.chain.n_joints
+        if angles.ndim != 2 or angles.shape[1] != n_joints:
+            raise InputError(f"expected angles of shape (n, {n_joints}), got {angles.shape}")
+        n = len(angles)
+        checked: dict[str, object] = {"angles": _finite(angles, "angles")}
+        if self.temperature_degC is not None:
+            checked["temperature_degC"] = _fitting(self.temperature_degC, "temperatures", ((n,), (n, n_joints + 1)))
+        if self.directions is not None:
+            directions = _fitting(self.directions, "directions", ((n, n_joints),))
+            if (np.abs(directions) > 1).any():
+                raise InputError("expected directions of movement between -1 and 1")
+            checked["directions"] = directions
+        checked["columns"] = {
+            name: _fitting(column, f"column {name!r}", ((n,),)) for name, column in self.columns.items()
+        }
+        if self.session is not None:
+            checked["session"] = np.asarray(self.session, dtype=np.str_)
+            if np.shape(self.session) != (n,):
+                raise InputError(f"expected sessions of shape {(n,)}, got {np.shape(self.session)}")
+        checked["gravity_in_base"] = _fitting(self.gravity_in_base, "gravity", ((3,),))
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def of(cls, arm: Arm, angles: npt.ArrayLike, **more: Any) -> Self:
+        """State of an arm, with its masses and the direction of its weight, at angles (n, n_joints) [rad, or mm].
+
+        `more` are `temperature_degC`, `directions`, `columns` and `session`.
+        """
+        gravity = STANDARD_GRAVITY * arm.gravity_direction
+        return cls(arm.chain, np.asarray(angles, dtype=float), links=arm.masses, gravity_in_base=gravity, **more)
+
+    def __len__(self) -> int:
+        return len(self.angles)
+
+    def rows(self, which: slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> ArmState:
+        """Select the readings that `which` says."""
+        return ArmState(
+            self.chain,
+            self.angles[which],
+            None if self.temperature_degC is None else self.temperature_degC[which],
+            None if self.directions is None else self.directions[which],
+            {name: column[which] for name, column in self.columns.items()},
+            self.links,
+            self.gravity_in_base,
+            None if self.session is None else self.session[which],
+        )
+
+    @cached_property
+    def gravity_torques(self) -> FloatArray:
+        """(n, n_joints, 3) torque of the weight at every joint, along the axes of its place [N m]."""
+        links = uniform_links(self.chain, kg_per_m=1.0) if self.links is None else self.links
+        return gravity_torques(self.chain, self.angles, links, gravity_in_base=self.gravity_in_base)
+
+
+def _fitting(value: npt.ArrayLike, what: str, shapes: tuple[tuple[int, ...], ...]) -> FloatArray:
+    array = np.asarray(value, dtype=float)
+    if array.shape not in shapes:
+        raise InputError(f"expected {what} of shape {' or '.join(map(str, shapes))}, got {array.shape}")
+    return _finite(array, what)
+
+
+def _finite(array: FloatArray, what: str) -> FloatArray:
+    if not np.isfinite(array).all():
+        raise InputError(f"expected finite {what}, got NaN or infinity")
+    return array

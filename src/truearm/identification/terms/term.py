@@ -1,0 +1,155 @@
+"""A term: one cause by which a real arm differs from its drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.chain import Chain
+from truearm.errors import InputError
+from truearm.identification.terms.basis import Basis, basis_from_data, plain
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Term:
+    """Small motions at one place of a chain, along one direction, shaped by basis functions.
+
+    The motion is ``direction * sum_k x_k basis_k(state)``; the coefficients x are what identification finds. Before it
+    they are normally distributed about zero.
+
+    Parameters
+    ----------
+    name : str
+    place : int
+        Where it acts, as in `truearm.arm.chain`: 0 the base, i joint i, n_joints + 1 the tip.
+    direction : tuple of 6 floats
+        Rotation along the place's x, y, z, then translation along them. (0, 0, 1, 0, 0, 0) turns about z, and the
+        coefficients are in rad per unit of the basis; (0, 0, 0, 1, 0, 0) shifts along x, in mm per unit.
+    basis : Basis
+    group : str
+        Terms of one group share the scale of their priors.
+    prior_std : float or tuple of float
+        Standard deviation of the coefficients before any reading, one for all or one for each. Within a group their
+        ratios stay and the readings' evidence finds the common factor.
+    learn : bool
+        False keeps the standard deviations as they are.
+
+    Raises
+    ------
+    InputError
+        If one of these is not what it must be.
+    """
+
+    name: str
+    place: int
+    direction: tuple[float, ...]
+    basis: Basis
+    group: str
+    prior_std: float | tuple[float, ...]
+    learn: bool = True
+
+    def __post_init__(self) -> None:
+        for what in ("name", "group"):
+            if not isinstance(getattr(self, what), str) or not getattr(self, what):
+                raise InputError(f"expected a term's {what} in words, got {getattr(self, what)!r:.60}")
+        for what in ("place", "learn", "prior_std"):
+            object.__setattr__(self, what, plain(getattr(self, what)))
+        if not isinstance(self.place, int) or isinstance(self.place, bool) or self.place < 0:
+            raise self._problem(f"expected a place of 0 or more, got {self.place!r:.60}")
+        if not isinstance(self.basis, Basis):
+            raise self._problem(f"expected a basis, got {type(self.basis).__name__}")
+        if not isinstance(self.learn, bool):
+            raise self._problem(f"expected learn as true or false, got {self.learn!r:.60}")
+        direction = self._numbers("direction", self.direction)
+        if len(direction) != 6 or not any(direction):
+            raise self._problem(f"expected a direction of 6 numbers, not all zero, got {self.direction!r:.60}")
+        object.__setattr__(self, "direction", direction)
+        one = isinstance(self.prior_std, int | float)
+        prior_std = self._numbers("prior_std", (self.prior_std,) if one else self.prior_std)
+        if min(prior_std, default=0.0) <= 0:
+            raise self._problem(f"expected prior standard deviations above zero, got {self.prior_std!r:.60}")
+        if not one and len(prior_std) != self.basis.n_functions:
+            raise self._problem(
+                f"expected {self.basis.n_functions} prior standard deviations, one a function, got {len(prior_std)}"
+            )
+        object.__setattr__(self, "prior_std", prior_std[0] if one else prior_std)
+
+    @property
+    def n_coefficients(self) -> int:
+        """Number of coefficients: one a function of the basis."""
+        return self.basis.n_functions
+
+    @property
+    def prior_stds(self) -> FloatArray:
+        """(n_coefficients,) prior standard deviation of each coefficient."""
+        return np.broadcast_to(np.asarray(self.prior_std, dtype=float), (self.n_coefficients,)).copy()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Name of each coefficient."""
+        if self.n_coefficients == 1:
+            return (self.name,)
+        return tuple(f"{self.name}: {function}" for function in self.basis.labels())
+
+    def check_place(self, chain: Chain) -> None:
+        """Refuse a chain that does not have the term's place.
+
+        Raises
+        ------
+        InputError
+            If its place is beyond the tip.
+        """
+        if self.place >= chain.n_places:
+            raise self._problem(f"expected a place from 0 (base) to {chain.n_places - 1} (tip), got {self.place}")
+
+    def as_data(self) -> dict[str, Any]:
+        """Give the term as plain data: numbers, strings, lists and the basis's own data."""
+        return {
+            "name": self.name,
+            "place": self.place,
+            "direction": list(self.direction),
+            "basis": self.basis.as_data(),
+            "group": self.group,
+            "prior_std": list(self.prior_std) if isinstance(self.prior_std, tuple) else self.prior_std,
+            "learn": self.learn,
+        }
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> Self:
+        """Build a term from what `as_data` gave.
+
+        Raises
+        ------
+        InputError
+            If something is missing, unknown or not what it must be.
+        """
+        names = [f.name for f in fields(cls)]
+        if not isinstance(data, Mapping) or sorted(map(str, data)) != sorted(names):
+            raise InputError(f"expected a term with {names}, got {data!r:.60}")
+        prior_std = data["prior_std"]
+        return cls(
+            data["name"],
+            data["place"],
+            data["direction"],
+            basis_from_data(data["basis"]),
+            data["group"],
+            tuple(prior_std) if isinstance(prior_std, list) else prior_std,
+            data["learn"],
+        )
+
+    def _numbers(self, what: str, values: object) -> tuple[float, ...]:
+        values = values.tolist() if isinstance(values, np.ndarray) else values
+        if not isinstance(values, tuple | list) or not all(
+            isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < 1e300 for v in map(plain, values)
+        ):
+            raise self._problem(f"expected finite numbers as {what}, got {values!r:.60}")
+        return tuple(float(v) for v in values)
+
+    def _problem(self, problem: str) -> InputError:
+        return InputError(f"term {self.name[:60]!r}: {problem}")

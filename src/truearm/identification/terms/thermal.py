@@ -1,0 +1,60 @@
+"""Growth of the links with temperature."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.chain import Chain
+from truearm.errors import InputError
+from truearm.readings.thermal_expansion import REFERENCE_DEGC
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def link_vectors(chain: Chain) -> FloatArray:
+    """Give the chain's links as vectors in the places they start from.
+
+    Link 0 is the stand, from the base frame's origin to joint 1 along the axes of place 0; link i goes from joint i to
+    joint i + 1 along the axes of place i; the last one ends at the tip.
+
+    Returns
+    -------
+    (n_joints + 1, 3) array
+        [mm].
+    """
+    vectors = chain.fixed[:, :3, 3].copy()
+    vectors[0] = chain.fixed[0, :3, :3].T @ vectors[0]  # place 0 stands after F0 and has its axes
+    vectors[-1] += chain.fixed[-1, :3, :3] @ chain.tip_in_flange
+    return vectors
+
+
+def growth_motions(chain: Chain, temperature_degC: npt.ArrayLike) -> FloatArray:
+    """Give the translations of links with unit expansion coefficient: ``(T - 20 degC)`` times the link's vector.
+
+    Multiply link i by its coefficient [1/K] and insert at place i.
+
+    Parameters
+    ----------
+    chain : Chain
+        Nominal kinematics.
+    temperature_degC : (n,) or (n, n_joints + 1) array
+        Temperature of the arm, or of each link [degC].
+
+    Returns
+    -------
+    (n, n_joints + 1, 3) array
+        [mm K].
+
+    Raises
+    ------
+    InputError
+        If the temperatures' shape does not fit.
+    """
+    temperature = np.asarray(temperature_degC, dtype=float)
+    n_links = chain.n_joints + 1
+    if temperature.ndim == 1:
+        temperature = temperature[:, None]
+    if temperature.ndim != 2 or temperature.shape[1] not in (1, n_links):
+        raise InputError(f"expected temperatures of shape (n,) or (n, {n_links}), got {temperature.shape}")
+    return (temperature - REFERENCE_DEGC)[:, :, None] * link_vectors(chain)

@@ -1,0 +1,162 @@
+"""Draw only arms that err as a known arm does.
+
+NIST's constrained Monte Carlo (Phillips and others) keeps, out of many virtual machines, those whose simulated test
+gives the results of the real one. The test here is the founding paper's: errors of the nominal model in a box of poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.identification.virtual.motions import MotionFunctions
+from truearm.identification.virtual.presets import Preset
+from truearm.identification.virtual.state import at_rest, mean_hand_force
+from truearm.identification.virtual.systematic import SystematicErrors, draw_constants, geometry_stream, gravity_of, masses_of
+
+FloatArray = npt.NDArray[np.float64]
+
+TESTS = 30  # the maximum over 200 random poses scatters by some per cent: so many tests must agree
+TRIES = 20_000
+BATCH = 50
+ROUNDS = 100  # four, mostly
+
+
+@dataclass(frozen=True, eq=False)
+class _Test:
+    """The nominal model's test: poses, and what does not depend on the draw of an arm."""
+
+    arm: Arm
+    angles: FloatArray
+    functions: MotionFunctions
+    nominal_tips: FloatArray  # (m, 3) [mm]
+    by_constant: FloatArray  # (6 n_places, 3 m): errors by geometry, to first order
+
+    def errors(self, motions: FloatArray) -> FloatArray:
+        """Errors of the nominal model, (3 m,) [mm], with exact motions (m, n_places, 6)."""
+        return (self.arm.chain.tip_in_base(self.angles, motions) - self.nominal_tips).reshape(-1)
+
+
+def constrain_geometry(arm: Arm, systematic: SystematicErrors, preset: Preset, *, seed: int) -> SystematicErrors:
+    """Replace the geometry by the first drawn whose test results are the preset's.
+
+    Geometry is drawn again and again from the arm's stream. Scaling a draw settles the mean error; the draw is kept if
+    the maxima of thirty tests are then all within the preset's tolerance.
+
+    Raises
+    ------
+    InputError
+        If none out of 20,000 draws is, or the other classes alone already err more than the mean asked for.
+    """
+    test = _test_of(arm, preset)
+    stream = geometry_stream(seed)
+    motions = test.functions.motions(systematic.with_constants(np.zeros_like(systematic.constants)))
+    others = test.errors(motions)
+    other_mean = np.abs(others).mean()
+    if other_mean >= preset.nominal_mean_mm:
+        raise InputError(
+            f"preset {preset.name!r} asks for a nominal error of {preset.nominal_mean_mm} mm, but without any error of "
+            f"geometry arm {arm.name!r} already errs by {other_mean:.3f} mm",
+            hint="smaller magnitudes of the other classes, or a larger nominal_mean_mm",
+        )
+    for _ in range(TRIES // BATCH):
+        batch = np.stack([draw_constants(arm.chain, preset, stream) for _ in range(BATCH)])
+        for few in (3, TESTS):  # most draws fail in the first tests
+            batch = _likely(test, others, batch, preset, n_tests=few)
+        for constants in batch:
+            scaled, off = _scaled(test, motions, others, constants, preset)
+            if off <= preset.nominal_max_tolerance_mm:
+                return systematic.with_constants(scaled)
+    raise InputError(
+        f"none of {TRIES} draws of arm {arm.name!r} errs by {preset.nominal_mean_mm} mm on average and "
+        f"{preset.nominal_max_mm} mm at most, as preset {preset.name!r} asks",
+        hint="another nominal_max_mm, or a larger nominal_max_tolerance_mm",
+    )
+
+
+def box_sample(arm: Arm, n: int, *, half_width_rad: float) -> FloatArray:
+    """Draw the same random poses each time about the working pose, inside the limits, (n, n_joints)."""
+    lower = np.maximum(arm.working - half_width_rad, arm.limits[:, 0])
+    upper = np.minimum(arm.working + half_width_rad, arm.limits[:, 1])
+    return np.random.default_rng([*b"constraint"]).uniform(lower, upper, (n, arm.n_joints))
+
+
+@lru_cache(maxsize=1)  # arms are drawn in rows, all of one drawing
+def _test_of(arm: Arm, preset: Preset) -> _Test:
+    n = TESTS * preset.constraint_poses
+    angles = box_sample(arm, n, half_width_rad=np.radians(preset.constraint_half_width_deg))
+    functions = MotionFunctions(
+        chain=arm.chain,
+        angles=angles,
+        state=at_rest(arm.chain, n, temperature_degC=preset.temperature_degC).with_force(mean_hand_force(preset)),
+        masses=masses_of(arm, preset),
+        gravity_in_base=gravity_of(arm),
+        cage_ratio=preset.cage_ratio,
+    )
+    small = arm.chain.tip_derivatives(angles)
+    by_constant = np.ascontiguousarray(small.motion_jacobian.transpose(1, 2, 0, 3)).reshape(-1, 3 * n)
+    return _Test(arm, angles, functions, small.tip_in_base, by_constant)
+
+
+def _likely(test: _Test, others: FloatArray, batch: FloatArray, preset: Preset, *, n_tests: int) -> FloatArray:
+    """Keep the draws that pass `n_tests` to first order, which is good to some um, with a larger tolerance."""
+    values = n_tests * preset.constraint_poses * 3
+    geometric = batch.reshape(len(batch), len(test.by_constant)) @ test.by_constant[:, :values]
+    scale, errors = to_mean(others[:values], geometric, preset.nominal_mean_mm)
+    off = _off(errors, preset, n_tests=n_tests)
+    likely: FloatArray = (scale[:, None, None] * batch)[off <= 1.2 * preset.nominal_max_tolerance_mm]
+    return likely
+
+
+def _scaled(
+    test: _Test, motions: FloatArray, others: FloatArray, constants: FloatArray, preset: Preset
+) -> tuple[FloatArray, float]:
+    """Scale geometry until the mean error is the preset's, with exact motions; also say how far the maxima are off.
+
+    Errors are taken as linear between no geometry and that of the last round. Motions of milliradians bend them by
+    about as much: the first order's scale is good to three digits, and each round gains three more.
+    """
+    for _ in range(2):
+        geometric = test.errors(motions + constants) - others
+        scale, errors = to_mean(others, geometric[None], preset.nominal_mean_mm)
+        constants = scale * constants
+        off = float(_off(errors, preset, n_tests=TESTS)[0])
+        if off > 1.01 * preset.nominal_max_tolerance_mm:  # further digits do not bring it back
+            break
+    return constants, off
+
+
+def _off(errors: FloatArray, preset: Preset, *, n_tests: int) -> FloatArray:
+    """By how much the maximum of any test is off that of the preset, (k,) [mm], for errors (k, m) of k arms."""
+    maxima = np.abs(errors).reshape(len(errors), n_tests, errors.shape[1] // n_tests).max(axis=2)
+    off: FloatArray = np.abs(maxima - preset.nominal_max_mm).max(axis=1)
+    return off
+
+
+def to_mean(others: FloatArray, geometric: FloatArray, mean: float) -> tuple[FloatArray, FloatArray]:
+    """Scale errors of geometry (k, m) until, with the others (m,), their mean magnitude is `mean`.
+
+    The mean magnitude is a convex function of the scale, below `mean` at 0. Newton's method from a scale that is too
+    large comes down to the only root above. Where the others of a few tests leave no root, the scale is any.
+
+    Returns
+    -------
+    scale : (k,) array
+    errors : (k, m) array
+        Both errors together at this scale.
+    """
+    size = np.abs(geometric).mean(axis=1)
+    scale = (mean + np.abs(others).mean()) / size
+    for _ in range(ROUNDS):
+        errors = others + scale[:, None] * geometric
+        slope = np.einsum("km,km->k", np.sign(errors), geometric) / len(others)
+        step = (np.abs(errors).mean(axis=1) - mean) / np.maximum(slope, 1e-3 * size)
+        scale = scale - step
+        if (step <= 1e-6 * scale).all():  # straight but where an error changes its sign: so small a step is the last
+            break
+    return scale, others + scale[:, None] * geometric

@@ -1,0 +1,395 @@
+"""Drawings of an arm: its links and joint axes in space, and the frames by Denavit and Hartenberg at each joint.
+
+Seen from afar in parallel lines (an orthographic view), so that lengths of one direction compare.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Drawing
+
+from truearm.errors import InputError
+from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, join_phrases
+from truearm.pages.number_format import format_in_text, format_number
+
+FloatArray = npt.NDArray[np.float64]
+
+_AZIMUTH_DEG, _ELEVATION_DEG = -122.0, 16.0
+_X, _Z, _Y = "#d9730d", "#12407a", "#8a9099"
+_LINK, _EDGE, _JOINT = "#dfe3e8", "#8a9099", "#5a616b"
+_NEAR = 0.12  # of the arm's length: frames so close together are drawn in one detail
+_LETTER_IN, _LINE_IN = 0.082, 0.15  # room for a letter of a label
+
+
+def arm_figure(frames: npt.ArrayLike, tip: npt.ArrayLike) -> Figure:
+    """Draw the arm: links, joint axes with their turn, tip, and a scale.
+
+    Parameters
+    ----------
+    frames : (n_joints + 1, 4, 4) array
+        Frames by Denavit and Hartenberg at a pose, the base first [mm]; joint i turns about z of the frame before it.
+    tip : (3,) array
+        The tip in the base frame [mm].
+
+    Raises
+    ------
+    InputError
+        If a frame does not follow from the one before by a turn and shift along z and then along x.
+    """
+    links = denavit_hartenberg(frames)
+    frames, tip = np.asarray(frames, dtype=float), np.asarray(tip, dtype=float)
+    reach = _reach(frames, tip)
+    with figure_style():
+        drawing = _whole(frames, tip, reach)
+    told = f"{len(links)} turning joints, {format_number(round(reach))} mm from the base to the tip along the links"
+    place = ", ".join(f"{axis} {format_number(round(value))}" for axis, value in zip("xyz", tip, strict=True))
+    return Figure(
+        (drawing,),
+        caption=f"The arm to scale, {told}. Dash-dotted lines are the axes of the joints q1 to q{len(links)}, "
+        f"arrows the positive turn; x and y belong to the base frame. The tip is at {place} mm.",
+        alt=f"Drawing of an arm in space: {told}, with the axes of its joints q1 to q{len(links)}. The tip is at "
+        f"{place} mm.",
+    )
+
+
+def frame_figure(frames: npt.ArrayLike, tip: npt.ArrayLike) -> Figure:
+    """Draw the frames by Denavit and Hartenberg, each group of neighbours as a detail.
+
+    Parameters
+    ----------
+    frames, tip
+        As in `arm_figure`.
+    """
+    links = denavit_hartenberg(frames)
+    frames, tip = np.asarray(frames, dtype=float), np.asarray(tip, dtype=float)
+    groups = _groups(frames, _reach(frames, tip))
+    with figure_style():
+        panels = tuple(_detail(frames, tip, group) for group in groups)
+    told = join_phrases((f"frame{'s' * (len(group) > 1)} {_numbers(group)}" for group in groups), most=6)
+    return Figure(
+        panels,
+        caption=f"The frames by Denavit and Hartenberg, one detail for neighbours, each with its own scale ({told}). "
+        "Frame 0 is the base; joint i turns about z of frame i \u2212 1 and carries frame i. y, not labelled, "
+        "completes each frame to a right-handed one.",
+        alt=f"{len(groups)} enlarged details of the arm with coordinate frames 0 to {len(links)}: {told}.",
+        columns=2 if len(panels) > 1 else 1,
+    )
+
+
+def denavit_hartenberg(frames: npt.ArrayLike) -> FloatArray:
+    """Give the parameters that lead from each frame to the next: a [mm], d [mm], theta [rad], alpha [rad].
+
+    T = Rz(theta) Tz(d) Tx(a) Rx(alpha) (Denavit and Hartenberg 1955, in the standard form).
+
+    Parameters
+    ----------
+    frames : (n_joints + 1, 4, 4) array
+        Rigid frames, the base first.
+
+    Returns
+    -------
+    (n_joints, 4) array
+
+    Raises
+    ------
+    InputError
+        If `frames` are not rigid frames, or one does not follow from the one before by these four parameters.
+    """
+    frames = _rigid(frames)
+    rows = []
+    for i, (before, after) in enumerate(pairwise(frames), start=1):
+        step = np.linalg.inv(before) @ after
+        # The third row of a turn about z then x starts with zero: x of a frame is normal to z of the one before.
+        theta, alpha = math.atan2(step[1, 0], step[0, 0]), math.atan2(step[2, 1], step[2, 2])
+        along, across = (
+            step[:3, 3] @ [math.cos(theta), math.sin(theta), 0],
+            step[:3, 3]
+            @ [
+                -math.sin(theta),
+                math.cos(theta),
+                0,
+            ],
+        )
+        if abs(step[2, 0]) > 1e-6 or abs(across) > 1e-6 * max(1.0, float(np.abs(frames[:, :3, 3]).max())):
+            raise InputError(
+                f"expected frame {i} to follow from frame {i - 1} by theta, d, a and alpha, but its x axis does not "
+                "meet the z axis before it at a right angle",
+                hint="frames by Denavit and Hartenberg, standard form, the base first",
+            )
+        rows.append([along, step[2, 3], theta, alpha])
+    return np.array(rows)
+
+
+@dataclass(eq=False)
+class _View:
+    """Axes that a part of space is drawn on, and what has taken room there already [mm on the paper]."""
+
+    axes: Axes
+    per_in: float
+    taken: list[FloatArray] = field(default_factory=list)
+    labels: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
+
+    def line(self, points: npt.ArrayLike, *, colour: str, width: float, dash: object = "-", layer: int = 2) -> None:
+        """Draw a polyline through points in space (n, 3)."""
+        flat = project(points)
+        style = {"solid_capstyle": "round", "solid_joinstyle": "round"} if dash == "-" else {}
+        self.axes.plot(*flat.T, color=colour, linewidth=width, linestyle=dash, zorder=layer, **style)  # type: ignore[arg-type]
+        self.take(flat)
+
+    def take(self, flat: FloatArray) -> None:
+        """Note that a polyline (n, 2) is there."""
+        for start, end in pairwise(flat):
+            n = max(2, int(np.linalg.norm(end - start) / (0.04 * self.per_in)))
+            self.taken.append(start + np.linspace(0, 1, n)[:, None] * (end - start))
+
+    def arrow(self, start: FloatArray, end: FloatArray, *, colour: str, width: float) -> None:
+        """Draw an arrow from a point in space to another."""
+        flat = project([start, end])
+        self.axes.annotate(
+            "",
+            xy=flat[1],
+            xytext=flat[0],
+            arrowprops={
+                "arrowstyle": "-|>,head_width=0.18,head_length=0.36",
+                "color": colour,
+                "linewidth": width,
+                "shrinkA": 0,
+                "shrinkB": 0,
+            },
+            zorder=6,
+        )
+        self.take(flat)
+
+    def label(self, text: str, point: FloatArray, *, colour: str = INK, bold: bool = False) -> None:
+        """Write beside a point in space, where it covers the least of what is there."""
+        at = project([point])[0]
+        half = 0.5 * np.array([_LETTER_IN * len(text) + 0.04, _LINE_IN]) * self.per_in
+        dots = np.concatenate(self.taken) if self.taken else np.empty((0, 2))
+        low, high = np.array([self.axes.get_xlim(), self.axes.get_ylim()]).T
+
+        def cost(centre: FloatArray) -> float:
+            covered = np.count_nonzero((np.abs(dots - centre) < half + 0.02 * self.per_in).all(axis=1))
+            on = sum(bool((np.abs(other - centre) < half + size).all()) for other, size in self.labels)
+            outside = bool(((centre - half < low) | (centre + half > high)).any())
+            return covered + 50.0 * on + 200.0 * outside + 2.0 * float(np.linalg.norm(centre - at)) / self.per_in
+
+        turns = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        ways = np.column_stack([np.cos(turns), np.sin(turns)])
+        # So far along each way that the label just clears the point; farther ones cost more.
+        centres = [
+            at + way * (float(np.abs(way) @ half) + gap * self.per_in) for gap in (0.05, 0.14, 0.26) for way in ways
+        ]
+        best = min(centres, key=cost)
+        self.labels.append((best, half))
+        self.axes.text(
+            float(best[0]),
+            float(best[1]),
+            text,
+            ha="center",
+            va="center",
+            color=colour,
+            weight="bold" if bold else "normal",
+            zorder=8,
+        )
+
+
+def project(points: npt.ArrayLike) -> FloatArray:
+    """Give points in space (n, 3) as they lie on the paper (n, 2), in parallel view."""
+    a, e = math.radians(_AZIMUTH_DEG), math.radians(_ELEVATION_DEG)
+    right = [-math.sin(a), math.cos(a), 0.0]
+    up = [-math.sin(e) * math.cos(a), -math.sin(e) * math.sin(a), math.cos(e)]
+    flat: FloatArray = np.asarray(points, dtype=float) @ np.array([right, up]).T
+    return flat
+
+
+def _rigid(frames: npt.ArrayLike) -> FloatArray:
+    array = np.asarray(frames, dtype=float)
+    if array.ndim != 3 or array.shape[1:] != (4, 4) or len(array) < 2:
+        raise InputError(f"expected frames as an array (n_joints + 1, 4, 4), got the shape {array.shape}")
+    finite = np.isfinite(array).all(axis=(1, 2))
+    turns = np.where(finite[:, None, None], array[:, :3, :3], 0.0)
+    off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    bad = (off > 1e-6) | (np.linalg.det(turns) < 0) | (array[:, 3] != [0, 0, 0, 1]).any(axis=1)
+    if bad.any():
+        raise InputError(f"expected rigid frames, a rotation and a place, but frame {int(np.argmax(bad))} is none")
+    return array
+
+
+def _reach(frames: FloatArray, tip: FloatArray) -> float:
+    path = np.vstack([*_links(frames), _link(frames[-1], tip)])
+    return max(float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()), 1.0)
+
+
+def _links(frames: FloatArray) -> list[FloatArray]:
+    """Give each link as points in space: along the joint's axis first, then across to the next frame."""
+    return [_link(before, after[:3, 3]) for before, after in pairwise(frames)]
+
+
+def _link(frame: FloatArray, end: FloatArray) -> FloatArray:
+    start, axis = frame[:3, 3], frame[:3, 2]
+    return np.array([start, start + axis * (axis @ (end - start)), end])
+
+
+def _whole(frames: FloatArray, tip: FloatArray, reach: float) -> Drawing:
+    size = 0.11 * reach
+    around = np.vstack([frames[:, :3, 3] + s * frames[:, :3, 2] * 1.15 * size for s in (-0.6, 1)] + [tip[None]])
+    base = frames[0, :3, 3] + 0.9 * size * np.vstack([frames[0, :3, :3].T, -frames[0, :3, :3].T[:2]])
+    view, drawing = _paper(np.vstack([around, base]), width_in=5.6, margin_in=0.34, largest_in=4.9)
+    _floor(view, frames[0], 0.62 * size)
+    _tubes(view, frames, tip, width=8.0)
+    for frame in frames[:-1]:
+        origin, axis = frame[:3, 3], frame[:3, 2]
+        view.line([origin - 0.17 * size * axis, origin + 0.17 * size * axis], colour=_JOINT, width=10.5, layer=4)
+        view.line(
+            [origin - 0.7 * size * axis, origin + 1.25 * size * axis],
+            colour=_Z,
+            width=0.9,
+            dash=(0, (7, 2, 1.5, 2)),
+            layer=5,
+        )
+        _turn(view, frame, origin + 1.02 * size * axis, 0.2 * size)
+    for k, (letter, colour) in enumerate(zip("xyz", (_X, _Y, _Z), strict=True)):
+        if letter == "z":
+            continue  # the first joint's axis is drawn there
+        end = frames[0, :3, 3] + 0.8 * size * frames[0, :3, k]
+        view.arrow(frames[0, :3, 3], end, colour=colour, width=1.3)
+    view.axes.plot(*project([tip]).T, marker="o", markersize=5.5, color=INK, zorder=7)
+    for i, frame in enumerate(frames[:-1], start=1):
+        view.label(f"q{i}", frame[:3, 3] + 1.25 * size * frame[:3, 2], colour=_Z, bold=True)
+    for k, letter in enumerate("xy"):
+        view.label(letter, frames[0, :3, 3] + 0.8 * size * frames[0, :3, k], colour=(_X, _JOINT)[k], bold=True)
+    view.label("tip", tip, bold=True)
+    _lengths(view, frames, tip, reach)
+    _scale_bar(view, _round_length(0.22 * reach))
+    return drawing
+
+
+def _lengths(view: _View, frames: FloatArray, tip: FloatArray, reach: float) -> None:
+    """Write the length of every long straight piece beside its middle."""
+    for link in [*_links(frames), _link(frames[-1], tip)]:
+        for start, end in pairwise(link):
+            length = float(np.linalg.norm(end - start))
+            if length > 0.05 * reach or (length > 0.03 * reach and np.linalg.norm(project([end - start])) > 0.03 * reach):
+                view.label(f"{format_in_text(round(length, 1))} mm", (start + end) / 2, colour=_JOINT)
+
+
+def _detail(frames: FloatArray, tip: FloatArray, group: Sequence[int]) -> Drawing:
+    origins = frames[group, :3, 3]
+    with_tip = group[-1] == len(frames) - 1
+    shown = np.vstack([origins, tip[None]]) if with_tip else origins
+    spread = max(float(np.ptp(project(shown), axis=0).max()), 1.0)
+    size = max(0.62 * spread, 0.04 * _reach(frames, tip))
+    corners = np.concatenate([frames[group, :3, 3] + size * frames[group, :3, k] for k in range(3)])
+    view, drawing = _paper(np.vstack([shown, corners]), width_in=4.3, margin_in=0.42, largest_in=3.4, title=True)
+    _tubes(view, frames, tip, width=9.0)
+    # A later frame at nearly the same place is drawn smaller, so that both can be told apart.
+    close = {
+        i: any(np.linalg.norm(frames[j, :3, 3] - frames[i, :3, 3]) < 0.4 * size for j in group if j < i) for i in group
+    }
+    ends = {i: frames[i, :3, 3] + size * (0.72 if close[i] else 1.0) * frames[i, :3, :3].T for i in group}
+    for k, colour, width in ((1, _Y, 1.0), (0, _X, 1.7), (2, _Z, 1.7)):
+        for i in group:
+            view.arrow(frames[i, :3, 3], ends[i][k], colour=colour, width=width)
+    view.axes.plot(*project(origins).T, marker="o", markersize=4.5, color=INK, linestyle="none", zorder=7)
+    for i in group:
+        view.label(f"x{i}", ends[i][0], colour=_X, bold=True)
+        view.label(f"z{i}", ends[i][2], colour=_Z, bold=True)
+    if with_tip:
+        view.axes.plot(*project([tip]).T, marker="o", markersize=6, color=INK, zorder=7)
+        view.label("tip", tip, bold=True)
+    _scale_bar(view, _round_length(0.9 * view.per_in))
+    drawing.text(0.02, 0.985, f"frame{'s' * (len(group) > 1)} {_numbers(group)}", va="top", fontsize=9, weight="bold")
+    return drawing
+
+
+def _paper(
+    points: FloatArray, *, width_in: float, margin_in: float, largest_in: float, title: bool = False
+) -> tuple[_View, Drawing]:
+    """Make axes without frame, on one scale, that hold points in space with a margin."""
+    flat = project(points)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    top_in, foot_in = 0.2 if title else 0.05, 0.2
+    per_in = max(
+        (high[0] - low[0]) / (width_in - 2 * margin_in), (high[1] - low[1]) / (largest_in - 2 * margin_in), 1e-6
+    )
+    height_in = (high[1] - low[1]) / per_in + 2 * margin_in + top_in + foot_in
+    drawing = Drawing(figsize=(width_in, height_in))
+    FigureCanvasAgg(drawing)
+    axes = drawing.add_axes((0, foot_in / height_in, 1, 1 - (top_in + foot_in) / height_in))
+    middle = (low + high) / 2
+    span = np.array([width_in, height_in - top_in - foot_in]) * per_in / 2
+    axes.set_xlim(middle[0] - span[0], middle[0] + span[0])
+    axes.set_ylim(middle[1] - span[1], middle[1] + span[1])
+    axes.axis("off")
+    return _View(axes, float(per_in)), drawing
+
+
+def _tubes(view: _View, frames: FloatArray, tip: FloatArray, *, width: float) -> None:
+    pieces = _links(frames)
+    for piece in pieces:
+        view.line(piece, colour=_EDGE, width=width + 1.2, layer=2)
+    stylus = _link(frames[-1], tip)
+    view.line(stylus, colour=_EDGE, width=0.4 * width + 1.2, layer=2)
+    for piece in pieces:
+        view.line(piece, colour=_LINK, width=width, layer=3)
+    view.line(stylus, colour=_LINK, width=0.4 * width, layer=3)
+
+
+def _floor(view: _View, frame: FloatArray, radius: float) -> None:
+    """Draw the base as a disc in the plane of x and y."""
+    turns = np.linspace(0, 2 * np.pi, 61)
+    circle = frame[:3, 3] + radius * (np.cos(turns)[:, None] * frame[:3, 0] + np.sin(turns)[:, None] * frame[:3, 1])
+    view.axes.fill(*project(circle).T, facecolor=FAINT, edgecolor=LIMIT, linewidth=0.8, zorder=1)
+
+
+def _turn(view: _View, frame: FloatArray, centre: FloatArray, radius: float) -> None:
+    """Draw the positive turn about z as three quarters of a circle with an arrow head."""
+    turns = np.linspace(0.3, 0.3 + 1.5 * np.pi, 40)
+    arc = centre + radius * (np.cos(turns)[:, None] * frame[:3, 0] + np.sin(turns)[:, None] * frame[:3, 1])
+    view.line(arc[:-3], colour=_Z, width=1.0, layer=6)
+    view.arrow(arc[-5], arc[-1], colour=_Z, width=0.8)
+
+
+def _scale_bar(view: _View, length: float) -> None:
+    right = view.axes.get_xlim()[1]
+    foot = view.axes.get_ylim()[0] + 0.06 * view.per_in
+    start = right - 0.25 * view.per_in - length
+    view.axes.plot([start, start + length], [foot, foot], color=INK, linewidth=2, solid_capstyle="butt", clip_on=False)
+    view.axes.text(
+        start + length / 2, foot - 0.06 * view.per_in, f"{length:g} mm", ha="center", va="top", clip_on=False
+    )
+
+
+def _round_length(about: float) -> float:
+    """Give a round length near one: 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(about))
+    return max(step * power for step in (1, 2, 5) if step * power <= about * 1.0001)
+
+
+def _groups(frames: FloatArray, reach: float) -> list[list[int]]:
+    groups = [[0]]
+    for i in range(1, len(frames)):
+        apart = float(np.linalg.norm(frames[i, :3, 3] - frames[i - 1, :3, 3]))
+        if apart < _NEAR * reach:
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    return groups
+
+
+def _numbers(group: Sequence[int]) -> str:
+    return (
+        str(group[0])
+        if len(group) == 1
+        else f"{group[0]} to {group[-1]}"
+        if len(group) > 2
+        else (f"{group[0]} and {group[1]}")
+    )

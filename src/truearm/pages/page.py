@@ -1,0 +1,133 @@
+"""What a page holds: title, key numbers, sections of text, rows, figures and tables, and what it rests on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.pages.plotting import Figure
+from truearm.pages.number_format import RoundedNumber
+
+Cell = str | int | float | RoundedNumber | None
+
+
+@dataclass(frozen=True)
+class LabelledValue:
+    """One result: a quantity with its value.
+
+    Parameters
+    ----------
+    label : str
+        What was measured or computed.
+    value : float, int or str
+        An int is a count, a str stands as it is.
+    unit : str
+        The unit of value, uncertainty and limit.
+    uncertainty : float, optional
+        Standard uncertainty; it settles how many digits of the value are shown.
+    limit : float, optional
+        The largest permitted value. It is shown; to judge by it is the task of a test by a standard.
+    """
+
+    label: str
+    value: Cell
+    unit: str = ""
+    uncertainty: float | None = None
+    limit: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.label.strip():
+            raise InputError("expected a label for every row, got an empty one")
+        _checked(self.value, f"row {self.label!r}")
+        _checked(self.uncertainty, f"uncertainty of row {self.label!r}")
+        _checked(self.limit, f"limit of row {self.label!r}")
+        if self.uncertainty is not None and self.uncertainty < 0:
+            raise InputError(f"expected an uncertainty of zero or more in row {self.label!r}, got {self.uncertainty}")
+
+
+@dataclass(frozen=True)
+class Column:
+    """The head of a column: its heading, its unit, and the significant digits of its numbers.
+
+    Neighbouring columns of one `group` stand under it as a common head, which then has their unit.
+    """
+
+    heading: str
+    unit: str = ""
+    digits: int = 3
+    group: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; every row has one cell a column: text, a number, a count (int), or None where there is nothing.
+
+    A `RoundedNumber` number is shown to the decimal of its uncertainty, whatever the digits of its column are. A
+    `fillable` table has room to write by hand.
+    """
+
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    caption: str
+    fillable: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.columns:
+            raise InputError(f"expected a table with at least one column, got none in {self.caption!r}")
+        for number, row in enumerate(self.rows, start=1):
+            if len(row) != len(self.columns):
+                raise InputError(
+                    f"expected {len(self.columns)} cells in row {number} of the table {self.caption!r}, got {len(row)}"
+                )
+            for column, cell in zip(self.columns, row, strict=True):
+                _checked(cell, f"row {number} of the table {self.caption!r}", column=column.heading)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A chapter of the page. An empty line in `text` starts a new paragraph."""
+
+    title: str
+    text: str = ""
+    rows: tuple[LabelledValue, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    tables: tuple[Table, ...] = ()
+
+
+@dataclass(frozen=True)
+class Page:
+    """The whole report.
+
+    Parameters
+    ----------
+    title, subtitle : str
+        What it is about.
+    summary : tuple of Row
+        The few numbers a reader takes away, shown large.
+    sections : tuple of Section
+        In reading order.
+    facts : tuple of (str, str)
+        What the page rests on: versions, fingerprint of the data, settings.
+    """
+
+    title: str
+    subtitle: str = ""
+    summary: tuple[LabelledValue, ...] = ()
+    sections: tuple[Section, ...] = ()
+    facts: tuple[tuple[str, str], ...] = ()
+
+
+def _checked(cell: object, place: str, *, column: str | None = None) -> None:
+    if isinstance(cell, RoundedNumber):
+        _checked(cell.uncertainty, place, column=column)
+        cell = cell.value
+    if cell is None or isinstance(cell, str | int | np.integer):
+        return
+    if isinstance(cell, float | np.floating) and math.isfinite(cell):
+        return
+    raise InputError(
+        f"expected a finite number or text in {place}, got {cell!r}", column=column, hint="None for no value"
+    )

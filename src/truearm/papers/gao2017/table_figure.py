@@ -1,0 +1,223 @@
+"""Rows of a published table beside what was found: every start a mark, so that scatter is seen, not only a median."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Drawing
+from matplotlib.lines import Line2D
+
+from truearm.errors import InputError
+from truearm.pages.plotting import FAINT, INK, Figure, Style, figure_style, set_log_scale, shorten, styles_of
+
+PAPER_STYLE = Style(INK, "D", ":")  # the paper's own numbers, in every figure
+_WIDTH_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 4.7, 0.27, 0.52, 0.44
+_LETTER_IN = 0.082
+_SOFT = "#5a616b"
+
+
+@dataclass(frozen=True)
+class TableFigureRow:
+    """One row of a published table and what was found for it.
+
+    Parameters
+    ----------
+    label : tuple of str
+        The row's settings, a cell for each heading of the figure.
+    paper_mm, paper_s : float
+        Mean error [mm] and training time [s] as published.
+    errors_mm : mapping of str to sequence of float
+        For each trainer the mean error of each of its starts [mm].
+    seconds : mapping of str to sequence of (float or None)
+        For each trainer, when each start first was as accurate as the paper [s]; None for one that never was.
+    """
+
+    label: tuple[str, ...]
+    paper_mm: float
+    paper_s: float
+    errors_mm: Mapping[str, Sequence[float]]
+    seconds: Mapping[str, Sequence[float | None]]
+
+
+def table_figure(
+    rows: Sequence[TableFigureRow], *, headings: Sequence[str], styles: Mapping[str, Style] | None = None
+) -> Figure:
+    """Draw the mean error of every start beside the paper's, and how long it took to be as accurate as the paper.
+
+    Parameters
+    ----------
+    rows : sequence of TableFigureRow
+    headings : sequence of str
+        Over the cells of the rows' labels.
+    styles : mapping of str to Style, optional
+        From `styles_of`.
+    """
+    rows = list(rows)
+    if not rows:
+        raise InputError("expected at least one row of the paper, got none")
+    for row in rows:
+        if len(row.label) != len(headings):
+            raise InputError(f"expected a label of {len(headings)} cells for every row, got {row.label}")
+    trainers = list(dict.fromkeys(trainer for row in rows for trainer in row.errors_mm))
+    pens = styles_of(trainers, styles)
+    with figure_style():
+        panels = (_errors(rows, headings, pens), _times(rows, headings[:1], pens))
+    return Figure(
+        panels,
+        caption="Left: mean error of each start (small marks) and the median (large) beside the paper's value (black "
+        "diamond). Right: time until the error first was at or below the paper's, median of the starts that got there, "
+        "beside the paper's training time, which was measured on another machine; the numbers at the edge are the "
+        "starts that got there. Faithful fits 70 % of the poses, lm all. Both scales are logarithmic.",
+        alt=f"Dot plots, a row for each of {len(rows)} rows of the paper's table: mean errors, and times to the "
+        "paper's accuracy.",
+        columns=2,
+    )
+
+
+def reaches_paper_error(seconds: Sequence[float | None]) -> bool:
+    """Whether at least half of the starts became as accurate as the paper."""
+    reached = sum(second is not None for second in seconds)
+    return len(seconds) > 0 and 2 * reached >= len(seconds)
+
+
+def _errors(rows: Sequence[TableFigureRow], headings: Sequence[str], pens: Mapping[str, Style]) -> Drawing:
+    drawing, axes = _sheet(rows, headings, pens, title="mean error", right_in=0.14)
+    starts = {name: [list(row.errors_mm.get(name, ())) for row in rows] for name in pens}
+    medians = {name: [bool(values) for values in by_row] for name, by_row in starts.items()}
+    _draw(axes, [row.paper_mm for row in rows], starts, medians, pens)
+    axes.set_xlabel("mean error of a coordinate [mm]")
+    return drawing
+
+
+def _times(rows: Sequence[TableFigureRow], headings: Sequence[str], pens: Mapping[str, Style]) -> Drawing:
+    title = "time to the paper's mean error"
+    drawing, axes = _sheet(rows, headings, pens, title=title, right_in=0.2 + 0.36 * len(pens))
+    got = {name: [[s for s in row.seconds.get(name, ()) if s is not None] for row in rows] for name in pens}
+    medians = {name: [reaches_paper_error(row.seconds.get(name, ())) for row in rows] for name in pens}
+    _draw(axes, [row.paper_s for row in rows], got, medians, pens)
+    for k, (name, pen) in enumerate(pens.items()):
+        for base, row, times in zip(_bases(rows), rows, got[name], strict=True):
+            started = len(row.seconds.get(name, ()))
+            if started:
+                axes.annotate(
+                    f"{len(times)}/{started}",
+                    xy=(1, base),
+                    xycoords=axes.get_yaxis_transform(),
+                    xytext=(22 + 26 * k, 0),
+                    textcoords="offset points",
+                    ha="center",
+                    va="center",
+                    fontsize=7.5,
+                    color=pen.colour,
+                )
+    axes.set_xlabel("time [s]")
+    return drawing
+
+
+def _draw(
+    axes: Axes,
+    paper: Sequence[float],
+    found: Mapping[str, Sequence[Sequence[float]]],
+    with_median: Mapping[str, Sequence[bool]],
+    pens: Mapping[str, Style],
+) -> None:
+    """Draw the paper's value of every row, and each trainer's values with a median where one is asked for."""
+    white: Any = {"linestyle": "none", "markeredgecolor": "white", "markeredgewidth": 0.65}
+    positive = [value for value in paper if value > 0]
+    heights = [base for base, value in zip(_bases(paper), paper, strict=True) if value > 0]
+    values = [value for by_row in found.values() for row in by_row for value in row if value > 0]
+    # Zero has no place on a logarithmic scale.
+    set_log_scale(axes, "x", min([*positive, *values], default=1.0) / 1.5, max([*positive, *values], default=1.0) * 1.5)
+    for shift, (name, pen) in zip(_shifts(pens), pens.items(), strict=True):
+        dots, middles = [], []
+        for base, row, wanted in zip(_bases(paper), found[name], with_median[name], strict=True):
+            dots += [(value, base + shift) for value in row if value > 0]
+            middles += [(float(np.median(row)), base + shift)] if wanted and np.median(row) > 0 else []
+        small: Any = {"markersize": 2.6, "alpha": 0.55, "markeredgewidth": 0, "linestyle": "none"}
+        axes.plot(*_columns(dots), marker=pen.marker, color=pen.colour, **small)
+        axes.plot(*_columns(middles), marker=pen.marker, color=pen.colour, markersize=5.2, **white)
+    axes.plot(positive, heights, marker=PAPER_STYLE.marker, color=PAPER_STYLE.colour, markersize=4.4, zorder=4, **white)
+
+
+def _columns(places: Sequence[tuple[float, float]]) -> tuple[list[float], list[float]]:
+    return [x for x, _ in places], [y for _, y in places]
+
+
+def _sheet(
+    rows: Sequence[TableFigureRow], headings: Sequence[str], pens: Mapping[str, Style], *, title: str, right_in: float
+) -> tuple[Drawing, Axes]:
+    """Make a panel with a line for each row, the cells of its label in columns on the left, and a key."""
+    widths = [
+        _LETTER_IN * max(len(headings[k]), *(len(shorten(row.label[k], longest=24)) for row in rows)) + 0.1
+        for k in range(len(headings))
+    ]
+    left_in = 0.06 + sum(widths)
+    height_in = _HEAD_IN + _FOOT_IN + _ROW_IN * len(rows)
+    drawing = Drawing(figsize=(_WIDTH_IN, height_in))
+    FigureCanvasAgg(drawing)
+    axes = drawing.add_axes(
+        (
+            left_in / _WIDTH_IN,
+            _FOOT_IN / height_in,
+            1 - (left_in + right_in) / _WIDTH_IN,
+            1 - (_HEAD_IN + _FOOT_IN) / height_in,
+        )
+    )
+    axes.set_ylim(-0.5, len(rows) - 0.5)
+    axes.set_yticks([])
+    axes.grid(visible=False, axis="y")
+    axes.spines["left"].set_visible(False)
+    axes.hlines(list(_bases(rows)), 0, 1, transform=axes.get_yaxis_transform(), color=FAINT, linewidth=0.5, zorder=0)
+    where_in = 0.06
+    for k, width in enumerate(widths):
+        cells = [(float(base), shorten(row.label[k], longest=24)) for base, row in zip(_bases(rows), rows, strict=True)]
+        place = (where_in - left_in) * 72
+        for height, text in [(len(rows) - 0.25, headings[k]), *cells]:
+            axes.annotate(
+                text,
+                xy=(0, height),
+                xycoords=axes.get_yaxis_transform(),
+                xytext=(place, 0),
+                textcoords="offset points",
+                va="center",
+                color=_SOFT if height > len(rows) - 0.5 else INK,
+            )
+        where_in += width
+    drawing.text(0.06 / _WIDTH_IN, 1 - 0.06 / height_in, title, va="top", fontsize=9, weight="bold")
+    _key(drawing, pens, height_in)
+    return drawing, axes
+
+
+def _key(drawing: Drawing, pens: Mapping[str, Style], height_in: float) -> None:
+    entries = {"paper": PAPER_STYLE, **pens}
+    handles = [
+        Line2D([], [], color=pen.colour, marker=pen.marker, linestyle="none", markersize=4.5)
+        for pen in entries.values()
+    ]
+    drawing.legend(
+        handles,
+        [f" {shorten(name, longest=14)}" for name in entries],
+        loc="upper right",
+        bbox_to_anchor=(1.0, 1 - 0.01 / height_in),
+        ncols=len(entries),
+        handlelength=0.8,
+        handletextpad=0.2,
+        columnspacing=0.9,
+        borderpad=0.2,
+        labelcolor=INK,
+    )
+
+
+def _bases(rows: Sequence[object]) -> range:
+    """Give each row its height, the first on top."""
+    return range(len(rows) - 1, -1, -1)
+
+
+def _shifts(pens: Mapping[str, Style]) -> list[float]:
+    """Give each trainer its height within a row, the first on top."""
+    return [0.22 - 0.44 * k / max(len(pens) - 1, 1) if len(pens) > 1 else 0.0 for k in range(len(pens))]

@@ -1,0 +1,1 @@
+"""Interim checks between verifications: control charts and the history of an arm."""

@@ -1,0 +1,261 @@
+"""The page of an arm's interim checks: trend charts with their limits, and whether it is time to recalibrate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Drawing
+
+from truearm.readings.thermal_expansion import ARTEFACT_U_K
+from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, join_phrases, make_panel, shorten
+from truearm.pages.page import Cell, Column, Page, LabelledValue, Section, Table
+from truearm.pages.number_format import RoundedNumber
+from truearm.pages.phrases import capitalize, format_count
+from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS, ControlChart
+from truearm.verification.monitor.interim import Assessment, InterimCheck, RecalibrationAdvice, Trend, format_date
+
+_NAVY, _ORANGE = "#12407a", "#d9730d"
+# Limits from fewer values before are too wide to be drawn.
+_FEW = 5
+_MOST_ROWS = 60
+
+
+def drift_page(
+    checks: Sequence[InterimCheck],
+    found: Assessment,
+    *,
+    arm: str,
+    remarks: Sequence[str] = (),
+    facts: Sequence[tuple[str, str]] = (),
+) -> Page:
+    """Lay out what a history says of an arm.
+
+    Parameters
+    ----------
+    checks : sequence of InterimCheck
+        All of one model, in their order; one or more.
+    found : Assessment
+        Of these checks.
+    arm : str
+        Its name.
+    remarks : sequence of str
+        On checks with other models.
+    facts : sequence of (str, str)
+        What the page rests on.
+    """
+    first, last = format_date(checks[0].date), format_date(checks[-1].date)
+    rows = [LabelledValue("recalibrate", found.recalibrate.value)]
+    if found.since is not None:
+        rows += [LabelledValue("changed since", format_date(checks[found.since].date))]
+    rows.append(LabelledValue("checks with this model", len(checks)))
+    return Page(
+        title=f"{arm}: interim checks",
+        subtitle=f"{format_count(len(checks), 'check')}, {first} to {last}." if len(checks) > 1 else f"One check, {first}.",
+        summary=tuple(rows),
+        sections=drift_sections(checks, found, remarks),
+        facts=tuple(facts),
+    )
+
+
+def drift_sections(checks: Sequence[InterimCheck], found: Assessment, remarks: Sequence[str] = ()) -> tuple[Section, ...]:
+    """Sections: the answer with the last check's values, the charts, how it is judged, and the checks one by one."""
+    return (
+        Section(
+            "Is it time to recalibrate?",
+            _answer(checks, found, remarks),
+            tables=(_last_table([trend for trend in found.trends if trend.current]),),
+        ),
+        *([Section("Trends", figures=figures)] if (figures := _figures(checks, found)) else []),
+        Section("How it is judged", _JUDGED),
+        Section("The checks", tables=(_checks_table(checks, found.trends),)),
+    )
+
+
+_JUDGED = (
+    "Each value is compared with those of the checks before it, since the arm was identified: their mean and their "
+    "scatter are all that is known of how it repeats. The limits become narrower as checks are added.\n\n"
+    "A length is compared with the specification at 20 degC only. It is corrected to that where the artefact's "
+    f"expansion and the temperature are known, the temperature to {ARTEFACT_U_K:g} K (standard uncertainty). What was "
+    "found on an artefact stands while it is left out, unless it is retired.\n\n"
+    "A value beyond its limits tells of a large change, a cumulative sum above its line of a small or slow one; "
+    "when it began is where a jump or a drift fits the values best, and of a slow drift known only roughly. Limits and "
+    "sums are set by the number of charts that the history has at each check, so that, of an arm that has not changed, "
+    "one check in 370 is beyond the limits of some chart, and some sum comes above its line once in 370 checks.\n\n"
+    "A value that is beyond its limits, or over that of the specification, in one check alone may be dirt in a seat, "
+    "and asks for one more check; two in a row on the same side say to recalibrate, as a sum above its line does.\n\n"
+    f"With fewer than {MIN_BASELINE_CHECKS} checks before, values are taken to scatter at least as the model expects, and that "
+    "nothing has changed is not said. These checks take fewer points than the tests of the standards and replace none "
+    "of them."
+)
+
+
+def trend_figure(trends: Sequence[Trend]) -> Figure:
+    """Draw the charts of the trends that have one, the values above and the cumulative sums below.
+
+    Parameters
+    ----------
+    trends : sequence of Trend
+        At least one with a chart.
+    """
+    charted = [(trend, trend.chart) for trend in trends if trend.chart is not None]
+    with figure_style():
+        panels = tuple(_panel(trend, chart) for trend, chart in charted)
+    ends = join_phrases(f"{trend.latest.label} {trend.latest.value_mm:.4f} mm" for trend, _ in charted)
+    return Figure(
+        panels,
+        caption="Above: the values, check by check; grey: the limits for each and the mean, from the checks before it; "
+        "orange: beyond the limits; dotted: the limit of the specification. Below: cumulative sums of the deviations "
+        "upwards and downwards, in standard deviations, with the line above which they tell of a change. Orange line: "
+        "when the change began.",
+        alt=f"Control charts of {format_count(len(charted), 'value')} over the checks. Their last values: {ends}.",
+        columns=2,
+    )
+
+
+def temperature_figure(checks: Sequence[InterimCheck]) -> Figure:
+    """Draw the temperature of the checks that have one; at least one has."""
+    number = [i + 1 for i, check in enumerate(checks) if check.temperature_degC is not None]
+    degC = [check.temperature_degC for check in checks if check.temperature_degC is not None]
+    with figure_style():
+        drawing, (axes,) = make_panel(4.6, 1.9)
+        axes.plot(number, degC, "o-", color=INK, markersize=3, linewidth=0.7)
+        middle, half = (max(degC) + min(degC)) / 2, max((max(degC) - min(degC)) * 0.6, 0.5)
+        axes.set(ylabel="temperature [degC]", xlabel="check", ylim=(middle - half, middle + half))
+        _checks_axis(axes, len(checks))
+    return Figure(
+        (drawing,),
+        caption="Mean temperature of the readings of each check. A trend that goes with it is not the arm's alone.",
+        alt=f"Temperature of the checks, {min(degC):.1f} to {max(degC):.1f} degC.",
+        columns=2,
+    )
+
+
+def _answer(checks: Sequence[InterimCheck], found: Assessment, remarks: Sequence[str]) -> str:
+    if found.recalibrate is RecalibrationAdvice.NO:
+        head = "No. Nothing that the last check measured has changed since the first checks by more than they scatter."
+    elif found.recalibrate is RecalibrationAdvice.NOT_ENOUGH:
+        head = f"Not enough checks yet to say: {found.n_before} before the last one, and each value needs {MIN_BASELINE_CHECKS}."
+    elif found.recalibrate is RecalibrationAdvice.AGAIN:
+        head = (
+            "Not by one check alone: it may have been made with dirt in a seat. Clean the artefacts, see that they are "
+            "tight, and check once more."
+        )
+    elif found.since is None:
+        head = "Yes: a value is over its limit in the specification, and was at the check before."
+    else:
+        head = f"Yes. Something has changed since check {found.since + 1} of {format_date(checks[found.since].date)}."
+    said = [f"{capitalize(phrase)}." for phrase in (*found.reasons, *found.remarks, *remarks)]
+    return "\n\n".join([head, *said])
+
+
+def _last_table(trends: Sequence[Trend]) -> Table:
+    with_limit = any(trend.limit_mm is not None for trend in trends)
+    columns = [
+        Column("value"),
+        Column("found", "mm"),
+        Column("readings"),
+        Column("mean before", "mm"),
+        Column("lower limit", "mm"),
+        Column("upper limit", "mm"),
+        Column("cumulative sum"),
+        *([Column("limit of the specification", "mm")] if with_limit else []),
+        Column(""),
+    ]
+    rows: list[tuple[Cell, ...]] = []
+    for trend in trends:
+        chart = trend.chart
+        u = trend.latest.u_mm
+        cells: list[Cell] = [trend.latest.label, RoundedNumber(trend.latest.value_mm, u), trend.latest.n]
+        if chart is None or np.isnan(chart.scores[-1]):
+            cells += [None] * 4
+        else:
+            edges = (float(each[-1]) for each in (chart.centre, chart.lower, chart.upper))
+            cells += [None if np.isnan(edge) else RoundedNumber(edge, u) for edge in edges]
+            cells.append(float(chart.cusum[:, -1].max()))
+        if with_limit:
+            cells.append(None if trend.limit_mm is None else RoundedNumber(trend.limit_mm, u))
+        rows.append((*cells, _verdict(trend)))
+    return Table(tuple(columns), tuple(rows), "The last check beside those before it.")
+
+
+def _verdict(trend: Trend) -> str:
+    chart = trend.chart
+    said = ["over the limit of the specification"] if trend.over_limit else []
+    if chart is not None:
+        said += ["drift"] if chart.signal_index is not None else []
+        said += ["beyond its limits"] if chart.out_of_limits[-1] else []
+        if not said:
+            said = ["unchanged"] if chart.enough else ["too few checks"]
+    return ", ".join(said)
+
+
+def _figures(checks: Sequence[InterimCheck], found: Assessment) -> tuple[Figure, ...]:
+    figures = []
+    if len(checks) > 1 and any(trend.chart is not None for trend in found.trends):
+        figures.append(trend_figure(found.trends))
+    if sum(check.temperature_degC is not None for check in checks) > 1:
+        figures.append(temperature_figure(checks))
+    return tuple(figures)
+
+
+def _checks_table(checks: Sequence[InterimCheck], trends: Sequence[Trend]) -> Table:
+    columns = [Column("check"), Column("date"), Column("temperature", "degC")]
+    columns += [Column(trend.latest.label, "mm") for trend in trends]
+    rows: list[tuple[Cell, ...]] = []
+    for number, check in list(enumerate(checks, start=1))[-_MOST_ROWS:]:
+        values = {value.key: RoundedNumber(value.value_mm, value.u_mm) for value in check.values}
+        degC = None if check.temperature_degC is None else RoundedNumber(check.temperature_degC, 1.0)
+        rows.append(
+            (number, format_date(check.date).replace("-", "\u2011"), degC, *(values.get(trend.latest.key) for trend in trends))
+        )
+    which = f"The last {_MOST_ROWS} of {len(checks)} checks." if len(checks) > _MOST_ROWS else "All checks."
+    return Table(tuple(columns), tuple(rows), which)
+
+
+def _panel(trend: Trend, chart: ControlChart) -> Drawing:
+    drawing, (above, below) = make_panel(4.6, 3.4, rows=2)
+    number = trend.checks + 1
+    _values(above, number, chart)
+    if trend.limit_mm is not None and trend.limit_mm < above.get_ylim()[1]:
+        above.axhline(trend.limit_mm, color=INK, linewidth=0.8, linestyle=":")
+    above.set_title(shorten(trend.latest.label, longest=44))
+    above.set_ylabel("[mm]")
+    up, down = chart.cusum
+    below.plot(number, up, color=_NAVY, linewidth=1.0)
+    below.plot(number, -down, color=_NAVY, linewidth=1.0, linestyle="--")
+    interval = chart.rules.decision_interval
+    lowest = -interval if chart.cusum[1].any() else 0.0
+    for line in (interval, -interval) if lowest else (interval,):
+        below.axhline(line, color=LIMIT, linewidth=0.9)
+    below.set_ylim(1.25 * min(lowest, -float(down.max())), 1.25 * max(interval, float(up.max())))
+    below.set(xlabel="check", ylabel="drift")
+    _checks_axis(below, int(number[-1]))
+    if trend.since is not None:
+        for axes in (above, below):
+            axes.axvline(trend.since + 0.5, color=_ORANGE, linewidth=1.0, zorder=1)
+    return drawing
+
+
+def _values(axes: Axes, number: npt.NDArray[np.intp], chart: ControlChart) -> None:
+    drawn = chart.n_before >= _FEW
+    shown = [chart.values, chart.upper[drawn], chart.lower[drawn][~np.isnan(chart.lower[drawn])]]
+    low, high = (float(f(np.concatenate(shown))) for f in (np.min, np.max))
+    room = max(0.08 * (high - low), 0.0005)
+    lower = np.where(np.isnan(chart.lower), low - room, chart.lower)
+    axes.fill_between(number[drawn], lower[drawn], chart.upper[drawn], color=FAINT, alpha=0.6, linewidth=0, zorder=0)
+    axes.plot(number[drawn], chart.centre[drawn], color=LIMIT, linewidth=0.9, zorder=1)
+    for edge in (chart.lower, chart.upper):
+        axes.plot(number[drawn], edge[drawn], color=LIMIT, linewidth=0.9, zorder=1)
+    axes.plot(number, chart.values, "o-", color=_NAVY, markersize=3, linewidth=0.7, zorder=2)
+    axes.plot(number[chart.out_of_limits], chart.values[chart.out_of_limits], "o", color=_ORANGE, markersize=4.5, zorder=3)
+    axes.set_ylim(low - room, high + room)
+    axes.ticklabel_format(axis="y", useOffset=False)
+    axes.locator_params(axis="y", nbins=5)
+
+
+def _checks_axis(axes: Axes, n: int) -> None:
+    axes.set_xlim(0.4, max(n, 2) + 0.6)
+    axes.locator_params(axis="x", nbins=8, integer=True)

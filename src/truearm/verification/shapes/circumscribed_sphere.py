@@ -1,0 +1,93 @@
+"""The smallest sphere that holds points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+from truearm.verification.shapes.orthogonal_regression import FloatArray
+
+# The work grows with the fourth power of the number: 30 points are 32,000 spheres.
+MAX_POINTS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class CircumscribedSphere:
+    """The minimum circumscribed sphere of points.
+
+    Attributes
+    ----------
+    centre : (3,) array
+        [mm]
+    radius_mm : float
+    """
+
+    centre: FloatArray
+    radius_mm: float
+
+    @property
+    def diameter_mm(self) -> float:
+        """Twice the radius."""
+        return 2 * self.radius_mm
+
+
+def circumscribed_sphere(points: npt.ArrayLike) -> CircumscribedSphere:
+    """Find the smallest sphere that holds all of a few points, exactly.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        1 to `MAX_POINTS`, anywhere [mm].
+
+    Raises
+    ------
+    InputError
+        If they are not (n, 3) finite numbers, none, or too many.
+
+    Notes
+    -----
+    Two, three or four of the points, those which the sphere touches, determine it: it is the smallest on which they
+    lie. So its centre is among those of all pairs, triples and quadruples. A sphere about any centre that reaches the
+    farthest point holds them all; the smallest of those is it. Nothing is compared with a tolerance: of points in one
+    place, on a line, in a plane or on one sphere some candidates are lost or inaccurate, never one that is needed.
+    """
+    given = np.asarray(points, dtype=float)
+    if given.ndim != 2 or given.shape[1] != 3 or not np.isfinite(given).all():
+        raise InputError(f"expected finite points as an array (n, 3), got shape {given.shape}")
+    if not 1 <= len(given) <= MAX_POINTS:
+        raise InputError(f"expected 1 to {MAX_POINTS} points for a circumscribed sphere, got {len(given)}")
+    middle = (given / len(given)).sum(axis=0)
+    unit = float(np.abs(given - middle).max()) or 1.0
+    centred = (given - middle) / unit
+    centres = np.concatenate([centred[:1], *(_centres(centred, k) for k in range(2, min(len(given), 4) + 1))])
+    centres = centres[np.isfinite(centres).all(axis=1)]
+    farthest = np.sqrt(((centred - centres[:, None]) ** 2).sum(axis=2)).max(axis=1)
+    best = int(np.argmin(farthest))
+    return CircumscribedSphere(middle + unit * centres[best], float(unit * farthest[best]))
+
+
+def _centres(points: FloatArray, k: int) -> FloatArray:
+    """Centres (m, 3) of the smallest spheres on which k points lie, for all k of them; not finite where none is.
+
+    The formulas of the circumcentre by products of the edges u, v, w from the first point, which lose fewer digits of
+    thin triangles and tetrahedra than a linear solve does.
+    """
+    first, *others = points[np.array(list(combinations(range(len(points)), k)))].transpose(1, 0, 2)
+    edges = [other - first for other in others]
+    square = [(edge * edge).sum(axis=1, keepdims=True) for edge in edges]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        if k == 2:
+            return np.asarray(first + edges[0] / 2)
+        u, v = edges[:2]
+        across = np.cross(u, v)
+        if k == 3:
+            area = (across * across).sum(axis=1, keepdims=True)
+            return np.asarray(first + np.cross(square[0] * v - square[1] * u, across) / (2 * area))
+        w = edges[2]
+        volume = (across * w).sum(axis=1, keepdims=True)
+        towards = square[0] * np.cross(v, w) + square[1] * np.cross(w, u) + square[2] * across
+        return np.asarray(first + towards / (2 * volume))

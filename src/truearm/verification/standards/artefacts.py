@@ -1,0 +1,283 @@
+"""Calibrated artefacts: what their certificates say, and how well they are set up.
+
+The file (TOML, docs/verification.md) has one entry an artefact. Uncertainties are standard ones (k = 1): half of a
+certificate's U for k = 2.
+"""
+
+from __future__ import annotations
+
+import datetime
+from math import inf, sqrt
+from pathlib import Path
+from typing import Annotated, Self, TypeVar
+
+from pydantic import Field, field_validator, model_validator
+
+from truearm.errors import InputError
+from truearm.readings.thermal_expansion import REFERENCE_DEGC
+from truearm.verification.standards.decision import Contribution
+from truearm.files.checked_toml import Document, Name, NotNegative, Positive, Real, read_document
+
+# A larger form deviation or uncertainty is no calibrated artefact's, but in micrometres [mm].
+LARGEST_MM = 0.2
+IN_MM = "in mm: 0.5 micrometres are 0.0005"
+# A calibrated length further from its nominal one than this share is that of another artefact, or in another unit.
+NOMINAL_SHARE = 0.05
+
+
+class _WithUncertainties(Document):
+    """A table whose uncertainties are standard ones: an expanded one is no unknown key but a trap."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _standard_uncertainties(cls, given: object) -> object:
+        for key in given if isinstance(given, dict) else ():
+            small = "u" + str(key)[1:]
+            if str(key).startswith("U") and small in cls.model_fields:
+                raise InputError(
+                    f"unknown key {key}",
+                    hint=f"{small}, the standard uncertainty (k = 1): half of a certificate's U for k = 2",
+                )
+        return given
+
+
+class Artefact(_WithUncertainties):
+    """What every artefact's entry has.
+
+    Attributes
+    ----------
+    name : str
+        As the points file has it.
+    certificate : str
+        Number or title of its certificate.
+    date, expires : date
+        Of the calibration, and until when it serves.
+    form_mm : float
+        Form deviation of its ball, or of its faces or its seat [mm].
+    u_form_mm : float
+        Standard uncertainty of that [mm].
+    u_fixture_mm : float
+        How still it is held: standard uncertainty [mm].
+    """
+
+    name: Name
+    certificate: Name
+    date: datetime.date
+    expires: datetime.date
+    form_mm: NotNegative
+    u_form_mm: NotNegative = 0.0
+    u_fixture_mm: NotNegative
+
+    @field_validator("form_mm", "u_form_mm", "u_fixture_mm")
+    @classmethod
+    def _in_mm(cls, given: float) -> float:
+        if given > LARGEST_MM:
+            raise InputError(f"expected millimetres, {LARGEST_MM:g} at most, got {given:g}", hint=IN_MM)
+        return given
+
+    @model_validator(mode="after")
+    def _dates_in_order(self) -> Self:
+        if self.expires <= self.date:
+            raise InputError(
+                f"{self.name!r} expires on {self.expires}, which is not after its calibration on {self.date}",
+                hint="copy both dates from the certificate",
+            )
+        return self
+
+    def check_valid(self, day: datetime.date) -> None:
+        """Check that the certificate serves on a day.
+
+        Raises
+        ------
+        InputError
+            If it has expired by then, or the calibration came later.
+        """
+        if day > self.expires:
+            raise InputError(
+                f"the certificate {self.certificate!r} of {self.name!r} expired on {self.expires}; points were taken "
+                f"on {day}",
+                hint="have it calibrated again, or use an artefact with a valid certificate",
+            )
+        if day < self.date:
+            raise InputError(
+                f"{self.name!r} was calibrated on {self.date}, after points were taken on it on {day}",
+                hint="the certificate that was valid on that day",
+            )
+
+    def form_and_fixture(self, ends: int = 1, places: int = 1) -> tuple[Contribution, ...]:
+        """Contributions of form and fixture.
+
+        Half the form deviation counts as a standard uncertainty, as in ISO/TS 23165 [recalled, not confirmed].
+
+        Parameters
+        ----------
+        ends : int
+            A length has two, each with a form; its fixture is stated for the whole of it.
+        places : int
+            How many places of the artefact are compared, between which it may have moved: a distance has two, each
+            with the fixture's share.
+        """
+        return (
+            Contribution("form of the artefact", sqrt(ends) * self.form_mm / 2),
+            Contribution("calibration of the form", sqrt(ends) * self.u_form_mm),
+            Contribution("fixture", sqrt(places) * self.u_fixture_mm),
+        )
+
+
+A = TypeVar("A", bound=Artefact)
+
+
+class _Expanding(Artefact):
+    """An artefact whose size is calibrated, and grows with temperature."""
+
+    expansion_per_K: Annotated[float, Field(strict=True, ge=-1e-4, le=1e-3)]
+    u_expansion_per_K: NotNegative
+    u_temperature_K: NotNegative
+    calibration_dof: Positive = inf
+
+    @model_validator(mode="after")
+    def _known_to_some_share(self) -> Self:
+        if self.u_expansion_per_K > 1e-4:
+            raise InputError(
+                f"{self.name!r}: u_expansion_per_K = {self.u_expansion_per_K:g} is larger than any expansion",
+                hint="1e-6 per K is one micrometre per metre and kelvin",
+            )
+        return self
+
+    def at_reference(self, length_mm: float, degC: float) -> float:
+        """A length measured at `degC` as it is at 20 degC: ``L / (1 + alpha (T - 20))``."""
+        return length_mm / (1 + self.expansion_per_K * (degC - REFERENCE_DEGC))
+
+    def thermal(self, length_mm: float, degC: float) -> tuple[Contribution, ...]:
+        """Contributions ``L alpha u(T)`` and ``L (T - 20) u(alpha)`` (GUM H.1.3 names both)."""
+        return (
+            Contribution("temperature of the artefact", abs(length_mm * self.expansion_per_K) * self.u_temperature_K),
+            Contribution("expansion of the artefact", length_mm * abs(degC - REFERENCE_DEGC) * self.u_expansion_per_K),
+        )
+
+
+class CalibratedSphere(_Expanding):
+    """A sphere: `diameter_mm` at 20 degC and its standard uncertainty `u_diameter_mm`."""
+
+    diameter_mm: Positive
+    u_diameter_mm: Positive
+    nominal_mm: Positive | None = None
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Self:
+        _check_nominal(self.name, self.diameter_mm, self.nominal_mm)
+        _check_small(self.name, self.diameter_mm, self.u_diameter_mm, "u_diameter_mm")
+        _check_small(self.name, self.diameter_mm, self.form_mm, "form_mm")
+        return self
+
+
+class CalibratedLength(_WithUncertainties):
+    """A length of a bar: between two balls' centres, or two faces, at 20 degC."""
+
+    name: Name
+    length_mm: Positive
+    u_mm: Positive
+    nominal_mm: Positive | None = None
+
+
+class CalibratedBar(_Expanding):
+    """A ball bar, ball plate, step gauge or gauge block with its lengths."""
+
+    lengths: Annotated[tuple[CalibratedLength, ...], Field(min_length=1, max_length=1000)]
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Self:
+        _check_once([length.name for length in self.lengths], f"length of {self.name!r}")
+        for length in self.lengths:
+            what = f"{self.name}, {length.name}"
+            _check_nominal(what, length.length_mm, length.nominal_mm)
+            _check_small(what, length.length_mm, length.u_mm, "u_mm")
+        return self
+
+    def length(self, name: str) -> CalibratedLength:
+        """Look a length up.
+
+        Raises
+        ------
+        InputError
+            If the certificate has none of that name.
+        """
+        for length in self.lengths:
+            if length.name == name:
+                return length
+        known = ", ".join(repr(length.name) for length in self.lengths)
+        raise InputError(f"the certificate of {self.name!r} has no length {name!r}", hint=known)
+
+
+class Seat(Artefact):
+    """A cone, trihedral socket or other seat that holds the tip: nothing of it is calibrated but its form."""
+
+
+class Artefacts(Document):
+    """All artefacts of a verification, by kind."""
+
+    spheres: tuple[CalibratedSphere, ...] = ()
+    bars: tuple[CalibratedBar, ...] = ()
+    seats: tuple[Seat, ...] = ()
+
+    @model_validator(mode="after")
+    def _each_once(self) -> Self:
+        names = [one.name for kind in (self.spheres, self.bars, self.seats) for one in kind]
+        if not names:
+            raise InputError("expected an artefact under [[spheres]], [[bars]] or [[seats]], got none")
+        _check_once(names, "artefact")
+        return self
+
+    def sphere(self, name: str) -> CalibratedSphere:
+        """Look a sphere up; an InputError says what there is."""
+        return _found(self.spheres, name, "sphere")
+
+    def bar(self, name: str) -> CalibratedBar:
+        """Look a bar up; an InputError says what there is."""
+        return _found(self.bars, name, "bar")
+
+    def seat(self, name: str) -> Seat:
+        """Look a seat up; an InputError says what there is."""
+        return _found(self.seats, name, "seat")
+
+
+def read_artefacts(path: str | Path) -> Artefacts:
+    """Read a file of artefacts.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or breaks a rule of its format, or a certificate contradicts itself.
+    """
+    return read_document(path, Artefacts)
+
+
+def _found(artefacts: tuple[A, ...], name: str, kind: str) -> A:
+    for one in artefacts:
+        if one.name == name:
+            return one
+    known = ", ".join(repr(one.name) for one in artefacts) or f"add it under [[{kind}s]]"
+    raise InputError(f"the file of artefacts has no {kind} {name!r}", hint=known)
+
+
+def _check_once(names: list[str], what: str) -> None:
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InputError(f"the {what} {name!r} stands twice")
+
+
+def _check_nominal(what: str, value: Real, nominal: Real | None) -> None:
+    if nominal is not None and abs(value - nominal) > NOMINAL_SHARE * nominal:
+        raise InputError(
+            f"{what}: calibrated {value:g} mm, nominal {nominal:g} mm: they are not of one artefact",
+            hint="both in mm, from the same certificate",
+        )
+
+
+def _check_small(what: str, value: Real, u: Real, key: str) -> None:
+    if u > min(0.01 * value, LARGEST_MM):
+        raise InputError(
+            f"{what}: {key} = {u:g} mm is more than a hundredth of the calibrated {value:g} mm, "
+            f"or more than {LARGEST_MM:g} mm",
+            hint=IN_MM,
+        )

@@ -1,0 +1,209 @@
+"""What the tests compare with a certificate: the size of a sphere, the distance between the ends of a length.
+
+The budgets hold what artefact and set-up contribute, not the arm: its errors are what is tested (ISO 23165's view,
+recalled): ``u^2 = u_cal^2 + (L alpha u_T)^2 + (L (T - 20) u_alpha)^2 + u_fixture^2 + u_form^2``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.verification.standards.artefacts import CalibratedBar, CalibratedLength, CalibratedSphere
+from truearm.verification.standards.decision import Budget, Contribution
+from truearm.verification.standards.layout import hemisphere
+from truearm.verification.shapes.orthogonal_regression import FloatArray
+from truearm.verification.shapes.plane import fit_plane
+from truearm.verification.shapes.sphere import Sphere, fit_sphere
+
+# Fewer points of a ball leave none to spare.
+LEAST_ON_BALL = 5
+# Chosen here: points that know a ball this many times less well than points all over its half are refused. Points
+# evenly over a cap are, when it ends nearer to its pole than some 55 to 60 deg.
+LOOSEST = 3.0
+
+
+def check_spread(points: FloatArray, planned: int) -> None:
+    """Check that points on a ball are spread so far over it that they tell its middle and size.
+
+    The largest standard uncertainty that they leave to any combination of middle and radius, for points with equal
+    errors (root of the largest eigenvalue of the fit's covariance), is compared with that of as many as planned evenly
+    over half of the ball.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        [mm]
+    planned : int
+        How many points the ball was to have.
+
+    Raises
+    ------
+    InputError
+        If two points are one, they determine no sphere, or tell it `LOOSEST` times less well.
+    """
+    if len(np.unique(points, axis=0)) < len(points):
+        raise InputError("two points on the ball have the same coordinates", hint="touch each point anew; no copies")
+    loose = _largest_u(points) / _largest_u(hemisphere(planned))
+    if loose > LOOSEST:
+        raise InputError(
+            f"the points lie so close together on the ball that its middle and size are known {loose:.2g} times less "
+            f"well than from points all over its half",
+            hint="touch the ball all over the half that is reached, from its pole down to its equator",
+        )
+
+
+def _middle(points: FloatArray) -> FloatArray:
+    """The end of a length: a single point, or the middle of a ball."""
+    if len(points) == 1:
+        alone: FloatArray = points[0]
+        return alone
+    if len(points) < LEAST_ON_BALL:
+        raise InputError(f"expected one point, or {LEAST_ON_BALL} and more all over the ball, got {len(points)}")
+    check_spread(points, len(points))
+    return fit_sphere(points, std_mm=1.0).centre
+
+
+def _largest_u(points: FloatArray) -> float:
+    return float(np.sqrt(np.linalg.eigvalsh(fit_sphere(points, std_mm=1.0).covariance)[-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class SphereMeasurement:
+    """A calibrated sphere, touched from outside.
+
+    Attributes
+    ----------
+    sphere : CalibratedSphere
+    points : (n, 3) array
+        Compensated points, or centres of the stylus tip [mm].
+    degC : float
+        Temperature of the sphere.
+    tip_mm : float
+        Diameter of the stylus tip where points are its centres, 0 where they are compensated.
+    where : str
+        The place or run, in words.
+    """
+
+    sphere: CalibratedSphere
+    points: FloatArray
+    degC: float = 20.0
+    tip_mm: float = 0.0
+    where: str = ""
+
+    @cached_property
+    def fit(self) -> Sphere:
+        """The least-squares sphere through the points."""
+        return fit_sphere(self.points)
+
+    @property
+    def diameter_mm(self) -> float:
+        """The diameter found, as it is at the sphere's temperature [mm]."""
+        return 2 * self.fit.radius_mm - self.tip_mm
+
+    def size_error(self, *, corrected: bool) -> float:
+        """Diameter found less calibrated [mm]; `corrected` to 20 degC or as it is."""
+        found = self.sphere.at_reference(self.diameter_mm, self.degC) if corrected else self.diameter_mm
+        return found - self.sphere.diameter_mm
+
+    def size_budget(self, *, corrected: bool) -> Budget:
+        """The uncertainty of `size_error`."""
+        sphere = self.sphere
+        calibration = Contribution("calibration of the diameter", sphere.u_diameter_mm, sphere.calibration_dof)
+        thermal = sphere.thermal(sphere.diameter_mm, self.degC) if corrected else ()
+        return Budget((calibration, *thermal, *sphere.form_and_fixture()))
+
+    @property
+    def form_budget(self) -> Budget:
+        """The uncertainty of form: that of form and fixture."""
+        return Budget(self.sphere.form_and_fixture())
+
+    @property
+    def position_budget(self) -> Budget:
+        """The uncertainty of the distance between two places of the sphere, which may move between them."""
+        return Budget(self.sphere.form_and_fixture(places=2))
+
+
+@dataclass(frozen=True, eq=False)
+class LengthMeasurement:
+    """A calibrated length, measured once.
+
+    Attributes
+    ----------
+    bar : CalibratedBar
+    length : CalibratedLength
+    start, end : (n, 3), (m, 3) array
+        Points at its two ends: one each, in a seat or on a face; or five and more on a ball; or, of a length between
+        faces touched from opposite sides, three and more on the first face [mm].
+    degC : float
+        Temperature of the bar.
+    tip_mm : float
+        As of `SphereMeasurement`; it matters between opposite faces only.
+    position, repeat : str
+        Which place of the bar, and which run there.
+    """
+
+    bar: CalibratedBar
+    length: CalibratedLength
+    start: FloatArray
+    end: FloatArray
+    degC: float = 20.0
+    tip_mm: float = 0.0
+    position: str = ""
+    repeat: str = ""
+
+    @property
+    def where(self) -> str:
+        """Place and run in words."""
+        return f"position {self.position}" + (f", repeat {self.repeat}" if self.repeat else "")
+
+    def distance_mm(self, *, opposite: bool) -> float:
+        """The distance between the ends, as it is at the bar's temperature [mm].
+
+        Parameters
+        ----------
+        opposite : bool
+            Whether the ends are faces touched from opposite sides, or balls and seats (or faces touched from the same
+            side).
+
+        Raises
+        ------
+        InputError
+            If an end has a number of points from which it cannot be found, or they lie too close together on the ball.
+        """
+        if opposite:
+            return self._between_faces() - self.tip_mm
+        middles = []
+        for points, name in ((self.start, "A"), (self.end, "B")):
+            try:
+                middles.append(_middle(points))
+            except InputError as error:
+                where = f"length {self.length.name!r}, {self.where}, end {name}"
+                raise InputError(f"{where}: {error.problem}", hint=error.hint) from None
+        return float(np.linalg.norm(middles[1] - middles[0]))
+
+    def _between_faces(self) -> float:
+        if len(self.start) == len(self.end) == 1:
+            return float(np.linalg.norm(self.end[0] - self.start[0]))
+        if len(self.start) < 3:
+            raise InputError(
+                f"length {self.length.name!r}, {self.where}: expected one point on either face, or three and more on "
+                f"face A, got {len(self.start)} and {len(self.end)}"
+            )
+        face = fit_plane(self.start, std_mm=1.0)
+        return float(abs((self.end.mean(axis=0) - face.point) @ face.normal))
+
+    def error(self, *, opposite: bool, corrected: bool) -> float:
+        """Distance found less calibrated length [mm]; `corrected` to 20 degC or as it is."""
+        found = self.distance_mm(opposite=opposite)
+        return (self.bar.at_reference(found, self.degC) if corrected else found) - self.length.length_mm
+
+    def budget(self, *, corrected: bool) -> Budget:
+        """The uncertainty of `error`."""
+        bar = self.bar
+        calibration = Contribution("calibration of the length", self.length.u_mm, bar.calibration_dof)
+        thermal = bar.thermal(self.length.length_mm, self.degC) if corrected else ()
+        return Budget((calibration, *thermal, *bar.form_and_fixture(ends=2)))

@@ -1,0 +1,303 @@
+"""Measured points: which test, artefact, place and run each belongs to.
+
+The file (CSV, docs/verification.md) has one row a point. Which of the columns a test needs stands in `KEY_COLUMNS`; the cells
+of the others stay empty. Points that come from elsewhere than a file are made into groups (`MeasuredPoints.of`).
+"""
+
+from __future__ import annotations
+
+import datetime
+import difflib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+from truearm.files.delimited import Sheet, check_names, read_columns, read_sheet, quoted_cell
+from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
+from truearm.verification.standards.dates import check_past
+from truearm.files.checked_toml import reject_control_characters
+from truearm.verification.shapes.orthogonal_regression import FloatArray
+
+NameArray = npt.NDArray[np.str_]
+
+# The columns that tell the groups of a test's points apart, outermost first.
+KEY_COLUMNS: dict[str, tuple[str, ...]] = {
+    "probing": ("position",),
+    "articulation": ("position", "group"),
+    "uni": ("length", "position", "repeat", "end"),
+    "bi": ("length", "position", "repeat", "end"),
+    "effective_diameter": ("repeat",),
+    "single_point": ("position",),
+    "volumetric": ("length", "position", "end"),
+}
+ENDS = ("A", "B")
+# Tests that compare with a calibrated size, which grows with temperature.
+SIZE_TESTS = ("probing", "uni", "bi", "effective_diameter", "volumetric")
+
+# Chosen here: temperatures of one group, or of both ends of a length, that differ by more are not averaged.
+MAX_TEMPERATURE_SPREAD_K = 2.0
+# A kilometre; no arm reaches there.
+FARTHEST_MM = 1e6
+
+POINT = ("x_mm", "y_mm", "z_mm")
+TEMPERATURE, TIP = "artefact_degC", "tip_diameter_mm"
+# Names that are listed in a message; of more, how many.
+MOST_NAMED = 12
+REQUIRED_COLUMNS = ("test", "artefact", "date", *POINT)
+OPTIONAL_COLUMNS = ("position", "length", "repeat", "end", "group", TEMPERATURE, TIP)
+
+
+def join_names(names: Sequence[str], separator: str = ", ") -> str:
+    """List names, the first of them if they are many."""
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return separator.join(names[:MOST_NAMED]) + more
+
+
+@dataclass(frozen=True, eq=False)
+class PointGroup:
+    """Points that belong together: touched in one go on one thing.
+
+    Attributes
+    ----------
+    artefact : str
+    keys : dict of str to str
+        What tells it from the other groups of its test, by column.
+    points : (n, 3) array
+        [mm]
+    degC : float
+        Mean temperature of the artefact; NaN where the test needs none and none is given.
+    tip_mm : float
+        Diameter of the stylus tip where points are its centres; 0 where they are compensated.
+    date : datetime.date
+        The day it was measured.
+    lines : tuple of int
+        Of its points in the file, counted from 1; empty of points that come from no file.
+    """
+
+    artefact: str
+    keys: dict[str, str]
+    points: FloatArray
+    degC: float
+    tip_mm: float
+    date: datetime.date
+    lines: tuple[int, ...] = ()
+
+    @property
+    def line(self) -> int | None:
+        """Of its first point in the file."""
+        return self.lines[0] if self.lines else None
+
+    @property
+    def where(self) -> str:
+        """The keys in words: ``position 3, repeat 2``."""
+        return ", ".join(f"{key} {value}" for key, value in self.keys.items() if key != "end")
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredPoints:
+    """The groups of every test, as `read_points` finds them.
+
+    Attributes
+    ----------
+    tests : dict of str to tuple of PointGroup
+    file : Path or None
+        None of points that come from no file.
+    """
+
+    tests: dict[str, tuple[PointGroup, ...]]
+    file: Path | None = None
+
+    @classmethod
+    def of(cls, groups: Iterable[tuple[str, PointGroup]]) -> MeasuredPoints:
+        """Points that come from no file: groups, each with the name of its test.
+
+        Raises
+        ------
+        InputError
+            If there is no such test, a group's keys are not its test's, or its points are not finite (n, 3) in mm.
+        """
+        tests: dict[str, list[PointGroup]] = {}
+        for test, group in groups:
+            if test not in KEY_COLUMNS:
+                raise InputError(f"unknown test {quoted_cell(test)}", hint=", ".join(KEY_COLUMNS))
+            if set(group.keys) != set(KEY_COLUMNS[test]):
+                came = ", ".join(group.keys) or "none"
+                raise InputError(f"a group of test {test!r} is told by {', '.join(KEY_COLUMNS[test])}, got {came}")
+            points = group.points
+            if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.isfinite(points).all():
+                raise InputError(f"test {test!r}, {group.where}: expected finite points (n, 3), got {points.shape}")
+            tests.setdefault(test, []).append(group)
+        return cls({test: tuple(members) for test, members in tests.items()})
+
+    def error(self, problem: str, group: PointGroup | None = None, *, hint: str | None = None) -> InputError:
+        """Make an error that knows the file, and the line of a group."""
+        return InputError(problem, file=self.file, line=None if group is None else group.line, hint=hint)
+
+
+def read_points(path: str | Path) -> MeasuredPoints:
+    """Read a file of measured points.
+
+    Raises
+    ------
+    InputError
+        If anything is not as the format demands: the file, the line and the column, and what to try.
+    """
+    path = Path(path)
+    sheet = read_sheet(path)
+    check_names(sheet, REQUIRED_COLUMNS, OPTIONAL_COLUMNS, meant=_in_mm)
+    columns = _columns(sheet)
+    tests = {}
+    for test in dict.fromkeys(columns.words["test"].tolist()):
+        if test not in KEY_COLUMNS:
+            close = difflib.get_close_matches(test, KEY_COLUMNS, n=1)
+            raise columns.error(
+                f"unknown test {quoted_cell(test)}",
+                int(np.argmax(columns.words["test"] == test)),
+                "test",
+                hint=close[0] if close else ", ".join(KEY_COLUMNS),
+            )
+        tests[test] = tuple(_groups(columns, test))
+    return MeasuredPoints(tests, path)
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """The columns of the file as arrays; those that are not there are full of empty cells."""
+
+    numbers: dict[str, FloatArray]
+    words: dict[str, NameArray]
+    sheet: Sheet
+
+    def error(self, problem: str, row: int, column: str, *, hint: str | None = None) -> InputError:
+        return InputError(problem, file=self.sheet.file, line=self.sheet.first_line + row, column=column, hint=hint)
+
+
+def _in_mm(column: str) -> str | None:
+    """The name that a coordinate in another unit, or in none, should have."""
+    is_coordinate = column[:1] in ("x", "y", "z") and column[1:2] in ("", "_")
+    return f"{column[0]}_mm: coordinates in mm; convert others first" if is_coordinate else None
+
+
+def _columns(sheet: Sheet) -> _Columns:
+    numbers = [*POINT, *(name for name in (TEMPERATURE, TIP) if name in sheet.names)]
+    words = [name for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if name in sheet.names and name not in numbers]
+    index = sheet.names.index
+    optional = [index(name) for name in numbers if name not in POINT]
+    found, texts = read_columns(sheet, [index(n) for n in numbers], [index(n) for n in words], optional)
+    by_name = {name: np.char.strip(text) for name, text in zip(words, texts, strict=True)}
+    empty = np.full(len(found), "")
+    return _Columns(
+        {
+            name: found[:, numbers.index(name)] if name in numbers else np.full(len(found), np.nan)
+            for name in (*POINT, TEMPERATURE, TIP)
+        },
+        {name: by_name.get(name, empty) for name in (*REQUIRED_COLUMNS[:3], *OPTIONAL_COLUMNS[:5])},
+        sheet,
+    )
+
+
+def _groups(columns: _Columns, test: str) -> Iterator[PointGroup]:
+    """The groups of a test in the order of their first points."""
+    keys = KEY_COLUMNS[test]
+    rows = np.flatnonzero(columns.words["test"] == test)
+    for key in ("artefact", "date", *keys):
+        cells = columns.words[key][rows]
+        if (cells == "").any():
+            row = int(rows[np.argmax(cells == "")])
+            raise columns.error(f"a point of test {test!r} needs {key!r}, got an empty cell", row, key)
+        for cell in np.unique(cells):
+            try:
+                reject_control_characters(str(cell))
+            except InputError as error:
+                raise columns.error(error.problem, int(rows[np.argmax(cells == cell)]), key) from None
+        if key == "repeat" and not np.char.isdecimal(cells).all():
+            row = int(rows[np.argmin(np.char.isdecimal(cells))])
+            raise columns.error(
+                f"expected a whole number 1, 2, .., got {quoted_cell(str(columns.words[key][row]))}", row, key
+            )
+        if key == "end" and not np.isin(cells, ENDS).all():
+            row = int(rows[np.argmin(np.isin(cells, ENDS))])
+            raise columns.error(f"expected A or B, got {quoted_cell(str(columns.words[key][row]))}", row, key)
+    for key in ("position", "length", "repeat", "end", "group"):
+        cells = columns.words[key][rows]
+        if key not in keys and (cells != "").any():
+            row = int(rows[np.argmax(cells != "")])
+            raise columns.error(
+                f"a point of test {test!r} has no {key!r}, got {quoted_cell(str(columns.words[key][row]))}",
+                row,
+                key,
+                hint=f"it is told by artefact, {', '.join(keys)}: leave the cell empty",
+            )
+    members: dict[tuple[str, ...], list[int]] = {}
+    for row in rows.tolist():
+        told = tuple(str(columns.words[key][row]) for key in ("artefact", *keys))
+        members.setdefault(told, []).append(row)
+    for told, inside in members.items():
+        yield _group(columns, test, told, inside)
+
+
+def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int]) -> PointGroup:
+    days = columns.words["date"][rows]
+    if (days != days[0]).any():
+        row = rows[int(np.argmax(days != days[0]))]
+        raise columns.error(
+            f"points of one group were taken on {days[0]} and on {columns.words['date'][row]}", row, "date"
+        )
+    try:
+        day = datetime.date.fromisoformat(str(days[0]))
+    except ValueError:
+        raise columns.error(
+            f"expected a date, got {quoted_cell(str(days[0]))}", rows[0], "date", hint="2026-03-31: year, month, day"
+        ) from None
+    try:
+        check_past(day)
+    except InputError as error:
+        raise columns.error(error.problem, rows[0], "date", hint=error.hint) from None
+    degC = columns.numbers[TEMPERATURE][rows]
+    if test in SIZE_TESTS and np.isnan(degC).any():
+        raise columns.error(
+            f"a point of test {test!r} needs the temperature of the artefact, to compare with its size at 20 degC",
+            rows[int(np.argmax(np.isnan(degC)))],
+            TEMPERATURE,
+            hint="fill in what the thermometer on the artefact showed",
+        )
+    if (absurd := (degC < COLDEST_DEGC) | (degC > WARMEST_DEGC)).any():
+        row = rows[int(np.argmax(absurd))]
+        raise columns.error(
+            f"expected the temperature of the artefact in degC, got {columns.numbers[TEMPERATURE][row]:g}",
+            row,
+            TEMPERATURE,
+            hint="degrees Fahrenheit less 32, over 1.8, are degC",
+        )
+    tip = np.nan_to_num(columns.numbers[TIP][rows])
+    if (tip != tip[0]).any() or tip[0] < 0:
+        row = rows[int(np.argmax(tip != tip[0]))]
+        raise columns.error(
+            f"expected one tip diameter of 0 or more for the group, got {tip.min():g} to {tip.max():g} mm", row, TIP
+        )
+    points = np.column_stack([columns.numbers[name][rows] for name in POINT])
+    if (np.abs(points) > FARTHEST_MM).any():
+        row, axis = (int(i) for i in np.argwhere(np.abs(points) > FARTHEST_MM)[0])
+        problem = f"expected a coordinate within {FARTHEST_MM:g} mm, got {points[row, axis]:g} mm"
+        raise columns.error(problem, rows[row], POINT[axis])
+    known = degC[~np.isnan(degC)]
+    if len(known) and np.ptp(known) > MAX_TEMPERATURE_SPREAD_K:
+        raise columns.error(
+            f"points of one group were taken at {known.min():g} and at {known.max():g} degC: their mean tells nothing",
+            rows[0],
+            TEMPERATURE,
+            hint="measure the group again when the artefact keeps its temperature",
+        )
+    return PointGroup(
+        artefact=told[0],
+        keys=dict(zip(KEY_COLUMNS[test], told[1:], strict=True)),
+        points=points,
+        degC=float(known.mean()) if len(known) else float("nan"),
+        tip_mm=float(tip[0]),
+        date=day,
+        lines=tuple(columns.sheet.first_line + row for row in rows),
+    )

@@ -1,0 +1,442 @@
+"""What a point measured with an arm is wrong by: systematic errors of the arm and random ones of the point, apart.
+
+Two points taken in nearly the same pose share the systematic errors and differ by the random ones. A length, a diameter
+or a form depends on that: who draws all errors anew at each point makes short lengths too uncertain, and averages too
+sure (J. Sladek, "Coordinate Metrology", Springer 2016, on virtual measuring machines; the separation of the two is the
+usual one of repeatability conditions, JCGM 200:2012, 2.20). So an arm is drawn first, and then its points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.errors import InputError
+from truearm.identification.estimation.propagation import direction_effects
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.readings.readings import Readings
+from truearm.solve.group_evidence import covariance_factor
+from truearm.identification.terms.state import ArmState
+from truearm.identification.virtual.arm import VirtualArm
+from truearm.identification.virtual.presets import Preset
+from truearm.identification.virtual.state import VirtualArmState, at_rest, hand_forces, mean_hand_force
+from truearm.identification.virtual.systematic import ARCSEC
+
+FloatArray = npt.NDArray[np.float64]
+
+# First words of streams, so that what is drawn from one seed shares nothing with an arm's errors of that seed.
+_SESSION, _POSTERIOR = 3, 4
+# Order of the waves in a joint, root mean square; chosen: a field of the pose is as harmonics of order four in every
+# joint, the highest that encoders commonly have, as lower ones are what readings tell best. Its correlation falls to
+# 0.6 where one joint has turned by 14 deg, or three by 8 deg each.
+ORDER = 4.0
+# Where no repeatability is given the field stands for the noise too, which has no order. Of 4, 6, 7 and 8, tried with
+# virtual arms and a field alike in all directions: with 4 plates come out too flat (90 % of them below U), with 8 means
+# of forty points are hardly safe.
+ORDER_WITH_NOISE = 7.0
+_WAVES = 64
+# Share of the unexplained variance that is as if all joints moved along their own coordinate, chosen: of virtual arms
+# readings held out are most likely with 0.4 to 0.5 (preset shop, two arms, both models) and 0.7 to 1 (research).
+JOINT_VARIANCE_SHARE = 0.5
+# Movements of tips up to here are taken to first order.
+LINEAR_MM = 0.3
+_KEPT = 64  # sets of poses
+
+
+class ArmSample(Protocol):
+    """One arm that may be the user's."""
+
+    def systematic(self, angles: FloatArray) -> FloatArray:
+        """Errors (n, 3) of the shown coordinates [mm] at angles (n, n_joints) [rad]: the same at the same pose."""
+
+    def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Errors (n, 3) [mm] at angles (n, n_joints) [rad] that are drawn anew for every point."""
+
+
+class ArmDistribution(Protocol):
+    """The arms that may be the user's, by what is known of it."""
+
+    @property
+    def arm(self) -> Arm:
+        """The nominal arm, for which poses are found."""
+
+    def draw(self, seed: int) -> ArmSample:
+        """Draw one of them; the same seed gives the same arm."""
+
+
+@dataclass(frozen=True, eq=False)
+class PresetDistribution:
+    """Virtual arms of a preset: the arm shows what its nominal chain gives at the angles that its encoders read.
+
+    Systematic are the geometry, encoders, bearings, gravity, the growth at the temperature of the session and where the
+    ball cages stand in it. Random are the noise and steps of the encoders, the direction from which a joint came
+    (hysteresis), the force of the hand, and the contact (`Preset.seat_std_mm`). The mean force is none of it: as the
+    stylus is qualified under it, the deflection is part of the tip's offset.
+
+    Parameters
+    ----------
+    arm : Arm
+        Turning joints only.
+    preset : Preset
+    """
+
+    arm: Arm
+    preset: Preset
+
+    def draw(self, seed: int) -> PresetSample:
+        """Draw a virtual arm and the state of a session.
+
+        Raises
+        ------
+        InputError
+            As `VirtualArm.draw`.
+        """
+        return PresetSample(VirtualArm.draw(self.arm, self.preset, seed=seed), _session(self.arm, self.preset, seed))
+
+
+@dataclass(frozen=True, eq=False)
+class PresetSample:
+    """A virtual arm in one session.
+
+    Parameters
+    ----------
+    virtual : VirtualArm
+    session : VirtualArmState
+        Of one reading: temperatures of the links, mean force, phases of the ball cages.
+    """
+
+    virtual: VirtualArm
+    session: VirtualArmState
+
+    @cached_property
+    def _shown(self) -> Chain:
+        """The chain of the maker's program, its stylus qualified under the mean force."""
+        chain = self.virtual.nominal.chain
+        deflection = self.virtual.systematic.tip_mm_per_N * mean_hand_force(self.virtual.preset)
+        return chain.with_tip(chain.tip_in_flange + deflection)
+
+    def systematic(self, angles: FloatArray) -> FloatArray:
+        """See `ArmSample`."""
+        n = len(angles)
+        state = VirtualArmState(
+            np.zeros(angles.shape),
+            np.broadcast_to(self.session.link_temperature_degC, (n, angles.shape[1] + 1)),
+            np.broadcast_to(self.session.force_in_flange_N, (n, 3)),
+            self.session.cage_phase,
+        )
+        return self._shown.tip_in_base(angles) - self.virtual.true_tip(angles, state)
+
+    def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """See `ArmSample`; to first order in the errors, which turn joints by microradians.
+
+        A hand never takes a pose to an encoder's step, so what the steps leave out is even over one of them.
+        """
+        preset, n = self.virtual.preset, len(angles)
+        motion_jacobian = self._shown.tip_derivatives(angles).motion_jacobian
+        read = preset.encoder_noise_arcsec * ARCSEC * rng.standard_normal(angles.shape)
+        if preset.encoder_counts > 0:
+            read += 2 * np.pi / preset.encoder_counts * rng.uniform(-0.5, 0.5, angles.shape)
+        came_from = np.where(rng.random(angles.shape) < 0.5, -1.0, 1.0)
+        read -= self.virtual.systematic.hysteresis * came_from
+        force = hand_forces(preset, n, rng) - mean_hand_force(preset)
+        pushed = self.virtual.systematic.tip_mm_per_N * force
+        contact = preset.seat_std_mm * rng.standard_normal((n, 3))
+        errors: FloatArray = (
+            np.einsum("njc,nj->nc", motion_jacobian[:, 1:-1, 2], read)
+            - np.einsum("nkc,nk->nc", motion_jacobian[:, -1, 3:], pushed)
+            - contact
+        )
+        return errors
+
+
+def _session(arm: Arm, preset: Preset, seed: int) -> VirtualArmState:
+    """State of a session of minutes, in which a room that warms and cools over hours stands still."""
+    rng = np.random.default_rng([_SESSION, seed])
+    rest = at_rest(arm.chain, 1, temperature_degC=preset.temperature_degC)
+    # A link follows a swing of the air with less amplitude and later (first-order lag, as `link_temperatures`).
+    w_lag = 2 * np.pi / preset.temperature_period_s * preset.lag_s
+    swing = np.sin(rng.uniform(0, 2 * np.pi) - np.arctan(w_lag)) / np.hypot(1, w_lag)
+    return VirtualArmState(
+        rest.direction,
+        rest.link_temperature_degC + preset.temperature_swing_K * swing,
+        np.broadcast_to(mean_hand_force(preset), (1, 3)),
+        rng.uniform(0, 2 * np.pi, arm.n_joints),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorDistribution:
+    """Arms that may be the one that a model was identified from, as its readings left them open.
+
+    Systematic are the coefficients of the model's terms, drawn once an arm from their posterior (see `birge_ratio`). What
+    the model cannot explain has two parts that readings at different poses do not tell apart:
+
+    - random: the repeatability, where it was measured. It holds the noise of encoders, hand and contact.
+    - systematic for a pose: the rest of what readings held out err by (`residual_std_`), drawn once an arm as
+      smooth functions of the joints' angles. Half of its variance moves the tip as joints do that turn a little, as
+      errors of encoders make them; half is alike in all directions, for bearings, bending, hands and contacts together.
+
+    Both are larger or smaller at a pose as the model says (`variance_function_`).
+
+    Random is also the hysteresis that the model found, as with `PresetDistribution`: each joint came to each point from one
+    side or the other, and who compensates does not know from which, so that the model stands half way between. Not so
+    with ``directions_given``.
+
+    Without a repeatability nothing is known to be random, and all that is unexplained counts as systematic. Where many
+    points are averaged that errs to the safe side; the scatter about the model, taken as random, would not: about a
+    kinematic model it is mostly errors of encoders, the same at the same pose.
+
+    Parameters
+    ----------
+    model : Compensator
+        Identified: nominal, kinematic or physical. A task is simulated at the mean temperature of its readings.
+    repeatability_mm : float, optional
+        Standard deviation of a coordinate where a point is taken again in the same pose, come to from the same side
+        [mm].
+    directions_given : bool
+        Whether the model is told every joint's last direction of movement, at every point of the task.
+
+    Raises
+    ------
+    InputError
+        If the model is a network, or the repeatability is no number of zero or more, or larger than all that the
+        model does not explain.
+    """
+
+    model: Compensator
+    repeatability_mm: float | None = None
+    directions_given: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model, IdentifiedModel):
+            raise InputError(
+                "a network has no terms whose uncertainty could be drawn: it tells how far a point may be off, "
+                "but not how the errors of two points go together",
+                hint="a kinematic or physical model of the same readings",
+            )
+        given = self.repeatability_mm
+        if given is not None and not 0 <= given < np.inf:
+            raise InputError(f"expected a repeatability of zero or more in mm, got {given}")
+        if given is not None and given > 1.5 * self.model.residual_std_:
+            raise InputError(
+                f"a repeatability of {given:.4g} mm contradicts the model, about which readings held out scatter by "
+                f"{self.model.residual_std_:.4g} mm",
+                hint="the standard deviation of a coordinate, not a range, in mm",
+            )
+
+    @property
+    def arm(self) -> Arm:
+        """See `ArmDistribution`."""
+        return self._model.arm_
+
+    @property
+    def random_std_mm(self) -> float:
+        """Standard deviation of a coordinate, drawn anew at every point [mm]: zero if none was measured."""
+        return 0.0 if self.repeatability_mm is None else self.repeatability_mm
+
+    @property
+    def field_std_mm(self) -> float:
+        """The same of the unexplained part that is the same at the same pose [mm]."""
+        return float(np.sqrt(max(self._model.residual_std_**2 - self.random_std_mm**2, 0.0)))
+
+    @property
+    def birge_ratio(self) -> float:
+        """By how much standard deviations of the posterior are raised.
+
+        It was found with what is stated of the reference and the noise that the model's own readings show. Readings
+        held out scatter by more, as terms follow the noise and what is missing repeats; a posterior under their noise
+        is wider by as much (`truearm.identification.estimation.birge_ratio`).
+        """
+        return self._model.birge_ratio_
+
+    def draw(self, seed: int) -> PosteriorSample:
+        """Draw an arm from the posterior."""
+        rng = np.random.default_rng([_POSTERIOR, seed])
+        fit = self._model.fit_
+        shift = self.birge_ratio * self._root.T @ rng.standard_normal(len(fit.coefficients))
+        order = ORDER_WITH_NOISE if self.repeatability_mm is None else ORDER
+        field = PoseField.draw(self.arm.chain, self.arm.n_joints + 3, order, rng)
+        return PosteriorSample(self, shift, field)
+
+    def state(self, angles: FloatArray) -> ArmState:
+        """The arm at poses (n, n_joints) [rad], else as it was on average when the model learned.
+
+        Where the model is told directions of movement, each joint came from one side or the other.
+        """
+        came_from = None
+        if self.directions_given:
+            came_from = np.random.default_rng(0).choice([-1.0, 1.0], angles.shape)
+        return self._model.state(Readings(angles, directions=came_from))
+
+    def hysteresis(self, angles: FloatArray) -> FloatArray:
+        """(n_joints, n, 3) what not to be told each joint's direction does at poses (n, n_joints) [mm]."""
+
+        def found() -> FloatArray:
+            return direction_effects(self._model.fit_, self.state(angles)) @ self.R_base_reference.T
+
+        return self._once("hysteresis", angles, found)
+
+    def relative_std(self, angles: FloatArray) -> FloatArray:
+        """(n, 1) by how much more than on average a point scatters about the model at poses (n, n_joints)."""
+        shares: FloatArray = np.sqrt(self._model.variance_function_.share(angles))[:, None]
+        return shares
+
+    def displacements(self, angles: FloatArray) -> FloatArray:
+        """(n, n_joints + 3, 3) `unit_displacements` in the size that the unexplained part has at poses (n, n_joints)."""
+
+        def found() -> FloatArray:
+            return self.field_std_mm * self.relative_std(angles)[:, :, None] * unit_displacements(self.arm.chain, angles)
+
+        return self._once("movements", angles, found)
+
+    def tip_shift(self, angles: FloatArray, shift: FloatArray) -> FloatArray:
+        """Tips (n, 3) with the coefficients as identified less those shifted by `shift` (n_coefficients,) [mm].
+
+        To first order, as the posterior itself is: coefficients that make up for each other to that order may each be
+        milliradians off, and composed exactly they would move tips by what no reading allows. Composed exactly all the
+        same where tips move far, as with an arm that does not know where its frame stands: lengths must not grow then.
+        """
+        fit = self._model.fit_
+        first: FloatArray = -np.einsum("pcn,p->nc", self._derivatives(angles), shift)
+        if np.abs(first).max(initial=0.0) < LINEAR_MM:
+            return first
+        state = self.state(angles)
+        return fit.tips(state) - fit.perturbed_chain.tips(state, fit.coefficients + shift)
+
+    def _derivatives(self, angles: FloatArray) -> FloatArray:
+        """(n_coefficients, 3, n) derivatives of tips."""
+
+        def found() -> FloatArray:
+            fit = self._model.fit_
+            pieces = fit.perturbed_chain.derivatives(self.state(angles), fit.coefficients)
+            return np.concatenate([columns for _, _, columns in pieces], axis=2)
+
+        return self._once("derivatives", angles, found)
+
+    def _once(self, name: str, angles: FloatArray, found: Callable[[], FloatArray]) -> FloatArray:
+        """What is found at poses, kept for the other arms of a task: they share its few sets of poses."""
+        poses = angles.tobytes()
+        if poses not in self._kept and len(self._kept) >= _KEPT:
+            self._kept.clear()
+        there = self._kept.setdefault(poses, {})
+        if name not in there:
+            there[name] = found()
+        return there[name]
+
+    @cached_property
+    def _kept(self) -> dict[bytes, dict[str, FloatArray]]:
+        return {}
+
+    @cached_property
+    def R_base_reference(self) -> FloatArray:
+        """(3, 3) turns errors from the frame of the model's reference into the arm's base frame."""
+        R_reference_base = self._model.fit_.chain.fixed[0, :3, :3] @ self.arm.chain.fixed[0, :3, :3].T
+        return np.asarray(R_reference_base.T)
+
+    @property
+    def _model(self) -> IdentifiedModel:
+        assert isinstance(self.model, IdentifiedModel)
+        return self.model
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        return covariance_factor(self._model.fit_.covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorSample:
+    """An arm drawn from a model's posterior.
+
+    Parameters
+    ----------
+    errors : PosteriorDistribution
+    shift : (n_coefficients,) array
+        Of the model's terms, this arm's less those identified [rad or mm per unit of the basis].
+    field : PoseField
+        What the model has no terms for, by `PosteriorDistribution.displacements`.
+    """
+
+    errors: PosteriorDistribution
+    shift: FloatArray
+    field: PoseField
+
+    def systematic(self, angles: FloatArray) -> FloatArray:
+        """See `ArmSample`."""
+        of_terms = self.errors.tip_shift(angles, self.shift) @ self.errors.R_base_reference.T
+        of_field: FloatArray = np.einsum("nki,nk->ni", self.errors.displacements(angles), self.field.at(angles))
+        return of_terms + of_field
+
+    def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """See `ArmSample`."""
+        scatter = self.errors.random_std_mm * self.errors.relative_std(angles) * rng.standard_normal((len(angles), 3))
+        effects = self.errors.hysteresis(angles)
+        if not effects.any():
+            return scatter
+        came_from = np.where(rng.random(angles.shape) < 0.5, -1.0, 1.0)
+        return np.asarray(scatter - np.einsum("kni,nk->ni", effects, came_from))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseField:
+    """DifferentiableProblem random functions of the joints' angles, with a full turn as their period.
+
+    Gaussian processes with covariance ``exp(-c sum_i (1 - cos(q_i - q_i')))``, drawn as a sum of waves: the Fourier
+    coefficients of ``exp(c (cos d - 1))`` are the probabilities of a whole number k that is the difference of two
+    Poisson numbers of mean c/2 (J. G. Skellam, J. R. Stat. Soc. 109 (1946) 296), so whole wave numbers drawn by it have
+    that covariance on average (A. Rahimi, B. Recht, "Random features for large-scale kernel machines", NIPS 2007).
+    Sliding joints count as turned by a radian where they moved a third of the arm's reach.
+
+    Parameters
+    ----------
+    waves : (m, n_joints) array
+        Radians of a wave by a joint's radian, or mm.
+    cosine, sine : (m, k) array
+        Amplitudes of k functions.
+    """
+
+    waves: FloatArray
+    cosine: FloatArray
+    sine: FloatArray
+
+    @classmethod
+    def draw(cls, chain: Chain, k: int, order: float, rng: np.random.Generator) -> PoseField:
+        """Draw k functions of standard deviation 1; c is the square of `order`."""
+        shape = (_WAVES, chain.n_joints)
+        orders = rng.poisson(order**2 / 2, shape) - rng.poisson(order**2 / 2, shape)
+        amplitude = rng.standard_normal((2, _WAVES, k)) / np.sqrt(_WAVES)
+        return cls(orders / _radians(chain), amplitude[0], amplitude[1])
+
+    def at(self, angles: FloatArray) -> FloatArray:
+        """Values (n, k) at angles (n, n_joints)."""
+        phase = angles @ self.waves.T
+        values: FloatArray = np.cos(phase) @ self.cosine + np.sin(phase) @ self.sine
+        return values
+
+
+def unit_displacements(chain: Chain, angles: FloatArray) -> FloatArray:
+    """(n, n_joints + 3, 3) how the tip moves by each value of the field at poses (n, n_joints) [mm].
+
+    First by each joint along its own coordinate, all alike, then along each axis: `JOINT_VARIANCE_SHARE` of the variance and
+    the rest. In every pose a coordinate has the variance 1 mm^2, the mean of the three.
+    """
+    along_z = np.where(chain.is_prismatic, 5, 2)
+    motion_jacobian = chain.tip_derivatives(angles).motion_jacobian[:, np.arange(chain.n_joints) + 1, along_z]
+    by_joints = _radians(chain)[:, None] * motion_jacobian
+    size = np.sqrt((by_joints**2).sum(axis=(1, 2), keepdims=True) / 3)
+    # A tip on all joints' axes at once is moved by none.
+    by_joints = np.sqrt(JOINT_VARIANCE_SHARE) * by_joints / np.where(size > 0, size, 1.0)
+    even = np.broadcast_to(np.sqrt(1 - JOINT_VARIANCE_SHARE) * np.eye(3), (len(angles), 3, 3))
+    return np.concatenate([by_joints, even], axis=1)
+
+
+def _radians(chain: Chain) -> FloatArray:
+    """(n_joints,) what counts as a radian of each joint [rad, or mm]."""
+    return np.where(chain.is_prismatic, chain.reach / 3, 1.0)

@@ -1,1 +1,0 @@
-"""The standards' tests: shapes from points, uncertainty of the test value, the decision. It never sees a model."""

@@ -1,0 +1,200 @@
+"""scikit-learn's own estimator checks over all models.
+
+The checks feed tables of any width and targets of one column. A model of a six-axis arm must refuse those, so each
+model is worn inside an estimator that builds a chain with as many joints as the table has columns, and pads or cuts
+the targets to three coordinates. All else (checking, cloning, repeating, not changing what it is given) is the
+model's own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_score
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import FunctionTransformer
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.errors import InputError
+from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, NominalModel, PhysicalModel
+from truearm.compensation.models.compensator import Compensator
+
+
+def zigzag(n_joints: int) -> Arm:
+    """An arm whose axes turn by 90 degrees from joint to joint, 100 mm apart."""
+    fixed = np.tile(np.eye(4), (n_joints + 1, 1, 1))
+    fixed[1:, :3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    fixed[1:, :3, 3] = [20, 0, 100]
+    return Arm(f"zigzag{n_joints}", Chain(fixed, np.array([0, 0, 50.0])))
+
+
+class _AnyShape:
+    """Wears a model for tables of any width."""
+
+    def fit(self, X, y):
+        from sklearn.utils.validation import validate_data
+
+        angles, points = validate_data(
+            self, X, y, multi_output=True, y_numeric=True, dtype=np.float64, ensure_min_samples=4
+        )
+        self.target_shape_ = points.shape[1:]
+        wide = np.zeros((len(points), 3))
+        given = points.reshape(len(points), -1)[:, :3]
+        wide[:, : given.shape[1]] = given
+        wide += 1e-3 * np.sin(np.arange(wide.size)).reshape(wide.shape)  # a network refuses a constant coordinate
+        asked, self.arm = self.arm, zigzag(angles.shape[1])
+        try:
+            super().fit(angles, wide)
+        finally:
+            self.arm = asked
+        return self
+
+    def predict(self, X):
+        return super().predict(X)[:, : int(np.prod(self.target_shape_))].reshape(-1, *self.target_shape_)
+
+
+class NominalOfAnyShape(_AnyShape, NominalModel):
+    pass
+
+
+class KinematicOfAnyShape(_AnyShape, KinematicModel):
+    pass
+
+
+class PhysicalOfAnyShape(_AnyShape, PhysicalModel):
+    pass
+
+
+class NetworkOfAnyShape(_AnyShape, NetworkModel):
+    pass
+
+
+MEMBERS = [
+    NominalOfAnyShape(zigzag(2), free=("base",)),
+    KinematicOfAnyShape(zigzag(2), free=("base",)),
+    PhysicalOfAnyShape(zigzag(2), free=("base",), highest=2),
+    NetworkOfAnyShape(zigzag(2), free=("base",), hidden=(2,), epochs=3),
+]
+
+
+def expected_failures(estimator):
+    return {"check_regressor_multioutput": "asks for five targets; a tip has three coordinates"}
+
+
+@parametrize_with_checks(MEMBERS, expected_failed_checks=expected_failures)
+def test_estimator_checks(estimator, check):
+    check(estimator)
+
+
+SMALL = {"physical": {"highest": 4}, "network": {"hidden": (5,), "epochs": 5}}
+
+
+@pytest.fixture
+def readings(rng):
+    """Angles of the three-joint arm and its own tips in another frame, with 0.01 mm of noise."""
+    arm = zigzag(3)
+    angles = rng.uniform(-1, 1, (60, 3))
+    points = arm.chain.tip_in_base(angles)[:, [1, 2, 0]] + [300.0, -200.0, 50.0] + rng.normal(0, 0.01, (60, 3))
+    return arm, angles, points
+
+
+def test_pipeline_with_group_splits_scores_every_fold(readings):
+    arm, angles, points = readings
+    pipeline = make_pipeline(FunctionTransformer(np.radians), KinematicModel(arm))
+    groups = np.repeat(np.arange(12), 5)
+    scores = cross_val_score(pipeline, np.degrees(angles), points, groups=groups, cv=GroupKFold(4))
+    assert scores.shape == (4,)
+    assert (scores > 0.999).all()  # 0.01 mm of noise in 100 mm
+
+
+def test_grid_search_clones_and_chooses(readings):
+    arm, angles, points = readings
+    search = GridSearchCV(KinematicModel(arm), {"free": [(), ("base", "tip")]}, cv=3).fit(angles, points)
+    assert search.best_estimator_.arm is not None
+    assert search.best_params_ == {"free": ("base", "tip")}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_fitting_twice_equals_fitting_once(name, readings):
+    arm, angles, points = readings
+    model = MODELS[name](arm, **SMALL.get(name, {}))
+    once = clone(model).fit(angles, points).predict(angles)
+    twice = clone(model).fit(angles[:30], points[:30]).fit(angles, points).predict(angles)
+    np.testing.assert_array_equal(once, twice)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_covariance_is_symmetric_positive_and_as_long_as_the_points(name, readings):
+    arm, angles, points = readings
+    model = MODELS[name](arm, **SMALL.get(name, {}))
+    predicted, covariance = model.fit(angles, points).predict(angles[:7], return_cov=True)
+    assert predicted.shape == (7, 3)
+    assert covariance.shape == (7, 3, 3)
+    np.testing.assert_array_equal(covariance, covariance.transpose(0, 2, 1))
+    assert (np.linalg.eigvalsh(covariance) > 0).all()
+
+
+def test_what_does_not_fit_the_arm_is_refused(readings):
+    arm, angles, points = readings
+    model = NominalModel(arm)
+    with pytest.raises(InputError, match="expected readings of 3 joints"):
+        model.fit(angles[:, :2], points)
+    with pytest.raises(InputError, match=r"\(n, 3\)"):
+        model.fit(angles, points[:, :2])
+    with pytest.raises(ValueError, match="minimum of 4"):
+        model.fit(angles[:3], points[:3])
+    with pytest.raises(ValueError, match="NaN"):
+        model.fit(np.where(np.arange(60)[:, None] == 5, np.nan, angles), points)
+    with pytest.raises(InputError, match="free parts"):
+        NominalModel(arm, free=("elbow",)).fit(angles, points)
+    with pytest.raises(InputError, match="expected an Arm"):
+        NominalModel("gao2017").fit(angles, points)
+    with pytest.raises(InputError, match="trainer"):
+        NetworkModel(arm, trainer="adam").fit(angles, points)
+    for options in ({"epochs": 0}, {"hidden": 5}, {"hidden": (5.0,)}, {"validation": 1.0}, {"goal": np.nan}):
+        with pytest.raises(InputError, match="expected"):
+            NetworkModel(arm, **options).fit(angles, points)
+    for highest in (0, -1, 1001, 2.0, "8", None):
+        with pytest.raises(InputError, match="expected a highest order from 1 to 1000"):
+            PhysicalModel(arm, highest=highest).fit(angles, points)
+    with pytest.raises(InputError, match="180 coordinates for 1143 weights.*Try: set readings aside"):
+        NetworkModel(arm, validation=0).fit(angles, points)
+
+
+def test_rows_beyond_the_training_angles_are_flagged(readings):
+    arm, angles, points = readings
+    model = NominalModel(arm).fit(angles, points)
+    beyond = angles[:3].copy()
+    beyond[1, 2] = angles[:, 2].max() + 1e-6
+    assert model.outside_training(beyond).tolist() == [False, True, False]
+
+
+def test_members_share_one_contract():
+    assert all(issubclass(model, Compensator) for model in MODELS.values())
+
+
+def test_what_one_pose_cannot_tell_comes_with_a_large_uncertainty(readings):
+    arm, angles, points = readings
+    model = NominalModel(arm).fit(np.repeat(angles[:1], 10, axis=0), np.repeat(points[:1], 10, axis=0))
+    _, there = model.predict(angles[:1], return_cov=True)
+    _, elsewhere = model.predict(angles[:1] + 1.0, return_cov=True)
+    assert np.trace(elsewhere[0]) > 1e4 * np.trace(there[0])
+
+
+@pytest.mark.parametrize("trainer", ["lm", "trainlm", "trainbr"])
+@pytest.mark.parametrize("validation", [0.0, 0.15])
+def test_a_networks_stated_uncertainty_is_that_of_new_readings(validation, trainer, rng):
+    """Within a factor of two, with and without validation data: 60 weights on 450 coordinates, noise 1 mm."""
+    arm = zigzag(3)
+    angles, others = rng.uniform(-0.5, 0.5, (150, 3)), rng.uniform(-0.45, 0.45, (300, 3))
+    points = arm.chain.tip_in_base(angles) + rng.normal(0, 1, (150, 3))
+    model = NetworkModel(arm, free=(), hidden=(8,), validation=validation, trainer=trainer, epochs=60).fit(
+        angles, points
+    )
+    predicted, covariance = model.predict(others, return_cov=True)
+    errors = predicted - arm.chain.tip_in_base(others) - rng.normal(0, 1, (300, 3))
+    whitened = errors**2 / np.diagonal(covariance, axis1=1, axis2=2)
+    assert 0.5 < np.sqrt(whitened.mean()) < 2

@@ -1,0 +1,106 @@
+"""Which model is kept: the simplest that is as good as the best on readings held out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truearm.errors import InputError
+from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.selection import CANDIDATES, select_model
+from truearm.readings import Readings
+
+NOISE = 0.02  # mm
+KINDS = {"nominal": NominalModel, "kinematic": KinematicModel, "physical": PhysicalModel}
+
+
+def session(real, planted, rng, n=200):
+    """Readings of an arm as drawn; with constants; with constants and an error of J2's gear of 1e-3 rad."""
+    angles = real.arm.working + rng.uniform(-1.2, 1.2, (n, 6))
+    turned = angles.copy()
+    if planted == "physical":
+        turned[:, 1] += 1e-3 * np.cos(3 * angles[:, 1])
+    chain = real.arm.chain if planted == "nominal" else real.chain
+    position = np.array([f"p{i // 4}" for i in range(n)])
+    return Readings(angles, chain.tip_in_base(turned) + rng.normal(0, NOISE, (n, 3)), position=position)
+
+
+@pytest.mark.parametrize("planted", CANDIDATES)
+def test_the_simplest_model_that_explains_the_readings_is_kept(planted, real, rng, monkeypatch):
+    monkeypatch.setattr(
+        PhysicalModel.__init__, "__kwdefaults__", PhysicalModel.__init__.__kwdefaults__ | {"highest": 8}
+    )
+    readings = session(real, planted, rng)
+    told = []
+    model, table = select_model(real.arm, readings, progress=lambda done, note: told.append((done, note)))
+    assert type(model) is KINDS[planted]
+    assert [row.name for row in table] == list(CANDIDATES)
+    assert [row.name for row in table if row.kept] == [planted]
+    assert {done for done, _ in told} == {0, 1, 2}
+    assert told[0][1].startswith("nominal: ")
+    best = min(table, key=lambda row: row.mean_mm)
+    kept = next(row for row in table if row.kept)
+    assert kept.mean_mm <= best.mean_mm + best.standard_error_mm
+    for row in table[: list(CANDIDATES).index(planted)]:
+        assert row.mean_mm > best.mean_mm + best.standard_error_mm
+    for row in table:
+        assert 0 < row.standard_error_mm < row.mean_mm <= row.p95_mm <= row.max_mm
+        assert row.n_effective > 0
+    assert kept.mean_mm == pytest.approx(NOISE * np.sqrt(8 / np.pi), rel=0.2)  # mean length of three Gaussian ones
+    assert model.held_out_.mean_mm == kept.mean_mm
+
+
+def test_free_parts_and_lengths_are_passed_on(real, rng):
+    model, _ = select_model(real.arm, real.held(rng), free=("base",), lengths=real.lengths())
+    assert model.free == ("base",)
+    assert model.free_ == ()
+    centres = [model.predict(real.in_seats[real.names == name]).mean(axis=0) for name in ("S1", "S2", "S3")]
+    apart = np.linalg.norm(np.array(centres[1:]) - centres[0], axis=1)
+    np.testing.assert_allclose(apart, real.lengths().length_mm, atol=0.05)
+
+
+def test_models_are_compared_on_parts_of_a_single_seat(real, rng):
+    _, table = select_model(real.arm, real.held(rng).rows(np.arange(20)))
+    assert all(np.isfinite(row.standard_error_mm) for row in table)
+
+
+def test_a_group_beside_a_single_reading_still_has_a_standard_error(real, rng):
+    held = real.held(rng).rows(np.arange(21))
+    seat = np.array(["S1"] * 20 + ["stray"])
+    model, table = select_model(real.arm, replace(held, seat=seat))
+    assert all(np.isfinite(row.standard_error_mm) for row in table)
+    assert not isinstance(model, NominalModel)
+
+
+def test_the_nominal_arm_is_fitted_once_for_all(real, rng, monkeypatch):
+    readings = real.points(40, rng)
+    nominal = NominalModel(real.arm).fit_readings(readings)
+    assert nominal.fit_ is nominal.nominal_
+    plain = KinematicModel(real.arm).fit_readings(readings)
+
+    def again(*_):
+        raise AssertionError("fitted again")
+
+    monkeypatch.setattr(Compensator, "_fit_nominal", again)
+    monkeypatch.delitem(CANDIDATES, "physical")  # quicker
+    model, _ = select_model(real.arm, readings, nominal=nominal)
+    assert model.nominal_ is nominal.nominal_
+    kinematic = KinematicModel(real.arm).fit_readings(readings, nominal=nominal)
+    np.testing.assert_array_equal(kinematic.predict(readings.angles), plain.predict(readings.angles))
+    np.testing.assert_array_equal(kinematic.predict_nominal(readings.angles), plain.predict_nominal(readings.angles))
+
+
+@pytest.mark.parametrize("other", ["readings", "free", "robust", "arm", "lengths"])
+def test_the_nominal_arm_of_something_else_is_refused(other, real, rng):
+    readings = real.held(rng)
+    nominal = NominalModel(real.arm, free=("tip",)).fit_readings(readings)
+    arm = replace(real.arm, name="other") if other == "arm" else real.arm
+    model = KinematicModel(arm, free=() if other == "free" else ("tip",), robust=other != "robust")
+    lengths = real.lengths() if other == "lengths" else None
+    told = {"readings": "data_fingerprint", "lengths": "lengths_fingerprint"}.get(other, other)
+    given = readings.rows(np.arange(50)) if other == "readings" else readings
+    with pytest.raises(InputError, match=f"got one with another {told}$"):
+        model.fit_readings(given, nominal=nominal, lengths=lengths)

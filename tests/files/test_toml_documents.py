@@ -1,0 +1,120 @@
+"""TOML documents: what is wrong is said in the words of a file, with its keys."""
+
+from __future__ import annotations
+
+import datetime
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from truearm.errors import InputError
+from truearm.files.toml_documents import AS_TOML, MOST_KEYS, parse_toml
+
+
+class Ball(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    size_mm: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)]
+    points: Annotated[int, Field(strict=True)] = 1
+    date: datetime.date | None = None
+    good: Annotated[bool, Field(strict=True)] = True
+    colour: Literal["red", "blue"] = "red"
+    note: Annotated[str, Field(strict=True, min_length=1, max_length=5)] = "none"
+
+
+class Box(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    balls: Annotated[tuple[Ball, ...], Field(max_length=2)] = ()
+    best: Ball | None = None
+    names: dict[str, str] = {}
+
+    @field_validator("names")
+    @classmethod
+    def _filled(cls, names: dict[str, str]) -> dict[str, str]:
+        if names and not all(names.values()):
+            raise InputError("a name is empty", hint="fill it in")
+        return names
+
+
+def refusal(text: str | bytes) -> InputError:
+    with pytest.raises(InputError) as refused:
+        parse_toml(text if isinstance(text, bytes) else text.encode(), Box)
+    return refused.value
+
+
+@pytest.mark.parametrize(
+    "line", ["date = 15.01.2026", "size_mm = 25,0004", "good = no", "note = red", "x = { y = 1,5 }"]
+)
+def test_what_is_no_toml_is_told_its_line_and_how_values_are_written(line):
+    error = refusal(f"[best]\n{line}\n")
+    assert error.problem.startswith("not valid TOML: ")
+    assert (error.line, error.hint) == (2, AS_TOML)
+
+
+def test_a_key_that_stands_twice_is_no_matter_of_writing_values():
+    error = refusal("names = {}\nnames = {}\n")
+    assert (error.problem, error.line, error.hint) == ("not valid TOML: Cannot overwrite a value", 2, None)
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ('size_mm = "25"', "best.size_mm: expected a number, got '25'. Try: without quotes"),
+        ("size_mm = true", "best.size_mm: expected a number, got true"),
+        ("size_mm = nan", "best.size_mm: expected a finite number, got nan"),
+        ("size_mm = 0", "best.size_mm: expected more than 0, got 0"),
+        ("size_mm = 101.5", "best.size_mm: expected 100 or less, got 101.5"),
+        ("size_mm = 1\npoints = 2.5", "best.points: expected a whole number, got 2.5"),
+        ("size_mm = 1\ngood = 'yes'", "best.good: expected true or false, got 'yes'. Try: without quotes"),
+        ("size_mm = 1\nnote = 3", "best.note: expected text in quotes, got 3"),
+        ("size_mm = 1\nnote = ''", "best.note: expected text that is not empty, got ''"),
+        ("size_mm = 1\nnote = 'longer'", "best.note: expected 5 characters or fewer, got 'longer'"),
+        ("size_mm = 1\ncolour = 'green'", "best.colour: expected 'red' or 'blue', got 'green'"),
+        ("points = 1", "the key best.size_mm is missing"),
+        ("size = 1", "unknown key best.size. Try: one of size_mm, points, date"),
+        *(
+            (
+                f"size_mm = 1\ndate = {date}",
+                f"best.date: expected a date as 2026-01-15, without a time and without quotes, got {shown}",
+            )
+            for date, shown in (
+                ("2026-01-15T10:00:00", "2026-01-15T10:00:00"),
+                ("10:00:00", "10:00:00"),
+                ("'15.01.2026'", "'15.01.2026'"),
+                ("20260115", "20260115"),
+                ("{ day = 15 }", "a table"),
+            )
+        ),
+    ],
+)
+def test_a_wrong_value_is_told_in_the_words_of_the_file(line, told):
+    assert str(refusal(f"[best]\n{line}\n")).startswith(told)
+
+
+def test_tables_and_lists():
+    assert str(refusal("best = 25")).startswith("best: expected a table of size_mm, points, date")
+    assert str(refusal("balls = 25")) == "balls: expected a list in [ ] or entries under [[ ]], got 25"
+    assert str(refusal("balls = [25]")).startswith("balls[1]: expected a table of size_mm, points, date")
+    assert str(refusal("names = 1")) == "names: expected a table, got 1"
+    assert "balls: expected 2 entries or fewer" in str(refusal("[[balls]]\nsize_mm = 1\n" * 3))
+    assert str(refusal("names = { a = '' }")) == "names: a name is empty. Try: fill it in"
+
+
+def test_all_keys_with_the_same_fault_are_named_at_once():
+    assert str(refusal("[[balls]]\nsize_mm = 0\n[best]\nsize_mm = 0\n")) == (
+        "balls[1].size_mm, best.size_mm: expected more than 0, got 0"
+    )
+    many = "names = {" + ", ".join(f"n{i} = 1" for i in range(MOST_KEYS + 5)) + "}"
+    assert str(refusal(many)).endswith(" and 5 more: expected text in quotes, got 1")
+
+
+def test_hostile_content_is_refused():
+    assert "expected UTF-8" in str(refusal("best = 'Prüfkörper'".encode("latin-1")))
+    assert "nested too deeply" in str(refusal("a = " + "[" * 3000 + "]" * 3000))
+    assert "not valid TOML" in str(refusal("a = " + "9" * 5000))
+
+
+def test_windows_line_ends_and_a_byte_order_mark():
+    assert parse_toml(b"\xef\xbb\xbf[best]\r\nsize_mm = 2.5\r\n", Box).best.size_mm == 2.5

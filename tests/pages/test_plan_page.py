@@ -1,0 +1,97 @@
+"""The page of a plan: a picture of every kind, the poses one by one, and names of any make."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truearm.arm.catalogue import load_arm
+from truearm.identification.planning.prior import nominal_prior
+from truearm.identification.planning.proposal import Artefact, propose
+from truearm.pages.html import render
+from truearm.identification.planning.plan_page import course_figure, places_figure, plan_page, poses_figure
+
+ARM = load_arm("gao2017")
+ARTEFACTS = {"tracker": Artefact("tracker"), "seat": Artefact("seat", 2), "bar": Artefact("bar", 2, 200.0)}
+
+
+@pytest.fixture(scope="module", params=ARTEFACTS)
+def plan(request):
+    return propose(ARM, nominal_prior(ARM, terms="constants", noise_mm=0.02), ARTEFACTS[request.param], 9, seed=2)
+
+
+def chosen(plan):
+    return plan.proposals["i-optimal"].poses
+
+
+def test_a_page_tells_what_where_how_and_what_not(plan):
+    page = plan_page(plan, "i-optimal", chosen(plan), facts=[("seed", "2")])
+    assert [section.title for section in page.sections] == [
+        "What it will bring",
+        "Where",
+        "Poses",
+        "What these poses will not tell",
+        "Pose by pose",
+    ]
+    assert [len(section.figures) for section in page.sections] == [1, 1, 2, 0, 0]
+    listed = page.sections[-1].tables[0]
+    assert len(listed.rows) == 9
+    # Degrees, rounded.
+    assert np.array([row[2:] for row in listed.rows]) == pytest.approx(np.degrees(chosen(plan).angles), abs=0.5001)
+    compared = page.sections[0].tables[0]
+    assert [row[0] for row in compared.rows] == ["i-optimal", "d-optimal", "technician", "random"]
+    assert page.summary[1].value == pytest.approx(plan.proposals["i-optimal"].rms_mm[-1])
+    html = render(page)
+    assert html == render(plan_page(plan, "i-optimal", chosen(plan), facts=[("seed", "2")]))
+    assert html.count("<figure") == 4
+    assert ("apart from the scale" in html) == (plan.artefact.kind == "seat")
+
+
+def test_seats_and_bars_are_named_and_listed(plan):
+    poses = chosen(plan)
+    page = plan_page(plan, "i-optimal", poses)
+    if plan.artefact.kind == "tracker":
+        assert page.sections[1].tables == ()
+        return
+    (table,) = page.sections[1].tables
+    assert [row[0] for row in table.rows] == list(dict.fromkeys(poses.seat.tolist()))
+    assert sum(row[-1] for row in table.rows) == 9
+    from_above = places_figure(plan, poses).panels[0].axes[0]
+    named = {text.get_text() for text in from_above.texts}
+    # A bar is named once, its ends are not.
+    assert named == {name[:2] for name in poses.seat.tolist()}
+
+
+def test_the_pictures_have_one_scale_and_everything_in_sight(plan):
+    poses = chosen(plan)
+    for figure in (places_figure(plan, poses), poses_figure(plan, poses.angles)):
+        assert len(figure.panels) == 2
+        for drawing in figure.panels:
+            (axes,) = drawing.axes
+            assert axes.get_aspect() == 1.0
+            (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+            for line in axes.lines:
+                x, y = line.get_data()
+                assert left <= np.min(x) <= np.max(x) <= right
+                assert low <= np.min(y) <= np.max(y) <= high
+
+
+def test_a_course_is_a_line_a_strategy(plan):
+    (axes,) = course_figure(plan.proposals).panels[0].axes
+    assert [line.get_label() for line in axes.lines] == list(plan.proposals)
+    for line, proposal in zip(axes.lines, plan.proposals.values(), strict=True):
+        assert line.get_ydata() == pytest.approx(proposal.rms_mm[1:])
+
+
+def test_names_are_text_whatever_they_hold(plan):
+    named = replace(plan, arm=replace(ARM, name="<b>x</b>", joint_names=("<i>", "&", '"', "$q$", "a\u0300", "")))
+    html = render(plan_page(named, "i-optimal", chosen(plan)))
+    assert "<b>x" not in html
+    assert "<i>" not in html
+
+
+def test_one_pose_is_a_plan_too():
+    plan = propose(ARM, nominal_prior(ARM, terms="constants", noise_mm=0.02), Artefact("tracker"), 1, seed=0)
+    assert "1 pose to take" in render(plan_page(plan, "random", plan.proposals["random"].poses))

@@ -1,0 +1,49 @@
+"""The page in a real browser, without a network: it shows its figures and complains of nothing."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from test_report_page import Outline, made_up_page
+
+from truearm.pages.html import write_page
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+ALONE = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--no-first-run",
+)
+QUIET = (*ALONE, "--disable-background-networking", "--disable-quic", "--enable-logging=stderr")
+
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium here (on Debian: apt-get install chromium)")
+
+
+@pytest.mark.parametrize("width", [500, 1400])  # a window of Chromium has at least 500 pixels
+def test_a_browser_shows_the_page_without_a_complaint(tmp_path, width):
+    write_page(made_up_page(60), tmp_path / "page.html")
+    asked = ["--dump-dom", f"--screenshot={tmp_path / 'shot.png'}", f"--window-size={width},6000"]
+    done = subprocess.run(
+        [BROWSER, *QUIET, f"--user-data-dir={tmp_path / 'profile'}", *asked, (tmp_path / "page.html").as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    # What a page may not load, cannot load or cannot parse is told on the console.
+    assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
+    outline = Outline(done.stdout.strip().removeprefix("<!DOCTYPE html>"))
+    assert outline.tags.count("figure") == len(outline.labels) == 8
+    shot = imread(tmp_path / "shot.png")[..., :3]
+    assert shot.shape[1] == width
+    drawn = shot.min(axis=-1) < 0.9
+    # Something on every stretch of 500 pixels of the first 4000, and white prevails.
+    assert drawn[:4000].reshape(8, -1).mean(axis=1).min() > 0.005
+    assert 0.01 < drawn.mean() < 0.3
+    coloured = np.ptp(shot, axis=-1) > 0.3
+    assert coloured.mean() > 0.001

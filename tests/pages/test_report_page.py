@@ -1,0 +1,257 @@
+"""The page stands alone, is well formed, escapes what others wrote, and is the same each time."""
+
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from truearm.errors import InputError
+from truearm.pages import figures
+from truearm.pages.html import paragraphs, render, write_page
+from truearm.pages.page import Column, Page, LabelledValue, Section, Table
+
+VOID = {"meta", "link", "br", "hr", "img", "input"}
+HOSTILE = "<script>alert('x')</script>"
+
+
+class Outline(HTMLParser):
+    """Tags, ids, links and roles of a page; complains of tags left open."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.tags, self.ids, self.links, self.labels, self.open = [], [], [], [], []
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.handle_startendtag(tag, attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        found = dict(attrs)
+        self.tags.append(tag)
+        self.ids += [found["id"]] if "id" in found else []
+        self.links += [found[key] for key in ("href", "src", "action", "data", "srcset", "xlink:href") if key in found]
+        self.labels += [found.get("aria-label", "")] if found.get("role") == "img" else []
+        assert not [key for key in found if key.startswith("on")]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def made_up_page(readings=200, joints=6, seed=5):
+    """Make a page with every kind of content, of errors with plausible shapes [mm]."""
+    random = np.random.default_rng(seed)
+    angles = random.uniform(-2.5, 2.5, (readings, joints))
+    points = np.column_stack(
+        [600 * np.cos(angles[:, 0]), 600 * np.sin(angles[:, 0]), 400 + 300 * np.sin(angles[:, 1 % joints])]
+    ) + random.uniform(-90, 90, (readings, 3))
+    errors = {
+        "nominal": 0.25 * np.sin(angles[:, :1] + np.arange(3)) + 0.2 + random.normal(0, 0.01, (readings, 3)),
+        "network": random.normal(0, 0.007, (readings, 3)),
+        "kinematic": random.normal(0, 0.006, (readings, 3)),
+    }
+    lengths = {name: np.linalg.norm(e, axis=1) for name, e in errors.items()}
+    styles = figures.styles_of(errors)
+    table = Table(
+        (Column("model"), Column("mean", "mm"), Column("p95", "mm"), Column("removed", "%"), Column("n")),
+        tuple(
+            (name, float(d.mean()), np.percentile(d, 95), None if name == "nominal" else 97.3, len(d))
+            for name, d in lengths.items()
+        ),
+        "Error of each model",
+    )
+    return Page(
+        "Error of an arm, before and after",
+        "Made up for a test",
+        summary=(LabelledValue("mean error after", 0.01234, "mm", uncertainty=0.0003, limit=0.05), LabelledValue("readings", readings)),
+        sections=(
+            Section("Before and after", "One.\n\nTwo.", (), (figures.before_after(lengths, styles=styles),), (table,)),
+            Section(
+                "Measured",
+                rows=(LabelledValue("temperature", 20.31, "°C", 0.12), LabelledValue("arm", "virtual")),
+                figures=(figures.joint_ranges(angles), figures.workspace(points)),
+            ),
+            Section(
+                "Errors",
+                figures=(
+                    figures.errors_by_reading(errors, styles=styles),
+                    figures.coordinates_by_reading(points, {"network": points + errors["network"]}, styles=styles),
+                    figures.error_distribution(lengths, styles=styles),
+                    figures.error_against_joint(
+                        angles, {name: lengths[name] for name in ("nominal", "kinematic")}, styles=styles
+                    ),
+                    figures.error_in_workspace(points, lengths["kinematic"], name="kinematic"),
+                ),
+            ),
+        ),
+        facts=(("truearm", "0.1"), ("data fingerprint", "sha256:" + "0123456789abcdef" * 4)),
+    )
+
+
+@pytest.fixture(scope="module")
+def html():
+    return render(made_up_page())
+
+
+def test_the_page_is_well_formed_and_holds_all_it_was_given(html):
+    outline = Outline(html)
+    assert outline.tags.count("figure") == len(outline.labels) == 8
+    assert all(len(label) > 40 for label in outline.labels)
+    assert outline.tags.count("table") == 2
+    assert outline.tags.count("h1") == 1
+    assert "script" not in outline.tags
+    for text in ("One.", "Two.", "Error of each model", "data fingerprint", "virtual", "limit 0.05 mm"):
+        assert text in html
+
+
+def test_ids_are_unique_and_every_inner_link_has_its_target(html):
+    outline = Outline(html)
+    assert len(outline.ids) == len(set(outline.ids))
+    inner = [link[1:] for link in outline.links if link.startswith("#")]
+    assert len(inner) > 100  # dots are drawn by reference
+    named = re.findall(r"url\(#([^)]+)\)", html) + re.findall(r'aria-labelledby="([^"]+)"', html)
+    assert set(inner + named) <= set(outline.ids)
+
+
+def test_the_page_needs_nothing_from_outside(html):
+    outline = Outline(html)
+    assert all(link.startswith(("#", "data:")) for link in outline.links)
+    assert "default-src 'none'" in html
+    assert not re.search(r"https?://|@import|<!--|file:", html)
+
+
+def test_every_number_column_states_its_unit_and_lines_up(html):
+    heads = re.findall(r"<th scope=\"col\"[^>]*>(.*?)</th>", html)
+    assert 'mean <span class="unit">[mm]</span>' in heads
+    cells = re.findall(r'<span class="n">([^<]*)<span class="fraction" style="min-width:(\d+)ch">([^<]*)</span>', html)
+    assert ("0", "7") not in {(whole, room) for whole, room, _ in cells}
+    assert all(len(fraction) <= int(room) for _, room, fraction in cells)
+    assert ("20", "3", ".31") in cells  # 20.31 °C with u = 0.12 °C
+
+
+def test_columns_of_a_group_stand_under_one_head_with_their_unit():
+    table = Table(
+        (
+            Column("row"),
+            Column("paper", "mm", group="mean error"),
+            Column("ours", "mm", group="mean error"),
+            Column("paper", "s", group="time"),
+            Column("ours", "s", group="time"),
+            Column("verdict"),
+        ),
+        ((1, 8.5, 8.25, 124.0, 2.0, "reproduced"),),
+        "t",
+    )
+    html = render(Page("P", sections=(Section("S", tables=(table,)),)))
+    first, second = re.findall(r"<tr[^>]*>(.*?)</tr>", html.partition("</thead>")[0], flags=re.DOTALL)
+    spans = [int(span) for span in re.findall(r'<th scope="colgroup" colspan="(\d+)"', first)]
+    assert spans == [2, 2]
+    assert sum(spans) + first.count("<td></td>") == second.count("<th ") == 6
+    assert 'mean error <span class="unit">[mm]</span>' in first
+    assert "unit" not in second
+
+
+def test_the_same_page_has_the_same_bytes(html):
+    page = made_up_page()
+    assert render(page) == render(page) == html
+
+
+def test_the_same_page_has_the_same_bytes_in_another_process(html, tmp_path):
+    # Another process has another seed of hashes, which must not show.
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import test_report_page as t; "
+        "t.write_page(t.made_up_page(), sys.argv[2])"
+    )
+    here = __file__.rpartition("/")[0]
+    subprocess.run([sys.executable, "-B", "-c", code, here, str(tmp_path / "page.html")], check=True)
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == html
+
+
+def test_a_page_of_12000_readings_stays_small():
+    # 3 MB is what a mail still takes; dots by the thousand are pictures, not elements.
+    assert len(render(made_up_page(12000)).encode()) < 3_000_000
+
+
+def test_what_others_wrote_is_text_and_not_markup():
+    lengths = {HOSTILE: np.linspace(0.1, 1, 20)}
+    page = Page(
+        HOSTILE,
+        HOSTILE,
+        summary=(LabelledValue(HOSTILE, HOSTILE, HOSTILE),),
+        sections=(
+            Section(
+                HOSTILE,
+                HOSTILE,
+                (LabelledValue(HOSTILE, 1.0, HOSTILE),),
+                (
+                    figures.before_after(lengths),
+                    figures.joint_ranges(np.ones((3, 1)), names=[HOSTILE]),
+                    figures.error_in_workspace(np.ones((20, 3)), lengths[HOSTILE], name='" onload="x'),
+                ),
+                (Table((Column(HOSTILE, HOSTILE),), ((HOSTILE,),), HOSTILE),),
+            ),
+        ),
+        facts=((HOSTILE, HOSTILE),),
+    )
+    html = render(page)
+    assert "script" not in Outline(html).tags
+    assert html.count("&lt;script&gt;") > 10
+
+
+def test_names_with_control_signs_make_a_page_that_can_be_written(tmp_path):
+    page = Page("a\x00b\ud800c")
+    write_page(page, tmp_path / "page.html")
+    assert "a\ufffdb?c" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+def test_an_empty_page_is_a_page():
+    html = render(
+        Page("Nothing yet", sections=(Section("Empty"), Section("T", tables=(Table((Column("a"),), (), "no rows"),))))
+    )
+    assert Outline(html).tags.count("table") == 1
+
+
+def test_paragraphs_part_at_empty_lines():
+    assert paragraphs("one\ntwo\n\n\nthree\r\n\r\nfour") == ["one two", "three", "four"]
+    assert paragraphs("  ") == []
+    assert paragraphs("0.45\u202fmm\n and  5\u00a0%") == ["0.45\u202fmm and 5\u00a0%"]  # they stay on one line
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda: LabelledValue("x", float("nan")), "row 'x', got nan. Try: None for no value"),
+        (lambda: LabelledValue("x", 1.0, uncertainty=float("inf")), "uncertainty of row 'x', got inf"),
+        (lambda: LabelledValue("x", 1.0, uncertainty=-1.0), "uncertainty of zero or more in row 'x'"),
+        (lambda: LabelledValue("x", 1.0, limit=float("nan")), "limit of row 'x', got nan"),
+        (lambda: LabelledValue(" ", 1.0), "a label for every row"),
+        (lambda: LabelledValue("x", [1.0]), r"row 'x', got \[1.0\]"),
+        (lambda: Table((), (), "t"), "at least one column, got none in 't'"),
+        (lambda: Table((Column("a"), Column("b")), ((1,),), "t"), "2 cells in row 1 of the table 't', got 1"),
+        (
+            lambda: Table((Column("mean"),), ((1.0,), (np.inf,)), "t"),
+            "column 'mean': .* row 2 of the table 't', got inf",
+        ),
+    ],
+)
+def test_what_a_page_cannot_hold_is_refused(make, told):
+    with pytest.raises(InputError, match=told):
+        make()
+
+
+def test_the_page_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    target = tmp_path / "page.html"
+    write_page(Page("first"), target)
+    with pytest.raises(InputError, match="does not exist"):
+        write_page(Page("second"), tmp_path / "none" / "page.html")
+    broken = Page("second", sections=(Section("S", figures=(object(),)),))
+    with pytest.raises(Exception, match="no attribute"):
+        write_page(broken, target)
+    assert "first" in target.read_text(encoding="utf-8")
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]

@@ -1,0 +1,209 @@
+"""The page of a verification: every value with its uncertainty, limit and budget, and the decision in words."""
+
+from __future__ import annotations
+
+import datetime
+from math import inf
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_report_page import Outline
+
+from truearm.errors import InputError
+from truearm.pages.cells import grid_of_table, format_cell
+from truearm.pages.html import render
+from truearm.pages.page import Column, Table
+from truearm.pages.number_format import RoundedNumber
+from truearm.verification.standards.verification_page import describe_decision, limits_figure, verification_page
+from truearm.verification.standards.artefacts import Artefacts
+from truearm.verification.standards.decision import Budget, Contribution, ConformityResult, assess_conformity, overall_verdict
+from truearm.verification.standards.specification import Specification
+from truearm.verification.standards.measured_points import PointGroup, MeasuredPoints
+from truearm.verification.standards.verification_record import VerificationRecord
+from truearm.verification.standards.verification_plan import CHECK_STANDARD, load_verification_plan
+from truearm.verification.standards.verification import Verification
+
+DAY = datetime.date(2026, 11, 3)
+PLAN = load_verification_plan("iso10360-12")
+SPECIFICATION = Specification(
+    name="arm <7>", source="its data sheet", measuring_range_mm=2500.0, limits={"E_Uni": {"B_um": 50.0}}
+)
+DATED = {"certificate": "K-1", "date": DAY, "expires": DAY.replace(year=2028), "form_mm": 0.001, "u_fixture_mm": 0.002}
+GROWING = {"expansion_per_K": 1e-6, "u_expansion_per_K": 1e-7, "u_temperature_K": 0.5}
+ARTEFACTS = Artefacts(
+    spheres=[{"name": "ball", "diameter_mm": 25.0004, "u_diameter_mm": 0.0002, **DATED, **GROWING}],
+    bars=[{"name": "bar", "lengths": [{"name": "900", "length_mm": 900.003, "u_mm": 0.0005}], **DATED, **GROWING}],
+    seats=[{"name": "unused cone", **DATED}],
+)
+BUDGET = Budget((Contribution("calibration", 0.003, 4.0), Contribution("fixture", 0.004)))  # u = 0.005
+
+
+def outcome(rows, *, rule="iso14253-1", remarks=()):
+    def group(artefact, degC, **keys):
+        return PointGroup(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, (2,))
+
+    measured = MeasuredPoints(
+        {
+            "probing": (group("ball", 20.5, position="1"),),
+            "uni": (group("bar", 19.0, length="900", position="1", repeat="1", end="A"),),
+        },
+        Path("points.csv"),
+    )
+    found = Verification(tuple(rows), overall_verdict(rows), tuple(remarks))
+    return VerificationRecord(found, measured, PLAN, ARTEFACTS, SPECIFICATION, rule)
+
+
+def row(value, limit=0.05, *, label="E_Uni, 900", budget=BUDGET, rule="iso14253-1", where="position 1"):
+    return assess_conformity(label, value, budget, limit, rule=rule, where=where)
+
+
+def table(page, title, number=0):
+    section = next(one for one in page.sections if one.title == title)
+    grid = grid_of_table(section.tables[number])
+    return [[cell.text for cell in line] for line in grid.rows]
+
+
+# Numbers -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_value_ends_where_its_uncertainty_ends():
+    for value, u, text in [
+        (0.01084, 0.00104, "0.0108"),
+        (0.00104, 0.00104, "0.0010"),
+        (-0.00056, 0.0011, "\u22120.0006"),
+        (900.003, 0.0005, "900.00300"),
+        (0.0996, 0.0996, "0.10"),
+        (12.34567, 0.0, "12.3"),
+    ]:
+        assert format_cell(RoundedNumber(value, u)).text == text, (value, u)
+
+
+def test_a_rounded_cell_is_checked_as_any_other():
+    for cell in (RoundedNumber(float("nan"), 1.0), RoundedNumber(1.0, inf)):
+        with pytest.raises(InputError, match="finite"):
+            Table((Column("a"),), ((cell,),), "caption")
+
+
+def test_every_row_stands_with_value_uncertainty_limit_and_verdict():
+    rows = [row(0.0102), row(-0.03, None, label="L_Dia.5x5"), ConformityResult("E_Uni, sets", 2, "", Budget(), None, None, "of 35")]
+    page = verification_page(outcome(rows))
+    # k is Student's t for 95.45 % and 30 effective degrees of freedom, 2.087 [tables of t: 2.09]: U = 0.0104.
+    assert BUDGET.dof == pytest.approx(30.86, abs=0.01)
+    lines = table(page, "Values against limits")
+    assert lines[0] == [
+        "E_Uni, 900",
+        "0.010",
+        "0.010",
+        "0.05",
+        "conform",
+        "position 1",
+    ]  # the limit as its maker states it
+    assert lines[1] == ["L_Dia.5x5", "\u22120.030", "0.010", "\u2013", "\u2013", "position 1"]
+    assert lines[2] == ["E_Uni, sets", "2", "\u2013", "\u2013", "\u2013", "of 35"]
+
+
+def test_a_budget_stands_once_with_its_degrees_of_freedom_and_k():
+    page = verification_page(outcome([row(0.01), row(0.02, label="E_Bi, 900")]))
+    section = next(one for one in page.sections if one.title == "Uncertainty budgets")
+    (budget,) = section.tables  # one for both
+    assert "E_Uni, 900" in budget.caption
+    assert "E_Bi, 900" in budget.caption
+    assert table(page, "Uncertainty budgets") == [
+        ["calibration", "0.0030", "4.00", "36.0"],
+        ["fixture", "0.0040", "\u221e", "64.0"],
+        ["combined standard uncertainty u", "0.0050", "30.9", "\u2013"],
+        ["expanded uncertainty U, k = 2.09", "0.010", "\u2013", "\u2013"],
+    ]
+
+
+def test_only_the_artefacts_that_were_touched_are_listed():
+    lines = table(verification_page(outcome([row(0.01)])), "Artefacts")
+    assert lines == [
+        ["ball, sphere", "25.00040", "0.00020", "K-1", "2026-11-03", "2028-11-03"],
+        ["bar, length 900", "900.00300", "0.00050", "K-1", "2026-11-03", "2028-11-03"],
+    ]
+
+
+def test_recalled_numbers_of_what_was_tested_are_to_be_checked():
+    page = verification_page(outcome([row(0.01)], remarks=["not tested: bi", f"plan, uni: recalled, {CHECK_STANDARD}: 5"]))
+    section = page.sections[-1]
+    assert CHECK_STANDARD in section.text
+    assert {line[0] for line in table(page, section.title)} == {"probing", "uni"}
+    decision = page.sections[0].text
+    assert "Not tested: bi." in decision
+    assert CHECK_STANDARD not in decision
+
+
+# Words ---------------------------------------------------------------------------------------------------------------
+
+
+def test_the_decision_names_what_decides():
+    good, between, bad = row(0.01), row(0.045, label="E_Uni, 300"), row(0.07, label="E_Uni, 150")
+    assert "The values tested are within their limits: 1 value with a limit." in describe_decision(outcome([good]))
+    assert "Outside its limit: E_Uni, 150, position 1, (0.070 ± 0.010)" in describe_decision(outcome([good, between, bad]))
+    said = describe_decision(outcome([good, between]))
+    assert "Undecided, within the uncertainty of the limit: E_Uni, 300" in said
+    assert "better artefact" in said
+    assert "ISO 14253-1:2013" in said
+    assert "simple acceptance" in describe_decision(outcome([row(0.01, rule="simple")], rule="simple"))
+    assert "Compared are the values before rounding" in said
+
+
+@pytest.mark.parametrize(
+    ("limit", "text"),
+    [(0.05, "0.05"), (0.016875, "0.016875"), ((15 + 150.001 / 80) / 1000, "0.016875"), (0.3, "0.3"), (2.0, "2")],
+)
+def test_limits_are_told_in_full_to_the_nanometre(limit, text):
+    page = verification_page(outcome([row(0.0, limit), row(10.0, limit)]))
+    assert [line[3] for line in table(page, "Values against limits")] == [text, text]
+    assert f"for a limit of {text}\u202fmm" in page.sections[0].text
+
+
+def test_days_and_temperatures_are_told():
+    text = verification_page(outcome([row(0.01)])).sections[0].text
+    assert (
+        "10 points of points.csv, taken on 2026-11-03; artefacts at 19 to 20.5\u202f°C, means of groups of points."
+        in text
+    )
+
+
+# Figure --------------------------------------------------------------------------------------------------------------
+
+
+def test_guard_bands_are_those_of_the_rule():
+    rows = [row(0.01), row(0.045), row(-0.09)]
+    (drawing,) = limits_figure(rows, rule="iso14253-1").panels
+    (axes,) = drawing.axes
+    bands = [patch for patch in axes.patches if patch.get_hatch() and patch.get_width()]
+    assert len(bands) == 6
+    half = BUDGET.expanded / 0.05
+    assert sorted({round(patch.get_x(), 9) for patch in bands}) == pytest.approx([-1 - half, 1 - half])
+    assert bands[0].get_width() == pytest.approx(2 * half)
+    low, high = axes.get_xlim()
+    assert low < -0.09 / 0.05 - half  # also what is far outside is on the paper
+    assert high > 1
+    simple = limits_figure([row(0.01, rule="simple")], rule="simple")
+    assert not [patch for patch in simple.panels[0].axes[0].patches if patch.get_hatch()]
+    assert "guard" not in simple.caption.lower()
+    # Where the uncertainty is too large for simple acceptance it counts whole.
+    large = limits_figure([row(0.01, 0.04, rule="simple")], rule="simple")
+    assert len([patch for patch in large.panels[0].axes[0].patches if patch.get_hatch() and patch.get_width()]) == 2
+    assert "guard" in large.caption
+
+
+@pytest.mark.parametrize("n", [1, 200])
+def test_any_number_of_values_is_drawn(n):
+    figure = limits_figure([row(0.01, label=f"E_Uni, {i}") for i in range(n)], rule="iso14253-1")
+    assert len(figure.panels[0].axes[0].get_yticks()) == min(n, 60)
+    assert ("Drawn are the first 60" in figure.caption) == (n > 60)
+
+
+def test_the_page_is_whole_html_and_names_are_text():
+    rows = [row(0.01, label="E_Uni, <script>", where="position & co"), row(0.2, budget=Budget())]
+    html = render(verification_page(outcome(rows), facts=[("versions", "1")]))
+    outline = Outline(html.removeprefix("<!DOCTYPE html>"))
+    assert outline.tags.count("figure") == 1
+    assert "script" not in outline.tags
+    assert "arm &lt;7&gt;: not conform" in html
+    assert html == render(verification_page(outcome(rows), facts=[("versions", "1")]))

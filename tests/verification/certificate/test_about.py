@@ -1,0 +1,96 @@
+"""What a certificate says beside the results: nothing may be missing, empty or out of order."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_up_outcome import DAY, TOLD, about, certificate, outcome
+
+from truearm.errors import InputError
+from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text, read_administrative_data, template
+from truearm.verification.certificate.certificate import administrative_sections
+from truearm.files.toml_documents import parse_toml
+
+
+def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_path):
+    text = template()
+    for model in (AdministrativeData, *(AdministrativeData.model_fields[key].annotation for key in ("item", "laboratory", "customer"))):
+        for key in model.model_fields:
+            assert re.search(rf"^(# )?({key} = |\[+{key}\])", text, flags=re.M) or model is not AdministrativeData
+    (tmp_path / "about.toml").write_text(text)
+    with pytest.raises(InputError, match="is missing|is empty") as refused:
+        read_administrative_data(tmp_path / "about.toml")
+    assert refused.value.file == tmp_path / "about.toml"
+    empty = re.findall(r'^(\w+) = ""', text, flags=re.M)
+    assert refused.value.problem.endswith(": it is empty")
+    assert len(refused.value.problem.partition(":")[0].split(", ")) == len(empty) == 14
+    filled = re.sub(r'^country = ""', 'country = "DE"', text.replace("# temp", "temp"), flags=re.M)
+    filled = re.sub(r'^(\w+) = ""', r'\1 = "x"', filled, flags=re.M)
+    assert parse_toml(filled.encode(), AdministrativeData).place == "laboratory"
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"number": None}, "(?s)number.*Field required"),
+        ({"number": " \t"}, "(?s)number.*is empty"),
+        ({"place": "moon"}, "place"),
+        ({"persons": []}, "persons"),
+        ({"persons": [{"name": "p"}]}, "nobody signs it"),
+        ({"issued": DAY.replace(day=1)}, "before the arm came"),
+        ({"laboratory": TOLD["laboratory"] | {"country": "Germany"}}, "two capital letters, got 'Germany'"),
+        ({"conditions": {"temperature_degC": (21.0, 20.0)}}, "lowest and the highest"),
+        ({"conditions": {"temperature_degC": (293.0, 294.0)}}, "from -50 to 100"),
+        (
+            {"conditions": {"temperature_degC": (20.0, 20.0), "relative_humidity_percent": (40.0, 400.0)}},
+            "from 0 to 100",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said(changes, told):
+    with pytest.raises(ValueError, match=told):
+        about(**changes)
+
+
+def test_days_must_fit_those_of_the_points():
+    with pytest.raises(InputError, match="issued on 2026-11-02, before the last points were taken on 2026-11-03"):
+        certificate(about(issued=DAY.replace(day=2), received=DAY.replace(day=1)))
+    with pytest.raises(InputError, match="the arm came on 2026-11-04, after points were taken on 2026-11-03"):
+        certificate(about(received=DAY.replace(day=4)))
+    assert certificate(about(received=DAY, issued=DAY)).begin == DAY
+
+
+@given(st.text(max_size=50))
+def test_texts_are_such_that_xml_holds_them(text):
+    made = xml_text(text)
+    assert made == made.strip()
+    assert xml_text(made) == made
+    made.encode("utf-8")
+    assert not re.search("[\x00-\x1f\ud800-\udfff\ufffe\uffff]", made)
+
+
+def test_people_read_all_of_it():
+    listed = dict(administrative_sections(certificate(made=outcome())))
+    assert list(listed) == ["certificate", "arm", "laboratory", "customer", "responsible", "room"]
+    assert ("serial number", "7") in listed["arm"]
+    assert ("place", "00000 Exampletown, DE") in listed["laboratory"]
+    assert ("street", "Gauge Street 1") in listed["customer"]
+    assert ("First Example", "head, signs the certificate") in listed["responsible"]
+    assert ("relative humidity", "40.1 to 55 %") in listed["room"]
+    lean = about(received=None, conditions={"temperature_degC": (20.0, 20.0)})
+    told = dict(administrative_sections(certificate(lean)))
+    assert "arm received" not in dict(told["certificate"])
+    assert "relative humidity" not in dict(told["room"])
+
+
+@pytest.mark.parametrize("room", [(30.0, 32.0), (10.0, 12.0)])
+def test_a_room_in_which_the_artefacts_did_not_stand_is_refused(room):
+    found = outcome()
+    assert found.temperatures is not None
+    told = about()
+    told = told.model_copy(update={"conditions": told.conditions.model_copy(update={"temperature_degC": room})})
+    with pytest.raises(InputError, match=r"the room was at .* degC, artefacts at"):
+        certificate(told)

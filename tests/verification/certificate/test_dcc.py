@@ -1,0 +1,336 @@
+"""Digital calibration certificates: what is written is what is read, by the schemas' rules, and no file does harm."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from decimal import Decimal
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_up_outcome import ROWS, about, certificate, outcome, row
+
+from truearm.errors import InputError, TruearmError
+from truearm.verification.certificate import dcc as module
+from truearm.verification.certificate.administrative_data import xml_text as one_line
+from truearm.verification.certificate.certificate import CONFORMITIES, Equipment, Method, StatedQuantity, StatedResult, conformity_of
+from truearm.verification.certificate.dcc import dcc, parse_dcc, read_dcc, write_dcc
+from truearm.verification.standards.decision import DECISION_RULES, Budget, Contribution
+from truearm.verification.standards.verification_plan import load_verification_plan
+
+SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
+WHOLE = certificate()
+LEAN = certificate(
+    about(
+        received=None,
+        item={"name": "arm", "maker": "m", "model": "A", "serial_number": "7"},
+        laboratory={"name": "l", "post_code": "0", "city": "c", "country": "DE"},
+        persons=[{"name": "p", "main_signer": True}],
+        conditions={"temperature_degC": (20.0, 20.0)},
+    ),
+    outcome([row for row in ROWS if row.limit is None or row.value < 0.04], rule="simple", degC=float("nan")),
+)
+CASES = pytest.mark.parametrize("made", [WHOLE, LEAN], ids=["whole", "lean"])
+
+# Round trip ----------------------------------------------------------------------------------------------------------
+
+words = st.text(min_size=1, max_size=30).filter(str.strip)
+plain = words.map(one_line)
+numbers = st.decimals(allow_nan=False, allow_infinity=False, min_value=-1e6, max_value=1e6, places=5)
+positive = st.decimals(min_value="0.00001", max_value=1000, places=5)
+
+
+@st.composite
+def quantities(draw, unit="mm"):
+    kind = draw(st.sampled_from(["expanded", "standard", "none"]))
+    stated = {
+        "expanded": {"expanded": draw(positive), "factor": Decimal("2.09"), "level": Decimal("0.9545")},
+        "standard": {"standard": draw(positive)},
+        "none": {},
+    }[kind]
+    return StatedQuantity(draw(plain), draw(numbers), unit, **stated)
+
+
+@st.composite
+def results(draw):
+    limited = draw(st.booleans())
+    limit = draw(quantities()) if limited else None
+    return StatedResult(draw(quantities()), limit, draw(st.sampled_from(CONFORMITIES)) if limited else None)
+
+
+@st.composite
+def certificates(draw):
+    told = about(
+        number=draw(words),
+        item={"name": draw(words), "maker": draw(words), "model": draw(words), "serial_number": draw(words)},
+        conditions={
+            "temperature_degC": sorted([draw(st.floats(-50, 100)), draw(st.floats(-50, 100))]),
+            "relative_humidity_percent": sorted([draw(st.floats(0, 100)), draw(st.floats(0, 100))]),
+        },
+    )
+    return replace(
+        WHOLE,
+        about=told,
+        title=draw(plain),
+        declarations=tuple(draw(st.lists(plain, min_size=1, max_size=3))),
+        conformity=draw(st.sampled_from(CONFORMITIES)),
+        methods=(Method(draw(plain), draw(plain), draw(st.none() | plain)),),
+        equipment=(Equipment(draw(plain), draw(plain), draw(plain), tuple(draw(st.lists(quantities(), max_size=2)))),),
+        artefact_degC=draw(st.none() | st.tuples(numbers, numbers)),
+        results=tuple(draw(st.lists(results(), min_size=1, max_size=3))),
+    )
+
+
+@settings(max_examples=100, deadline=None)
+@given(certificates())
+def test_what_is_written_is_what_is_read(made):
+    content = dcc(made)
+    again = parse_dcc(content)
+    assert again == made
+    assert dcc(again) == content  # with the same digits, trailing zeros too
+
+
+@CASES
+def test_a_certificate_of_a_verification_goes_to_a_file_and_back(made, tmp_path):
+    write_dcc(made, tmp_path / "certificate.xml")
+    assert read_dcc(tmp_path / "certificate.xml") == made
+    assert (tmp_path / "certificate.xml").read_bytes() == dcc(made)
+    assert [path.name for path in tmp_path.iterdir()] == ["certificate.xml"]
+
+
+def test_what_would_be_read_differently_is_not_written(tmp_path):
+    with pytest.raises(TruearmError, match="please report it"):
+        write_dcc(replace(WHOLE, title="two  spaces\r\n"), tmp_path / "certificate.xml")
+    assert not list(tmp_path.iterdir())
+
+
+# What stands in it ---------------------------------------------------------------------------------------------------
+
+
+def found(made, path):
+    return [element.text for element in ET.fromstring(dcc(made)).iterfind(path, SPACES)]
+
+
+def test_values_are_stated_to_the_digits_of_their_uncertainty():
+    real = ".//dcc:result/dcc:data/dcc:quantity/si:real/"
+    assert found(WHOLE, f"{real}si:value") == ["0.010", "-0.045", "0.051", "0.080", "0.010", "0.02000", "0"]
+    assert set(found(WHOLE, f"{real}si:unit")) == {r"\milli\metre", r"\one"}
+    expanded = f"{real}si:measurementUncertaintyUnivariate/si:expandedMU/"
+    assert found(WHOLE, f"{expanded}si:valueExpandedMU") == [*["0.010"] * 5, "0.00020"]  # a count has none
+    assert set(found(WHOLE, f"{expanded}si:coverageFactor")) == {"2.09", "2.00"}
+    assert set(found(WHOLE, f"{expanded}si:coverageProbability")) == {"0.9545"}
+    sizes = ".//dcc:measuringEquipmentQuantity/si:real/"
+    assert found(WHOLE, f"{sizes}si:value") == ["25.00040", "900.00300"]
+    assert found(WHOLE, f"{sizes}si:measurementUncertaintyUnivariate/si:standardMU/si:valueStandardMU") == [
+        "0.00020",
+        "0.00050",
+    ]
+
+
+def test_undecided_values_pass_or_fail_on_a_condition_and_the_worst_counts():
+    said = ".//dcc:metaData[@refType='basic_conformity']/dcc:conformity"
+    assert found(WHOLE, said) == [
+        "pass",
+        "conditionalPass",
+        "conditionalFail",
+        "fail",
+        "pass",
+    ]  # the fifth has no limit
+    overall = ".//dcc:statement/dcc:conformity"
+    assert found(WHOLE, overall) == ["fail"]
+    for n, worst in ((1, "pass"), (2, "conditionalPass"), (3, "conditionalFail"), (4, "fail")):
+        assert found(certificate(made=outcome(ROWS[:n])), overall) == [worst]
+
+
+@pytest.mark.parametrize(
+    ("limit", "text"),
+    [
+        (0.016875, "0.016875"),  # 15 um + 150 mm / (80 mm/um), which U = 0.0104 would make 0.017
+        ((15 + 150.001 / 80) / 1000, "0.0168750125"),  # the nearest float is 0.016875012500000002
+        (0.1 + 0.2, "0.3"),
+        (50.0, "50"),
+        (1e-7, "0.0000001"),
+    ],
+)
+def test_limits_are_the_makers_not_rounded(limit, text):
+    made = certificate(made=outcome([row(0.0, limit)]))
+    path = ".//dcc:quantity[@refType='truearm_limit']/si:real/si:value"
+    assert found(made, path) == [text]
+    assert parse_dcc(dcc(made)) == made
+
+
+@given(st.floats(-0.2, 0.2), st.floats(1e-5, 0.1), st.sampled_from(DECISION_RULES))
+def test_what_is_stated_of_a_value_is_what_value_and_uncertainty_say(value, u, rule):
+    judged = row(value, 0.05, budget=Budget((Contribution("all", u),)), rule=rule)
+    expanded, said = judged.uncertainty, conformity_of(judged)
+    if rule == "simple" and expanded <= 0.05 / 4:
+        assert said == ("pass" if abs(value) <= 0.05 else "fail")
+    elif abs(value) <= 0.05:
+        assert said == ("pass" if abs(value) + expanded <= 0.05 else "conditionalPass")
+    else:
+        assert said == ("fail" if abs(value) - expanded > 0.05 else "conditionalFail")
+
+
+def test_a_value_with_a_limit_but_no_uncertainty_gets_no_certificate():
+    with pytest.raises(InputError, match=r"P_Form, position 1: its expanded uncertainty is 0.*form_mm and u_fixture"):
+        certificate(made=outcome([row(0.01), row(0.02, label="P_Form", budget=Budget())]))
+    assert certificate(made=outcome([row(0.01), row(0.02, None, budget=Budget())])).results[1].conformity is None
+
+
+def test_the_rule_is_named_by_its_edition_or_not_at_all():
+    norms = [found(certificate(made=outcome(ROWS[:1], rule=rule)), ".//dcc:norm") for rule in DECISION_RULES]
+    assert norms == [
+        ["JCGM 100:2008", "ISO 10360-12:2016", "ISO 14253-1:2013"],
+        ["JCGM 100:2008", "ISO 10360-12:2016"],
+    ]
+
+
+def test_a_plan_of_the_users_own_is_told_by_its_digest_and_what_it_asks_for():
+    shipped = WHOLE.methods[1].description
+    assert shipped.startswith("Test plan iso10360-12 as it comes with truearm")
+    assert "It asks for probing: points = 25, smallest_sphere_mm = 10" in shipped
+    assert "; articulation: points = 5," in shipped
+    cut = load_verification_plan("iso10360-12").model_copy(update={"articulation": None, "uni": None, "bi": None})
+    own = certificate(made=outcome(ROWS[:1], plan=cut, plan_sha256="ab12")).methods[1].description
+    assert own.startswith("Test plan of the user's own, named iso10360-12, SHA-256 ab12. It asks for probing: points")
+    assert "uni" not in own
+    nameless = certificate(made=outcome(ROWS[:1], plan=cut.model_copy(update={"name": "mine"})))
+    assert "user's own, named mine. It asks" in nameless.methods[1].description
+
+
+def test_temperatures_are_said_to_be_means():
+    name = ".//dcc:influenceCondition[@refType='truearm_artefactTemperature']/dcc:name/dcc:content"
+    assert found(WHOLE, name) == ["artefact temperature, means of groups of points"]
+
+
+# Rules of the schemas ------------------------------------------------------------------------------------------------
+
+# The order of children in dcc.xsd 3.3.0 and SI_Format.xsd 2.2.1 (xs:sequence), as far as they are written.
+ORDER = {
+    "digitalCalibrationCertificate": "administrativeData measurementResults",
+    "coreData": "countryCodeISO3166_1 usedLangCodeISO639_1 mandatoryLangCodeISO639_1 uniqueIdentifier receiptDate "
+    "beginPerformanceDate endPerformanceDate performanceLocation issueDate",
+    "software": "name release type",
+    "item": "name manufacturer model identifications",
+    "identification": "issuer value name",
+    "calibrationLaboratory": "calibrationLaboratoryCode contact",
+    "contact": "name eMail phone location",
+    "customer": "name eMail phone location",
+    "respPerson": "person role mainSigner",
+    "statement": "declaration conformity",
+    "measurementResult": "name usedMethods usedSoftware measuringEquipments influenceConditions results",
+    "usedMethod": "name description norm",
+    "measuringEquipment": "name description identifications measuringEquipmentQuantities",
+    "influenceCondition": "name data",
+    "result": "name data",
+    "quantity": "name real measurementMetaData",
+    "measuringEquipmentQuantity": "name real",
+    "metaData": "conformity data",
+    "real": "value unit measurementUncertaintyUnivariate",
+    "expandedMU": "valueExpandedMU coverageFactor coverageProbability",
+}
+
+
+@CASES
+def test_children_stand_in_the_order_of_the_schemas(made):
+    seen = set()
+    for element in ET.fromstring(dcc(made)).iter():
+        name = element.tag.rpartition("}")[2]
+        if name in ORDER:
+            children = [child.tag.rpartition("}")[2] for child in element]
+            places = [ORDER[name].split().index(child) for child in children]
+            assert places == sorted(places), (name, children)
+            seen.add(name)
+        elif len(element) and name not in ("location", "data"):
+            assert len({child.tag for child in element}) == 1 or name == "administrativeData", name
+    assert seen >= set(ORDER) - {"expandedMU"}
+
+
+@CASES
+def test_the_schema_of_ptb_and_its_rules_find_nothing_wrong(made, tmp_path):
+    validation = pytest.importorskip("dcclib.validation", reason="pip install truearm[dcc] checks against the schemas")
+    schema = pytest.importorskip("dcclib.validation.xsd").SchemaVersion
+    write_dcc(made, tmp_path / "certificate.xml")
+    checked = validation.XsdValidator.from_version(schema.v3_3_0).validate_file(str(tmp_path / "certificate.xml"))
+    assert [error.message for error in checked.errors] == []
+    assert checked.is_valid
+    rules = validation.SchematronValidator.for_dcc().validate_file(str(tmp_path / "certificate.xml"))
+    assert [(one.role, one.text) for one in rules.failed_assertions] == []
+    assert [one.text for one in rules.successful_reports if one.role != "information"] == []
+
+
+# Hostile files -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda text: "", "not valid XML"),
+        (lambda text: text[: len(text) // 2], "not valid XML"),
+        (
+            lambda text: text.replace("<?xml version='1.0' encoding='utf-8'?>", "<!DOCTYPE a [<!ENTITY b 'c'>]>"),
+            "DOCTYPE",
+        ),
+        (lambda text: text.replace("digitalCalibrationCertificate", "other"), "digital calibration certificate"),
+        (lambda text: text.replace('Version="3.3.0"', 'Version="2.4.0"'), "schema version 3.3.0, got '2.4.0'"),
+        (lambda text: text.replace("https://ptb.de/si", "https://ptb.example"), "has no si:real"),
+        (lambda text: text.replace(">0.010<", ">NaN<"), "number without an exponent, got 'NaN'"),
+        (lambda text: text.replace(">0.010<", ">1e999999999<"), "number without an exponent"),
+        (lambda text: text.replace(r"\milli\metre", r"\inch"), r"unit of .*got '\\\\inch'"),
+        (lambda text: text.replace(">conditionalPass<", ">perhaps<"), "conformity of pass.*got 'perhaps'"),
+        (lambda text: text.replace(">2026-11-05<", ">05.11.2026<"), "issueDate.*expected a date"),
+        (lambda text: text.replace("<dcc:model>A</dcc:model>", ""), "<item> has no model"),
+        (lambda text: text.replace("<dcc:model>A</dcc:model>", "<dcc:model>A</dcc:model>" * 2), "expected one model"),
+        (lambda text: text.replace(">DE<", ">Germany<"), "two capital letters"),
+    ],
+)
+def test_a_broken_certificate_is_refused_with_the_reason(change, told, tmp_path):
+    file = tmp_path / "certificate.xml"
+    file.write_text(change(dcc(WHOLE).decode()))
+    with pytest.raises(InputError, match=told) as refused:
+        read_dcc(file)
+    assert refused.value.file == file
+
+
+def test_no_other_encoding_hides_a_document_type():
+    text = dcc(WHOLE).decode().replace("encoding='utf-8'", "encoding='utf-16'")
+    with pytest.raises(InputError, match="UTF-8"):
+        parse_dcc(text.encode("utf-16"))
+    with pytest.raises(InputError, match=r"UTF-8|XML"):
+        parse_dcc(b"\x00" + dcc(WHOLE))
+    # What the declaration says does not count: the bytes are UTF-8.
+    assert parse_dcc(text.encode()) == WHOLE
+
+
+def test_a_long_file_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "MAX_BYTES", 1000)
+    write_dcc(WHOLE, tmp_path / "certificate.xml")
+    with pytest.raises(InputError, match=r"at most 0\.001 MB"):
+        read_dcc(tmp_path / "certificate.xml")
+
+
+def test_whatever_element_is_missing_empty_or_double_the_reader_refuses_or_reads():
+    """Never any other exception."""
+    root = ET.fromstring(dcc(WHOLE))
+    refused = 0
+    for parent in list(root.iter()):
+        for child in list(parent):
+            at, text = list(parent).index(child), child.text
+            variants = [lambda: parent.remove(child), lambda: parent.insert(at, child)]  # noqa: B023
+            for change in variants:
+                change()
+                try:
+                    parse_dcc(ET.tostring(root))
+                except InputError:
+                    refused += 1
+                parent[:] = [one for i, one in enumerate(parent) if one is not child]
+                parent.insert(at, child)
+            child.text = None
+            try:
+                parse_dcc(ET.tostring(root))
+            except InputError:
+                refused += 1
+            child.text = text
+    assert parse_dcc(ET.tostring(root)) == WHOLE
+    assert refused > 100

@@ -1,0 +1,258 @@
+"""Control charts: what is a change, how often one is seen where there is none, and how soon one that is there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import binom, kstest
+
+from truearm.errors import InputError
+from truearm.verification.monitor.control_chart import FALSE_ALARMS, MIN_BASELINE_CHECKS, ControlRules, _change, control_chart, control_rules
+
+TWO = control_rules(2)
+
+
+def chart(values, u=0.0, rules=TWO, **options):
+    return control_chart(values, u=np.full(len(values), u), rules=rules, **options)
+
+
+def alarmed(one):
+    return one.signal_index is not None or one.out_of_limits.any()
+
+
+def shewhart_and_page(n_histories, n, rules, seed):
+    """Share of runs of n standard normal scores in which the textbook's rules alarm, and the sums' run lengths."""
+    score = np.random.default_rng(seed).standard_normal((n_histories, n))
+    held = np.clip(score, -rules.limit, rules.limit)
+    up = down = np.zeros(n_histories)
+    alarm, length = (np.abs(score) > rules.limit).any(axis=1), np.full(n_histories, n)
+    for i in range(n):
+        up, down = np.maximum(0, up + held[:, i] - 0.5), np.maximum(0, down - held[:, i] - 0.5)
+        over = np.maximum(up, down) > rules.decision_interval
+        length = np.where(over & (length == n), i + 1, length)
+    return alarm | (length < n), length
+
+
+# The rules -----------------------------------------------------------------------------------------------------------
+
+
+def test_one_chart_has_the_limits_of_the_textbooks():
+    """Montgomery, table 9.4: k = 0.5, h = 4.77 for a run length of 370; its approximation has two more digits."""
+    assert pytest.approx(3.0, abs=1e-4) == TWO.limit
+    assert pytest.approx(4.77, abs=0.005) == TWO.decision_interval
+
+
+def test_several_charts_share_one_rate_of_false_alarms():
+    rules = control_rules(8)
+    assert TWO.limit < rules.limit
+    assert TWO.decision_interval < rules.decision_interval
+    with pytest.raises(InputError, match="one chart or more"):
+        control_rules(0)
+
+
+def test_the_sums_of_an_unchanged_process_run_370_values_on_average():
+    """Mean of 1000 runs, standard deviation 3 %; the approximation and the held scores make some per cent."""
+    _, length = shewhart_and_page(1000, 3000, TWO, seed=2)
+    assert length.max() < 3000
+    assert length.mean() == pytest.approx(1 / FALSE_ALARMS, rel=0.12)
+
+
+# No change -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_first_score_is_that_of_student():
+    """Of two values 0 and 2: mean 1, s = sqrt 2; t of one degree of freedom is Cauchy's distribution."""
+    from scipy.special import ndtri
+
+    t = (3.0 - 1.0) / (np.sqrt(2) * np.sqrt(1.5))
+    expected = ndtri(0.5 + np.arctan(t) / np.pi)
+    assert chart([0.0, 2.0, 3.0]).scores[2] == pytest.approx(expected, rel=1e-12)
+    assert np.isnan(chart([0.0, 2.0, 3.0]).scores[:2]).all()
+
+
+def test_scores_of_an_unchanged_process_are_standard_normal_and_independent(rng):
+    scores = np.stack([chart(7.0 + 0.3 * rng.standard_normal(16)).scores[2:] for _ in range(400)])
+    assert kstest(scores.ravel(), "norm").pvalue > 0.01
+    correlation = np.corrcoef(scores.T)[~np.eye(14, dtype=bool)]
+    assert np.abs(correlation).max() < 4.5 / np.sqrt(400)
+
+
+def test_an_unchanged_process_alarms_as_often_as_is_said(rng):
+    """2000 short histories of 30 checks, against the textbook's rules on normal numbers; 99.9 % of the binomial."""
+    stated = shewhart_and_page(100_000, 28, TWO, seed=1)[0].mean()
+    found = sum(alarmed(chart(rng.standard_normal(30))) for _ in range(2000))
+    assert binom.ppf(0.0005, 2000, stated) <= found <= binom.ppf(0.9995, 2000, stated)
+
+
+def test_with_an_expected_scatter_it_alarms_no_more_often(rng):
+    stated = shewhart_and_page(100_000, 18, TWO, seed=1)[0].mean()
+    found = sum(alarmed(chart(rng.standard_normal(20), u=1.5)) for _ in range(500))
+    assert found <= binom.ppf(0.9995, 500, stated)
+
+
+def test_scatters_from_few_readings_alarm_as_often_too(rng):
+    """s of three readings in a seat, six degrees of freedom: skew. One chart with one side, limits alone."""
+    rules = ControlRules(control_rules(1).limit, np.inf)
+    s = np.sqrt(rng.chisquare(6, (600, 25)) / 6)
+    beyond = sum(int(chart(row, rules=rules, scale=True, upper_only=True).out_of_limits.sum()) for row in s)
+    assert binom.ppf(0.0005, 600 * 23, FALSE_ALARMS) <= beyond <= binom.ppf(0.9995, 600 * 23, FALSE_ALARMS)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(st.integers(-50, 50), min_size=3, max_size=20),
+    st.integers(-1000, 1000),
+    st.sampled_from([0.125, 4.0, 1024.0]),
+)
+def test_neither_zero_nor_unit_matters(values, shift, factor):
+    given_values = np.array(values, dtype=float) + np.linspace(0, 1, len(values))
+    one, other = chart(given_values, u=0.1), chart(factor * (given_values + shift), u=0.1 * factor)
+    np.testing.assert_allclose(other.scores, one.scores, atol=1e-6)
+    np.testing.assert_allclose(other.upper, factor * (one.upper + shift), rtol=1e-6, atol=1e-6)
+    assert other.since == one.since
+
+
+def test_equal_values_are_no_change():
+    one = chart(np.full(30, 0.02), scale=True, upper_only=True)
+    assert one.since is None
+    assert (one.scores[2:] == 0).all()
+    assert not alarmed(chart(np.zeros(12), scale=True))
+
+
+# A change ------------------------------------------------------------------------------------------------------------
+
+
+def planted(rng, shape, n_histories, before=20, n_sides=8):
+    """Checks until a change after `before` checks was seen, and how far off it was dated; `shape` of 1, 2, .. ."""
+    seen, off = [], []
+    for _ in range(n_histories):
+        values = rng.standard_normal(before + 40)
+        values[before:] += shape(np.arange(1, 41))
+        one = chart(values, rules=control_rules(n_sides))
+        if one.signal_index is not None and one.signal_index < before:
+            continue  # a false alarm
+        first = int(np.argmax(one.out_of_limits[before:])) if one.out_of_limits[before:].any() else 40
+        seen.append(1 + min(first, 40 if one.signal_index is None else one.signal_index - before))
+        off.append(40 if one.change_index is None else one.change_index - before)
+    return np.array(seen), np.array(off)
+
+
+def test_a_jump_of_three_standard_deviations_is_seen_within_six_checks_and_dated_within_two(rng):
+    """Six charts with eight sides, twenty checks before."""
+    seen, off = planted(rng, lambda i: np.full(len(i), 3.0), 150)
+    assert (seen <= 6).mean() > 0.9
+    assert np.median(seen) <= 4
+    assert (np.abs(off) <= 2).mean() > 0.85
+
+
+def test_a_slow_drift_is_seen_when_it_comes_to_three_standard_deviations(rng):
+    """A fifth of a standard deviation a check: fifteen make three. When it began is known roughly only."""
+    seen, off = planted(rng, lambda i: 0.2 * i, 150)
+    assert (seen <= 16).mean() > 0.9
+    assert np.median(off) <= 4
+
+
+def test_a_change_downwards_is_one_but_not_of_a_scatter(rng):
+    values = np.r_[rng.standard_normal(20), rng.standard_normal(10) - 5.0]
+    one = chart(values)
+    assert one.change_index == 20
+    assert one.cusum[1, -1] > TWO.decision_interval > one.cusum[0, -1]
+    scatter = np.abs(10 + values)
+    assert chart(scatter, scale=True, upper_only=True).since is None
+    up = chart(np.r_[scatter[:20], scatter[:10] + 6.0], scale=True, upper_only=True)
+    assert up.change_index == 20
+    assert np.isnan(up.lower).all()
+
+
+def test_a_change_stays_one_though_the_values_stay_where_they_went(rng):
+    values = rng.standard_normal(120)
+    values[20:] += 4.0
+    one = chart(values)
+    assert one.since == 20
+    assert (one.n_before[30:] == one.n_before[-1]).all()
+    assert one.n_before[-1] <= 20
+    assert one.out_of_limits[30:].mean() > 0.5
+
+
+def test_a_single_value_far_off_tells_only_while_it_is_the_last(rng):
+    values = np.r_[rng.standard_normal(20), 40.0, rng.standard_normal(6)]
+    assert chart(values[:21]).since == 20
+    after = chart(values)
+    assert after.since is None
+    assert after.n_before[-1] == 25  # it is not in the baseline
+    assert chart(np.r_[values[:21], 41.0]).since == 20
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_values_far_off_to_either_side_are_single_ones(side):
+    """Dirt in one seat of a bar, then in the other: the last one stands alone, until the next is on its side."""
+    steady, far = np.resize([1.0, -1.0, 0.5, -0.5], 20), 40.0 * side
+    for tail, since in (([far, -far], 21), ([far, far, -far], 22), ([far, -far, -far], 21), ([far, far], 20)):
+        one = chart(np.r_[steady, tail], rules=control_rules(8))
+        assert one.out_of_limits[20:].all()
+        assert (one.since, one.change_index) == (since, None)
+    assert chart(np.r_[steady, far, -far, 0.0], rules=control_rules(8)).since is None
+
+
+@pytest.mark.parametrize("begins", [3, 7, 10])
+def test_what_fits_exactly_is_dated_exactly(begins):
+    rows = np.arange(14)
+    assert _change(rows, np.where(rows >= begins, 5.0, 2.0)) == (begins, False)
+    assert _change(rows, 1.0 - 0.3 * np.maximum(rows - begins + 1, 0)) == (begins, True)
+    left_out = np.delete(rows, 5)
+    assert _change(left_out, np.where(left_out >= begins, 5.0, 2.0)) == (begins, False)
+
+
+def test_the_expected_scatter_is_a_floor_while_values_are_few():
+    """Values that differ by chance very little: limits as wide as expected up to the tenth value before, not after."""
+    values = 1e-3 * np.tile([1.0, -1.0], 8)
+    one = chart(values, u=1.0)
+    wide = one.upper - one.lower > 2.0
+    assert wide[2:MIN_BASELINE_CHECKS].all()
+    assert not wide[MIN_BASELINE_CHECKS:].any()
+    assert not chart(values[:10], u=1.0).enough
+    assert chart(values[:11], u=1.0).enough
+
+
+@pytest.mark.parametrize(
+    ("values", "u", "options", "phrase"),
+    [
+        ([], [], {}, "values"),
+        ([[1.0]], [[0.0]], {}, "values"),
+        ([1.0, 2.0], [0.0], {}, "uncertainties"),
+        ([1.0, np.nan], [0.0, 0.0], {}, "finite"),
+        ([1.0, 2.0], [0.0, -1.0], {}, "0 or more"),
+        ([1.0, -2.0], [0.0, 0.0], {"scale": True}, "scatters"),
+    ],
+)
+def test_what_is_no_series_is_refused(values, u, options, phrase):
+    with pytest.raises(InputError, match=phrase):
+        control_chart(values, u=u, rules=TWO, **options)
+
+
+def test_rules_may_be_of_each_value(rng):
+    values = 0.01 * rng.standard_normal(20)
+    one = chart(values)
+    each = chart(values, rules=[TWO] * 20)
+    np.testing.assert_array_equal(one.upper, each.upper)
+    wide = chart(values, rules=[TWO] * 10 + [control_rules(8)] * 10)
+    np.testing.assert_array_equal(wide.upper[:10], one.upper[:10])
+    assert (wide.upper[10:] > one.upper[10:]).all()
+    with pytest.raises(InputError, match="rules for 20 values, got 3"):
+        chart(values, rules=[TWO] * 3)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_dirt_in_one_check_leaves_no_trace_in_the_sums(side):
+    """Twelve values, one 9 standard deviations off, then others: sums as of the series without it, from the next on."""
+    values = np.random.default_rng(1).standard_normal(24)
+    dirty = chart(np.insert(values, 12, side * 9.0))
+    clean = chart(values)
+    assert not alarmed(clean)
+    assert dirty.out_of_limits.tolist() == [*clean.out_of_limits[:12], True, *clean.out_of_limits[12:]]
+    assert dirty.cusum[:, 12].max() > TWO.limit - 0.5 - 1e-12  # while nobody knows
+    np.testing.assert_allclose(np.delete(dirty.cusum, 12, axis=1), clean.cusum, atol=1e-12)
+    twice = chart(np.insert(values, 12, [side * 9.0, side * 9.0]))
+    assert twice.cusum[:, 13].max() > TWO.decision_interval

@@ -1,0 +1,22 @@
+"""Days in the past: tomorrow may be today elsewhere, next week is a mistake."""
+
+from __future__ import annotations
+
+import datetime
+
+import pytest
+
+from truearm.errors import InputError
+from truearm.verification.standards import dates
+
+
+def test_a_day_is_past_within_a_day_of_now(monkeypatch):
+    monkeypatch.setattr(dates, "now", lambda: datetime.datetime(2026, 11, 3, 23, 30))
+    for day in (datetime.date(2026, 11, 4), datetime.date(1999, 1, 1), datetime.datetime(2026, 11, 4, 23, 30)):
+        dates.check_past(day)
+    for day, told in (
+        (datetime.date(2026, 11, 5), "the date 2026-11-05 is in the future"),
+        (datetime.datetime(2026, 11, 4, 23, 31), "the date 2026-11-04 23:31:00 is in the future"),
+    ):
+        with pytest.raises(InputError, match=told):
+            dates.check_past(day)

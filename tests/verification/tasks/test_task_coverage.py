@@ -1,0 +1,82 @@
+"""The law of task uncertainty: 95 % intervals hold the errors that virtual arms make, of two points as of many.
+
+A small version of benchmarks/task_uncertainty.py. No repeatability is given: nothing is known to be random.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truearm.arm.catalogue import load_arm
+from truearm.compensation.models import KinematicModel
+from truearm.identification.planning.sampling.measuring import measuring_poses
+from truearm.verification.tasks.sampled_arms import PosteriorDistribution
+from truearm.verification.tasks.features import UP, length_at, plane, sphere
+from truearm.verification.tasks.feature_postures import feature_postures, middle_of
+from truearm.verification.tasks.task import simulate_measurements
+from truearm.identification.virtual import VirtualArm, load_preset
+
+ARM = load_arm("gao2017")
+MIDDLE, ACROSS = middle_of(ARM)
+N_ARMS, N_POSTURES = 8, 25
+
+
+@pytest.fixture(scope="module")
+def identified():
+    """Virtual arms of a workshop and what 80 readings of each told."""
+    found = []
+    for seed in range(N_ARMS):
+        virtual = VirtualArm.draw(ARM, load_preset("shop"), seed=seed)
+        readings = virtual.measure(measuring_poses(ARM, 80, seed=seed).angles, seed=seed).readings
+        found.append((virtual, KinematicModel(ARM).fit_readings(readings)))
+    return found
+
+
+def shares(identified, feature, n_arms):
+    """Of true errors in the interval, of those no larger than U, and true over stated size, root mean square."""
+    ways = feature_postures(ARM, feature, N_POSTURES, seed=77)
+    inside, within, times = [], [], []
+    for seed, (virtual, model) in enumerate(identified):
+        stated = simulate_measurements(PosteriorDistribution(model), feature, n_arms=n_arms, seed=seed).estimates[0]
+        poses = ways.reshape(-1, ARM.n_joints)
+        taken = virtual.measure(poses, seed=500 + seed, temperature_degC=model.temperature_degC_, reference=False)
+        shown = model.predict_readings(replace(taken.readings, directions=None))
+        off = (shown - taken.true_tips).reshape(len(ways), -1, 3)
+        errors = np.array([feature.errors(feature.points + one)[0] for one in off])
+        low, high = stated.interval_mm
+        inside.append(((errors >= low) & (errors <= high)).mean())
+        within.append((np.abs(errors) <= stated.expanded_mm).mean())
+        times.append((errors**2).mean() / (stated.u_mm**2 + stated.bias_mm**2))
+    return np.mean(inside), np.mean(within), np.sqrt(np.mean(times))
+
+
+@pytest.mark.parametrize("length", [50.0, 1000.0])
+def test_intervals_of_two_points_hold_what_they_say(identified, length):
+    """200 measured lengths of eight arms: 95 % and three standard deviations, of binomial counts as of arms.
+
+    A binomial share of 200 has 1.5 %; the coverages of single arms scatter by about 5 %, the mean of eight by 1.8 %.
+    """
+    inside, _, times = shares(identified, length_at(MIDDLE, ACROSS, length), 400)
+    assert inside > 0.95 - 3 * np.hypot(0.015, 0.018)
+    # Nor are they too wide: errors are as large as the standard uncertainty.
+    assert 0.75 < times < 1.25
+
+
+@pytest.mark.parametrize(
+    ("feature", "least"),
+    [
+        # Means of many points are stated too uncertain, which is the safe side: more than 95 %, to a half more.
+        (length_at(MIDDLE, ACROSS, 500.0, points=40), 0.6),
+        (sphere(MIDDLE, 25.0), 0.75),
+        (plane(MIDDLE, UP, 200.0), 0.75),
+        # Towards the arm joints hardly move a tip: drawn alike in all directions, this was stated a third too large.
+        (plane(MIDDLE, np.cross(ACROSS, UP), 200.0), 0.8),
+    ],
+    ids=["length of 40 points", "ball", "plate lying", "plate facing"],
+)
+def test_errors_of_many_points_are_no_larger_than_stated(identified, feature, least):
+    """95 % less one standard deviation of 200 measurements, as above: with all noise averaged it was 68 to 85 %."""
+    _, within, times = shares(identified, feature, 150)
+    assert within > 0.93
+    assert least < times < 1.25
