@@ -14,13 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from machine import arguments_of, print_json, say_machine, print_table
+from machine import arguments_of, print_json, print_table, say_machine
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.identification.planning.sampling.measuring import measuring_poses
-from truearm.readings import Readings
 from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.readings import Readings
 
 DAYS = (1, 2, 4)
 MODELS: dict[str, type[IdentifiedModel]] = {"kinematic": KinematicModel, "physical": PhysicalModel}

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import chi2
 
-from machine import options_of, print_json, say_machine, print_table
+from machine import options_of, print_json, print_table, say_machine
 from truearm import datasets
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel

@@ -18,10 +18,10 @@ import numpy as np
 
 from machine import times_of
 from network_epoch import factored_flops
-from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
+from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.variable_projection import ProjectedProblem
 from truearm.solve.threads import one_blas_thread
 

@@ -18,7 +18,7 @@ import identification_seats as seats
 import identification_transfer as transfer
 import identification_virtual as virtual
 from identification_row import Row
-from machine import arguments_of, print_json, say_machine, print_table, say_targets
+from machine import arguments_of, print_json, print_table, say_machine, say_targets
 
 ROWS: dict[str, Callable[[int], Row]] = {
     "ur10-b": points.ur10_b,

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from identification_points import HELD_OUT, SPLITS
 from identification_row import Row
@@ -18,15 +17,13 @@ from identification_virtual import OTHER, STRATEGY, TEST, TRAIN, measured
 from machine import Target
 from truearm import datasets
 from truearm.arm import Arm, load_arm
+from truearm.compensation.models.reading_references import references_of, state_of
 from truearm.identification.estimation.alignment import place_base_coarsely
 from truearm.identification.estimation.identification import identify
-from truearm.compensation.models.reading_references import references_of, state_of
+from truearm.identification.terms import Term, candidate_terms, constants
 from truearm.readings import Readings, hold_out
 from truearm.readings.lengths import Lengths
 from truearm.readings.seats import seat_errors
-from truearm.identification.terms import Term, candidate_terms, constants
-
-FloatArray = npt.NDArray[np.float64]
 
 ORDERS = (0, 2, 8, 40, 80)
 SEEDS_OF_LARGE = 2  # splits of the set of 11,911 readings
@@ -67,7 +64,9 @@ def error_of(task: Task, terms_of: Callable[[Readings, tuple[str, ...]], list[Te
     arm, train, test, lengths = task
     free = ("base", "tip") if train.has_point.any() else ("tip",)
     state = state_of(arm, train)
-    fit = identify(place_base_coarsely(arm.chain, train, free), state, terms_of(train, free), references_of(train, lengths))
+    fit = identify(
+        place_base_coarsely(arm.chain, train, free), state, terms_of(train, free), references_of(train, lengths)
+    )
     tips = fit.tips(state_of(arm, test))
     if test.points is not None:
         return float(np.linalg.norm(tips - test.points, axis=1).mean())
@@ -102,7 +101,11 @@ def tracker_tasks(name: str, seeds: int) -> list[Task]:
 def socket_tasks(robot: str) -> list[Task]:
     """Tool positions left out."""
     name = f"mukca-{robot}"
-    readings, lengths, arm = datasets.load_readings(name), datasets.load_lengths(name), load_arm(datasets.DATASETS[name].arm)
+    readings, lengths, arm = (
+        datasets.load_readings(name),
+        datasets.load_lengths(name),
+        load_arm(datasets.DATASETS[name].arm),
+    )
     assert readings.position is not None
     held = [readings.position == f"{robot}/{position}" for position in tool_positions(robot)]
     return [(arm, readings.rows(~here), readings.rows(here), lengths) for here in held]

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from machine import Target
 from truearm.readings import point_errors
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 FIGURES = ("mean_mm", "p95_mm", "max_mm")
 

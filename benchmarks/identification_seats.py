@@ -19,8 +19,7 @@ from truearm.compensation.models.reading_references import state_of
 from truearm.readings import Readings
 from truearm.readings.lengths import Lengths
 from truearm.readings.seats import length_errors, seat_errors
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 MODELS = {"nominal": NominalModel, "kinematic": KinematicModel, "physical": PhysicalModel}
 
@@ -65,7 +64,11 @@ def figures_of(points: FloatArray, seat: npt.NDArray[np.str_], lengths: Lengths)
 def left_out(robot: str, train: tuple[str, ...], test: tuple[str, ...]) -> list[Position]:
     """Fit all models to some tool positions and look at others."""
     name = f"mukca-{robot}"
-    readings, lengths, arm = datasets.load_readings(name), datasets.load_lengths(name), load_arm(datasets.DATASETS[name].arm)
+    readings, lengths, arm = (
+        datasets.load_readings(name),
+        datasets.load_lengths(name),
+        load_arm(datasets.DATASETS[name].arm),
+    )
     assert readings.position is not None
     assert lengths is not None
     learned = readings.rows(np.isin(readings.position, [f"{robot}/{position}" for position in train]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
 from identification_row import Row, over_splits, three_figures, told
 from machine import Target
@@ -15,9 +14,7 @@ from truearm.compensation.models import KinematicModel, PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.refit import refit
 from truearm.readings import Readings
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+from truearm.typing import BoolArray, FloatArray
 
 ROWS = 20
 MODELS: dict[str, type[IdentifiedModel]] = {"geometry alone": KinematicModel, "physical": PhysicalModel}

@@ -6,21 +6,18 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from identification_points import LEVEL, quarters, shares_of, squared_lengths
 from identification_row import Row
 from machine import Target
 from truearm.arm import Arm, chain_from_dh, load_arm
-from truearm.identification.estimation.alignment import align
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
+from truearm.identification.estimation.alignment import align
 from truearm.identification.planning.sampling import STRATEGIES
-from truearm.readings import Readings
-from truearm.readings import point_errors
-from truearm.readings.lengths import Lengths
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.readings import Readings, point_errors
+from truearm.readings.lengths import Lengths
+from truearm.typing import FloatArray
 
 ARM = "gao2017"
 MODELS = {"nominal": NominalModel, "kinematic": KinematicModel, "physical": PhysicalModel}

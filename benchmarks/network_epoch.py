@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from machine import Target, options_of, print_json, say_machine, print_table, say_targets, times_of_each
+from machine import Target, options_of, print_json, print_table, say_machine, say_targets, times_of_each
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import GROUPS, FitProblem
 from truearm.compensation.nets.perceptron import Perceptron

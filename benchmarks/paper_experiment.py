@@ -14,9 +14,9 @@ import time
 from dataclasses import replace
 from typing import Any
 
-from machine import Target, arguments_of, print_json, say_machine, print_table, say_targets
+from machine import Target, arguments_of, print_json, print_table, say_machine, say_targets
 from truearm.compensation.models import NetworkModel
-from truearm.papers.gao2017.experiment import PAPER_SETTINGS, PAPER_NETWORK_MM, PAPER_NOMINAL_MM, Experiment, experiment
+from truearm.papers.gao2017.experiment import PAPER_NETWORK_MM, PAPER_NOMINAL_MM, PAPER_SETTINGS, Experiment, experiment
 from truearm.readings import point_errors
 
 PAPER_REMOVED_PERCENT, PAPER_SECONDS = 97, 404

@@ -15,19 +15,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from machine import arguments_of, print_json, say_machine, print_table
+from machine import arguments_of, print_json, print_table, say_machine
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, PhysicalModel
 from truearm.identification.planning.prior import nominal_prior
 from truearm.identification.planning.proposal import LENGTH_U_MM, STRATEGIES, Artefact, CalibrationPlan, propose
 from truearm.identification.planning.template import bars
-from truearm.readings import Lengths
-from truearm.pages.plotting import Figure, figure_style, set_log_scale, make_panel, save_png, styles_of
 from truearm.identification.virtual import VirtualArm, load_preset
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.pages.plotting import Figure, figure_style, make_panel, save_png, set_log_scale, styles_of
+from truearm.readings import Lengths
+from truearm.typing import FloatArray
 
 ARMS = ("measuring7", "gao2017", "ur10")
 ARTEFACTS = ("tracker", "bar")

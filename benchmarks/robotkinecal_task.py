@@ -30,7 +30,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from machine import Target, arguments_of, print_json, say_machine, print_table, say_targets, times_of_each
+from machine import Target, arguments_of, print_json, print_table, say_machine, say_targets, times_of_each
 from truearm.arm import Chain, load_arm
 from truearm.identification.estimation.identification import IdentificationResult, identify
 from truearm.identification.estimation.orientations import LEVER_MM, Orientations

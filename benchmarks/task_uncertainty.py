@@ -21,21 +21,19 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
 from another_day import taken
-from machine import Target, arguments_of, print_json, say_machine, print_table, say_targets
+from machine import Target, arguments_of, print_json, print_table, say_machine, say_targets
 from truearm.arm import load_arm
 from truearm.compensation.models import MODELS
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.verification.tasks.sampled_arms import PosteriorDistribution
-from truearm.verification.tasks.features import UP, Feature, length_at, plane, sphere
-from truearm.verification.tasks.feature_postures import feature_postures, middle_of
-from truearm.verification.tasks.task import N_POSTURES, simulate_measurements
 from truearm.identification.virtual import VirtualArm, load_preset
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
+from truearm.verification.tasks.feature_postures import feature_postures, middle_of
+from truearm.verification.tasks.features import UP, Feature, length_at, plane, sphere
+from truearm.verification.tasks.sampled_arms import PosteriorDistribution
+from truearm.verification.tasks.task import N_POSTURES, simulate_measurements
 
 # Of these the intervals shall be no wider than needed, too.
 TWO_POINTS = ("50 mm", "1 m")
@@ -129,7 +127,10 @@ def measured_on(arm_name: str) -> dict[str, tuple[Feature, FloatArray]]:
         "plate 200 mm, lying": plane(middle, UP, 200.0),
         "plate 200 mm, facing": plane(middle, front, 200.0),
     }
-    return {name: (feature, feature_postures(arm, feature, N_POSTURES, seed=SEED_OF_WAYS)) for name, feature in features.items()}
+    return {
+        name: (feature, feature_postures(arm, feature, N_POSTURES, seed=SEED_OF_WAYS))
+        for name, feature in features.items()
+    }
 
 
 def coverage(name: str, share: float, side: str, limit: float) -> Target:

@@ -30,17 +30,17 @@ from typing import Any
 import numpy as np
 
 import growth
-from machine import Target, arguments_of, print_json, say_machine, print_table, say_targets
+from machine import Target, arguments_of, print_json, print_table, say_machine, say_targets
 from network_epoch import dense_jacobian
 from time_to_error import Curve, Task, Watch
-from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.scaling import MinMaxScaler
+from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.trainlm import trainlm
 from truearm.papers.gao2017.training import EVALUATION_STREAM, TRAINING_STREAM, Source
-from truearm.solve import MarquardtDamping, DampingLimit, NormalEquations, levenberg_marquardt
+from truearm.solve import DampingLimit, MarquardtDamping, NormalEquations, levenberg_marquardt
 
 OURS = "truearm lm"
 # The boxes that the targets are stated for, whatever the reproduction of the paper finds to be its boxes.

@@ -12,13 +12,11 @@ import statistics
 from collections.abc import Iterator
 from dataclasses import asdict
 
-from machine import Target, options_of, print_json, say_machine, print_table, say_targets, times_of
+from machine import Target, options_of, print_json, print_table, say_machine, say_targets, times_of
 from truearm import datasets
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel
-from truearm.readings import Readings
-from truearm.readings import point_errors
-from truearm.readings import hold_out
+from truearm.readings import Readings, hold_out, point_errors
 
 SPLITS = {"ur10-a": "position", "ur10-b": "position", "ur5": "row", "wam": "row"}
 MODELS = {"nominal": NominalModel, "kinematic": KinematicModel}

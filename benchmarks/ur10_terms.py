@@ -16,15 +16,15 @@ import numpy as np
 from machine import say_machine
 from truearm import datasets
 from truearm.arm import load_arm
+from truearm.compensation.models import PhysicalModel
+from truearm.compensation.models.joint_error_figure import joint_error_figure
+from truearm.compensation.models.reading_references import state_of
 from truearm.identification.estimation.effects import effects
 from truearm.identification.estimation.joint_errors import JointError, joint_error
 from truearm.identification.estimation.outliers import outliers
-from truearm.compensation.models import PhysicalModel
-from truearm.compensation.models.reading_references import state_of
-from truearm.readings import Readings
-from truearm.pages.figures import save_png
-from truearm.compensation.models.joint_error_figure import joint_error_figure
 from truearm.identification.terms import GravityTorque
+from truearm.pages.figures import save_png
+from truearm.readings import Readings
 
 ARCSEC = np.degrees(1.0) * 3600
 SERIES = {"July 2020": "ur10-a", "November 2020": "ur10-b"}

@@ -13,17 +13,17 @@ from time import process_time
 
 import numpy as np
 
-from machine import Target, options_of, print_json, say_machine, print_table, say_targets, times_of_each
+from machine import Target, options_of, print_json, print_table, say_machine, say_targets, times_of_each
 from truearm.arm.catalogue import load_arm
-from truearm.verification.tasks.sampled_arms import PresetDistribution
-from truearm.verification.tasks.simulated_verification import pose, simulate_verification
+from truearm.identification.virtual import load_preset
 from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
 from truearm.verification.shapes.cylinder import fit_cylinder
+from truearm.verification.shapes.sphere import fit_sphere
 from truearm.verification.standards.example_artefacts import example_artefacts, example_specification
 from truearm.verification.standards.layout import lay_out_tests
-from truearm.verification.shapes.sphere import fit_sphere
 from truearm.verification.standards.verification_plan import load_verification_plan
-from truearm.identification.virtual import load_preset
+from truearm.verification.tasks.sampled_arms import PresetDistribution
+from truearm.verification.tasks.simulated_verification import pose, simulate_verification
 
 NOISE = 0.01  # mm
 RANGE, ARMS, PRESETS = 2500.0, 100, ("shop", "research")

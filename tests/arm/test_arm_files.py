@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.arm import Arm, Chain, LinkMasses, chain_from_dh, chain_from_mdh, load_arm, arm_names, read_arm, write_arm
+from truearm.arm import Arm, Chain, LinkMasses, arm_names, chain_from_dh, chain_from_mdh, load_arm, read_arm, write_arm
 from truearm.arm.transforms import frame_from_xyz_rpy
 from truearm.errors import InputError
 from truearm.identification.terms import gravity_torques, uniform_links

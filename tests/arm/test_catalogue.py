@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from truearm.arm import resolve_arm, load_arm, arm_names, read_urdf, write_arm
+from truearm.arm import arm_names, load_arm, read_urdf, resolve_arm, write_arm
 from truearm.errors import InputError
 
 DATA = Path(os.environ.get("TRUEARM_DATA", Path(__file__).parents[3] / "shared" / "datasets"))

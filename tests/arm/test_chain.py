@@ -230,7 +230,9 @@ def test_a_batch_is_its_rows(n):
         one = q[row : row + 1]
         np.testing.assert_allclose(tips[row], chain.tip_in_base(one)[0], atol=1e-11)
         np.testing.assert_allclose(pose.R_base_tip[row], chain.pose(one).R_base_tip[0], atol=1e-14)
-        np.testing.assert_allclose(small.motion_jacobian[row], chain.tip_derivatives(one).motion_jacobian[0], atol=1e-11)
+        np.testing.assert_allclose(
+            small.motion_jacobian[row], chain.tip_derivatives(one).motion_jacobian[0], atol=1e-11
+        )
 
 
 @pytest.mark.parametrize("n", [0, 1, CHUNK, CHUNK + 5])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
-from truearm.arm.rigid_motions import exponential_derivative, apply_motions, rotations_and_jacobians
+from truearm.arm.rigid_motions import apply_motions, exponential_derivative, rotations_and_jacobians
 
 # Rounding of a dozen products of numbers up to some thousand mm: 1e-12 mm; three orders above it.
 ROUNDING_MM = 1e-9
@@ -93,7 +93,9 @@ def test_no_motion_gives_the_small_motions_of_the_chain():
     for m in (1, 7):
         tips, motion_jacobian = by_chunk(chain, angles, np.zeros((chain.n_places, 6, m)))
         np.testing.assert_allclose(tips, small.tip_in_base, atol=ROUNDING_MM, rtol=0)
-        np.testing.assert_allclose(motion_jacobian.transpose(3, 0, 1, 2), small.motion_jacobian, atol=ROUNDING_MM, rtol=0)
+        np.testing.assert_allclose(
+            motion_jacobian.transpose(3, 0, 1, 2), small.motion_jacobian, atol=ROUNDING_MM, rtol=0
+        )
 
 
 def test_the_moved_chain_has_the_same_tips():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from truearm.arm import Chain, chain_from_dh, load_arm, arm_names, solve_inverse_kinematics
+from truearm.arm import Chain, arm_names, chain_from_dh, load_arm, solve_inverse_kinematics
 from truearm.errors import InputError
 
 SPREAD = np.deg2rad(30)
@@ -121,7 +121,9 @@ def test_rows_do_not_know_each_other():
     arm, q = reachable("gao2017", 40)
     pose = arm.chain.pose(q)
     options = {"start": arm.working, "posture": arm.working + 0.1}
-    whole = solve_inverse_kinematics(arm.chain, pose.tip_in_base, probe_axis_in_base=pose.R_base_tip[:, :, 2], **options)
+    whole = solve_inverse_kinematics(
+        arm.chain, pose.tip_in_base, probe_axis_in_base=pose.R_base_tip[:, :, 2], **options
+    )
     for row in (0, 13, 39):
         single = solve_inverse_kinematics(
             arm.chain, pose.tip_in_base[[row]], probe_axis_in_base=pose.R_base_tip[row, :, 2], **options

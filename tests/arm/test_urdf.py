@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truearm.arm import Arm, Chain, load_arm, arm_names, read_urdf, write_urdf
+from truearm.arm import Arm, Chain, arm_names, load_arm, read_urdf, write_urdf
 from truearm.arm.urdf import MAX_BYTES
 from truearm.errors import InputError
 from truearm.identification.terms import gravity_loads, uniform_links

@@ -12,10 +12,9 @@ from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel
 from truearm.compensation.models.model_file import save_model
 from truearm.identification.planning.candidates import bar_places
-from truearm.identification.planning.sampling import measuring_poses
-from truearm.identification.planning.sampling import seat
-from truearm.readings import Readings, write_session
+from truearm.identification.planning.sampling import measuring_poses, seat
 from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.readings import Readings, write_session
 
 ARM, BAR_MM, SPHERE_MM = "measuring7", 600.0, 25.0
 ELBOW = 3  # the joint whose zero creeps, counted from 0

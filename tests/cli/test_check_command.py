@@ -80,7 +80,9 @@ def course(bench, truearm):
                 temperature_degC=float(readings.temperature_degC.mean()),
             )
             when = datetime.datetime(2026, 1, day)
-            assert history.append(InterimCheck(when, whose, fingerprint(readings), readings.temperature_degC.mean(), values))
+            assert history.append(
+                InterimCheck(when, whose, fingerprint(readings), readings.temperature_degC.mean(), values)
+            )
     return runs
 
 
@@ -338,7 +340,9 @@ def test_the_page_has_the_charts_and_the_answer(folder):
     assert html.count("<svg") == 7  # six charts and the temperature
 
 
-@pytest.mark.parametrize("where", ["truearm.verification.monitor.history._insert", "truearm.verification.monitor.history._create"])
+@pytest.mark.parametrize(
+    "where", ["truearm.verification.monitor.history._insert", "truearm.verification.monitor.history._create"]
+)
 def test_a_check_that_is_interrupted_is_not_added(truearm, folder, snapshot, monkeypatch, where):
     """While it is written, or while its history is made."""
     if where.endswith("_create"):

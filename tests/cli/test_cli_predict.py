@@ -12,8 +12,8 @@ import pytest
 from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.model_file import save_model
-from truearm.readings import write_session
 from truearm.identification.virtual import PRESETS, VirtualArm
+from truearm.readings import write_session
 
 SAYS = "Not given at all readings, taken at the mean, which is in the uncertainty: directions of movement (0."
 

@@ -18,7 +18,13 @@ def small(monkeypatch):
     for table, rows in list(TABLES.items()):
         row = rows[-1]
         monkeypatch.setitem(TABLES, table, (replace(row, n_train=150, hidden=(4,) * len(row.hidden), mean_mm=150.0),))
-    effort = replace(gao2017_training_plan.FULL_EFFORT, epochs=5, lm_epochs={2: 3, 3: 3, 4: 3}, starts=((math.inf, 1),), starts_by_row={})
+    effort = replace(
+        gao2017_training_plan.FULL_EFFORT,
+        epochs=5,
+        lm_epochs={2: 3, 3: 3, 4: 3},
+        starts=((math.inf, 1),),
+        starts_by_row={},
+    )
     monkeypatch.setattr(gao2017_training_plan, "FULL_EFFORT", effort)
     monkeypatch.setattr(gao2017_training_plan, "QUICK_EFFORT", replace(effort, quick=True, starts=((1e-9, 1),)))
 

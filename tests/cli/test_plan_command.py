@@ -11,9 +11,9 @@ import pytest
 from truearm.arm import load_arm
 from truearm.compensation.models.model_file import load_model
 from truearm.identification.planning import proposal
+from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.readings import Lengths, write_lengths, write_session
 from truearm.readings.readings import Readings
-from truearm.identification.virtual import VirtualArm, load_preset
 
 QUICK = ("--terms", "constants")
 

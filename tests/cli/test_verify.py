@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from made_up_verification import ARTEFACTS, MPE, Made
 
-from truearm.verification.standards.measured_points import KEY_COLUMNS, REQUIRED_COLUMNS, OPTIONAL_COLUMNS, SIZE_TESTS
+from truearm.verification.standards.measured_points import KEY_COLUMNS, OPTIONAL_COLUMNS, REQUIRED_COLUMNS, SIZE_TESTS
 from truearm.verification.standards.verification_plan import plan_text
 
 PAGE = Path(__file__).parents[2] / "docs" / "verification.md"

@@ -9,10 +9,10 @@ import pytest
 from test_print import printed
 
 from truearm.pages.html import render
-from truearm.verification.standards.operator_sheet import OperatorSheet, operator_sheet_page, describe_direction
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.example_artefacts import example_artefacts
 from truearm.verification.standards.layout import lay_out_tests
+from truearm.verification.standards.operator_sheet import OperatorSheet, describe_direction, operator_sheet_page
 from truearm.verification.standards.verification_plan import PLANS, VerificationPlan, load_verification_plan
 
 RANGE = 2000.0
@@ -96,7 +96,11 @@ def test_the_sheet_says_how_seats_and_balls_are_touched():
 def test_names_are_text():
     whole = example_artefacts(RANGE)
     ball = whole.spheres[0].model_copy(update={"name": "<b>ball</b>", "certificate": "K & Co <script>"})
-    html = render(operator_sheet_page(sheet_of(load_verification_plan("iso10360-12"), Artefacts(spheres=(ball,), bars=whole.bars))))
+    html = render(
+        operator_sheet_page(
+            sheet_of(load_verification_plan("iso10360-12"), Artefacts(spheres=(ball,), bars=whole.bars))
+        )
+    )
     assert "<script" not in html
     assert "<b>ball" not in html
     assert "&lt;b&gt;ball&lt;/b&gt;" in html

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from truearm.arm.catalogue import load_arm
+from truearm.identification.planning.plan_page import course_figure, places_figure, plan_page, poses_figure
 from truearm.identification.planning.prior import nominal_prior
 from truearm.identification.planning.proposal import Artefact, propose
 from truearm.pages.html import render
-from truearm.identification.planning.plan_page import course_figure, places_figure, plan_page, poses_figure
 
 ARM = load_arm("gao2017")
 ARTEFACTS = {"tracker": Artefact("tracker"), "seat": Artefact("seat", 2), "bar": Artefact("bar", 2, 200.0)}

@@ -10,8 +10,8 @@ from matplotlib.image import imread
 
 from truearm.errors import InputError
 from truearm.pages import figures
-from truearm.pages.plotting import Style, svg_element
 from truearm.pages.joint_figures import running_median
+from truearm.pages.plotting import Style, svg_element
 
 
 def made_up(readings=60, joints=6, seed=1):

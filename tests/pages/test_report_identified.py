@@ -4,24 +4,24 @@ import numpy as np
 import pytest
 from test_report_page import Outline
 
+from truearm.compensation.models.identification_sections import (
+    HeldOutErrors,
+    OutlierRow,
+    joint_errors_section,
+    outlier_section,
+    terms_section,
+    uncertainty_section,
+    unidentifiable_section,
+)
+from truearm.compensation.models.joint_error_figure import joint_error_figure
+from truearm.compensation.models.seat_page import SeatComparison, seats_page
+from truearm.compensation.models.uncertainty import UncertaintyBudget
 from truearm.errors import InputError
 from truearm.identification.estimation.effects import Effect
 from truearm.identification.estimation.joint_errors import JointError
-from truearm.compensation.models.uncertainty import UncertaintyBudget
-from truearm.pages.plotting import svg_element
 from truearm.pages.html import render
-from truearm.compensation.models.identification_sections import (
-    OutlierRow,
-    HeldOutErrors,
-    outlier_section,
-    joint_errors_section,
-    unidentifiable_section,
-    terms_section,
-    uncertainty_section,
-)
-from truearm.compensation.models.joint_error_figure import joint_error_figure
 from truearm.pages.page import Page
-from truearm.compensation.models.seat_page import SeatComparison, seats_page
+from truearm.pages.plotting import svg_element
 
 ARCSEC = np.pi / 180 / 3600
 
@@ -93,7 +93,9 @@ def test_terms_have_a_row_each_and_those_not_needed_are_named():
 
 
 def test_a_joint_has_its_curve_and_its_spectrum_with_units():
-    figure = joint_error_figure({"model": [made_up_error(1), made_up_error(3)]}, np.zeros((5, 3)), names=["a", "b", "c"])
+    figure = joint_error_figure(
+        {"model": [made_up_error(1), made_up_error(3)]}, np.zeros((5, 3)), names=["a", "b", "c"]
+    )
     assert len(figure.panels) == 4
     for curve, spectrum in zip(figure.panels[::2], figure.panels[1::2], strict=True):
         assert curve.axes[0].get_xlabel() == "joint angle [deg]"

@@ -11,7 +11,7 @@ import pytest
 from truearm.errors import InputError
 from truearm.pages import figures
 from truearm.pages.html import paragraphs, render, write_page
-from truearm.pages.page import Column, Page, LabelledValue, Section, Table
+from truearm.pages.page import Column, LabelledValue, Page, Section, Table
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
 HOSTILE = "<script>alert('x')</script>"
@@ -69,7 +69,10 @@ def made_up_page(readings=200, joints=6, seed=5):
     return Page(
         "Error of an arm, before and after",
         "Made up for a test",
-        summary=(LabelledValue("mean error after", 0.01234, "mm", uncertainty=0.0003, limit=0.05), LabelledValue("readings", readings)),
+        summary=(
+            LabelledValue("mean error after", 0.01234, "mm", uncertainty=0.0003, limit=0.05),
+            LabelledValue("readings", readings),
+        ),
         sections=(
             Section("Before and after", "One.\n\nTwo.", (), (figures.before_after(lengths, styles=styles),), (table,)),
             Section(

@@ -10,9 +10,9 @@ from test_report_page import HOSTILE, Outline
 
 from truearm.errors import InputError
 from truearm.pages.html import render
+from truearm.pages.phrases import range_cell
 from truearm.papers.gao2017.reproduction_file import read_reproduction
 from truearm.papers.gao2017.reproduction_page import reproduction_page
-from truearm.pages.phrases import range_cell
 
 PARTS = {
     "figures.arm": ("The arm (Figures 1 and 2)", "--figure 1"),

@@ -9,10 +9,11 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, Rectangle
 
 from truearm.arm.transforms import screw_x, screw_z
-from truearm.errors import InputError
 from truearm.compensation.nets.perceptron import Perceptron
+from truearm.errors import InputError
 from truearm.pages.arm_drawing import arm_figure, denavit_hartenberg, frame_figure, project
 from truearm.pages.plotting import figure_style, styles_of, svg_element
+from truearm.pages.prediction_figure import predictions_by_pose
 from truearm.papers.gao2017.claim_figures import (
     crossings,
     error_against_box,
@@ -23,7 +24,6 @@ from truearm.papers.gao2017.claim_figures import (
 )
 from truearm.papers.gao2017.network_drawing import network_layers
 from truearm.papers.gao2017.table_figure import TableFigureRow, reaches_paper_error, table_figure
-from truearm.pages.prediction_figure import predictions_by_pose
 
 PARAMETERS = np.array([[0, 376, -90], [62, 0, -90], [0, 751, -90], [62, 0, -90], [0, 500, -90], [0, 15, 90.0]])
 
@@ -189,7 +189,9 @@ def test_what_is_no_network_is_refused(sizes):
 
 def test_every_start_the_median_and_the_papers_value_are_drawn():
     rows = [
-        TableFigureRow(("1", "10"), 8.5, 124.0, {"a": [8.0, 9.0, 10.0], "b": [5.0]}, {"a": [None, 3.0, None], "b": [1.0]}),
+        TableFigureRow(
+            ("1", "10"), 8.5, 124.0, {"a": [8.0, 9.0, 10.0], "b": [5.0]}, {"a": [None, 3.0, None], "b": [1.0]}
+        ),
         TableFigureRow(("2", "50"), 2.5, 21.0, {"a": [2.0, 3.0]}, {"a": [7.0, 8.0]}),
     ]
     figure = table_figure(rows, headings=("row", "units"))

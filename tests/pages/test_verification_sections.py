@@ -11,18 +11,24 @@ import pytest
 from test_report_page import Outline
 
 from truearm.errors import InputError
-from truearm.pages.cells import grid_of_table, format_cell
+from truearm.pages.cells import format_cell, grid_of_table
 from truearm.pages.html import render
-from truearm.pages.page import Column, Table
 from truearm.pages.number_format import RoundedNumber
-from truearm.verification.standards.verification_page import describe_decision, limits_figure, verification_page
+from truearm.pages.page import Column, Table
 from truearm.verification.standards.artefacts import Artefacts
-from truearm.verification.standards.decision import Budget, Contribution, ConformityResult, assess_conformity, overall_verdict
+from truearm.verification.standards.decision import (
+    Budget,
+    ConformityResult,
+    Contribution,
+    assess_conformity,
+    overall_verdict,
+)
+from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.verification.standards.specification import Specification
-from truearm.verification.standards.measured_points import PointGroup, MeasuredPoints
-from truearm.verification.standards.verification_record import VerificationRecord
-from truearm.verification.standards.verification_plan import CHECK_STANDARD, load_verification_plan
 from truearm.verification.standards.verification import Verification
+from truearm.verification.standards.verification_page import describe_decision, limits_figure, verification_page
+from truearm.verification.standards.verification_plan import CHECK_STANDARD, load_verification_plan
+from truearm.verification.standards.verification_record import VerificationRecord
 
 DAY = datetime.date(2026, 11, 3)
 PLAN = load_verification_plan("iso10360-12")
@@ -86,7 +92,11 @@ def test_a_rounded_cell_is_checked_as_any_other():
 
 
 def test_every_row_stands_with_value_uncertainty_limit_and_verdict():
-    rows = [row(0.0102), row(-0.03, None, label="L_Dia.5x5"), ConformityResult("E_Uni, sets", 2, "", Budget(), None, None, "of 35")]
+    rows = [
+        row(0.0102),
+        row(-0.03, None, label="L_Dia.5x5"),
+        ConformityResult("E_Uni, sets", 2, "", Budget(), None, None, "of 35"),
+    ]
     page = verification_page(outcome(rows))
     # k is Student's t for 95.45 % and 30 effective degrees of freedom, 2.087 [tables of t: 2.09]: U = 0.0104.
     assert BUDGET.dof == pytest.approx(30.86, abs=0.01)
@@ -126,7 +136,9 @@ def test_only_the_artefacts_that_were_touched_are_listed():
 
 
 def test_recalled_numbers_of_what_was_tested_are_to_be_checked():
-    page = verification_page(outcome([row(0.01)], remarks=["not tested: bi", f"plan, uni: recalled, {CHECK_STANDARD}: 5"]))
+    page = verification_page(
+        outcome([row(0.01)], remarks=["not tested: bi", f"plan, uni: recalled, {CHECK_STANDARD}: 5"])
+    )
     section = page.sections[-1]
     assert CHECK_STANDARD in section.text
     assert {line[0] for line in table(page, section.title)} == {"probing", "uni"}
@@ -141,7 +153,9 @@ def test_recalled_numbers_of_what_was_tested_are_to_be_checked():
 def test_the_decision_names_what_decides():
     good, between, bad = row(0.01), row(0.045, label="E_Uni, 300"), row(0.07, label="E_Uni, 150")
     assert "The values tested are within their limits: 1 value with a limit." in describe_decision(outcome([good]))
-    assert "Outside its limit: E_Uni, 150, position 1, (0.070 ± 0.010)" in describe_decision(outcome([good, between, bad]))
+    assert "Outside its limit: E_Uni, 150, position 1, (0.070 ± 0.010)" in describe_decision(
+        outcome([good, between, bad])
+    )
     said = describe_decision(outcome([good, between]))
     assert "Undecided, within the uncertainty of the limit: E_Uni, 300" in said
     assert "better artefact" in said

@@ -12,13 +12,21 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.errors import InputError
+from truearm.pages import phrases
 from truearm.papers.gao2017.final_test import poses_outside
-from truearm.papers.gao2017.training_plan import BOX_FITTING_ROWS, FULL_EFFORT, PARTS, QUICK_EFFORT, plan_trainings, training_of, trainings
-from truearm.papers.gao2017.reproduction import USED_TO_FIX_BOX, GOAL_MET, _same, reproduce, verdict
+from truearm.papers.gao2017.reproduction import GOAL_MET, USED_TO_FIX_BOX, _same, reproduce, verdict
+from truearm.papers.gao2017.reproduction_file import read_reproduction
 from truearm.papers.gao2017.tables import TABLES
 from truearm.papers.gao2017.training import TEST_STREAM, machine_data, run_training
-from truearm.pages import phrases
-from truearm.papers.gao2017.reproduction_file import read_reproduction
+from truearm.papers.gao2017.training_plan import (
+    BOX_FITTING_ROWS,
+    FULL_EFFORT,
+    PARTS,
+    QUICK_EFFORT,
+    plan_trainings,
+    training_of,
+    trainings,
+)
 
 # Rows of the paper that show what is special: shared trainings, other activations, gradient descent.
 ROWS = {2: (1, 6, 8, 15), 3: (6, 9, 11, 12), 4: (4,)}

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.readings import compare_errors
-from truearm.readings import point_errors
+from truearm.readings import compare_errors, point_errors
 
 
 def test_errors_by_hand():

@@ -7,7 +7,13 @@ import pytest
 
 from truearm.errors import InputError
 from truearm.readings import Lengths, length_errors
-from truearm.readings.thermal_expansion import ARTEFACT_U_K, UNSTATED_U_K, at_measured_temperature, thermal_expansion_at, thermal_expansion_of
+from truearm.readings.thermal_expansion import (
+    ARTEFACT_U_K,
+    UNSTATED_U_K,
+    at_measured_temperature,
+    thermal_expansion_at,
+    thermal_expansion_of,
+)
 
 SEAT = np.array(["a", "a", "b", "c", "d"])
 DEGC = np.array([24.0, 26.0, 27.0, 18.0, 20.0])  # 25 degC in a, 27 in b; 18 in c, 20 in d
@@ -54,7 +60,9 @@ def test_temperatures_on_another_scale_are_refused(degC):
         thermal_expansion_of(STEEL, SEAT, np.full(5, degC))
     assert "not in K" in caught.value.hint
     bare = Lengths(["a"], ["b"], [500.0], [0.005])
-    assert (thermal_expansion_of(bare, SEAT, np.full(5, degC)).factor == 1).all()  # it is no temperature of the bar then
+    assert (
+        thermal_expansion_of(bare, SEAT, np.full(5, degC)).factor == 1
+    ).all()  # it is no temperature of the bar then
 
 
 def test_lengths_as_they_are_are_longer_and_less_sure():

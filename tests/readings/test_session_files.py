@@ -11,11 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from truearm.errors import InputError, TruearmError
-from truearm.readings import Readings
 from truearm.files import delimited
-from truearm.readings import files
-from truearm.readings import read_session
-from truearm.readings import write_session
+from truearm.readings import Readings, files, read_session, write_session
 
 HEADER = "q1_deg,q2_deg,x_mm,y_mm,z_mm\n"
 GOOD = HEADER + "10,20,1,2,3\n-30,40.5,4,5,6\n"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from truearm.errors import TruearmError
-from truearm.solve import MaxEpochs, CostGoal, MinGradient, LearningRate, MaxSeconds, gradient_descent
+from truearm.solve import CostGoal, LearningRate, MaxEpochs, MaxSeconds, MinGradient, gradient_descent
 
 
 class Parabola:

@@ -11,15 +11,15 @@ import pytest
 from truearm.errors import InputError, TruearmError
 from truearm.solve import (
     BestPoint,
-    MarquardtDamping,
-    DampingLimit,
-    MaxEpochs,
+    CostConverged,
     CostGoal,
+    DampingLimit,
+    MarquardtDamping,
+    MaxEpochs,
+    MaxSeconds,
     MinGradient,
     NielsenDamping,
     NormalEquations,
-    MaxSeconds,
-    CostConverged,
     OptimizerState,
     ValidationStop,
     levenberg_marquardt,
@@ -89,7 +89,9 @@ def test_rosenbrock_is_found_from_the_usual_start(damping):
 
 def test_the_cost_never_rises_and_every_epoch_is_told():
     told = []
-    result = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], stops=[CostGoal(1e-20), MaxEpochs(300)], callback=told.append)
+    result = levenberg_marquardt(
+        rosenbrock(), [-1.2, 1.0], stops=[CostGoal(1e-20), MaxEpochs(300)], callback=told.append
+    )
     assert all(after.cost < before.cost for before, after in itertools.pairwise(told))
     assert all(after.previous_cost == before.cost for before, after in itertools.pairwise(told))
     assert [state.epoch for state in told] == list(range(result.epochs + 1))
@@ -107,7 +109,9 @@ def test_a_linear_problem_takes_two_epochs_without_damping():
     A = np.array([[2.0, 1], [1, 3], [0, 1]])
     b = np.array([1.0, 2, 3])
     problem = Residuals(lambda x: A @ x - b, lambda x: A)
-    result = levenberg_marquardt(problem, [0, 0], damping=MarquardtDamping(mu=1e-12), stops=[MinGradient(1e-9), MaxEpochs(50)])
+    result = levenberg_marquardt(
+        problem, [0, 0], damping=MarquardtDamping(mu=1e-12), stops=[MinGradient(1e-9), MaxEpochs(50)]
+    )
     np.testing.assert_allclose(result.x, np.linalg.lstsq(A, b)[0], rtol=1e-9)
     assert result.epochs <= 2
 
@@ -328,7 +332,9 @@ def test_a_step_is_bent_by_its_second_derivative():
         return np.exp(x) * np.exp(x) * step**2
 
     problem = Residuals(np.exp, lambda x: np.exp(x)[:, None])
-    result = levenberg_marquardt(problem, [0.0], damping=MarquardtDamping(1.0), stops=[MaxEpochs(1)], acceleration=bending)
+    result = levenberg_marquardt(
+        problem, [0.0], damping=MarquardtDamping(1.0), stops=[MaxEpochs(1)], acceleration=bending
+    )
     assert told == [(0.0, pytest.approx(-0.5, rel=1e-15))]
     assert result.x[0] == pytest.approx(-0.5625, rel=1e-15)
     assert result.cost == pytest.approx(0.5 * np.exp(-1.125), rel=1e-15)

@@ -1,10 +1,10 @@
 """Arms: kinematic chains, the files they come from, a catalogue of them, and inverse kinematics."""
 
 from truearm.arm.arm import Arm
-from truearm.arm.catalogue import resolve_arm, load_arm, arm_names
+from truearm.arm.arm_files import read_arm, write_arm
+from truearm.arm.catalogue import arm_names, load_arm, resolve_arm
 from truearm.arm.chain import Chain, Pose, TipDerivatives, exponential_derivative
 from truearm.arm.denavit_hartenberg import DHTable, chain_from_dh, chain_from_mdh, dh_table, mdh_table
-from truearm.arm.arm_files import read_arm, write_arm
 from truearm.arm.inverse_kinematics import InverseKinematicsResult, solve_inverse_kinematics
 from truearm.arm.masses import LinkMasses
 from truearm.arm.urdf import read_urdf, write_urdf
@@ -17,16 +17,16 @@ __all__ = [
     "LinkMasses",
     "Pose",
     "TipDerivatives",
-    "resolve_arm",
+    "arm_names",
     "chain_from_dh",
     "chain_from_mdh",
     "dh_table",
     "exponential_derivative",
     "load_arm",
     "mdh_table",
-    "arm_names",
     "read_arm",
     "read_urdf",
+    "resolve_arm",
     "solve_inverse_kinematics",
     "write_arm",
     "write_urdf",

@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truearm.arm.chain import Chain, FloatArray
+from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
+from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

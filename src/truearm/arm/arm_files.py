@@ -43,7 +43,6 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from truearm.arm.arm import Arm
-from truearm.files.file_reading import read_limited
 from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import (
     Convention,
@@ -55,12 +54,14 @@ from truearm.arm.denavit_hartenberg import (
     mdh_table,
     row_end_frames,
 )
-from truearm.arm.transforms import FloatArray, frame_from_xyz_rpy, xyz_rpy_from_frame
 from truearm.arm.masses import LinkMasses, PointMass, combine_point_masses
+from truearm.arm.transforms import frame_from_xyz_rpy, xyz_rpy_from_frame
 from truearm.arm.urdf import read_urdf, write_urdf
 from truearm.errors import InputError
-from truearm.files.toml_documents import parse_toml
 from truearm.files.atomic_write import atomic_file
+from truearm.files.file_reading import read_limited
+from truearm.files.toml_documents import parse_toml
+from truearm.typing import FloatArray
 
 MAX_BYTES = 1_000_000
 

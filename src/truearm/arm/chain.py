@@ -28,11 +28,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.rigid_motions import exponential_derivative as exponential_derivative
 from truearm.arm.rigid_motions import apply_motions, rotations_and_jacobians
+from truearm.arm.rigid_motions import exponential_derivative as exponential_derivative
 from truearm.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 # Poses that go through the chain together: 4096 doubles a component keep the working set of one pass
 # (about 60 components) inside a 2 MiB cache.

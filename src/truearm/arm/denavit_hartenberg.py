@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.chain import Chain
-from truearm.arm.transforms import FloatArray, screw_x, screw_z
+from truearm.arm.transforms import screw_x, screw_z
 from truearm.errors import InputError
+from truearm.typing import FloatArray
 
 Convention = Literal["dh", "mdh"]
 Kind = Literal["revolute", "prismatic", "fixed"]

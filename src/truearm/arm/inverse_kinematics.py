@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm.chain import Chain, FloatArray
+from truearm.arm.chain import Chain
 from truearm.errors import InputError
+from truearm.typing import FloatArray
 
 # Rows that go through together: the derivatives by all six motions at all places take 144 bytes a place each.
 _ROWS = 4096

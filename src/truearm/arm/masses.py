@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 # A hundred tonnes, a kilometre: what is more is a wrong unit.
 MOST_KG = 1e5

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 def exponential_derivative(motions: npt.ArrayLike) -> FloatArray:

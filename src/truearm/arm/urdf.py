@@ -15,13 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
-from truearm.files.file_reading import read_limited
 from truearm.arm.chain import Chain
-from truearm.files.xml_reader import Element, attribute, child, children, float_attribute, parse_xml
-from truearm.arm.transforms import FloatArray, frame_from_xyz_rpy, rotation_from_z_to, xyz_rpy_from_frame
 from truearm.arm.masses import PointMass, combine_point_masses
+from truearm.arm.transforms import frame_from_xyz_rpy, rotation_from_z_to, xyz_rpy_from_frame
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
+from truearm.files.file_reading import read_limited
+from truearm.files.xml_reader import Element, attribute, child, children, float_attribute, parse_xml
+from truearm.typing import FloatArray
 
 MAX_BYTES = 5_000_000
 MM_PER_M = 1000.0
@@ -235,7 +236,8 @@ def _limits_of(joint: _Joint) -> tuple[float, float]:
     what = f"the limit of joint {joint.name!r}"
     unit = MM_PER_M if joint.kind == "prismatic" else 1.0
     lower, upper = (
-        unit * float(float_attribute(limit, end, what, 1)[0]) if end in limit.attrib else 0.0 for end in ("lower", "upper")
+        unit * float(float_attribute(limit, end, what, 1)[0]) if end in limit.attrib else 0.0
+        for end in ("lower", "upper")
     )
     return lower, upper
 

@@ -8,7 +8,7 @@ from zipfile import is_zipfile
 
 import typer
 
-from truearm.cli.console import Json, check_output_is_not_input, print_line, print_json, print_table
+from truearm.cli.console import Json, check_output_is_not_input, print_json, print_line, print_table
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
@@ -32,7 +32,7 @@ def arms(
     Without a name: the list. With a name: its drawing. With a model file: the arm as identified, base and tip where the
     reference saw them. With --out as well: an arm file, to edit into your own arm's, or to use elsewhere.
     """
-    from truearm.arm import resolve_arm, load_arm, arm_names, write_arm
+    from truearm.arm import arm_names, load_arm, resolve_arm, write_arm
     from truearm.errors import InputError
 
     if not arm:
@@ -60,10 +60,10 @@ def _identified(path: Path) -> Arm:
     """The arm of a model file with the constants that were identified."""
     from dataclasses import replace
 
-    from truearm.errors import InputError
     from truearm.compensation.models import NetworkModel
-    from truearm.compensation.models.model_file import load_model
     from truearm.compensation.models.identified_model import IdentifiedModel
+    from truearm.compensation.models.model_file import load_model
+    from truearm.errors import InputError
 
     model = load_model(path)
     if isinstance(model, NetworkModel):

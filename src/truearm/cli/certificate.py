@@ -36,9 +36,9 @@ def certificate(
     paper.
     """
     from truearm.errors import InputError
+    from truearm.files.atomic_write import atomic_file, check_writable
     from truearm.verification.certificate.administrative_data import read_administrative_data
     from truearm.verification.certificate.administrative_data import template as template_text
-    from truearm.files.atomic_write import check_writable, atomic_file
 
     if template:
         print_line(template_text().rstrip("\n"))
@@ -64,16 +64,20 @@ def certificate(
         check_page_path(html, *inputs, out)
 
     from truearm.cli.verify import digests, facts, files_of
-    from truearm.verification.certificate.certificate import administrative_sections, make_certificate, check_uncertainties
-    from truearm.verification.certificate.dcc import write_dcc
     from truearm.pages.html import write_page
-    from truearm.verification.standards.verification_page import certificate_page, describe_decision, describe_rule
+    from truearm.verification.certificate.certificate import (
+        administrative_sections,
+        check_uncertainties,
+        make_certificate,
+    )
+    from truearm.verification.certificate.dcc import write_dcc
     from truearm.verification.standards.artefacts import read_artefacts
-    from truearm.verification.standards.specification import read_specification
     from truearm.verification.standards.measured_points import read_points
-    from truearm.verification.standards.verification_record import VerificationRecord
-    from truearm.verification.standards.verification_plan import load_verification_plan
+    from truearm.verification.standards.specification import read_specification
     from truearm.verification.standards.verification import verify
+    from truearm.verification.standards.verification_page import certificate_page, describe_decision, describe_rule
+    from truearm.verification.standards.verification_plan import load_verification_plan
+    from truearm.verification.standards.verification_record import VerificationRecord
 
     files = files_of(plan, *inputs[1:])
     known = digests(files)
@@ -88,7 +92,9 @@ def certificate(
     except InputError as error:
         raise error.in_file(artefacts) from None
     try:
-        stated = make_certificate(told, outcome, decision=describe_decision(outcome).split("\n\n"), rule=describe_rule(rule))
+        stated = make_certificate(
+            told, outcome, decision=describe_decision(outcome).split("\n\n"), rule=describe_rule(rule)
+        )
     except InputError as error:
         raise error.in_file(about) from None
     now = digests(files)

@@ -12,11 +12,11 @@ from truearm.cli.console import (
     SessionFile,
     check_output_is_not_input,
     check_page_path,
-    print_status,
-    progress,
-    print_line,
     print_json,
+    print_line,
+    print_status,
     print_table,
+    progress,
     version_row,
 )
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from truearm.compensation.models import Compensator
-    from truearm.compensation.models.compensator import BoolArray
     from truearm.readings import Lengths, Readings
+    from truearm.typing import BoolArray
     from truearm.verification.monitor.history import OtherModel
-    from truearm.verification.monitor.interim import Assessment, InterimCheck, Trend, CheckValue
+    from truearm.verification.monitor.interim import Assessment, CheckValue, InterimCheck, Trend
 
 CODES = {"no": 0, "yes": 1, "check once more": 3, "not enough checks yet": 3}
 
@@ -88,8 +88,8 @@ def check(
         completed = added and len(checks) == n_before
         changed = _of_other_models(before, checks)
         if report is not None:
-            from truearm.verification.monitor.interim_check_page import drift_page
             from truearm.pages.html import write_page
+            from truearm.verification.monitor.interim_check_page import drift_page
 
             facts = _facts(fitted, model, history)
             write_page(drift_page(checks, found, arm=name, remarks=changed, facts=facts), report)
@@ -224,7 +224,9 @@ def _when(one: InterimCheck) -> str:
     return format_date(one.date)
 
 
-def _tell(checks: tuple[InterimCheck, ...], found: Assessment, changed: list[str], *, model: Path, outside: BoolArray) -> None:
+def _tell(
+    checks: tuple[InterimCheck, ...], found: Assessment, changed: list[str], *, model: Path, outside: BoolArray
+) -> None:
     from truearm.verification.monitor.interim import describe_assessment
 
     last = checks[-1]
@@ -242,7 +244,9 @@ def _tell(checks: tuple[InterimCheck, ...], found: Assessment, changed: list[str
     )
     if charts:
         interval = charts[0].rules.decision_interval
-        print_line(f"drift: the larger cumulative sum, in standard deviations; above {interval:.2f} it tells of a change")
+        print_line(
+            f"drift: the larger cumulative sum, in standard deviations; above {interval:.2f} it tells of a change"
+        )
     if outside.any():
         print_line(f"{int(outside.sum())} of {len(outside)} readings have a joint away from the training angles.")
     for remark in (*found.reasons, *found.remarks, *changed, describe_assessment(found, checks)):

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, progress, print_line, print_json, print_table
+from truearm.cli.console import Json, print_json, print_line, print_table, progress
 
 if TYPE_CHECKING:
-    from truearm.papers.gao2017.experiment import Experiment
     from truearm.pages.page import Page
+    from truearm.papers.gao2017.experiment import Experiment
 
 
 def demo(
@@ -33,10 +33,10 @@ def demo(
     import numpy as np
 
     from truearm.errors import InputError
-    from truearm.papers.gao2017.experiment import PAPER_SETTINGS, QUICK_SETTINGS, experiment
+    from truearm.files.atomic_write import atomic_file
     from truearm.pages.figures import before_after, save_png
     from truearm.pages.html import render
-    from truearm.files.atomic_write import atomic_file
+    from truearm.papers.gao2017.experiment import PAPER_SETTINGS, QUICK_SETTINGS, experiment
 
     if out.exists() and not out.is_dir():
         raise InputError("expected a folder to write to, got a file", file=out)
@@ -104,10 +104,16 @@ def _say(summary: dict[str, Any], out: Path) -> None:
         ]
     )
     n_train, n = summary["models"]["network"]["n_train"], summary["models"]["network"]["n"]
-    print_line(f"Virtual arm {summary['arm']}, seed {summary['seed']}: {n_train} poses to learn from, {n} + {n} to test on.")
-    print_line("Absolute error of a coordinate [mm], in the box of joint angles learned from, and in everyday measuring:")
+    print_line(
+        f"Virtual arm {summary['arm']}, seed {summary['seed']}: {n_train} poses to learn from, {n} + {n} to test on."
+    )
+    print_line(
+        "Absolute error of a coordinate [mm], in the box of joint angles learned from, and in everyday measuring:"
+    )
     print_table(["model", "mean", "max", "removed %", "outside mean", "outside max", "fit s"], rows)
-    print_line(f"The paper's network, on its own arm: mean {PAPER_NETWORK_MM[0]}, max {PAPER_NETWORK_MM[1]}, 97 % removed.")
+    print_line(
+        f"The paper's network, on its own arm: mean {PAPER_NETWORK_MM[0]}, max {PAPER_NETWORK_MM[1]}, 97 % removed."
+    )
     print_line("The network holds only inside the box it learned; the kinematic model holds outside it too.")
     print_line(f"Look at {out / 'report.html'}; the figures are in {out / 'summary.json'}.")
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, progress, print_line, print_json, print_table
+from truearm.cli.console import Json, print_json, print_line, print_table, progress
 
 if TYPE_CHECKING:
-    from truearm.compensation.models.compensator import FloatArray
     from truearm.readings import Lengths, Readings
+    from truearm.typing import FloatArray
 
 
 def evaluate(
@@ -36,9 +36,7 @@ def evaluate(
     from truearm.cli.predict import check_reference, load_for, without_served
     from truearm.cli.report import remarks
     from truearm.compensation.models import NominalModel
-    from truearm.readings import check_sessions
-    from truearm.readings import compare_errors
-    from truearm.readings import point_errors
+    from truearm.readings import check_sessions, compare_errors, point_errors
 
     with progress(f"reading {session.name}"):
         fitted, readings = load_for(model, session)

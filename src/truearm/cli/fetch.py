@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from truearm.cli.console import progress, print_line, print_table
+from truearm.cli.console import print_line, print_table, progress
 
 
 def fetch(
@@ -22,11 +22,13 @@ def fetch(
     """
     from truearm import datasets
     from truearm.errors import InputError
+    from truearm.files.atomic_write import atomic_file, check_writable
     from truearm.readings import check_session_path, write_lengths, write_session
-    from truearm.files.atomic_write import check_writable, atomic_file
 
     if show or not name:
-        print_table(["name", "set", "arm"], [[n, s.title, s.arm] for n, s in datasets.DATASETS.items()], left_aligned=(0, 1, 2))
+        print_table(
+            ["name", "set", "arm"], [[n, s.title, s.arm] for n, s in datasets.DATASETS.items()], left_aligned=(0, 1, 2)
+        )
         return
     path = out or Path(f"{name}.csv")
     beside = path.with_name(f"{path.stem}-lengths.csv")

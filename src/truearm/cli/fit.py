@@ -10,15 +10,24 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from truearm.cli.console import ArmOption, Json, check_output_is_not_input, print_status, progress, print_line, print_json, print_table
+from truearm.cli.console import (
+    ArmOption,
+    Json,
+    check_output_is_not_input,
+    print_json,
+    print_line,
+    print_status,
+    print_table,
+    progress,
+)
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
-    from truearm.identification.estimation.outliers import LengthOutlier
     from truearm.compensation.models import Compensator, NominalModel
     from truearm.compensation.models.identified_model import IdentifiedModel
     from truearm.compensation.models.network import Member
     from truearm.compensation.models.selection import ModelScore
+    from truearm.identification.estimation.outliers import LengthOutlier
     from truearm.readings import ErrorComparison, Lengths, Readings
 
 # Below so many readings a kinematic model's training error says little: it has some 50 constants, 27 of them
@@ -90,8 +99,8 @@ def fit(
     from truearm.compensation.models.model_file import save_model
     from truearm.compensation.models.reading_references import check_spread
     from truearm.compensation.models.selection import select_model
-    from truearm.readings import read_session
     from truearm.files.atomic_write import check_writable
+    from truearm.readings import read_session
 
     nominal = resolve_arm(arm)
     check_output_is_not_input(out, session, Path(arm), *([] if lengths is None else [lengths]))
@@ -154,8 +163,8 @@ class Kept:
     """
 
     def __init__(self, out: Path) -> None:
-        from truearm.errors import InputError
         from truearm.compensation.models.network import checkpoints
+        from truearm.errors import InputError
 
         # The longest name that a file may have leaves no room for more.
         name = out.name if len(os.fsencode(out.name)) < 240 else out.name[:50]
@@ -179,9 +188,9 @@ class Kept:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        from truearm.errors import InputError
         from truearm.compensation.models.network import checkpoints, remove_checkpoints
         from truearm.compensation.nets.checkpoint import RESTART_HINT
+        from truearm.errors import InputError
 
         if error is None or not checkpoints(self.folder):
             remove_checkpoints(self.folder)
@@ -336,11 +345,11 @@ def _say_result(
 ) -> None:
     from dataclasses import asdict
 
-    from truearm.identification.estimation.identifiability import identifiability
-    from truearm.identification.estimation.outliers import outliers
     from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, NominalModel
     from truearm.compensation.models.identified_model import IdentifiedModel
     from truearm.compensation.models.reading_references import MIN_READINGS_ON, surfaces_with_too_few_readings
+    from truearm.identification.estimation.identifiability import identifiability
+    from truearm.identification.estimation.outliers import outliers
     from truearm.readings import compare_errors, seat_errors
 
     model = next(name for name, kind in MODELS.items() if type(fitted) is kind)
@@ -365,17 +374,23 @@ def _say_result(
             told["identifiability"] = asdict(identifiability(fitted.fit_))
             told["outliers"] = [asdict(outlier) for outlier in outliers(fitted.fit_)]
             told["wrong_lengths"] = [asdict(wrong) for wrong in _wrong_lengths(fitted, readings, lengths)]
-            told["too_few_on"] = [{"kind": k, "name": name, "readings": n} for k, name, n in surfaces_with_too_few_readings(readings)]
+            told["too_few_on"] = [
+                {"kind": k, "name": name, "readings": n} for k, name, n in surfaces_with_too_few_readings(readings)
+            ]
         print_json(told)
         return
     if table:
         _say_table(table)
-    print_line(f"{out}: {model} model of {fitted.arm.name} from {len(readings)} readings in {fitted.fit_seconds_:.1f} s")
+    print_line(
+        f"{out}: {model} model of {fitted.arm.name} from {len(readings)} readings in {fitted.fit_seconds_:.1f} s"
+    )
     if isinstance(fitted, NetworkModel):
         for number, member in enumerate(fitted.members_, 1):
             facts = _facts(member)
             who = f"member {number}, start {facts['start']}" if len(fitted.members_) > 1 else "training"
-            print_line(f"{who}: {facts['stop'].rstrip('.')} after {facts['epochs']} epochs, the best {facts['best_epoch']}")
+            print_line(
+                f"{who}: {facts['stop'].rstrip('.')} after {facts['epochs']} epochs, the best {facts['best_epoch']}"
+            )
     if errors is not None:
         print_line(_sentence(errors, compare=model != "nominal"))
     elif scatter is not None:
@@ -385,12 +400,16 @@ def _say_result(
         _say_identified(fitted, readings, lengths)
         few = surfaces_with_too_few_readings(readings)
         for kind, name, n in few[:MOST_NAMED]:
-            print_line(f"left out: {kind} {name}, as {n} of its readings have no point and {MIN_READINGS_ON[kind]} find a {kind}")
+            print_line(
+                f"left out: {kind} {name}, as {n} of its readings have no point and {MIN_READINGS_ON[kind]} find a {kind}"
+            )
         if len(few) > MOST_NAMED:
             print_line(f"left out: {len(few) - MOST_NAMED} more (--json names all)")
     if fitted.session_frames_:
         first, *others = fitted.session_frames_
-        print_line(f"A frame for each session: points are in that of {first}, those of {', '.join(others)} in their own.")
+        print_line(
+            f"A frame for each session: points are in that of {first}, those of {', '.join(others)} in their own."
+        )
     if errors is None and lengths is None and readings.sphere_distance is None:
         print_line("No point and no length is known: the arm's size stays as drawn.")
     if not getattr(fitted, "fit_", fitted.nominal_).converged:
@@ -422,9 +441,9 @@ def _say_table(table: tuple[ModelScore, ...]) -> None:
 
 
 def _wrong_lengths(fitted: IdentifiedModel, readings: Readings, lengths: Lengths | None) -> list[LengthOutlier]:
-    from truearm.identification.estimation.outliers import length_outliers
-    from truearm.compensation.models.session_frames import to_first_session_frame
     from truearm.compensation.models.reading_references import references_of
+    from truearm.compensation.models.session_frames import to_first_session_frame
+    from truearm.identification.estimation.outliers import length_outliers
 
     readings = to_first_session_frame(readings, fitted.session_frames_)
     return length_outliers(fitted.fit_, fitted.state(readings), references_of(readings, lengths))
@@ -441,7 +460,9 @@ def _say_identified(fitted: IdentifiedModel, readings: Readings, lengths: Length
         none = len(fitted.fit_.groups) - len(found)
         largest = sorted(found, key=lambda group: -group.effective)[:8]
         names = ", ".join(f"{group.name} ({group.effective:.0f})" for group in largest)
-        print_line(f"terms with most determined coefficients: {names}; {none} of {len(fitted.fit_.groups)} groups not needed")
+        print_line(
+            f"terms with most determined coefficients: {names}; {none} of {len(fitted.fit_.groups)} groups not needed"
+        )
     for left_out in fitted.excluded_terms_[:MOST_NAMED]:
         print_line(f"not offered: {left_out.name}, as {left_out.reason}")
     if len(fitted.excluded_terms_) > MOST_NAMED:
@@ -453,7 +474,9 @@ def _say_identified(fitted: IdentifiedModel, readings: Readings, lengths: Length
         print_line(f"not determined by these readings: {'; '.join(map(str, unidentifiable[:3]))}{more}")
     far = outliers(fitted.fit_)
     for outlier in far[:MOST_NAMED]:
-        print_line(f"far off: {readings.label(outlier.row)}, {outlier.error_mm:.3f} mm, {outlier.normalized_residual:.0f} times the usual")
+        print_line(
+            f"far off: {readings.label(outlier.row)}, {outlier.error_mm:.3f} mm, {outlier.normalized_residual:.0f} times the usual"
+        )
     if len(far) > MOST_NAMED:
         print_line(f"far off: {len(far) - MOST_NAMED} more readings (--json names all)")
     wrong = _wrong_lengths(fitted, readings, lengths)

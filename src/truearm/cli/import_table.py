@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from truearm.cli.console import check_output_is_not_input, progress, print_line, print_table
+from truearm.cli.console import check_output_is_not_input, print_line, print_table, progress
 
 if TYPE_CHECKING:
     from truearm.readings import JointScale, Readings

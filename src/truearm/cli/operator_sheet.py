@@ -13,8 +13,8 @@ def write_sheet(plan: str, out: Path, *, artefacts: Path | None, mpe: Path | Non
     """Write the page by which an operator measures a plan's points."""
     from truearm.cli.standard_test import given_or_example
     from truearm.pages.html import write_page
-    from truearm.verification.standards.operator_sheet import OperatorSheet, operator_sheet_page
     from truearm.verification.standards.layout import SHOULDER_SHARE, lay_out_tests
+    from truearm.verification.standards.operator_sheet import OperatorSheet, operator_sheet_page
     from truearm.verification.standards.verification_plan import load_verification_plan
 
     check_page_path(out, *(file for file in (Path(plan), artefacts, mpe) if file is not None))

@@ -10,7 +10,7 @@ from zipfile import is_zipfile
 
 import typer
 
-from truearm.cli.console import Json, check_page_path, progress, print_line, print_json, print_table, version_row
+from truearm.cli.console import Json, check_page_path, print_json, print_line, print_table, progress, version_row
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
@@ -78,7 +78,12 @@ def plan(
     """
     from truearm.errors import InputError
     from truearm.identification.planning.proposal import STRATEGIES, Artefact, propose
-    from truearm.identification.planning.template import check_template_path, continue_seat_numbers, write_bar_lengths, write_template
+    from truearm.identification.planning.template import (
+        check_template_path,
+        continue_seat_numbers,
+        write_bar_lengths,
+        write_template,
+    )
 
     check_template_path(out)
     lengths = out.with_name(f"{out.stem}-lengths.csv") if artefact == "bar" else None
@@ -106,8 +111,8 @@ def plan(
         chosen = continue_seat_numbers(planned.proposals[strategy].poses, seats_before)
         result = _result(planned, strategy, out=out, lengths=lengths, page=page)
         if page is not None:
-            from truearm.pages.html import write_page
             from truearm.identification.planning.plan_page import plan_page
+            from truearm.pages.html import write_page
 
             tell(len(STRATEGIES), "drawing the page")
             facts = _facts(planned, arm, taken=taken, seed=seed)
@@ -178,9 +183,9 @@ def _is_model(arm: str) -> bool:
 
 
 def _model(path: Path) -> IdentifiedModel:
-    from truearm.errors import InputError
-    from truearm.compensation.models.model_file import load_model
     from truearm.compensation.models.identified_model import IdentifiedModel
+    from truearm.compensation.models.model_file import load_model
+    from truearm.errors import InputError
 
     model = load_model(path)
     if not isinstance(model, IdentifiedModel):
@@ -236,7 +241,9 @@ def _facts(planned: CalibrationPlan, name: str, *, taken: Path | None, seed: int
     return rows
 
 
-def _result(planned: CalibrationPlan, strategy: str, *, out: Path, lengths: Path | None, page: Path | None) -> dict[str, Any]:
+def _result(
+    planned: CalibrationPlan, strategy: str, *, out: Path, lengths: Path | None, page: Path | None
+) -> dict[str, Any]:
     from truearm.identification.planning.limitations import limitations
 
     chosen = next(proposal for name, proposal in planned.proposals.items() if name == strategy)

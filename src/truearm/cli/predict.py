@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truearm.cli.console import Json, check_output_is_not_input, print_status, progress, print_line, print_json
+from truearm.cli.console import Json, check_output_is_not_input, print_json, print_line, print_status, progress
 
 if TYPE_CHECKING:
     from truearm.compensation.models import Compensator
-    from truearm.compensation.models.compensator import BoolArray, FloatArray
     from truearm.readings import Readings
+    from truearm.typing import BoolArray, FloatArray
 
 
 def predict(
@@ -37,9 +37,9 @@ def predict(
     """
     import numpy as np
 
-    from truearm.errors import InputError
     from truearm.compensation.models import NetworkModel, PhysicalModel
     from truearm.compensation.models.identified_model import IdentifiedModel
+    from truearm.errors import InputError
     from truearm.files.atomic_write import check_writable
 
     if out.suffix != ".csv":
@@ -51,10 +51,13 @@ def predict(
         points, covariance = fitted.predict_readings(readings, return_cov=True)
         std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         outside = fitted.outside_training(readings.angles)
-        unstated_input_covariances = fitted.unstated_input_covariances(readings) if isinstance(fitted, IdentifiedModel) else {}
+        unstated_input_covariances = (
+            fitted.unstated_input_covariances(readings) if isinstance(fitted, IdentifiedModel) else {}
+        )
         _write(out, readings, points, std, outside)
     not_given_mm = {
-        name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in unstated_input_covariances.items()
+        name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3))
+        for name, part in unstated_input_covariances.items()
     }
     elsewhere, n_elsewhere = _in_no_session(fitted, readings)
     if as_json:
@@ -84,7 +87,9 @@ def predict(
             advice = f"; there it is {np.median(std[outside]):.4f} mm"
         else:
             advice = ": errors may be larger there than it says"
-        print_line(f"{int(outside.sum())} of {len(points)} readings have a joint away from the training angles{advice}.")
+        print_line(
+            f"{int(outside.sum())} of {len(points)} readings have a joint away from the training angles{advice}."
+        )
 
 
 def _in_no_session(fitted: Compensator, readings: Readings) -> tuple[str, int]:
@@ -101,8 +106,8 @@ def _in_no_session(fitted: Compensator, readings: Readings) -> tuple[str, int]:
 def _write(out: Path, readings: Readings, points: FloatArray, std: FloatArray, outside: BoolArray) -> None:
     import pandas as pd
 
-    from truearm.readings.readings import NAMED
     from truearm.files.atomic_write import atomic_file
+    from truearm.readings.readings import NAMED
 
     columns: dict[str, object] = {f"{axis}_mm": points[:, i] for i, axis in enumerate("xyz")}
     columns |= {f"s{axis}_mm": std[:, i] for i, axis in enumerate("xyz")}
@@ -119,8 +124,8 @@ def load_for(model: Path, session: Path) -> tuple[Compensator, Readings]:
     """A model and the readings it is asked about, checked against each other."""
     from zipfile import is_zipfile
 
-    from truearm.errors import InputError
     from truearm.compensation.models.model_file import load_model
+    from truearm.errors import InputError
     from truearm.readings import check_angles, read_session
 
     if is_zipfile(session) and model.is_file() and not is_zipfile(model):

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, check_output_is_not_input, progress, print_line, print_json
+from truearm.cli.console import Json, check_output_is_not_input, print_json, print_line, progress
 
 
 def refit(
@@ -41,14 +41,14 @@ def refit(
 
     from truearm.cli.fit import free_parts, lengths_of, nominal_miss, note_expansion
     from truearm.cli.predict import check_reference, load_for
-    from truearm.errors import InputError
-    from truearm.identification.estimation.outliers import outliers
     from truearm.compensation.models.compensator import MAX_NOMINAL_ERROR
-    from truearm.compensation.models.model_file import save_model
     from truearm.compensation.models.identified_model import IdentifiedModel
+    from truearm.compensation.models.model_file import save_model
     from truearm.compensation.models.refit import refit as refitted
-    from truearm.readings import stratified_rows
+    from truearm.errors import InputError
     from truearm.files.atomic_write import check_writable
+    from truearm.identification.estimation.outliers import outliers
+    from truearm.readings import stratified_rows
 
     parts = free_parts(free)
     if not parts:
@@ -94,6 +94,8 @@ def refit(
         print_line(f"{unexplained}, as it was")
     print_line(f"standard uncertainty of a coordinate over the session: {std:.4f} mm (median)")
     for outlier in far:
-        print_line(f"far off: {readings.label(outlier.row)}, {outlier.error_mm:.3f} mm, {outlier.normalized_residual:.0f} times the usual")
+        print_line(
+            f"far off: {readings.label(outlier.row)}, {outlier.error_mm:.3f} mm, {outlier.normalized_residual:.0f} times the usual"
+        )
     if len(taken) < len(readings):
         print_line("truearm evaluate on this session leaves these readings out and tests on the others.")

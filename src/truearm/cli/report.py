@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import check_page_path, progress, print_line, version_row
+from truearm.cli.console import check_page_path, print_line, progress, version_row
 
 if TYPE_CHECKING:
-    from truearm.identification.estimation.joint_errors import JointError
     from truearm.compensation.models import Compensator
-    from truearm.compensation.models.identified_model import IdentifiedModel
-    from truearm.compensation.models.uncertainty import PredictionOutlier
-    from truearm.readings import Lengths, Readings
     from truearm.compensation.models.comparison_page import ModelComparison
-    from truearm.compensation.models.identification_sections import OutlierRow, HeldOutErrors
-    from truearm.pages.page import Page, Section
+    from truearm.compensation.models.identification_sections import HeldOutErrors, OutlierRow
+    from truearm.compensation.models.identified_model import IdentifiedModel
     from truearm.compensation.models.seat_page import SeatComparison
+    from truearm.compensation.models.uncertainty import PredictionOutlier
+    from truearm.identification.estimation.joint_errors import JointError
+    from truearm.pages.page import Page, Section
+    from truearm.readings import Lengths, Readings
 
 # Points of a joint's curve for each wave of the highest order.
 POINTS_A_WAVE = 10
@@ -43,8 +43,8 @@ def report(
 
     from truearm.cli.fit import as_measured, lengths_of
     from truearm.cli.predict import load_with_reference, without_served
-    from truearm.errors import InputError
     from truearm.compensation.models.model_file import load_model
+    from truearm.errors import InputError
     from truearm.pages.html import write_page
 
     *paths, session = files
@@ -97,8 +97,8 @@ def _page(models: dict[str, Compensator], readings: Readings, known: Lengths | N
 def compared(models: dict[str, Compensator], readings: Readings) -> ModelComparison:
     """What the models make of the readings, each beside its own nominal arm; the first one's stands for all."""
     from truearm.compensation.models import NominalModel
-    from truearm.readings import compare_errors
     from truearm.compensation.models.comparison_page import ModelComparison
+    from truearm.readings import compare_errors
 
     points = readings.points
     assert points is not None  # checked by the caller
@@ -123,8 +123,8 @@ def seated(models: dict[str, Compensator], readings: Readings, known: Lengths | 
     import numpy as np
 
     from truearm.compensation.models import NominalModel
-    from truearm.readings import check_sessions, length_errors
     from truearm.compensation.models.seat_page import SeatComparison
+    from truearm.readings import check_sessions, length_errors
 
     assert readings.seat is not None  # checked by the caller
     check_sessions(readings, known)
@@ -187,12 +187,11 @@ def _of_one_arm(models: dict[str, Compensator]) -> Compensator:
 
 def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section]:
     """Sections on what the identified models, if there are any, found of their arm."""
-    from truearm.identification.estimation.effects import effects
-    from truearm.identification.estimation.identifiability import identifiability
-    from truearm.compensation.models import NominalModel
+    from truearm.compensation.models import NominalModel, identification_sections
     from truearm.compensation.models.identified_model import IdentifiedModel
     from truearm.compensation.models.uncertainty import uncertainty_budget
-    from truearm.compensation.models import identification_sections
+    from truearm.identification.estimation.effects import effects
+    from truearm.identification.estimation.identifiability import identifiability
     from truearm.pages.figures import styles_of
 
     found = {
@@ -263,10 +262,12 @@ def _joint_errors(model: IdentifiedModel, readings: Readings) -> list[JointError
     return found
 
 
-def _far_off(model: IdentifiedModel, readings: Readings, far: tuple[PredictionOutlier, ...]) -> dict[str, list[OutlierRow]]:
+def _far_off(
+    model: IdentifiedModel, readings: Readings, far: tuple[PredictionOutlier, ...]
+) -> dict[str, list[OutlierRow]]:
     """Readings far off among those the model learned from, and, where these are others, among those of the page."""
-    from truearm.identification.estimation.outliers import outliers
     from truearm.compensation.models.identification_sections import OutlierRow
+    from truearm.identification.estimation.outliers import outliers
 
     learned = model.is_trained_on(readings)
     found = {
@@ -280,7 +281,9 @@ def _far_off(model: IdentifiedModel, readings: Readings, far: tuple[PredictionOu
         ]
     }
     if not learned:
-        found["the readings of this page"] = [OutlierRow(readings.label(one.row), one.error_mm, one.normalized_residual) for one in far]
+        found["the readings of this page"] = [
+            OutlierRow(readings.label(one.row), one.error_mm, one.normalized_residual) for one in far
+        ]
     return found
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from truearm.cli.console import Json, print_status, progress, print_line, print_json, print_table
+from truearm.cli.console import Json, print_json, print_line, print_status, print_table, progress
 
 TABLE_HEADS = {
     2: "Table 2, simulation 1",
@@ -42,12 +42,12 @@ def reproduce(
     import json
 
     from truearm.errors import InputError
-    from truearm.papers.gao2017.training_plan import FULL_EFFORT, PARTS, QUICK_EFFORT
-    from truearm.papers.gao2017.reproduction import reproduce as reproduced
+    from truearm.files.atomic_write import atomic_file, check_writable
     from truearm.pages.figures import save_png
     from truearm.pages.html import render
+    from truearm.papers.gao2017.reproduction import reproduce as reproduced
     from truearm.papers.gao2017.reproduction_page import reproduction_page
-    from truearm.files.atomic_write import check_writable, atomic_file
+    from truearm.papers.gao2017.training_plan import FULL_EFFORT, PARTS, QUICK_EFFORT
 
     parts = _parts(PARTS, table=table, figure=figure, everything=everything, quick=quick)
     if out.exists() and not out.is_dir():
@@ -125,7 +125,9 @@ def _say(found: Mapping[str, Any], files: Sequence[Path]) -> None:
         _say_final(found["final_test"])
     for part in found["left_out"]:
         print_line(f"left out: {part}")
-    print_line(f"Look at {files[1]}; the numbers are in {files[0]}{''.join(f', the picture in {f}' for f in files[2:])}.")
+    print_line(
+        f"Look at {files[1]}; the numbers are in {files[0]}{''.join(f', the picture in {f}' for f in files[2:])}."
+    )
 
 
 def _lines(row: Mapping[str, Any]) -> list[list[str]]:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, progress, print_line, print_json
+from truearm.cli.console import Json, print_json, print_line, progress
 
 if TYPE_CHECKING:
     from truearm.arm.arm import Arm
     from truearm.identification.planning.sampling import Poses
-    from truearm.readings import Lengths
     from truearm.identification.virtual import Measurement, VirtualArm
+    from truearm.readings import Lengths
 
 
 # Standard uncertainty that a certificate states of a bar's length [mm].
@@ -67,10 +67,10 @@ def simulate(
     """
     from truearm.arm.catalogue import resolve_arm
     from truearm.errors import InputError
+    from truearm.files.atomic_write import atomic_file, check_writable
+    from truearm.identification.virtual import VirtualArm, load_preset
     from truearm.readings import write_lengths
     from truearm.readings.files import check_session_path, write_session
-    from truearm.identification.virtual import VirtualArm, load_preset
-    from truearm.files.atomic_write import check_writable, atomic_file
 
     nominal, magnitudes = resolve_arm(arm), load_preset(preset)
     check_session_path(out)
@@ -138,8 +138,7 @@ def _with_bars(nominal: Arm, strategy: str, n: int, *, seed: int, seats: int | N
 
     from truearm.errors import InputError
     from truearm.identification.planning.candidates import bar_places
-    from truearm.identification.planning.sampling import Poses
-    from truearm.identification.planning.sampling import seat
+    from truearm.identification.planning.sampling import Poses, seat
 
     if strategy != "seat":
         raise InputError(f"--bars is for the strategy seat, not for {strategy}", hint="--strategy seat")

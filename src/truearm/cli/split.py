@@ -7,7 +7,7 @@ from typing import Annotated, cast
 
 import typer
 
-from truearm.cli.console import SessionFile, check_output_is_not_input, progress, print_line
+from truearm.cli.console import SessionFile, check_output_is_not_input, print_line, progress
 
 
 def split(
@@ -24,9 +24,9 @@ def split(
     of notes are not copied.
     """
     from truearm.errors import InputError
+    from truearm.files.atomic_write import atomic_file
     from truearm.readings import check_session_path, hold_out, read_session, write_session
     from truearm.readings.split import SplitBy
-    from truearm.files.atomic_write import atomic_file
 
     if train.resolve() == test.resolve():
         raise InputError("--train and --test are the same file", file=train)

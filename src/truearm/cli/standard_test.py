@@ -7,16 +7,16 @@ from math import ceil, floor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from truearm.cli.console import progress, print_line, print_json, print_table
+from truearm.cli.console import print_json, print_line, print_table, progress
 
 if TYPE_CHECKING:
     from truearm.arm.arm import Arm
-    from truearm.verification.tasks.sampled_arms import ArmDistribution
-    from truearm.verification.tasks.simulated_verification import PosedTest, ResultDistribution
     from truearm.verification.standards.artefacts import Artefacts
     from truearm.verification.standards.decision import DecisionRule
     from truearm.verification.standards.specification import Specification
     from truearm.verification.standards.verification_plan import VerificationPlan
+    from truearm.verification.tasks.sampled_arms import ArmDistribution
+    from truearm.verification.tasks.simulated_verification import PosedTest, ResultDistribution
 
 ARM = "measuring7"
 SHARES = (1.0, 0.9, 0.8, 0.7, 0.6)
@@ -35,9 +35,14 @@ def simulate_test(
     as_json: bool,
 ) -> None:
     """Take a test with virtual arms of a preset or a model, and print what they would pass."""
-    from truearm.verification.tasks.simulated_verification import result_distributions, proportion_interval, simulate_verification, verdict_shares
     from truearm.verification.standards.decision import Verdict
     from truearm.verification.standards.verification_plan import load_verification_plan
+    from truearm.verification.tasks.simulated_verification import (
+        proportion_interval,
+        result_distributions,
+        simulate_verification,
+        verdict_shares,
+    )
 
     planned = load_verification_plan(plan)
     errors = _errors(what, arm)
@@ -115,8 +120,8 @@ def _prepared(
     from truearm.errors import InputError
     from truearm.identification.planning.sampling.measuring import check_five_rotary_joints
     from truearm.identification.planning.sampling.workspace import stance
-    from truearm.verification.tasks.simulated_verification import pose
     from truearm.verification.standards.layout import lay_out_tests
+    from truearm.verification.tasks.simulated_verification import pose
 
     check_five_rotary_joints(arm)
     stands = stance(arm)
@@ -151,11 +156,11 @@ def given_or_example(
 
 
 def _errors(what: str, arm: str | None) -> ArmDistribution:
-    from truearm.arm.catalogue import resolve_arm, arm_names
-    from truearm.errors import InputError
+    from truearm.arm.catalogue import arm_names, resolve_arm
     from truearm.compensation.models.model_file import load_model
-    from truearm.verification.tasks.sampled_arms import PosteriorDistribution, PresetDistribution
+    from truearm.errors import InputError
     from truearm.identification.virtual import PRESETS
+    from truearm.verification.tasks.sampled_arms import PosteriorDistribution, PresetDistribution
 
     if what in PRESETS:
         return PresetDistribution(resolve_arm(arm or ARM), PRESETS[what])

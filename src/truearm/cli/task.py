@@ -9,12 +9,12 @@ from zipfile import is_zipfile
 
 import typer
 
-from truearm.cli.console import Json, check_page_path, progress, print_line, print_json, print_table, version_row
+from truearm.cli.console import Json, check_page_path, print_json, print_line, print_table, progress, version_row
 
 if TYPE_CHECKING:
     from truearm.arm import Arm
-    from truearm.verification.tasks.sampled_arms import ArmDistribution
     from truearm.verification.tasks.features import Feature
+    from truearm.verification.tasks.sampled_arms import ArmDistribution
     from truearm.verification.tasks.task import Estimate, Fitness, TaskResult
 
 
@@ -153,13 +153,15 @@ def task(
         raise typer.Exit(CODES[fit.answer.value])
 
 
-def _errors(what: str | None, spec: Path | None, arm: str | None, repeatability: float | None) -> tuple[ArmDistribution, str]:
+def _errors(
+    what: str | None, spec: Path | None, arm: str | None, repeatability: float | None
+) -> tuple[ArmDistribution, str]:
     """The arms that may be the one in question, and what is known of it in a few words."""
     from truearm.arm import resolve_arm
-    from truearm.errors import InputError
     from truearm.compensation.models.model_file import load_model
-    from truearm.verification.tasks.sampled_arms import PosteriorDistribution, PresetDistribution
+    from truearm.errors import InputError
     from truearm.identification.virtual.presets import PRESETS, load_preset
+    from truearm.verification.tasks.sampled_arms import PosteriorDistribution, PresetDistribution
 
     if (what is None) == (spec is None):
         raise InputError(
@@ -175,12 +177,14 @@ def _errors(what: str | None, spec: Path | None, arm: str | None, repeatability:
     if repeatability is not None:
         raise InputError("--repeatability is for a model; a preset or specification says how points scatter")
     if spec is not None:
-        from truearm.verification.tasks.specification_sheet import SpecificationDistribution
         from truearm.verification.standards.specification import read_specification
+        from truearm.verification.tasks.specification_sheet import SpecificationDistribution
 
         promised, nominal = read_specification(spec), resolve_arm(ARM if arm is None else arm)
         try:
-            return SpecificationDistribution(nominal, promised), f"the specification of {promised.name}, arm {nominal.name}"
+            return SpecificationDistribution(
+                nominal, promised
+            ), f"the specification of {promised.name}, arm {nominal.name}"
         except InputError as error:
             raise error.in_file(spec) from None
     assert what is not None
@@ -296,7 +300,9 @@ def _facts(errors: ArmDistribution, about: str, found: TaskResult, seed: int) ->
     ]
 
 
-def _result(found: TaskResult, fit: Fitness | None, about: str, remarks: list[str], errors: ArmDistribution) -> dict[str, Any]:
+def _result(
+    found: TaskResult, fit: Fitness | None, about: str, remarks: list[str], errors: ArmDistribution
+) -> dict[str, Any]:
     from truearm.verification.tasks.task import COVERAGE_PROBABILITY
 
     return {

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import Json, check_page_path, print_line, print_json, print_table, version_row
+from truearm.cli.console import Json, check_page_path, print_json, print_line, print_table, version_row
 
 if TYPE_CHECKING:
     from truearm.verification.standards.decision import ConformityResult, DecisionRule
@@ -144,10 +144,10 @@ def _judge(
     """Judge measured points, print the verdict and end with its exit code."""
     from truearm.verification.standards.artefacts import read_artefacts
     from truearm.verification.standards.decision import COVERAGE_PROBABILITY, Verdict
-    from truearm.verification.standards.specification import read_specification
     from truearm.verification.standards.measured_points import read_points
-    from truearm.verification.standards.verification_plan import load_verification_plan
+    from truearm.verification.standards.specification import read_specification
     from truearm.verification.standards.verification import verify as verified
+    from truearm.verification.standards.verification_plan import load_verification_plan
 
     if report is not None:
         check_page_path(report, Path(plan), points, artefacts, mpe)
@@ -182,7 +182,9 @@ def _judge(
             [_cells(row) for row in found.rows],
             left_aligned=(0, 4, 5),
         )
-        print_line(f"U: expanded uncertainty of artefact and set-up, {COVERAGE_PROBABILITY:.2%} (k = 2, or more of few degrees of freedom)")
+        print_line(
+            f"U: expanded uncertainty of artefact and set-up, {COVERAGE_PROBABILITY:.2%} (k = 2, or more of few degrees of freedom)"
+        )
         for remark in found.remarks:
             print_line(remark)
         closing = {

@@ -8,8 +8,8 @@ from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from truearm.files.file_reading import read_limited
 from truearm.errors import InputError
+from truearm.files.file_reading import read_limited
 from truearm.files.toml_documents import parse_toml
 
 MAX_BYTES = 1_000_000

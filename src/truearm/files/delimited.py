@@ -14,9 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
-NameArray = npt.NDArray[np.str_]
+from truearm.typing import FloatArray, NameArray
 
 # Signs in a name of a seat, position or session: in an array of names each takes the room of the longest.
 MAX_NAME = 200
@@ -445,7 +443,10 @@ def _said_of(cell: str, sheet: Sheet) -> tuple[str, str | None]:
     """Say what is wrong with a cell that should be a number, and what to try."""
     text = cell.strip()
     if cell and not text:
-        return f"expected a number, got {quoted_cell(cell)}", "fill in the number, or leave nothing where none is needed"
+        return (
+            f"expected a number, got {quoted_cell(cell)}",
+            "fill in the number, or leave nothing where none is needed",
+        )
     if not text:
         return "expected a number, got an empty cell", "delete the reading, or fill in its number"
     if text.lower().lstrip("+-") in ("nan", "na", "n/a", "null", "none", "inf", "infinity"):

@@ -6,11 +6,9 @@ import xml.etree.ElementTree as ET
 from xml.parsers import expat
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 class Element(ET.Element):

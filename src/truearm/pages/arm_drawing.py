@@ -17,10 +17,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 
 from truearm.errors import InputError
-from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, join_phrases
 from truearm.pages.number_format import format_in_text, format_number
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, join_phrases
+from truearm.typing import FloatArray
 
 _AZIMUTH_DEG, _ELEVATION_DEG = -122.0, 16.0
 _X, _Z, _Y = "#d9730d", "#12407a", "#8a9099"
@@ -277,7 +276,9 @@ def _lengths(view: _View, frames: FloatArray, tip: FloatArray, reach: float) -> 
     for link in [*_links(frames), _link(frames[-1], tip)]:
         for start, end in pairwise(link):
             length = float(np.linalg.norm(end - start))
-            if length > 0.05 * reach or (length > 0.03 * reach and np.linalg.norm(project([end - start])) > 0.03 * reach):
+            if length > 0.05 * reach or (
+                length > 0.03 * reach and np.linalg.norm(project([end - start])) > 0.03 * reach
+            ):
                 view.label(f"{format_in_text(round(length, 1))} mm", (start + end) / 2, colour=_JOINT)
 
 

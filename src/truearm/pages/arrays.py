@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 def finite_array(values: npt.ArrayLike, what: str, *, width: int | None = None) -> FloatArray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from truearm.pages.page import Cell, Column, LabelledValue, Table
 from truearm.pages.number_format import RoundedNumber, format_exact, format_number, format_uncertainty
+from truearm.pages.page import Cell, Column, LabelledValue, Table
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 from matplotlib.lines import Line2D
 
-from truearm.pages.arrays import FloatArray, nonnegative_arrays
+from truearm.pages.arrays import nonnegative_arrays
+from truearm.pages.number_format import format_number
 from truearm.pages.plotting import (
     INK,
     LEFT_IN,
@@ -20,12 +21,12 @@ from truearm.pages.plotting import (
     Style,
     figure_style,
     join_phrases,
-    set_log_scale,
     make_panel,
+    set_log_scale,
     shorten,
     styles_of,
 )
-from truearm.pages.number_format import format_number
+from truearm.typing import FloatArray
 
 _FEW = 20  # one in twenty is beyond the 95th percentile
 _FAR_APART = 5.0  # from this ratio of medians on, a linear scale would hide the smaller errors

@@ -11,11 +11,11 @@ import jinja2
 from markupsafe import Markup
 from matplotlib.figure import Figure as Drawing
 
-from truearm.pages.plotting import svg_element
-from truearm.pages.cells import EMPTY_CELL, grid_of_rows, grid_of_table, format_cell
-from truearm.pages.page import Page
-from truearm.pages.number_format import format_exact, format_uncertainty
 from truearm.files.atomic_write import atomic_file
+from truearm.pages.cells import EMPTY_CELL, format_cell, grid_of_rows, grid_of_table
+from truearm.pages.number_format import format_exact, format_uncertainty
+from truearm.pages.page import Page
+from truearm.pages.plotting import svg_element
 
 
 def render(page: Page) -> str:

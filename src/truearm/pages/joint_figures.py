@@ -11,7 +11,8 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import MaxNLocator
 
 from truearm.errors import InputError
-from truearm.pages.arrays import FloatArray, finite_arrays, joint_matrix, joint_names
+from truearm.pages.arrays import finite_arrays, joint_matrix, joint_names
+from truearm.pages.number_format import format_number
 from truearm.pages.plotting import (
     FAINT,
     INK,
@@ -26,7 +27,7 @@ from truearm.pages.plotting import (
     shorten,
     styles_of,
 )
-from truearm.pages.number_format import format_number
+from truearm.typing import FloatArray
 
 _BAR = "#12407a"
 _FULL_TURN_DEG = 360.0

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.pages.plotting import Figure
 from truearm.pages.number_format import RoundedNumber
+from truearm.pages.plotting import Figure
 
 Cell = str | int | float | RoundedNumber | None
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truearm.pages.plotting import Figure
-from truearm.pages.page import Cell
 from truearm.pages.number_format import format_in_text, format_number
+from truearm.pages.page import Cell
+from truearm.pages.plotting import Figure
 
 COMMAND = "truearm reproduce gao2017"
 
@@ -42,7 +42,9 @@ def format_row_numbers(numbers: Iterable[int]) -> str:
 USED_TO_FIX_BOX = "used to fix the box"  # the verdict that is none
 
 # Said wherever the two are compared.
-TRAINING_SHARES_NOTE = "Faithful fits 70 % of the poses (15 % stop it, 15 % are MATLAB's test set), lm fits all of them."
+TRAINING_SHARES_NOTE = (
+    "Faithful fits 70 % of the poses (15 % stop it, 15 % are MATLAB's test set), lm fits all of them."
+)
 
 
 def format_count(n: int, what: str) -> str:

@@ -28,8 +28,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import blended_transform_factory
 
 from truearm.errors import InputError
-from truearm.pages.number_format import format_number
 from truearm.files.atomic_write import atomic_file
+from truearm.pages.number_format import format_number
 
 INK, FAINT, LIMIT = "#1a1a1a", "#d9dce0", "#8a9099"
 LEFT_IN = 0.68  # room for a label and for numbers such as -0.0005

@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.errors import InputError
-from truearm.pages.arrays import FloatArray, finite_array, finite_arrays
-from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, join_phrases, make_panel, shorten, styles_of
+from truearm.pages.arrays import finite_array, finite_arrays
 from truearm.pages.number_format import format_number
+from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, join_phrases, make_panel, shorten, styles_of
+from truearm.typing import FloatArray
 
 
 def predictions_by_pose(

@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.errors import InputError
-from truearm.pages.arrays import FloatArray, finite_array, finite_arrays
+from truearm.pages.arrays import finite_array, finite_arrays
+from truearm.pages.number_format import format_number
 from truearm.pages.plotting import (
     INK,
     LIMIT,
@@ -25,7 +26,7 @@ from truearm.pages.plotting import (
     shorten,
     styles_of,
 )
-from truearm.pages.number_format import format_number
+from truearm.typing import FloatArray
 
 _MOST_COORDINATES = 100  # more cannot be told apart
 

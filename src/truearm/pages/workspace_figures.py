@@ -13,9 +13,10 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import MaxNLocator
 
 from truearm.errors import InputError
-from truearm.pages.arrays import FloatArray, nonnegative_arrays, finite_array
-from truearm.pages.plotting import FAINT, INK, LIMIT, RASTER_FROM, Figure, figure_style, reading_count
+from truearm.pages.arrays import finite_array, nonnegative_arrays
 from truearm.pages.number_format import format_number
+from truearm.pages.plotting import FAINT, INK, LIMIT, RASTER_FROM, Figure, figure_style, reading_count
+from truearm.typing import FloatArray
 
 _WIDTH_IN, _HEIGHT_IN = 4.6, 3.7
 _DOT = "#12407a"
@@ -77,7 +78,11 @@ def error_in_workspace(points: npt.ArrayLike, errors: npt.ArrayLike, *, name: st
     where = ", ".join(f"{axis} {format_number(round(value))}" for axis, value in zip("xyz", worst, strict=True))
     of_model = f" of {name}" if name else ""
     told = f"the largest, {format_number(float(errors.max()))} mm, at {where} mm"
-    cells = "From the front, side and top, a cell shows the mean of the readings in it. " if len(points) > RASTER_FROM else ""
+    cells = (
+        "From the front, side and top, a cell shows the mean of the readings in it. "
+        if len(points) > RASTER_FROM
+        else ""
+    )
     return Figure(
         panels,
         caption=f"Error{of_model} in space: darker is larger; {told}. "

@@ -1,9 +1,9 @@
 """Readings of an arm: the record, the session file, lengths, foreign tables, what a fit demands, fair splits."""
 
 from truearm.readings.checks import check_angles, check_fit, check_reach, check_sessions, has_reference
-from truearm.readings.point_errors import ErrorComparison, PointErrors, compare_errors, point_errors
 from truearm.readings.files import check_session_path, read_session, write_session
 from truearm.readings.lengths import Lengths, read_lengths, write_lengths
+from truearm.readings.point_errors import ErrorComparison, PointErrors, compare_errors, point_errors
 from truearm.readings.readings import Readings
 from truearm.readings.seats import SeatErrors, length_errors, seat_errors
 from truearm.readings.split import hold_out, stratified_rows
@@ -11,9 +11,9 @@ from truearm.readings.tables import JointScale, TableColumns, import_table
 
 __all__ = [
     "ErrorComparison",
-    "PointErrors",
     "JointScale",
     "Lengths",
+    "PointErrors",
     "Readings",
     "SeatErrors",
     "TableColumns",
@@ -23,11 +23,11 @@ __all__ = [
     "check_session_path",
     "check_sessions",
     "compare_errors",
-    "point_errors",
     "has_reference",
     "hold_out",
     "import_table",
     "length_errors",
+    "point_errors",
     "read_lengths",
     "read_session",
     "seat_errors",

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.readings.lengths import ENDS, Lengths
-from truearm.readings.readings import TOUCHED, BoolArray, FloatArray, Readings
+from truearm.readings.readings import TOUCHED, Readings
+from truearm.typing import BoolArray, FloatArray
 
 # An angle may pass its limit by this much [rad or mm]: rounding, not a wrong angle.
 LIMIT_TOLERANCE = 1e-6

@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.files.delimited import MAX_NAME, quoted_cell, read_columns, read_sheet
 from truearm.readings.columns import ANGLE, FACTOR, QUATERNION, TEMPERATURE, Columns, recognise_columns, unit_of
-from truearm.files.delimited import MAX_NAME, FloatArray, NameArray, read_columns, read_sheet, quoted_cell
 from truearm.readings.readings import DIRECTION, NAMED, SPHERE_DISTANCE, Readings
-from truearm.files.atomic_write import check_writable, atomic_file
+from truearm.typing import FloatArray, NameArray
 
 AngleUnit = Literal["deg", "rad"]
 
@@ -89,7 +90,9 @@ def write_session(
     for name in NAMED:
         words = getattr(readings, name)
         if words is not None and (broken := _first_broken(words)) is not None:
-            raise InputError(f"a {name} must be one line of text, got {quoted_cell(str(broken))}", file=path, column=name)
+            raise InputError(
+                f"a {name} must be one line of text, got {quoted_cell(str(broken))}", file=path, column=name
+            )
     columns = _table(readings, _units(readings, prismatic, angle_unit))
     with atomic_file(path) as beside:
         if path.suffix == ".parquet":

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.files.delimited import check_names, read_columns, read_sheet, quoted_cell
-from truearm.readings.readings import FloatArray, NameArray
 from truearm.files.atomic_write import atomic_file
+from truearm.files.delimited import check_names, quoted_cell, read_columns, read_sheet
+from truearm.typing import FloatArray, NameArray
 
 ENDS = ("seat_a", "seat_b")
 NUMBERS = ("length_mm", "u_mm")
@@ -98,7 +98,9 @@ class Lengths:
         if (same := self.seat_a == self.seat_b).any():
             row = int(np.argmax(same))
             raise self.error(
-                f"expected a length between two seats, got {quoted_cell(str(self.seat_a[row]))} twice", row, column="seat_b"
+                f"expected a length between two seats, got {quoted_cell(str(self.seat_a[row]))} twice",
+                row,
+                column="seat_b",
             )
         for name in NUMBERS:
             values = getattr(self, name)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import TypedDict
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 class PointErrors(TypedDict):

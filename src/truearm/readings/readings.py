@@ -12,10 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-NameArray = npt.NDArray[np.str_]
+from truearm.typing import BoolArray, FloatArray, NameArray
 
 # Columns with one name a reading, in the order of the session file; the first of them name what the tip was on.
 TOUCHED = ("seat", "sphere", "plane", "line")

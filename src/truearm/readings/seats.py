@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
-from truearm.readings.readings import FloatArray, NameArray
+from truearm.typing import FloatArray, NameArray
 
 
 class OneSeat(TypedDict):

@@ -10,8 +10,9 @@ from typing import Literal, TypeVar, get_args
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.files.delimited import FloatArray, NameArray, Sheet, read_columns, read_sheet, quoted_cell
+from truearm.files.delimited import Sheet, quoted_cell, read_columns, read_sheet
 from truearm.readings.readings import Readings
+from truearm.typing import FloatArray, NameArray
 
 JointUnit = Literal["deg", "rad", "counts", "mm"]
 PointUnit = Literal["mm", "m", "um", "in"]
@@ -82,7 +83,9 @@ class JointScale:
         """List the unit of each joint."""
         units = [self.unit] if isinstance(self.unit, str) else list(self.unit)
         if bad := [u for u in units if u not in get_args(JointUnit)]:
-            raise InputError(f"unknown unit of angles {quoted_cell(bad[0])}", hint=f"one of {', '.join(get_args(JointUnit))}")
+            raise InputError(
+                f"unknown unit of angles {quoted_cell(bad[0])}", hint=f"one of {', '.join(get_args(JointUnit))}"
+            )
         return [str(u) for u in _for_each(units, n_joints, "angle unit")]
 
     def to_angles(self, values: FloatArray) -> FloatArray:
@@ -199,7 +202,9 @@ def _index(sheet: Sheet, column: str) -> int:
     found = [i for i, n in enumerate(sheet.names) if n == name]
     if len(found) > 1:
         numbers = " and ".join(str(i + 1) for i in found)
-        raise InputError(f"{quoted_cell(name)} names columns {numbers}", file=sheet.file, line=line, hint="give its number")
+        raise InputError(
+            f"{quoted_cell(name)} names columns {numbers}", file=sheet.file, line=line, hint="give its number"
+        )
     if found:
         return found[0]
     if name.isdecimal() and 1 <= int(name) <= len(sheet.names):

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.readings.lengths import Lengths
-from truearm.readings.readings import BoolArray, FloatArray, NameArray
+from truearm.typing import BoolArray, FloatArray, NameArray
 
 REFERENCE_DEGC = 20.0
 """Temperature at which lengths are stated (ISO 1)."""

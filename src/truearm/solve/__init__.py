@@ -1,43 +1,43 @@
 """Nonlinear least squares, assembled from parts. Knows neither arms nor networks."""
 
-from truearm.solve.damping import MarquardtDamping, Damping, NielsenDamping
-from truearm.solve.gradient_descent import DescentState, LearningRate, DifferentiableProblem, gradient_descent
-from truearm.solve.levenberg_marquardt import LevenbergMarquardtResult, levenberg_marquardt
+from truearm.solve.damping import Damping, MarquardtDamping, NielsenDamping
+from truearm.solve.gradient_descent import DescentState, DifferentiableProblem, LearningRate, gradient_descent
 from truearm.solve.least_squares_problem import NormalEquations, Problem
+from truearm.solve.levenberg_marquardt import LevenbergMarquardtResult, levenberg_marquardt
 from truearm.solve.stop_criteria import (
     BestPoint,
+    CostConverged,
+    CostGoal,
     DampingLimit,
     MaxEpochs,
-    CostGoal,
-    MinGradient,
-    StopReason,
     MaxSeconds,
-    CostConverged,
+    MinGradient,
     OptimizerState,
     StopCriterion,
+    StopReason,
     ValidationStop,
 )
 
 __all__ = [
     "BestPoint",
-    "MarquardtDamping",
+    "CostConverged",
+    "CostGoal",
     "Damping",
     "DampingLimit",
     "DescentState",
+    "DifferentiableProblem",
+    "LearningRate",
+    "LevenbergMarquardtResult",
+    "MarquardtDamping",
     "MaxEpochs",
-    "CostGoal",
+    "MaxSeconds",
     "MinGradient",
     "NielsenDamping",
     "NormalEquations",
-    "Problem",
-    "LearningRate",
-    "StopReason",
-    "LevenbergMarquardtResult",
-    "MaxSeconds",
-    "CostConverged",
-    "DifferentiableProblem",
     "OptimizerState",
+    "Problem",
     "StopCriterion",
+    "StopReason",
     "ValidationStop",
     "gradient_descent",
     "levenberg_marquardt",

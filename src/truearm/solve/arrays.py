@@ -18,7 +18,8 @@ import numpy.typing as npt
 from array_api_compat import array_namespace, device, is_torch_array
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cython_blas, solve_triangular
 
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
+
 # An array of doubles of either library; static types know NumPy's only.
 Array = Any
 

@@ -21,15 +21,11 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import block_diag, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 
 from truearm.solve.group_evidence import MIN_PIVOT, ROUNDING
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +110,9 @@ class Arrowhead:
         # What is known only by its prior is not told by the data.
         told = n_told - float((root.multiply(root) @ precision[gone]).sum())
         gain = float(towards @ towards)
-        return SchurComplement(kept, p + gone, gram, gradient, size, root, root.T @ half, -(root.T @ towards), gain, told)
+        return SchurComplement(
+            kept, p + gone, gram, gradient, size, root, root.T @ half, -(root.T @ towards), gain, told
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import TruearmError
-from truearm.solve.stop_criteria import StopReason, OptimizerState, StopCriterion, first_stop_reason
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.solve.stop_criteria import OptimizerState, StopCriterion, StopReason, first_stop_reason
+from truearm.typing import FloatArray
 
 # Squares of what would follow come near the largest double.
 LOST = 1e100

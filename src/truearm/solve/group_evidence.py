@@ -21,14 +21,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import LinAlgError, cholesky, qr
 from scipy.linalg.lapack import dtrtri
 from scipy.special import wrightomega
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Of a matrix of unit diagonal: eigenvalues that are a smaller share of the largest are what rounding left, and squared
 # pivots of Cholesky's factor that are smaller have lost their digits to it.
@@ -109,7 +106,9 @@ class Posterior(NamedTuple):
     covariance: FloatArray
 
 
-def marginal_posterior(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size: FloatArray | None = None) -> MarginalPosterior:
+def marginal_posterior(
+    gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size: FloatArray | None = None
+) -> MarginalPosterior:
     """Posterior of data with normal equations ``gram x = right``: means and variances.
 
     `size` (p,) is the diagonal of a matrix from which others were eliminated, as rounding is a share of what it was

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 from array_api_compat import array_namespace
 
-from truearm.solve.arrays import Array, add_to_diagonal, cholesky_solver, as_array_like, to_numpy
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.solve.arrays import Array, add_to_diagonal, as_array_like, cholesky_solver, to_numpy
+from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

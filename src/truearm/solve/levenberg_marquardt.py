@@ -12,9 +12,16 @@ import numpy.typing as npt
 from truearm.errors import TruearmError
 from truearm.solve.damping import Damping, NielsenDamping
 from truearm.solve.least_squares_problem import NormalEquations, Problem
-from truearm.solve.stop_criteria import MaxEpochs, MinGradient, StopReason, CostConverged, OptimizerState, StopCriterion, first_stop_reason
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.solve.stop_criteria import (
+    CostConverged,
+    MaxEpochs,
+    MinGradient,
+    OptimizerState,
+    StopCriterion,
+    StopReason,
+    first_stop_reason,
+)
+from truearm.typing import FloatArray
 
 MOST_DAMPING = np.finfo(float).max
 # A promise below this share of the cost is rounding: where no step keeps it, the minimum is found. So it is where the

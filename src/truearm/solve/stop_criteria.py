@@ -7,11 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.solve.damping import Damping
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True)
@@ -207,5 +205,7 @@ class ValidationStop:
     def __call__(self, state: OptimizerState) -> StopReason | None:
         """Reached when the last `max_fail` epochs brought nothing to the data set aside."""
         error = self.last_error = self.error(state.x)
-        self.best = BestPoint(state.epoch, state.x, error) if self.best is None else self.best.updated_with(state, error)
+        self.best = (
+            BestPoint(state.epoch, state.x, error) if self.best is None else self.best.updated_with(state, error)
+        )
         return StopReason("Validation stop.", True) if self.best.failures >= self.max_fail else None

@@ -18,9 +18,9 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
 from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.compensation.models.compensator import Compensator
+from truearm.errors import InputError
 
 
 def zigzag(n_joints: int) -> Arm:

@@ -14,11 +14,11 @@ import pytest
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError, TruearmError
 from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, PhysicalModel
-from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.network import TRAINERS
+from truearm.errors import InputError, TruearmError
 from truearm.readings import Readings
 
 # Files that older versions wrote of an arm `gao2017`, and what those versions predicted at its working pose: tip and

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.arm import load_arm
-from truearm.errors import InputError
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.compensation.models.model_file import load_model, save_model
+from truearm.errors import InputError
 from truearm.readings import Lengths, Readings
 
 ARM = load_arm("gao2017")

@@ -10,9 +10,9 @@ import pytest
 from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.model_file import load_model, save_model
-from truearm.readings import read_session, write_session
 from truearm.identification.terms.basis import Direction
 from truearm.identification.virtual import PRESETS, VirtualArm
+from truearm.readings import read_session, write_session
 
 NOISE = 0.01  # mm
 

@@ -10,12 +10,12 @@ from scipy.stats import chi2
 
 from truearm.arm import load_arm
 from truearm.arm.arm import Arm
-from truearm.errors import InputError
-from truearm.identification.estimation.alignment import align
 from truearm.compensation.models import KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.compensation.models.identified_model import cross_validation_groups
-from truearm.readings import Lengths, Readings
+from truearm.errors import InputError
+from truearm.identification.estimation.alignment import align
 from truearm.identification.terms.catalogue import thermal
+from truearm.readings import Lengths, Readings
 
 NOISE = 0.02  # mm, as the readings of `real` have it
 
@@ -243,7 +243,9 @@ def test_the_physical_model_finds_a_gears_error(real, rng):
     errors = [np.linalg.norm(m.predict(test.angles) - test.points, axis=1).mean() for m in (kinematic, physical)]
     assert errors[1] < 1.35 * NOISE * np.sqrt(8 / np.pi) < 0.5 * errors[0]  # mean length of three Gaussian coordinates
     (term,) = [t for t in physical.fit_.perturbed_chain.terms if t.name.startswith("J3 own axis, orders 5")]
-    start = sum(t.n_coefficients for t in physical.fit_.perturbed_chain.terms[: physical.fit_.perturbed_chain.terms.index(term)])
+    start = sum(
+        t.n_coefficients for t in physical.fit_.perturbed_chain.terms[: physical.fit_.perturbed_chain.terms.index(term)]
+    )
     cos_5, sin_5 = physical.fit_.coefficients[start : start + 2]
     np.testing.assert_allclose([cos_5, sin_5], [1e-3 * np.sin(0.3), 1e-3 * np.cos(0.3)], atol=5e-5)
 

@@ -13,14 +13,14 @@ import pytest
 
 from truearm.arm import LinkMasses, load_arm, read_arm, write_arm
 from truearm.cli.arms import _identified
-from truearm.errors import InputError
-from truearm.identification.estimation.problem import PerturbedChain
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.reading_references import state_of
+from truearm.errors import InputError
+from truearm.identification.estimation.problem import PerturbedChain
 from truearm.identification.planning.prior import nominal_prior
-from truearm.readings import Readings
 from truearm.identification.terms import GravityTorque, Term, gravity_torques
+from truearm.readings import Readings
 
 GIVE = 3e-5  # rad/(N m)
 

@@ -12,13 +12,13 @@ from threadpoolctl import threadpool_limits
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
 from truearm.compensation.models import NetworkModel
 from truearm.compensation.models.network import TRAINERS, checkpoints, remove_checkpoints
 from truearm.compensation.nets import normal_equations
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import dividerand
+from truearm.errors import InputError
 from truearm.readings import Lengths, Readings
 
 

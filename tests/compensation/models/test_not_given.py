@@ -11,9 +11,9 @@ from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, PhysicalModel
 from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.refit import refit
+from truearm.identification.virtual import PRESETS, VirtualArm
 from truearm.readings import Readings
 from truearm.verification.tasks.sampled_arms import PosteriorDistribution
-from truearm.identification.virtual import PRESETS, VirtualArm
 
 ARM = load_arm("gao2017")
 

@@ -7,10 +7,10 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
-from truearm.identification.estimation.problem import PerturbedChain
 from truearm.compensation.models import KinematicModel
-from truearm.readings import Lengths, Readings
+from truearm.identification.estimation.problem import PerturbedChain
 from truearm.identification.terms import constants
+from truearm.readings import Lengths, Readings
 
 SEEN_MM, TOUCHED_MM = 0.2, 0.005
 

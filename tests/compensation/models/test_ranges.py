@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.compensation.models.training_range import outside_ranges, find_angle_gaps
+from truearm.compensation.models.training_range import find_angle_gaps, outside_ranges
 
 TURNS = np.zeros(1, bool)
 

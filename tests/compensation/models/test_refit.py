@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from truearm.errors import InputError
-from truearm.identification.estimation.outliers import outliers
 from truearm.compensation.models import KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.refit import refit, used_in_refit
+from truearm.errors import InputError
+from truearm.identification.estimation.outliers import outliers
 from truearm.readings import Readings, read_session, write_session
 
 TURN = Rotation.from_rotvec([0.4, -2.0, 1.0]).as_matrix()

@@ -7,8 +7,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import load_arm
+from truearm.compensation.models.reading_references import (
+    references_of,
+    roughly_aligned_chain,
+    rows_with_orientation,
+    state_of,
+    surfaces_with_too_few_readings,
+    tool_terms,
+)
 from truearm.errors import InputError
-from truearm.compensation.models.reading_references import rows_with_orientation, roughly_aligned_chain, references_of, state_of, surfaces_with_too_few_readings, tool_terms
 from truearm.readings import Lengths, Readings
 
 NAN = np.nan
@@ -142,7 +149,9 @@ def test_an_arm_is_placed_by_points_and_its_tool_by_orientations(angles):
     T[:3, :3], T[:3, 3] = Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix(), [500.0, -70, 20]
     truth = arm.chain.with_reference_frame(T)
     readings = Readings(angles, truth.tip_in_base(angles))
-    np.testing.assert_allclose(roughly_aligned_chain(arm, readings, ("base",)).tip_in_base(angles), readings.points, atol=1e-8)
+    np.testing.assert_allclose(
+        roughly_aligned_chain(arm, readings, ("base",)).tip_in_base(angles), readings.points, atol=1e-8
+    )
     assert roughly_aligned_chain(arm, readings, ()) is arm.chain
 
 

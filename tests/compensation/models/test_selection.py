@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.errors import InputError
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.selection import CANDIDATES, select_model
+from truearm.errors import InputError
 from truearm.readings import Readings
 
 NOISE = 0.02  # mm

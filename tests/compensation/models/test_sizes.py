@@ -9,12 +9,12 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
-from truearm.errors import InputError
-from truearm.identification.estimation.problem import PerturbedChain
 from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.compensation.models.reading_references import MAX_SIZE_ERROR
-from truearm.readings import Lengths, Readings
+from truearm.errors import InputError
+from truearm.identification.estimation.problem import PerturbedChain
 from truearm.identification.terms import constants
+from truearm.readings import Lengths, Readings
 
 DISTANCE_MM = 28.0
 PAIRS = [("A", "B"), ("C", "A"), ("B", "C")]

@@ -8,10 +8,9 @@ import pytest
 from truearm.arm.catalogue import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.compensation.models.uncertainty import ELLIPSOID_FACTOR, uncertainty_budget
-from truearm.identification.planning.sampling import box
-from truearm.identification.planning.sampling import seat
-from truearm.readings import Readings
+from truearm.identification.planning.sampling import box, seat
 from truearm.identification.virtual import PRESETS, VirtualArm
+from truearm.readings import Readings
 
 ARM = load_arm("gao2017")
 

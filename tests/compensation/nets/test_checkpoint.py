@@ -15,17 +15,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.errors import InputError, TruearmError
 from truearm.compensation.nets import normal_equations
 from truearm.compensation.nets.checkpoint import Checkpoint, TrainingSnapshot
-from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
+from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.trainbr import trainbr
 from truearm.compensation.nets.traingd import traingd
 from truearm.compensation.nets.traingdx import traingdx
 from truearm.compensation.nets.trainlm import trainlm
+from truearm.errors import InputError, TruearmError
 
 TRAINERS = [train_varpro, trainlm, trainbr, traingd, traingdx]
 EPOCHS = 25

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.errors import InputError
 from truearm.compensation.nets import normal_equations
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.variable_projection import ProjectedProblem
+from truearm.errors import InputError
 
 
 def dense_jacobian(network, weights, inputs):
@@ -251,4 +251,6 @@ def test_bending_equals_differences_of_the_projected_errors(sizes):
     leaves = np.eye(len(A)) - A @ np.linalg.pinv(A)
     second = (second.reshape(sizes[-1], -1) @ leaves).ravel()
     expected = J.T @ second
-    np.testing.assert_allclose(projected.second_directional_derivative(x, step), expected, atol=1e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        projected.second_directional_derivative(x, step), expected, atol=1e-3 * np.abs(expected).max()
+    )

@@ -7,11 +7,11 @@ import inspect
 import numpy as np
 import pytest
 
-from truearm.errors import InputError
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.traingd import traingd
 from truearm.compensation.nets.traingdx import traingdx
+from truearm.errors import InputError
 
 
 @pytest.fixture

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truearm.errors import InputError
-from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
+from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.trainbr import trainbr
 from truearm.compensation.nets.traingd import traingd
 from truearm.compensation.nets.traingdx import traingdx
 from truearm.compensation.nets.training import dividerand
 from truearm.compensation.nets.trainlm import trainlm
+from truearm.errors import InputError
 
 TRAINERS = [train_varpro, trainlm, trainbr, traingd, traingdx]
 NETWORK = Perceptron.with_layers(1, (4,), 1)

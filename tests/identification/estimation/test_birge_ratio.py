@@ -6,16 +6,18 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
+from truearm.compensation.models import KinematicModel
 from truearm.identification.estimation.birge_ratio import birge_ratio
 from truearm.identification.estimation.identification import ReferenceFit
-from truearm.compensation.models import KinematicModel
 from truearm.readings import Readings
 
 
 def of(kind, rows, std, noise_std):
     rows = np.arange(rows[0], rows[1])
     zeros = np.zeros((3, len(rows)))
-    return ReferenceFit(kind, rows, zeros, zeros + std, noise_std, np.ones(len(rows)), np.zeros(len(rows), dtype=int), {})
+    return ReferenceFit(
+        kind, rows, zeros, zeros + std, noise_std, np.ones(len(rows)), np.zeros(len(rows), dtype=int), {}
+    )
 
 
 def test_without_a_stated_uncertainty_it_is_that_of_the_noise():

@@ -57,7 +57,9 @@ def test_directions_count_by_their_own_variance():
 def test_a_seat_of_two_readings_shows_half_of_each_ones_variance():
     """Each deviates from their mean by half their difference, whose variance is twice that of one."""
     alone = conformal_residual_variance(held_out(along_x([1.0, 2, 3, 4])))
-    halved = conformal_residual_variance(held_out(along_x(np.array([1.0, 2, 3, 4]) / np.sqrt(2)), freedom=np.full(4, 0.5)))
+    halved = conformal_residual_variance(
+        held_out(along_x(np.array([1.0, 2, 3, 4]) / np.sqrt(2)), freedom=np.full(4, 0.5))
+    )
     assert halved == pytest.approx(alone, rel=1e-5)
 
 

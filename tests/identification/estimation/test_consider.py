@@ -188,7 +188,8 @@ def test_only_what_is_free_changes(known):
     changed = {
         term.name
         for i, term in enumerate(found.perturbed_chain.terms)
-        if term not in known.perturbed_chain.terms or not np.isin(found.coefficients[_slice(found, i)], known.coefficients).all()
+        if term not in known.perturbed_chain.terms
+        or not np.isin(found.coefficients[_slice(found, i)], known.coefficients).all()
     }
     assert changed == {"tip shift along x", "tip shift along y", "tip shift along z"}
     np.testing.assert_allclose(found.tips(state), points, rtol=0, atol=2e-3)
@@ -224,7 +225,9 @@ def test_seats_tell_the_tip(known):
     terms = constants(known.perturbed_chain.chain, free=("tip",), angle_std=0.0, length_std=0.0)
     references = [seats_of(np.arange(len(angles)), np.array(names))]
     found = consider_update(known, known.perturbed_chain.chain, state, terms, references, unexplained_std=NOISE)
-    tip_before = known.coefficients[[known.perturbed_chain.terms.index(term) for term in found.perturbed_chain.terms[-3:]]]
+    tip_before = known.coefficients[
+        [known.perturbed_chain.terms.index(term) for term in found.perturbed_chain.terms[-3:]]
+    ]
     off = found.coefficients[-3:] - tip_before - [2.0, -2.0, 2.0]
     std = np.sqrt(found.covariance.diagonal()[-3:])
     assert (np.abs(off) < 0.05 * std + 1e-3).all()  # exact readings: it stops within a hundredth of its uncertainty

@@ -16,8 +16,8 @@ from truearm.identification.estimation.alignment import align, place_base_coarse
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
 from truearm.identification.estimation.references import Points
-from truearm.readings import Readings
 from truearm.identification.terms import ArmState, Constant, Term, constants
+from truearm.readings import Readings
 
 NOISE = 0.02  # mm
 
@@ -180,7 +180,9 @@ def test_points_in_a_fitted_frame_determine_as_many_combinations_as_theory_says(
     # An arm not quite as drawn: the tip of a drawn one may lie on its last axis, and axes may meet.
     chain = drawn(arm.chain, rng, angle=0.05, length=20)
     perturbed_chain = PerturbedChain(chain, tuple(constants(chain)))
-    problem = SmallMotionProblem(perturbed_chain, ArmState(chain, angles), (Points(np.arange(200), chain.tip_in_base(angles)),))
+    problem = SmallMotionProblem(
+        perturbed_chain, ArmState(chain, angles), (Points(np.arange(200), chain.tip_in_base(angles)),)
+    )
     (equations,) = problem.normal_equations(np.zeros(perturbed_chain.n_coefficients), [np.ones((3, 200))])
     scale = 1 / np.sqrt(equations.head.diagonal())
     values = np.linalg.eigvalsh(equations.head * np.outer(scale, scale))[::-1]
@@ -240,7 +242,9 @@ def test_where_the_reference_stands_does_not_matter(rng):
     points = truth.tip_in_base(angles) + rng.normal(0, NOISE, (60, 3))
     R, shift = Rotation.from_rotvec([2.0, -0.3, 0.5]).as_matrix(), [-4000.0, 900, 1700]
     here, there = [
-        found(arm, angles, p, constants(arm.chain), chain=place_base_coarsely(arm.chain, Readings(angles, p), ("base",)))
+        found(
+            arm, angles, p, constants(arm.chain), chain=place_base_coarsely(arm.chain, Readings(angles, p), ("base",))
+        )
         for p in (points, points @ R.T + shift)
     ]
     np.testing.assert_allclose(tips(here, arm, others) @ R.T + shift, tips(there, arm, others), atol=1e-3 * NOISE)

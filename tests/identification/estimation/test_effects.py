@@ -7,7 +7,7 @@ import pytest
 from test_problem import random_chain, random_state
 
 from truearm.identification.estimation.effects import effects
-from truearm.identification.estimation.identification import TermGroupResult, IdentificationResult
+from truearm.identification.estimation.identification import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.problem import PerturbedChain
 from truearm.identification.terms import Constant, Term, constants
 from truearm.identification.terms.catalogue import own_axis, wobble
@@ -17,9 +17,9 @@ def identified(chain, terms, coefficients, *, pruned=()) -> IdentificationResult
     perturbed_chain = PerturbedChain(chain, tuple(terms))
     m = perturbed_chain.n_coefficients
     names = dict.fromkeys(term.group for term in terms)
-    groups = [TermGroupResult(name, sum(t.n_coefficients for t in terms if t.group == name), 1.5, 1.0) for name in names] + [
-        TermGroupResult(name, 7, 0.0, 0.0) for name in pruned
-    ]
+    groups = [
+        TermGroupResult(name, sum(t.n_coefficients for t in terms if t.group == name), 1.5, 1.0) for name in names
+    ] + [TermGroupResult(name, 7, 0.0, 0.0) for name in pruned]
     return IdentificationResult(perturbed_chain, coefficients, np.eye(m), np.ones(m), tuple(groups), (), True, 1)
 
 

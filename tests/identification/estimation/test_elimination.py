@@ -9,12 +9,12 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
-from truearm.identification.estimation.identification import grouped_prior, identify, eliminate_unknowns
+from truearm.identification.estimation.identification import eliminate_unknowns, grouped_prior, identify
 from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
 from truearm.identification.estimation.references import Length, Points, Seats
 from truearm.identification.estimation.surfaces import planes_of, spheres_of
-from truearm.solve.group_evidence import posterior
 from truearm.identification.terms import ArmState, candidate_terms, constants
+from truearm.solve.group_evidence import posterior
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -74,7 +74,9 @@ def test_hundreds_of_seats_are_identified(rng):
     x = np.concatenate([term.prior_stds for term in terms]) * rng.normal(size=len(terms))
     chain = PerturbedChain(arm.chain, tuple(terms)).with_constants(x)
     first = arm.working + 0.8 * rng.uniform(-1, 1, (330, 6))
-    again = solve_inverse_kinematics(chain, chain.tip_in_base(first[:300]), start=first[:300] + rng.normal(0, 0.3, (300, 6)))
+    again = solve_inverse_kinematics(
+        chain, chain.tip_in_base(first[:300]), start=first[:300] + rng.normal(0, 0.3, (300, 6))
+    )
     angles = np.concatenate([first, again.angles])
     reached = np.r_[np.flatnonzero(again.reached), 330 + np.flatnonzero(again.reached)]
     seats = Seats(reached, reached % 330, tuple(str(i) for i in range(300)))

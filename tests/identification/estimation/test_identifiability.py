@@ -55,7 +55,9 @@ def test_a_joint_that_stood_still_does_not_tell_its_zero_from_its_neighbour(rng)
     assert not [unidentifiable for unidentifiable in moving.unidentifiable if unidentifiable.at_other_poses]
     missing = [unidentifiable for unidentifiable in still.unidentifiable if unidentifiable.at_other_poses]
     assert any("J5" in name for unidentifiable in missing for name in unidentifiable.constants)
-    assert {u.constants for u in moving.unidentifiable} == {u.constants for u in still.unidentifiable if not u.at_other_poses}
+    assert {u.constants for u in moving.unidentifiable} == {
+        u.constants for u in still.unidentifiable if not u.at_other_poses
+    }
 
 
 def test_offsets_of_the_last_link_and_a_free_tip_are_known_together_only(rng):
@@ -68,7 +70,11 @@ def test_offsets_of_the_last_link_and_a_free_tip_are_known_together_only(rng):
     assert frozenset({"J1 rotation about z", "base rotation about z"}) in named
     assert frozenset({"J1 shift along z", "base shift along z"}) in named
     # Theory says of six joints, base and tip: 45 constants, 27 combinations. The parallel axes 2, 3, 4 cost up to two.
-    assert 45 - 27 <= len([unidentifiable for unidentifiable in found.unidentifiable if not unidentifiable.at_other_poses]) <= 45 - 27 + 2
+    assert (
+        45 - 27
+        <= len([unidentifiable for unidentifiable in found.unidentifiable if not unidentifiable.at_other_poses])
+        <= 45 - 27 + 2
+    )
     assert len(found.unidentifiable) <= 45 - 27 + 2
     assert found.determined["J6 shift along z"] < 0.01
 
@@ -81,11 +87,18 @@ def test_what_is_named_together_makes_up_for_itself(name, rng):
     fit = fitted(arm, angles, rng, constants(arm.chain))
     state, names = ArmState(arm.chain, angles), [term.name for term in fit.perturbed_chain.terms]
     ((_, _, columns),) = fit.perturbed_chain.derivatives(state, fit.coefficients)
-    together = [unidentifiable for unidentifiable in identifiability(fit).unidentifiable if 1 < len(unidentifiable.constants) < MOST_PARTNERS]
+    together = [
+        unidentifiable
+        for unidentifiable in identifiability(fit).unidentifiable
+        if 1 < len(unidentifiable.constants) < MOST_PARTNERS
+    ]
     assert len(together) > 10
     left = []
     for unidentifiable in together:
-        moved = [columns[names.index(one)] * by for one, by in zip(unidentifiable.constants, unidentifiable.movement, strict=True)]
+        moved = [
+            columns[names.index(one)] * by
+            for one, by in zip(unidentifiable.constants, unidentifiable.movement, strict=True)
+        ]
         left.append(np.sqrt((sum(moved) ** 2).mean() / max((one**2).mean() for one in moved)))
     assert np.median(left) < 0.01
     assert sorted(left)[-2] < 0.5  # one of small effect whose third member goes unnamed

@@ -381,9 +381,9 @@ def test_no_direction_of_a_tip_is_known_better_than_perfectly(arm, rng):
     cancelling = np.eye(p) - along @ np.linalg.pinv(along)  # moves none of the first four tips
     for spread in (covariance, cancelling @ covariance @ cancelling):
         spread = (spread + spread.T) / 2
-        found = IdentificationResult(perturbed_chain, np.zeros(p), spread, np.ones(p), (), (), converged=True, rounds=1).tip_covariance(
-            state
-        )
+        found = IdentificationResult(
+            perturbed_chain, np.zeros(p), spread, np.ones(p), (), (), converged=True, rounds=1
+        ).tip_covariance(state)
         expected = np.einsum("pin,pq,qjn->nij", J, spread, J)
         # mm^2: rounding of what adds up to thousands of it.
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-9)

@@ -33,7 +33,9 @@ def test_it_is_by_how_much_the_joint_has_turned_further(rng):
     state = random_state(fit.perturbed_chain.chain, 30, rng)
     found = joint_error(fit, 2, state.angles[:, 1], mean_at=CIRCLE)
     turned = state.angles + found.error[:, None] * (np.arange(4) == 1)
-    np.testing.assert_allclose(fit.tips(state), fit.perturbed_chain.chain.tip_in_base(turned), atol=1e-9)  # rounding, mm
+    np.testing.assert_allclose(
+        fit.tips(state), fit.perturbed_chain.chain.tip_in_base(turned), atol=1e-9
+    )  # rounding, mm
 
 
 def test_its_mean_is_zero_where_it_was_asked_to_be_and_nothing_else_changes(rng):

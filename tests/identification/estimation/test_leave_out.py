@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm import load_arm
 from truearm.identification.estimation import cross_validation
+from truearm.identification.estimation.cross_validation import covariance_factor, cross_validate_by_group
 from truearm.identification.estimation.identification import IdentificationResult, identify, initial_problem
-from truearm.identification.estimation.cross_validation import cross_validate_by_group, covariance_factor
 from truearm.identification.estimation.orientations import Orientations
 from truearm.identification.estimation.references import Length, Points, Seats, seats_of
 from truearm.identification.planning.sampling.seat import seat
@@ -55,7 +55,9 @@ def references_of(drawn, rows, *, std=None):
 @pytest.fixture
 def known_noise(monkeypatch):
     """The noise is known: what is estimated with a group differs from that without it."""
-    monkeypatch.setattr("truearm.identification.estimation.identification.paule_mandel_variance", lambda *_, **__: NOISE**2)
+    monkeypatch.setattr(
+        "truearm.identification.estimation.identification.paule_mandel_variance", lambda *_, **__: NOISE**2
+    )
 
 
 def test_what_was_identified_can_be_taken_up_again(drawn):
@@ -68,7 +70,9 @@ def test_what_was_identified_can_be_taken_up_again(drawn):
         # Whitened: one, less what parameters take up of it, a twentieth of points and a quarter of seats.
         assert 0.6 < np.mean((part.weights * part.residuals) ** 2) < 1
         # Residuals of a reading that is trusted by a quarter count half.
-        np.testing.assert_allclose(replace(part, robust_weight=part.robust_weight / 4).weights, part.weights / 2, rtol=1e-15)
+        np.testing.assert_allclose(
+            replace(part, robust_weight=part.robust_weight / 4).weights, part.weights / 2, rtol=1e-15
+        )
 
 
 @pytest.mark.usefixtures("known_noise")
@@ -220,7 +224,9 @@ def test_an_artefact_in_several_places_is_left_out_as_dense_algebra_has_it(drawn
     references = [Seats(np.arange(40), number, tuple(map(str, unique)), lengths)]
     fit = identify(arm.chain, state, terms, references)
     (part,) = fit.references
-    covariance, problem, x = dense_covariance(fit, state, references, noise=1 / np.sqrt(part.robust_weight) * part.noise_std)
+    covariance, problem, x = dense_covariance(
+        fit, state, references, noise=1 / np.sqrt(part.robust_weight) * part.noise_std
+    )
     (J,) = problem.jacobian(x)
     group = np.arange(40) % 3
     found = cross_validate_by_group(fit, state, references, group)

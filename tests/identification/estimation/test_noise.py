@@ -9,9 +9,9 @@ from scipy.stats import chi2
 from truearm.identification.estimation.noise import (
     HUBER_STDS,
     SHARE_BEYOND,
+    expected_clipped_square,
     huber_threshold_squared,
     huber_weights,
-    expected_clipped_square,
     paule_mandel_variance,
 )
 

@@ -11,7 +11,12 @@ from scipy.spatial.transform import Rotation
 from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
-from truearm.identification.estimation.orientations import LEVER_MM, Orientations, pose_references, orient_flange_coarsely
+from truearm.identification.estimation.orientations import (
+    LEVER_MM,
+    Orientations,
+    orient_flange_coarsely,
+    pose_references,
+)
 from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import tool_rotation

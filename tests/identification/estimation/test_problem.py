@@ -14,9 +14,9 @@ from truearm.arm import Chain
 from truearm.identification.estimation import problem as problem_module
 from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
 from truearm.identification.estimation.references import LinearisedResiduals, Points, seats_of
-from truearm.solve.arrowhead import Arrowhead
 from truearm.identification.terms import ArmState, Constant, Harmonics, Temperature, Term, candidate_terms, constants
 from truearm.identification.terms.catalogue import own_axis
+from truearm.solve.arrowhead import Arrowhead
 
 ROUNDING_MM = 1e-9
 
@@ -274,7 +274,10 @@ def test_points_alone_leave_growth_out():
 def test_pieces_of_any_size_have_the_same_sums(chunk, monkeypatch):
     problem, x, weights = everything(7)
     expected = summed(problem, x, weights)
-    residuals, tips = problem.residuals(x), problem.perturbed_chain.tips(problem.state, x[: problem.perturbed_chain.n_coefficients])
+    residuals, tips = (
+        problem.residuals(x),
+        problem.perturbed_chain.tips(problem.state, x[: problem.perturbed_chain.n_coefficients]),
+    )
     monkeypatch.setattr(problem_module, "CHUNK", chunk)
     problem, x, weights = everything(7)
     assert_same_equations(summed(problem, x, weights), expected)
@@ -283,7 +286,10 @@ def test_pieces_of_any_size_have_the_same_sums(chunk, monkeypatch):
     np.testing.assert_allclose(
         problem.perturbed_chain.tips(problem.state, x[: problem.perturbed_chain.n_coefficients]), tips, atol=ROUNDING_MM
     )
-    columns = [by for _, _, by in problem.perturbed_chain.derivatives(problem.state, x[: problem.perturbed_chain.n_coefficients])]
+    columns = [
+        by
+        for _, _, by in problem.perturbed_chain.derivatives(problem.state, x[: problem.perturbed_chain.n_coefficients])
+    ]
     assert sum(by.shape[2] for by in columns) == 21
 
 

@@ -133,7 +133,9 @@ def test_the_terms_are_the_tables_parameters(n):
     table = generic_table(n)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (5, n))
     perturbed_chain = PerturbedChain(table.chain(), tuple(dh_terms(table)))
-    ((_, _, columns),) = perturbed_chain.derivatives(ArmState(table.chain(), angles), np.zeros(perturbed_chain.n_coefficients))
+    ((_, _, columns),) = perturbed_chain.derivatives(
+        ArmState(table.chain(), angles), np.zeros(perturbed_chain.n_coefficients)
+    )
     for i in range(n):
         for k, name in enumerate(("a", "d", "alpha", "theta")):
             there, back = (

@@ -16,9 +16,9 @@ from truearm.identification.estimation.orientations import Orientations
 from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
 from truearm.identification.estimation.references import Length, Points, Seats, seats_of
 from truearm.identification.estimation.surfaces import lines_of, planes_of, spheres_of
-from truearm.solve.arrowhead import Arrowhead
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import gravity, own_axis, tool_rotation, wobble
+from truearm.solve.arrowhead import Arrowhead
 
 KINDS = ("point", "seat", "sphere", "plane", "line", "orientation")
 
@@ -67,7 +67,11 @@ def mixed_problem(chain, rng, *, counts, n_names=1, known=False):
 
 def units(problem):
     """(p,) a radian or 100 mm: changes of every parameter that move tips alike."""
-    turns = [max(map(abs, term.direction[:3])) > 0 for term in problem.perturbed_chain.terms for _ in range(term.n_coefficients)]
+    turns = [
+        max(map(abs, term.direction[:3])) > 0
+        for term in problem.perturbed_chain.terms
+        for _ in range(term.n_coefficients)
+    ]
     turns += ["rad" in name for reference in problem.references for name in reference.unknowns]
     return np.where(turns, 1.0, 100.0)
 

@@ -45,7 +45,12 @@ def test_where_the_base_stands_does_not_matter(rng):
     assert np.abs(fit.tip_covariance(state)).max() > 1e-8
     assert np.abs(relative_covariance(fit, state)).max() < 1e-20
 
-    nothing = replace(fit, perturbed_chain=PerturbedChain(fit.perturbed_chain.chain, ()), coefficients=np.zeros(0), covariance=np.zeros((0, 0)))
+    nothing = replace(
+        fit,
+        perturbed_chain=PerturbedChain(fit.perturbed_chain.chain, ()),
+        coefficients=np.zeros(0),
+        covariance=np.zeros((0, 0)),
+    )
     assert not relative_covariance(nothing, random_state(nothing.perturbed_chain.chain, 5, rng)).any()
 
     fit = identified([*only_base, *own_axis(chain, 1, highest=2)], rng, std=1e-3)

@@ -93,7 +93,9 @@ def test_far_from_the_readings_no_less_is_unexplained_than_on_average():
 
 
 def test_nothing_held_out_is_flat():
-    nothing = HeldOutReadings(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
+    nothing = HeldOutReadings(
+        np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0)
+    )
     assert (fit_variance_function(nothing, angles_of(5)).share(angles_of(7)) == 1).all()
 
 

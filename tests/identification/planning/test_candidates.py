@@ -4,11 +4,17 @@ import numpy as np
 import pytest
 
 from truearm.arm.arm import Arm
-from truearm.arm.catalogue import load_arm, arm_names
+from truearm.arm.catalogue import arm_names, load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import Candidates, bar_places, seat_poses, tracker_poses, volume_poses
-from truearm.identification.planning.exchange import DesignProblem, select_candidates, project_out, moment_matrix, stack_factors
+from truearm.identification.planning.exchange import (
+    DesignProblem,
+    moment_matrix,
+    project_out,
+    select_candidates,
+    stack_factors,
+)
 from truearm.identification.planning.sampling import Sector
 from truearm.identification.planning.sampling.measuring import END_STOP_MARGIN_RAD
 from truearm.identification.planning.sampling.workspace import azimuth_of, joint_origins, stance
@@ -173,7 +179,8 @@ def test_poses_chosen_leave_less_uncertainty_than_poses_drawn(volume):
     drawn = [problem.variance(select_candidates(problem, 15, strategy="random", seed=seed).rows) for seed in range(5)]
     behaviour = np.flatnonzero(found.technician)
     technician = [
-        problem.variance(select_candidates(problem, 15, strategy="random", among=behaviour, seed=seed).rows) for seed in range(5)
+        problem.variance(select_candidates(problem, 15, strategy="random", among=behaviour, seed=seed).rows)
+        for seed in range(5)
     ]
     assert best < min(drawn)
     assert best < min(technician)

@@ -14,12 +14,12 @@ from truearm.identification.planning.exchange import (
     DOptimality,
     IOptimality,
     _Posterior,
-    select_candidates,
-    project_out,
-    fedorov_exchange,
     factor_of,
+    fedorov_exchange,
     greedy,
     moment_matrix,
+    project_out,
+    select_candidates,
     stack_factors,
 )
 

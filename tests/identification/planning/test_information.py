@@ -8,12 +8,12 @@ from truearm.errors import InputError
 from truearm.identification.estimation.problem import PerturbedChain
 from truearm.identification.planning.candidates import bar_places, seat_poses, tracker_poses, volume_poses
 from truearm.identification.planning.information import SEAT_STD_MM, design_problem, tip_jacobian
-from truearm.identification.planning.prior import Prior, nominal_prior
 from truearm.identification.planning.observability import observability
+from truearm.identification.planning.prior import Prior, nominal_prior
 from truearm.identification.planning.proposal import LENGTH_U_MM, information_rows
-from truearm.readings.lengths import PLACE_U_MM
 from truearm.identification.terms.catalogue import constants, own_axis
 from truearm.identification.terms.state import ArmState
+from truearm.readings.lengths import PLACE_U_MM
 
 ARM = load_arm("gao2017")
 NOISE_MM = 0.02
@@ -148,7 +148,13 @@ def test_a_problem_is_checked(perturbed_chain, volume):
             problem(perturbed_chain, found, volume, **options)
     with pytest.raises(InputError, match="4 readings"):
         design_problem(
-            perturbed_chain, found, state(found.angles[:2]), volume, prior_precision=prior(perturbed_chain), noise_mm=1.0, length_u_mm=1.0
+            perturbed_chain,
+            found,
+            state(found.angles[:2]),
+            volume,
+            prior_precision=prior(perturbed_chain),
+            noise_mm=1.0,
+            length_u_mm=1.0,
         )
     # A tracker's candidates need no length.
     assert problem(perturbed_chain, tracker_poses(ARM, 2, seed=0), volume, length_u_mm=0.0).n_candidates == 2

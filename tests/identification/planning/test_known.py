@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from truearm.arm.catalogue import load_arm
-from truearm.errors import InputError
 from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.compensation.models.reading_references import state_of
+from truearm.errors import InputError
 from truearm.identification.planning.candidates import seat_poses, tracker_poses, volume_poses
 from truearm.identification.planning.exchange import moment_matrix
 from truearm.identification.planning.information import design_problem, tip_jacobian
-from truearm.identification.planning.prior import nominal_prior, identified_prior
-from truearm.readings import Readings
+from truearm.identification.planning.prior import identified_prior, nominal_prior
 from truearm.identification.terms.basis import Constant
 from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.readings import Readings
 
 ARM = load_arm("gao2017")
 VOLUME = volume_poses(ARM, 30, seed=5)
@@ -150,7 +150,9 @@ def test_an_identified_arm_makes_the_models_points_but_for_the_frame(model):
     tips, points = arm.chain.tip_in_base(VOLUME), model.predict(VOLUME)
     between = np.linalg.norm(tips[:, None] - tips, axis=2)
     assert between == pytest.approx(np.linalg.norm(points[:, None] - points, axis=2), abs=1e-9)
-    assert known.perturbed_chain.tips(known.state(VOLUME), np.zeros(known.perturbed_chain.n_coefficients)) == pytest.approx(tips)
+    assert known.perturbed_chain.tips(
+        known.state(VOLUME), np.zeros(known.perturbed_chain.n_coefficients)
+    ) == pytest.approx(tips)
 
 
 def test_more_readings_leave_less_and_those_taken_count(model):

@@ -114,7 +114,9 @@ def test_points_tell_4n_plus_3_combinations_of_a_generic_arm(n):
     fixed = np.tile(np.eye(4), (n + 1, 1, 1))
     fixed[:, :3, :3] = Rotation.random(n + 1, rng=rng).as_matrix()
     fixed[:, :3, 3] = rng.uniform(-300, 300, (n + 1, 3))
-    J = Chain(fixed, [40, 30, 200]).tip_derivatives(rng.uniform(-np.pi, np.pi, (40, n))).motion_jacobian  # (m, places, 6, 3)
+    J = (
+        Chain(fixed, [40, 30, 200]).tip_derivatives(rng.uniform(-np.pi, np.pi, (40, n))).motion_jacobian
+    )  # (m, places, 6, 3)
     found = observability(J.transpose(0, 3, 1, 2).reshape(120, -1), n_poses=40)
     assert found.rank == 4 * n + 3
     assert found.gap > 1e6

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from truearm.identification.planning import candidates
-from truearm.identification.planning import exchange
+from truearm.identification.planning import candidates, exchange
 
 PAGE = Path(__file__).parents[2] / "docs" / "planning.md"
 

@@ -8,18 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.arm.arm import Arm
-from truearm.arm.catalogue import load_arm, arm_names
+from truearm.arm.catalogue import arm_names, load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identification.planning.sampling import STRATEGIES
-from truearm.identification.planning.sampling import Sector
-from truearm.identification.planning.sampling import box
-from truearm.identification.planning.sampling import measuring_poses
-from truearm.identification.planning.sampling import seat
-from truearm.identification.planning.sampling import uniform
+from truearm.identification.planning.sampling import STRATEGIES, Sector, box, measuring_poses, seat, uniform
 from truearm.identification.planning.sampling.measuring import END_STOP_MARGIN_RAD, surface_normals
 from truearm.identification.planning.sampling.seat import farthest_points
-from truearm.identification.planning.sampling.workspace import azimuth_of, draw_points, joint_origins, stance, within_cone
+from truearm.identification.planning.sampling.workspace import (
+    azimuth_of,
+    draw_points,
+    joint_origins,
+    stance,
+    within_cone,
+)
 
 
 def limited(low_deg: float = -30.0, high_deg: float = 10.0, working_deg: float = 0.0) -> Arm:

@@ -9,16 +9,16 @@ from test_candidates import gantry
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import bar_places, seat_poses, tracker_poses
+from truearm.identification.planning.sampling import Sector
 from truearm.identification.planning.template import (
     bars,
     check_template_path,
-    notes,
     continue_seat_numbers,
+    notes,
     place_names,
     write_bar_lengths,
     write_template,
 )
-from truearm.identification.planning.sampling import Sector
 from truearm.readings import read_lengths, read_session
 
 ARM = load_arm("gao2017")
@@ -119,7 +119,11 @@ def test_places_are_numbered_in_the_order_of_the_poses_and_on_from_those_taken(s
     # Only names of this kind count; 10^5000 is a name too.
     taken = ["S2", "S7", "B40a", "S1x", "cone", "", "S" + "9" * 5000]
     assert continue_seat_numbers(turned, taken).seat.tolist() == ["S8", "S8", "S9", "S9"]
-    assert continue_seat_numbers(places.split_into_poses([5, 7, 0]), ["B3a", "S9"]).seat.tolist() == ["B4a", "B4b", "B5a"]
+    assert continue_seat_numbers(places.split_into_poses([5, 7, 0]), ["B3a", "S9"]).seat.tolist() == [
+        "B4a",
+        "B4b",
+        "B5a",
+    ]
     tracker = tracker_poses(ARM, 2, seed=0)
     assert continue_seat_numbers(tracker, ["S1"]) is tracker
 

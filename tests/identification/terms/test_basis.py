@@ -89,7 +89,9 @@ def test_what_the_base_bears_is_the_work_of_the_weights_in_a_small_turn_of_the_b
     for k in range(1, 6):
         fixed = np.concatenate([state.chain.fixed[:k], np.eye(4)[None]])
         upto = Chain(fixed, links.centre_in_joint_mm[k - 1])
-        work -= links.mass_kg[k - 1] * G * 1e-3 * upto.tip_derivatives(state.angles[:, :k]).motion_jacobian[:, 0, :3, 2].T
+        work -= (
+            links.mass_kg[k - 1] * G * 1e-3 * upto.tip_derivatives(state.angles[:, :k]).motion_jacobian[:, 0, :3, 2].T
+        )
     for axis in range(3):
         # Torques reach 1e2 N m: rounding is 1e-13.
         assert GravityTorque(0, axis).values(state) == pytest.approx(work[[axis]], abs=1e-10)

@@ -4,8 +4,7 @@ import json
 import re
 from pathlib import Path
 
-from truearm.identification.terms import Term
-from truearm.identification.terms import catalogue
+from truearm.identification.terms import Term, catalogue
 
 PAGE = Path(__file__).parents[2] / "docs" / "terms.md"
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from truearm.arm.catalogue import load_arm
-from truearm.identification.virtual import PRESETS, VirtualArmState, VirtualArm
+from truearm.identification.virtual import PRESETS, VirtualArm, VirtualArmState
 from truearm.identification.virtual.constrained import TESTS, _test_of, box_sample, to_mean
 from truearm.identification.virtual.motions import MotionFunctions, motions
 from truearm.identification.virtual.systematic import draw_constants, draw_systematic_errors, geometry_stream
@@ -90,7 +90,8 @@ def test_arms_that_share_functions_move_as_each_alone():
         rng.uniform(0, 6, arm.n_joints),
     )
     drawn = [
-        draw_systematic_errors(arm, PRESETS[name], seed=seed) for name, seed in (("shop", 0), ("perfect", 0), ("shop", 1))
+        draw_systematic_errors(arm, PRESETS[name], seed=seed)
+        for name, seed in (("shop", 0), ("perfect", 0), ("shop", 1))
     ]
     first = drawn[0]
     functions = MotionFunctions(

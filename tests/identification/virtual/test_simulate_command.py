@@ -8,9 +8,9 @@ import pytest
 from truearm.arm.catalogue import load_arm
 from truearm.cli.simulate import simulate
 from truearm.errors import InputError
+from truearm.identification.virtual import PRESETS, VirtualArm
 from truearm.readings import length_errors, read_lengths
 from truearm.readings.files import read_session
-from truearm.identification.virtual import PRESETS, VirtualArm
 
 
 def test_a_session_file_comes_out_with_what_was_rejected_and_the_floor(tmp_path, capsys):

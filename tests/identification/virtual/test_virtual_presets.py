@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from truearm.arm.catalogue import load_arm
-from truearm.readings import point_errors
 from truearm.identification.virtual import PRESETS, VirtualArm
+from truearm.readings import point_errors
 
 RESEARCH = PRESETS["research"]
 

@@ -10,12 +10,18 @@ import numpy as np
 from truearm.verification.certificate.administrative_data import AdministrativeData
 from truearm.verification.certificate.certificate import make_certificate
 from truearm.verification.standards.artefacts import Artefacts
-from truearm.verification.standards.decision import Budget, Contribution, ConformityResult, assess_conformity, overall_verdict
+from truearm.verification.standards.decision import (
+    Budget,
+    ConformityResult,
+    Contribution,
+    assess_conformity,
+    overall_verdict,
+)
+from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.verification.standards.specification import Specification
-from truearm.verification.standards.measured_points import PointGroup, MeasuredPoints
-from truearm.verification.standards.verification_record import VerificationRecord
-from truearm.verification.standards.verification_plan import load_verification_plan
 from truearm.verification.standards.verification import Verification
+from truearm.verification.standards.verification_plan import load_verification_plan
+from truearm.verification.standards.verification_record import VerificationRecord
 
 DAY = datetime.date(2026, 11, 3)
 DATED = {"certificate": "K-1", "date": DAY, "expires": DAY.replace(year=2028), "form_mm": 0.001, "u_fixture_mm": 0.002}
@@ -42,7 +48,9 @@ TOLD = {
 
 def about(**changes):
     """The administrative data; a change of None leaves a key away."""
-    return AdministrativeData.model_validate({key: value for key, value in (TOLD | changes).items() if value is not None})
+    return AdministrativeData.model_validate(
+        {key: value for key, value in (TOLD | changes).items() if value is not None}
+    )
 
 
 def row(value, limit=0.05, *, label="E_Uni, 900", budget=BUDGET, rule="iso14253-1"):

@@ -10,14 +10,22 @@ from hypothesis import strategies as st
 from made_up_outcome import DAY, TOLD, about, certificate, outcome
 
 from truearm.errors import InputError
-from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text, read_administrative_data, template
-from truearm.verification.certificate.certificate import administrative_sections
 from truearm.files.toml_documents import parse_toml
+from truearm.verification.certificate.administrative_data import (
+    AdministrativeData,
+    read_administrative_data,
+    template,
+    xml_text,
+)
+from truearm.verification.certificate.certificate import administrative_sections
 
 
 def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_path):
     text = template()
-    for model in (AdministrativeData, *(AdministrativeData.model_fields[key].annotation for key in ("item", "laboratory", "customer"))):
+    for model in (
+        AdministrativeData,
+        *(AdministrativeData.model_fields[key].annotation for key in ("item", "laboratory", "customer")),
+    ):
         for key in model.model_fields:
             assert re.search(rf"^(# )?({key} = |\[+{key}\])", text, flags=re.M) or model is not AdministrativeData
     (tmp_path / "about.toml").write_text(text)

@@ -14,7 +14,14 @@ from made_up_outcome import ROWS, about, certificate, outcome, row
 from truearm.errors import InputError, TruearmError
 from truearm.verification.certificate import dcc as module
 from truearm.verification.certificate.administrative_data import xml_text as one_line
-from truearm.verification.certificate.certificate import CONFORMITIES, Equipment, Method, StatedQuantity, StatedResult, conformity_of
+from truearm.verification.certificate.certificate import (
+    CONFORMITIES,
+    Equipment,
+    Method,
+    StatedQuantity,
+    StatedResult,
+    conformity_of,
+)
 from truearm.verification.certificate.dcc import dcc, parse_dcc, read_dcc, write_dcc
 from truearm.verification.standards.decision import DECISION_RULES, Budget, Contribution
 from truearm.verification.standards.verification_plan import load_verification_plan

@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 from scipy.stats import binom, kstest
 
 from truearm.errors import InputError
-from truearm.verification.monitor.control_chart import FALSE_ALARMS, MIN_BASELINE_CHECKS, ControlRules, _change, control_chart, control_rules
+from truearm.verification.monitor.control_chart import (
+    FALSE_ALARMS,
+    MIN_BASELINE_CHECKS,
+    ControlRules,
+    _change,
+    control_chart,
+    control_rules,
+)
 
 TWO = control_rules(2)
 

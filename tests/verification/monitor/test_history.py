@@ -17,7 +17,7 @@ import pytest
 import truearm.verification.monitor.history
 from truearm.errors import InputError, TruearmError
 from truearm.verification.monitor.history import APPLICATION_ID, VERSION, History
-from truearm.verification.monitor.interim import InterimCheck, RecalibrationAdvice, CheckValue
+from truearm.verification.monitor.interim import CheckValue, InterimCheck, RecalibrationAdvice
 from truearm.verification.standards.specification import Specification
 
 MODEL, OTHER = "a" * 64, "b" * 64

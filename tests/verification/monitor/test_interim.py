@@ -14,7 +14,15 @@ from truearm.errors import InputError
 from truearm.readings import Lengths
 from truearm.readings.thermal_expansion import ARTEFACT_U_K
 from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS
-from truearm.verification.monitor.interim import InterimCheck, RecalibrationAdvice, CheckValue, assess, describe_assessment, interim_values, format_date
+from truearm.verification.monitor.interim import (
+    CheckValue,
+    InterimCheck,
+    RecalibrationAdvice,
+    assess,
+    describe_assessment,
+    format_date,
+    interim_values,
+)
 from truearm.verification.standards.specification import Specification
 
 POLES = np.concatenate([np.eye(3), -np.eye(3)])
@@ -279,7 +287,10 @@ def test_what_was_said_of_a_check_does_not_change_with_those_after_it(seed, n, m
         for name in ("scores", "upper", "beyond", "drift"):
             np.testing.assert_array_equal(getattr(trend.chart, name), getattr(later.chart, name)[..., :m])
         if trend.chart.signal_index is not None:
-            assert (later.chart.signal_index, later.chart.change_index) == (trend.chart.signal_index, trend.chart.change_index)
+            assert (later.chart.signal_index, later.chart.change_index) == (
+                trend.chart.signal_index,
+                trend.chart.change_index,
+            )
 
 
 def test_a_value_over_its_limit_beyond_the_artefacts_uncertainty_says_yes_the_second_time():

@@ -14,13 +14,13 @@ from truearm.verification.standards.decision import (
     COVERAGE_PROBABILITY,
     DECISION_RULES,
     Budget,
-    Contribution,
     ConformityResult,
+    Contribution,
     Verdict,
-    decide,
-    worst_result,
     assess_conformity,
+    decide,
     overall_verdict,
+    worst_result,
 )
 
 # The end gauge of the GUM, JCGM 100:2008, H.1, table H.1 and H.1.6: nm and degrees of freedom.
@@ -148,7 +148,9 @@ def test_bad_contributions_are_refused(u, dof, phrase):
 
 
 def row(value, limit, u=0.001) -> ConformityResult:
-    return assess_conformity("test", value, Budget((Contribution("all", u),)), limit, rule="iso14253-1", where=str(value))
+    return assess_conformity(
+        "test", value, Budget((Contribution("all", u),)), limit, rule="iso14253-1", where=str(value)
+    )
 
 
 def test_the_worst_row_decides():

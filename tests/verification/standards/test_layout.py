@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from truearm.errors import InputError
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.example_artefacts import example_artefacts, example_specification
-from truearm.verification.standards.layout import select_lengths, directions, hemisphere, lay_out_tests, seat_normal
-from truearm.verification.standards.measured_points import KEY_COLUMNS, PointGroup, MeasuredPoints
-from truearm.verification.standards.verification_plan import PLANS, load_verification_plan
+from truearm.verification.standards.layout import directions, hemisphere, lay_out_tests, seat_normal, select_lengths
+from truearm.verification.standards.measured_points import KEY_COLUMNS, MeasuredPoints, PointGroup
 from truearm.verification.standards.verification import SAME_PLACE_MM, verify
+from truearm.verification.standards.verification_plan import PLANS, load_verification_plan
 
 RANGE = 2500.0
 
@@ -28,7 +28,8 @@ def as_measured(layout, artefacts):
     """The nominal points, as if a perfect arm had shown them."""
     dates = {one.name: one.date for kind in (artefacts.spheres, artefacts.bars, artefacts.seats) for one in kind}
     return MeasuredPoints.of(
-        (one.test, PointGroup(one.artefact, dict(one.keys), one.points, 20.0, 0.0, dates[one.artefact])) for one in layout
+        (one.test, PointGroup(one.artefact, dict(one.keys), one.points, 20.0, 0.0, dates[one.artefact]))
+        for one in layout
     )
 
 
@@ -51,7 +52,10 @@ def test_a_perfect_arm_at_the_nominal_points_conforms(name, measuring_range_mm):
     artefacts, specification = example_artefacts(measuring_range_mm), example_specification(measuring_range_mm)
     layout = lay_out_tests(load_verification_plan(name), artefacts, measuring_range_mm)
     found = verify(
-        as_measured(layout, artefacts), plan=load_verification_plan(name), artefacts=artefacts, specification=specification
+        as_measured(layout, artefacts),
+        plan=load_verification_plan(name),
+        artefacts=artefacts,
+        specification=specification,
     )
     assert found.verdict.value == "conform"
     assert max(abs(row.value) for row in found.rows) < 1e-9

@@ -10,7 +10,13 @@ from truearm.errors import InputError
 from truearm.files.toml_documents import parse_toml
 from truearm.verification.standards.artefacts import Artefacts, read_artefacts
 from truearm.verification.standards.specification import SYMBOLS, Specification, read_specification
-from truearm.verification.standards.verification_plan import PLANS, TESTS, VerificationPlan, load_verification_plan, plan_text
+from truearm.verification.standards.verification_plan import (
+    PLANS,
+    TESTS,
+    VerificationPlan,
+    load_verification_plan,
+    plan_text,
+)
 
 # Plans ---------------------------------------------------------------------------------------------------------------
 

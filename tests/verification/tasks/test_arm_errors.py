@@ -7,15 +7,22 @@ import pytest
 
 from truearm.arm.catalogue import load_arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
 from truearm.compensation.models import KinematicModel, NetworkModel
+from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import measuring_poses
-from truearm.readings.readings import Readings
-from truearm.verification.tasks import sampled_arms
-from truearm.verification.tasks.sampled_arms import ORDER, JOINT_VARIANCE_SHARE, PosteriorDistribution, PoseField, PresetDistribution, unit_displacements
 from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.identification.virtual.presets import PERFECT, SHOP, Preset
 from truearm.identification.virtual.systematic import ARCSEC
+from truearm.readings.readings import Readings
+from truearm.verification.tasks import sampled_arms
+from truearm.verification.tasks.sampled_arms import (
+    JOINT_VARIANCE_SHARE,
+    ORDER,
+    PoseField,
+    PosteriorDistribution,
+    PresetDistribution,
+    unit_displacements,
+)
 
 ARM = load_arm("gao2017")
 POSES = measuring_poses(ARM, 30, seed=5).angles
@@ -91,7 +98,9 @@ def test_draws_from_a_model_have_its_covariance(model):
     drawn = np.array([known.draw(seed).systematic(POSES) for seed in range(600)])
     of_parameters, unexplained = model.covariance_parts(Readings(POSES))
     share = known.relative_std(POSES)[:, 0] ** 2
-    assert (known.displacements(POSES) ** 2).sum(axis=(1, 2)) / 3 == pytest.approx(share * known.field_std_mm**2, rel=1e-9)
+    assert (known.displacements(POSES) ** 2).sum(axis=(1, 2)) / 3 == pytest.approx(
+        share * known.field_std_mm**2, rel=1e-9
+    )
     of_terms = known.birge_ratio**2 * np.trace(of_parameters, axis1=1, axis2=2) / 3
     expected = of_terms + share * known.field_std_mm**2
     found = (drawn**2).mean(axis=(0, 2))

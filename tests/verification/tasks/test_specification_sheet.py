@@ -5,13 +5,13 @@ import pytest
 
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
+from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
+from truearm.verification.shapes.sphere import fit_sphere
+from truearm.verification.standards.specification import Specification
 from truearm.verification.tasks import features
 from truearm.verification.tasks.feature_postures import middle_of
 from truearm.verification.tasks.specification_sheet import BEST_SHARE, SpecificationDistribution, share_of_limit
 from truearm.verification.tasks.task import simulate_measurements
-from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
-from truearm.verification.standards.specification import Specification
-from truearm.verification.shapes.sphere import fit_sphere
 
 ARM = load_arm("measuring7")
 ISO = {

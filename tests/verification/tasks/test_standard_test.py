@@ -14,17 +14,24 @@ from scipy.stats import binom
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import inner_limits
-from truearm.verification.tasks.sampled_arms import PresetDistribution
-from truearm.verification.tasks.simulated_verification import result_distributions, simulate_points, pose, proportion_interval, simulate_verification, verdict_shares
+from truearm.identification.virtual import load_preset
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.decision import Verdict
 from truearm.verification.standards.example_artefacts import example_artefacts, example_specification
 from truearm.verification.standards.layout import lay_out_tests
 from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement
 from truearm.verification.standards.measured_points import read_points
-from truearm.verification.standards.verification_plan import load_verification_plan
 from truearm.verification.standards.verification import verify
-from truearm.identification.virtual import load_preset
+from truearm.verification.standards.verification_plan import load_verification_plan
+from truearm.verification.tasks.sampled_arms import PresetDistribution
+from truearm.verification.tasks.simulated_verification import (
+    pose,
+    proportion_interval,
+    result_distributions,
+    simulate_points,
+    simulate_verification,
+    verdict_shares,
+)
 
 RANGE = 2500.0
 ARM = load_arm("measuring7")
@@ -32,7 +39,9 @@ ARM = load_arm("measuring7")
 
 @cache
 def posed(name="iso10360-12"):
-    return pose(lay_out_tests(load_verification_plan(name), example_artefacts(RANGE), RANGE, shoulder_mm=320.0), ARM, seed=0)
+    return pose(
+        lay_out_tests(load_verification_plan(name), example_artefacts(RANGE), RANGE, shoulder_mm=320.0), ARM, seed=0
+    )
 
 
 def exact():
@@ -240,7 +249,11 @@ def test_points_in_a_file_are_judged_as_those_in_memory(tmp_path, name):
                 lines.append(f"{test},{group.artefact},{group.date},{told},{x:.9f},{y:.9f},{z:.9f},{group.degC}")
     path = tmp_path / "points.csv"
     path.write_text("\n".join(lines) + "\n")
-    given = {"plan": load_verification_plan(name), "artefacts": artefacts, "specification": example_specification(RANGE)}
+    given = {
+        "plan": load_verification_plan(name),
+        "artefacts": artefacts,
+        "specification": example_specification(RANGE),
+    }
     ours, theirs = verify(shown, **given), verify(read_points(path), **given)
     assert [row.label for row in ours.rows] == [row.label for row in theirs.rows]
     assert [row.value for row in ours.rows] == pytest.approx([row.value for row in theirs.rows], abs=1e-7)

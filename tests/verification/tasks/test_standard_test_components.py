@@ -17,10 +17,10 @@ import pytest
 from truearm.arm.arm import Arm
 from truearm.arm.denavit_hartenberg import chain_from_dh
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
-from truearm.verification.tasks.sampled_arms import PresetDistribution
+from truearm.identification.virtual import Preset
 from truearm.verification.standards.asme_b89_4_22 import SeatPoints, single_point
 from truearm.verification.standards.example_artefacts import example_artefacts, example_specification
-from truearm.identification.virtual import Preset
+from truearm.verification.tasks.sampled_arms import PresetDistribution
 
 TRIALS, SEATS, POSES = 300, 3, 10
 LOW, HIGH = (300.0, -600.0, 0.0), (900.0, 600.0, 600.0)  # of the seats [mm]

@@ -10,9 +10,18 @@ from truearm.arm.arm import Arm
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.verification.tasks import features
-from truearm.verification.tasks.features import FeatureQuantity
 from truearm.verification.tasks.feature_postures import middle_of
-from truearm.verification.tasks.task import SHORTEST, FitnessDecision, Estimate, advice, fitness, describe_fitness, simulate_measurements, shortest_interval
+from truearm.verification.tasks.features import FeatureQuantity
+from truearm.verification.tasks.task import (
+    SHORTEST,
+    Estimate,
+    FitnessDecision,
+    advice,
+    describe_fitness,
+    fitness,
+    shortest_interval,
+    simulate_measurements,
+)
 
 ARM = load_arm("gao2017")
 MIDDLE, ACROSS = middle_of(ARM)
@@ -53,7 +62,9 @@ KNOWN = Scaled(ARM, 2e-5, 0.01)
 @pytest.mark.parametrize(("length", "points"), [(50.0, 2), (1000.0, 2), (1000.0, 18)])
 def test_the_arm_s_errors_go_with_the_length_and_the_points_are_averaged(length, points):
     """By hand: u of the arm is the scale's times the length; of n points at each end sqrt(2 / n) of one point's."""
-    found = simulate_measurements(KNOWN, features.length_at(MIDDLE, ACROSS, length, points=points), n_arms=800).estimates[0]
+    found = simulate_measurements(
+        KNOWN, features.length_at(MIDDLE, ACROSS, length, points=points), n_arms=800
+    ).estimates[0]
     of_arm, of_points = 2e-5 * length, 0.01 * np.sqrt(2 / (points / 2))
     # 800 draws: a standard deviation is known to 2.5 %; five of them.
     assert found.u_systematic_mm == pytest.approx(of_arm, rel=0.13)
@@ -73,7 +84,9 @@ def test_the_same_seed_gives_the_same_numbers():
 
 def test_progress_tells_every_arm():
     told = []
-    simulate_measurements(KNOWN, features.length_at(MIDDLE, ACROSS, 200.0), n_arms=100, progress=lambda n, _: told.append(n))
+    simulate_measurements(
+        KNOWN, features.length_at(MIDDLE, ACROSS, 200.0), n_arms=100, progress=lambda n, _: told.append(n)
+    )
     assert told == list(range(1, 101))
 
 
@@ -160,7 +173,9 @@ def test_answers_to_a_tolerance_by_hand(tolerance, answer, ratio, left):
     assert fit.ratio == pytest.approx(ratio)
     assert fit.acceptance_zone_mm == pytest.approx(left)
     said = describe_fitness(found, fit)
-    assert {FitnessDecision.YES: "Yes", FitnessDecision.NO: "No:", FitnessDecision.GUARDED: "guard bands"}[answer] in said
+    assert {FitnessDecision.YES: "Yes", FitnessDecision.NO: "No:", FitnessDecision.GUARDED: "guard bands"}[
+        answer
+    ] in said
     assert "U = 0.0200 mm" in said
 
 

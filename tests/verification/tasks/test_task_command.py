@@ -11,9 +11,9 @@ from truearm.arm.catalogue import load_arm
 from truearm.cli import task as command
 from truearm.cli.main import run
 from truearm.cli.task import CODES, task
-from truearm.errors import InputError
 from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.compensation.models.model_file import save_model
+from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.virtual import VirtualArm, load_preset
 

@@ -11,11 +11,11 @@ import pytest
 from truearm.arm.catalogue import load_arm
 from truearm.compensation.models import KinematicModel
 from truearm.identification.planning.sampling.measuring import measuring_poses
-from truearm.verification.tasks.sampled_arms import PosteriorDistribution
-from truearm.verification.tasks.features import UP, length_at, plane, sphere
-from truearm.verification.tasks.feature_postures import feature_postures, middle_of
-from truearm.verification.tasks.task import simulate_measurements
 from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.verification.tasks.feature_postures import feature_postures, middle_of
+from truearm.verification.tasks.features import UP, length_at, plane, sphere
+from truearm.verification.tasks.sampled_arms import PosteriorDistribution
+from truearm.verification.tasks.task import simulate_measurements
 
 ARM = load_arm("gao2017")
 MIDDLE, ACROSS = middle_of(ARM)

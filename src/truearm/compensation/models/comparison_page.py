@@ -6,12 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.pages import figures
-from truearm.pages.page import Column, Page, LabelledValue, Section, Table
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.pages.page import Column, LabelledValue, Page, Section, Table
+from truearm.typing import FloatArray
 
 ERROR_COLUMNS = (
     ("mean_mm", "mean distance", "mm"),

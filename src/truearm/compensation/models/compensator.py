@@ -17,19 +17,29 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from truearm.arm.arm import Arm
+from truearm.compensation.models.reading_references import (
+    check_sizes,
+    references_of,
+    roughly_aligned_chain,
+    state_of,
+    tool_terms,
+)
+from truearm.compensation.models.session_frames import (
+    covariances_to_session_frames,
+    points_to_session_frames,
+    rough_session_frames,
+    session_frame_terms,
+    to_first_session_frame,
+)
+from truearm.compensation.models.training_range import find_angle_gaps, outside_ranges
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import IdentificationResult, identify
 from truearm.identification.estimation.references import Reference
-from truearm.compensation.models.session_frames import to_first_session_frame, covariances_to_session_frames, session_frame_terms, rough_session_frames, points_to_session_frames
-from truearm.compensation.models.training_range import outside_ranges, find_angle_gaps
-from truearm.compensation.models.reading_references import check_sizes, roughly_aligned_chain, references_of, state_of, tool_terms
+from truearm.identification.terms import ArmState, Term, constants
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
-from truearm.identification.terms import ArmState, Term, constants
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+from truearm.typing import BoolArray, FloatArray
 
 FREE_PARTS = ("base", "tip")
 # Share of the reach by which an arm as drawn may miss its readings. Ten times what the kinematic model expects of its
@@ -227,7 +237,9 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self._checked_angles(readings.angles)
         of_parameters, unexplained = self._covariance_parts(readings)
         frames = self.session_frames_
-        return covariances_to_session_frames(of_parameters, readings, frames), covariances_to_session_frames(unexplained, readings, frames)
+        return covariances_to_session_frames(of_parameters, readings, frames), covariances_to_session_frames(
+            unexplained, readings, frames
+        )
 
     def predict_nominal(self, angles: npt.ArrayLike) -> FloatArray:
         """(n, 3) what the nominal arm gives, with the free parts fitted to the same training readings [mm]."""

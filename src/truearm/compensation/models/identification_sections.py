@@ -8,16 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from truearm.compensation.models.joint_error_figure import ARCSEC, joint_error_figure
+from truearm.compensation.models.uncertainty import COVERAGE_FACTOR, ELLIPSOID_FACTOR, LEVEL, UncertaintyBudget
 from truearm.identification.estimation.effects import Effect
 from truearm.identification.estimation.joint_errors import JointError
-from truearm.compensation.models.uncertainty import COVERAGE_FACTOR, ELLIPSOID_FACTOR, LEVEL, UncertaintyBudget
-from truearm.pages.plotting import Style
-from truearm.compensation.models.joint_error_figure import ARCSEC, joint_error_figure
-from truearm.pages.page import Column, LabelledValue, Section, Table
 from truearm.pages.number_format import format_number, format_uncertainty
+from truearm.pages.page import Column, LabelledValue, Section, Table
 from truearm.pages.phrases import format_count, format_percent
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.pages.plotting import Style
 
 # Groups of fewer determined coefficients were not needed.
 LEAST_DETERMINED = 0.5
@@ -104,7 +102,9 @@ def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | Non
         LabelledValue("combined standard uncertainty u of a coordinate", budget.combined_mm, "mm"),
         LabelledValue("the largest of this page", budget.largest_mm, "mm"),
         LabelledValue(f"expanded uncertainty U of a coordinate, k = {COVERAGE_FACTOR:g}", budget.expanded_mm, "mm"),
-        LabelledValue(f"half axis of a point's {_LEVEL} ellipsoid, {ELLIPSOID_FACTOR:.2f} u", budget.ellipsoid_mm, "mm"),
+        LabelledValue(
+            f"half axis of a point's {_LEVEL} ellipsoid, {ELLIPSOID_FACTOR:.2f} u", budget.ellipsoid_mm, "mm"
+        ),
     ]
     if held_out is not None:
         held = f"{format_count(held_out.n, 'reading')} held out in {format_count(held_out.n_groups, 'group')}"

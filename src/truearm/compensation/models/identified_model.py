@@ -9,22 +9,18 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from truearm.identification.estimation.birge_ratio import birge_ratio
-from truearm.identification.estimation.residual_variance import conformal_residual_variance
-from truearm.identification.estimation.cross_validation import cross_validate_by_group
-from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
-from truearm.identification.estimation.variance_function import VarianceFunction, fit_variance_function
 from truearm.compensation.models.compensator import MIN_ROWS, Compensator
 from truearm.compensation.models.reading_references import references_of, state_of
+from truearm.identification.estimation.birge_ratio import birge_ratio
+from truearm.identification.estimation.cross_validation import cross_validate_by_group
+from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
+from truearm.identification.estimation.residual_variance import conformal_residual_variance
+from truearm.identification.estimation.variance_function import VarianceFunction, fit_variance_function
+from truearm.identification.terms import ArmState, Constant, SkippedTerm, Term
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
-from truearm.identification.terms import ArmState, Constant, SkippedTerm, Term
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
-
+from truearm.typing import FloatArray, IntArray
 
 # Readings in one seat, as many as there are, are held out in so many parts.
 PARTS_OF_A_SEAT = 5
@@ -88,7 +84,9 @@ class IdentifiedModel(Compensator):
             self.nominal_ if self._is_nominal else self._identify_terms(readings, state, terms, references, progress)
         )
         self.excluded_terms_ = tuple(left_out)
-        self.held_out_ = cross_validate_by_group(self.fit_, state, references, cross_validation_groups(readings, self.session_frames_))
+        self.held_out_ = cross_validate_by_group(
+            self.fit_, state, references, cross_validation_groups(readings, self.session_frames_)
+        )
         self._size_unexplained(readings.angles)
         self.birge_ratio_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.residual_std_)
 
@@ -134,7 +132,9 @@ class IdentifiedModel(Compensator):
     def _covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
         of_parameters = self.fit_.tip_covariance(self.state(readings))
         unexplained = self.residual_std_**2 * self.variance_function_.share(readings.angles)
-        return of_parameters, sum(self.unstated_input_covariances(readings).values(), unexplained[:, None, None] * np.eye(3))
+        return of_parameters, sum(
+            self.unstated_input_covariances(readings).values(), unexplained[:, None, None] * np.eye(3)
+        )
 
     def unstated_input_covariances(self, readings: Readings) -> dict[str, FloatArray]:
         """Give what the terms depend on and readings do not state, and how uncertain that makes the tips.

@@ -12,9 +12,20 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from truearm.errors import InputError
 from truearm.identification.estimation.joint_errors import JointError
-from truearm.pages.arrays import FloatArray, joint_matrix, joint_names
-from truearm.pages.plotting import LIMIT, Figure, Style, figure_style, join_phrases, set_log_scale, make_panel, shorten, styles_of
+from truearm.pages.arrays import joint_matrix, joint_names
 from truearm.pages.number_format import format_number
+from truearm.pages.plotting import (
+    LIMIT,
+    Figure,
+    Style,
+    figure_style,
+    join_phrases,
+    make_panel,
+    set_log_scale,
+    shorten,
+    styles_of,
+)
+from truearm.typing import FloatArray
 
 ARCSEC = float(np.degrees(1.0) * 3600)  # of a radian
 COVERAGE_FACTOR = 1.96  # 95 % of a normal distribution
@@ -71,7 +82,9 @@ def joint_error_figure(
         )
     sizes = [
         f"{shorten(names[joint - 1])} "
-        + ", ".join(f"{_rms(error)} arcsec{f' ({shorten(model)})' if several else ''}" for model, error in found.items())
+        + ", ".join(
+            f"{_rms(error)} arcsec{f' ({shorten(model)})' if several else ''}" for model, error in found.items()
+        )
         for joint, found in sorted(by_joint.items())
     ]
     none = [shorten(name) for joint, name in enumerate(names, 1) if joint not in by_joint]

@@ -29,26 +29,25 @@ from truearm import __version__
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
-from truearm.errors import InputError, TruearmError
-from truearm.identification.estimation.birge_ratio import birge_ratio
-from truearm.identification.estimation.residual_variance import HeldOutReadings
-from truearm.identification.estimation.identification import ReferenceFit, TermGroupResult, IdentificationResult
-from truearm.identification.estimation.problem import PerturbedChain
-from truearm.identification.estimation.variance_function import VarianceFunction
 from truearm.compensation.models import MODELS
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.session_frames import checked_frames
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.network import Member, NetworkModel
+from truearm.compensation.models.session_frames import checked_frames
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.compensation.nets.trainbr import BayesianRecord
 from truearm.compensation.nets.traingdx import AdaptiveRecord
 from truearm.compensation.nets.training import TrainingRecord
-from truearm.identification.terms import Constant, SkippedTerm, Term
+from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.identification.estimation.birge_ratio import birge_ratio
+from truearm.identification.estimation.identification import IdentificationResult, ReferenceFit, TermGroupResult
+from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.estimation.variance_function import VarianceFunction
+from truearm.identification.terms import Constant, SkippedTerm, Term
+from truearm.typing import FloatArray
 
 FORMAT = 4
 # A 50-50 network and a 7-axis chain need well under a megabyte, a member of 1000 units 8; save_model writes no more.
@@ -504,7 +503,9 @@ def _identified(
     )
 
 
-def _old_fit(name: str, header: _Header, arrays: dict[str, FloatArray], prismatic: npt.NDArray[np.bool_]) -> IdentificationResult:
+def _old_fit(
+    name: str, header: _Header, arrays: dict[str, FloatArray], prismatic: npt.NDArray[np.bool_]
+) -> IdentificationResult:
     """A fit of formats 1 and 2: its constants are in the chain, their covariance is that of small motions there."""
     places = len(prismatic) + 2
     covariance = _covariance(arrays[name + "covariance"], name + "covariance", places * 6)

@@ -14,25 +14,23 @@ import numpy.typing as npt
 
 from truearm import __version__
 from truearm.arm.arm import Arm
-from truearm.errors import InputError
 from truearm.compensation.models.compensator import MIN_ROWS, Compensator
 from truearm.compensation.nets.checkpoint import Checkpoint
-from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.scaling import MinMaxScaler
+from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.trainbr import BayesianRecord, trainbr
 from truearm.compensation.nets.traingd import traingd
 from truearm.compensation.nets.traingdx import traingdx
 from truearm.compensation.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.compensation.nets.trainlm import trainlm
+from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
 from truearm.solve.threads import one_blas_thread
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
+from truearm.typing import FloatArray, IntArray
 
 TRAINERS: dict[str, Callable[..., tuple[FloatArray, TrainingRecord]]] = {
     "lm": train_varpro,

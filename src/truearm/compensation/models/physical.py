@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.errors import InputError
 from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.errors import InputError
 from truearm.identification.terms import ArmState, SkippedTerm, Term, candidate_terms
 from truearm.identification.terms.basis import HIGHEST_ORDER
 from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED

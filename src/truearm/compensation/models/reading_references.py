@@ -11,17 +11,18 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import rms_distance_from_line, place_base_coarsely
+from truearm.identification.estimation.alignment import place_base_coarsely, rms_distance_from_line
 from truearm.identification.estimation.identification import IdentificationResult
-from truearm.identification.estimation.outliers import constraint_residuals
 from truearm.identification.estimation.orientations import Orientations, orient_flange_coarsely
-from truearm.identification.estimation.references import FloatArray, IntArray, Points, Reference, Seats, StatedLength, seats_of
+from truearm.identification.estimation.outliers import constraint_residuals
+from truearm.identification.estimation.references import Points, Reference, Seats, StatedLength, seats_of
 from truearm.identification.estimation.surfaces import Lines, Planes, Spheres, lines_of, planes_of, spheres_of
-from truearm.readings.thermal_expansion import thermal_expansion_of
-from truearm.readings.lengths import Lengths
-from truearm.readings.readings import NameArray, Readings
 from truearm.identification.terms import ArmState, Term
 from truearm.identification.terms.catalogue import tool_rotation
+from truearm.readings.lengths import Lengths
+from truearm.readings.readings import Readings
+from truearm.readings.thermal_expansion import thermal_expansion_of
+from truearm.typing import FloatArray, IntArray, NameArray
 
 # Share of the reach by which points must be spread to both sides of a line.
 MIN_POINT_SPREAD = 1e-3
@@ -225,7 +226,11 @@ def roughly_aligned_chain(arm: Arm, readings: Readings, free: tuple[str, ...]) -
     """The arm's chain, as a whole and with its tool, put roughly to where the readings saw it."""
     chain = place_base_coarsely(arm.chain, readings, free)
     turned = rows_with_orientation(readings)
-    return orient_flange_coarsely(chain, readings.angles[turned], _orientations(readings, turned)) if len(turned) else chain
+    return (
+        orient_flange_coarsely(chain, readings.angles[turned], _orientations(readings, turned))
+        if len(turned)
+        else chain
+    )
 
 
 def tool_terms(arm: Arm, readings: Readings) -> list[Term]:

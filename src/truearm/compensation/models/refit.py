@@ -10,25 +10,23 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from sklearn.utils.validation import check_is_fitted
 
-from truearm.errors import InputError
-from truearm.identification.estimation.alignment import align
-from truearm.identification.estimation.residual_variance import HeldOutReadings
-from truearm.identification.estimation.consider_parameters import consider_update
-from truearm.identification.estimation.identification import IdentificationResult
 from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS, Compensator, fingerprint
-from truearm.compensation.models.session_frames import to_first_session_frame, rough_session_frames
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.reading_references import check_spread, references_of
+from truearm.compensation.models.session_frames import rough_session_frames, to_first_session_frame
+from truearm.errors import InputError
+from truearm.identification.estimation.alignment import align
+from truearm.identification.estimation.consider_parameters import consider_update
+from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.terms import constants
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Readings
-from truearm.identification.terms import constants
+from truearm.typing import BoolArray, FloatArray
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 Model = TypeVar("Model", bound=Compensator)
 
 # Numbers go into a reading's mark as multiples of this [rad, mm]: angles come back from a file to 1e-12 of their value.

@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.pages import figures
-from truearm.pages.page import Cell, Column, Page, LabelledValue, Section, Table
+from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
 from truearm.pages.phrases import format_count, format_mm
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +119,9 @@ def _summary(seated: SeatComparison, distances: Mapping[str, FloatArray], best: 
             LabelledValue(f"largest, {best}", float(distances[best].max()), "mm"),
         ]
     if seated.lengths:
-        rows.append(LabelledValue(f"largest error of a length, {best}", float(np.abs(seated.length_errors[best]).max()), "mm"))
+        rows.append(
+            LabelledValue(f"largest error of a length, {best}", float(np.abs(seated.length_errors[best]).max()), "mm")
+        )
     return tuple(rows)
 
 

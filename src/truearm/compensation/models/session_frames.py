@@ -12,18 +12,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
-from truearm.identification.estimation.alignment import rms_distance_from_line, align_robust
 from truearm.compensation.models.reading_references import MIN_POINT_SPREAD, rows_with_orientation
-from truearm.readings.readings import BoolArray, Readings
+from truearm.errors import InputError
+from truearm.identification.estimation.alignment import align_robust, rms_distance_from_line
 from truearm.identification.terms import Session, Term, base_terms
+from truearm.readings.readings import Readings
+from truearm.typing import BoolArray, FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 Frames = Mapping[str, FloatArray]
 
 FEWEST_POINTS = 3

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+from truearm.typing import BoolArray, FloatArray
 
 # An angle this near to one that the model learned from is no other [rad, of a sliding joint as a share of its range]:
 # a gear's errors of order 80 turn by a quarter of their period in 1.1 degrees.

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
-from truearm.identification.estimation.relative_covariance import relative_covariance
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.identification.estimation.relative_covariance import relative_covariance
 from truearm.readings.readings import Readings
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 # U = k u with k = 2 holds a coordinate with a probability of about 95 % (JCGM 100:2008, 6.3.3).
 COVERAGE_FACTOR = 2.0
@@ -85,7 +83,9 @@ class PredictionOutlier:
     normalized_residual: float
 
 
-def uncertainty_budget(model: Compensator, readings: Readings) -> tuple[UncertaintyBudget, tuple[PredictionOutlier, ...]]:
+def uncertainty_budget(
+    model: Compensator, readings: Readings
+) -> tuple[UncertaintyBudget, tuple[PredictionOutlier, ...]]:
     """Put together what a model's uncertainty is at readings, and find the readings that belie it.
 
     Parameters

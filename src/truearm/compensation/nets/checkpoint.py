@@ -19,9 +19,8 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from truearm.errors import InputError
-from truearm.files.atomic_write import check_writable, atomic_file
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.typing import FloatArray
 
 FORMAT = 1
 RESTART_HINT = "delete it to start the training anew"
@@ -147,7 +146,9 @@ class Checkpoint:
                 hint=RESTART_HINT,
             ) from None
 
-    def _saved(self, archive: zipfile.ZipFile, trainer: str, rows: tuple[int, int], n: int, n_memory: int) -> TrainingSnapshot:
+    def _saved(
+        self, archive: zipfile.ZipFile, trainer: str, rows: tuple[int, int], n: int, n_memory: int
+    ) -> TrainingSnapshot:
         names = ["about.npy", "best_x.npy", "memory.npy", "rows.npy", "x.npy"]
         if sorted(archive.namelist()) != names:
             raise InputError(f"expected a checkpoint, which holds {', '.join(names)}, got another archive")

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.compensation.nets.perceptron import Perceptron
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 def nguyen_widrow(network: Perceptron, *, seed: int) -> FloatArray:

@@ -29,17 +29,15 @@ from functools import cache, reduce
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from array_api_compat import array_namespace, device, is_numpy_array, is_torch_array
 
-from truearm.errors import InputError
 from truearm.compensation.nets.perceptron import Perceptron
+from truearm.errors import InputError
 from truearm.solve import NormalEquations
 from truearm.solve.arrays import Array, add_product, as_array_like, to_numpy
 from truearm.solve.threads import cores, one_blas_thread
+from truearm.typing import FloatArray, IntArray
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 P = TypeVar("P")
 T = TypeVar("T")
 

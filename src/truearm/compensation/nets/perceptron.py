@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy.typing as npt
 from array_api_compat import array_namespace
 
-from truearm.errors import InputError
 from truearm.compensation.nets.activations import ACTIVATIONS, Activation
+from truearm.errors import InputError
 from truearm.solve.arrays import Array, as_array_like
 
 

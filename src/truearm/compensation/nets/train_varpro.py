@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-import numpy.typing as npt
-
 from truearm.compensation.nets.checkpoint import Checkpoint
-from truearm.compensation.nets.training_log import TrainingLog
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
+from truearm.compensation.nets.training_log import TrainingLog
 from truearm.compensation.nets.variable_projection import ProjectedProblem
-from truearm.solve import MaxEpochs, CostGoal, NielsenDamping, MaxSeconds, CostConverged, levenberg_marquardt
+from truearm.solve import CostConverged, CostGoal, MaxEpochs, MaxSeconds, NielsenDamping, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 def train_varpro(

@@ -5,29 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-import numpy.typing as npt
-
 from truearm.compensation.nets.checkpoint import Checkpoint
-from truearm.compensation.nets.training_log import TrainingLog, damping_memory
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
+from truearm.compensation.nets.training_log import TrainingLog, damping_memory
 from truearm.solve import (
-    MarquardtDamping,
     DampingLimit,
+    MarquardtDamping,
     MaxEpochs,
+    MaxSeconds,
     MinGradient,
     NormalEquations,
-    StopReason,
-    MaxSeconds,
     OptimizerState,
+    StopReason,
     levenberg_marquardt,
 )
 from truearm.solve.arrays import add_to_diagonal
 from truearm.solve.evidence import Evidence, update_evidence
 from truearm.solve.threads import one_blas_thread
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 # Foresee and Hagan's start, alpha = 0 and beta = 1 of ``beta |e|^2 + alpha |w|^2``: the errors alone, with just enough
 # beside them to tell apart what the data do not determine at all.
@@ -203,7 +199,14 @@ def trainbr(
                 RegularisedProblem(training, evidence),
                 log.lm_start(damping),
                 damping=damping,
-                stops=[goal_met, MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), DampingLimit(), *log.stops],
+                stops=[
+                    goal_met,
+                    MaxEpochs(epochs),
+                    MaxSeconds(time),
+                    MinGradient(min_grad),
+                    DampingLimit(),
+                    *log.stops,
+                ],
                 callback=keep,
                 update_problem=renew,
             )

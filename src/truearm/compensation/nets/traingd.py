@@ -6,17 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from truearm.errors import InputError
 from truearm.compensation.nets.checkpoint import Checkpoint
-from truearm.compensation.nets.training_log import TrainingLog
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
-from truearm.solve import DescentState, MaxEpochs, CostGoal, MinGradient, LearningRate, MaxSeconds, gradient_descent
+from truearm.compensation.nets.training_log import TrainingLog
+from truearm.errors import InputError
+from truearm.solve import CostGoal, DescentState, LearningRate, MaxEpochs, MaxSeconds, MinGradient, gradient_descent
 from truearm.solve.threads import one_blas_thread
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

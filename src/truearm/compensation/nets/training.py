@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from truearm.errors import InputError
 from truearm.compensation.nets.normal_equations import FitProblem
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
+from truearm.errors import InputError
+from truearm.typing import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)

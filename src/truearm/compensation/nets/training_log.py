@@ -12,13 +12,12 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from truearm.errors import InputError
 from truearm.compensation.nets.checkpoint import RESTART_HINT, Checkpoint, TrainingSnapshot
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import Epoch, TrainingRecord
+from truearm.errors import InputError
 from truearm.solve import BestPoint, MarquardtDamping, NielsenDamping, OptimizerState, StopCriterion, ValidationStop
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 COLUMNS = ("perf", "vperf", "tperf", "mu", "gradient", "val_fail", "time")
 Record = TypeVar("Record", bound=TrainingRecord)
@@ -216,7 +215,9 @@ class TrainingLog:
             return
         last = self._last
         rows = np.array(self._rows[: last.n_rows], dtype=float)
-        self._checkpoint.write(self._trainer, TrainingSnapshot(rows, last.x, last.memory, last.best.x, last.best.epoch, last.stop))
+        self._checkpoint.write(
+            self._trainer, TrainingSnapshot(rows, last.x, last.memory, last.best.x, last.best.epoch, last.stop)
+        )
 
     def _take_up(self, saved: TrainingSnapshot) -> None:
         columns = dict(zip(self._columns, saved.rows.T, strict=True))

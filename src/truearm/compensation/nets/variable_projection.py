@@ -6,15 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from array_api_compat import array_namespace, device
 
-from truearm.errors import TruearmError
 from truearm.compensation.nets.normal_equations import FitProblem
+from truearm.errors import TruearmError
 from truearm.solve import NormalEquations
-from truearm.solve.arrays import Array, add_to_diagonal, cholesky_solve, as_array_like, to_numpy, whiten
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.solve.arrays import Array, add_to_diagonal, as_array_like, cholesky_solve, to_numpy, whiten
+from truearm.typing import FloatArray
 
 # A ridge on the output layer's Gram matrix, relative to its mean diagonal: hidden units that have become alike leave it
 # singular to rounding, and any of their shares then fits as well. Where rounding still wins, a larger one follows.

@@ -8,8 +8,7 @@ import numpy.typing as npt
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.readings.readings import Readings
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 # With a third of the points wrong a fifth of the triples or more are right: that none of so many is has odds of 2e-8.
 TRIPLES = 80

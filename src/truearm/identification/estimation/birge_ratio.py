@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from truearm.identification.estimation.residual_variance import FLOOR_MM2
 from truearm.identification.estimation.identification import ReferenceFit
-
-IntArray = npt.NDArray[np.intp]
+from truearm.identification.estimation.residual_variance import FLOOR_MM2
+from truearm.typing import IntArray
 
 
 def birge_ratio(references: Sequence[ReferenceFit], rows: IntArray, unexplained_std: float) -> float:

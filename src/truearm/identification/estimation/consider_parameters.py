@@ -25,23 +25,26 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 
 from truearm.arm.chain import Chain
-from truearm.identification.estimation.identification import UNKNOWN_STD, TermGroupResult, IdentificationResult, reference_fits, eliminate_unknowns
-from truearm.identification.estimation.noise import huber_threshold_squared, huber_weights, expected_clipped_square
+from truearm.identification.estimation.identification import (
+    UNKNOWN_STD,
+    IdentificationResult,
+    TermGroupResult,
+    eliminate_unknowns,
+    reference_fits,
+)
+from truearm.identification.estimation.noise import expected_clipped_square, huber_threshold_squared, huber_weights
 from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
 from truearm.identification.estimation.propagation import direction_effects
 from truearm.identification.estimation.references import Reference
-from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior, covariance_factor
-from truearm.solve.threads import one_blas_thread
 from truearm.identification.terms.basis import Constant
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
+from truearm.solve.group_evidence import GroupedPrior, Posterior, covariance_factor, posterior
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import FloatArray, IntArray
 
 MOST_ROUNDS = 40
 # A step is the last when it moves the new parameters by a smaller share of their uncertainty.

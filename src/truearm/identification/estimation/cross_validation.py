@@ -27,16 +27,21 @@ import numpy.typing as npt
 from scipy.linalg import eigh
 from scipy.sparse import csr_array, hstack, vstack
 
-from truearm.identification.estimation.residual_variance import HeldOutReadings
-from truearm.identification.estimation.identification import UNKNOWN_STD, ReferenceFit, IdentificationResult, initial_problem, eliminate_unknowns
+from truearm.identification.estimation.identification import (
+    UNKNOWN_STD,
+    IdentificationResult,
+    ReferenceFit,
+    eliminate_unknowns,
+    initial_problem,
+)
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.references import LinearisedResiduals, Reference
+from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.terms.state import ArmState
 from truearm.solve.group_evidence import covariance_factor
 from truearm.solve.threads import one_blas_thread
-from truearm.identification.terms.state import ArmState
+from truearm.typing import FloatArray, IntArray
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 # A group: of every reference that it has readings of, which ones.
 Members = list[tuple[int, IntArray]]
 
@@ -51,7 +56,9 @@ ROUNDING = 1e-9
 CHUNK = 256
 
 
-def cross_validate_by_group(fit: IdentificationResult, state: ArmState, references: Sequence[Reference], group: IntArray) -> HeldOutReadings:
+def cross_validate_by_group(
+    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], group: IntArray
+) -> HeldOutReadings:
     """Readings as an arm identified without their group sees them.
 
     Parameters
@@ -274,7 +281,9 @@ class _Minimum:
             own = csr_array(entries, shape=(n, n_own))
         return _Group(residuals, spread[:, np.flatnonzero(touched & ~apart)].toarray(), own)
 
-    def _without(self, of: _Group, pieces: Callable[[], Iterator[_Piece]], group: IntArray) -> Iterator[HeldOutReadings]:
+    def _without(
+        self, of: _Group, pieces: Callable[[], Iterator[_Piece]], group: IntArray
+    ) -> Iterator[HeldOutReadings]:
         """A group without itself."""
         r, own = of.residuals, of.own
         n, dimension = len(r), len(self.root) + of.spread.shape[1]

@@ -9,9 +9,7 @@ import numpy.typing as npt
 
 from truearm.identification.estimation.identification import IdentificationResult
 from truearm.identification.terms.state import ArmState
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
+from truearm.typing import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,9 @@ def effects(fit: IdentificationResult, state: ArmState) -> tuple[Effect, ...]:
     )
 
 
-def _tip_squares(fit: IdentificationResult, state: ArmState, group: IntArray, is_free: npt.NDArray[np.bool_]) -> FloatArray:
+def _tip_squares(
+    fit: IdentificationResult, state: ArmState, group: IntArray, is_free: npt.NDArray[np.bool_]
+) -> FloatArray:
     """(n_groups,) sums of squares of the tip's displacements, but for what the free groups can make up for."""
     parts = [np.flatnonzero(group == i) for i in range(len(is_free))]
     free = np.flatnonzero(is_free[group])

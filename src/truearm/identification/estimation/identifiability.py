@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import qr
 
 from truearm.arm.chain import Chain
@@ -23,8 +22,7 @@ from truearm.identification.estimation.identification import IdentificationResul
 from truearm.identification.estimation.problem import PerturbedChain
 from truearm.identification.terms.basis import Constant
 from truearm.identification.terms.state import ArmState
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 # Above this share of the prior variance a combination is as good as unknown.
 UNIDENTIFIABLE_SHARE = 0.5
@@ -171,7 +169,9 @@ def _named(
         moved = np.abs(movement) * effects
         largest = [i for i in np.argsort(-moved) if i != pivot and moved[i] > LEAST_SHARE * moved[pivot]]
         members = [int(pivot), *(int(i) for i in largest[: MOST_PARTNERS - 1])]
-        found.append(Unidentifiable(tuple(names[i] for i in members), tuple(float(movement[i]) for i in members), at_other_poses))
+        found.append(
+            Unidentifiable(tuple(names[i] for i in members), tuple(float(movement[i]) for i in members), at_other_poses)
+        )
     return tuple(sorted(found, key=lambda one: names.index(one.constants[0])))
 
 
@@ -180,4 +180,6 @@ def _correlated(covariance: FloatArray, names: list[str]) -> tuple[CorrelatedPai
     upper = np.triu(covariance / np.outer(scale, scale), 1)
     strongest = np.argsort(-np.abs(upper), axis=None)[:10]
     pairs = [divmod(int(k), len(names)) for k in strongest]
-    return tuple(CorrelatedPair((names[i], names[j]), float(upper[i, j])) for i, j in pairs if abs(upper[i, j]) > STRONG)
+    return tuple(
+        CorrelatedPair((names[i], names[j]), float(upper[i, j])) for i, j in pairs if abs(upper[i, j]) > STRONG
+    )

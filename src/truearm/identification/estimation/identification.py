@@ -20,21 +20,20 @@ from truearm.errors import InputError
 from truearm.identification.estimation.noise import huber_weights, paule_mandel_variance
 from truearm.identification.estimation.problem import RELATIVE, PerturbedChain, SmallMotionProblem
 from truearm.identification.estimation.references import Reference
+from truearm.identification.terms.state import ArmState
+from truearm.identification.terms.term import Term
 from truearm.solve.arrowhead import Arrowhead, SchurComplement
 from truearm.solve.group_evidence import (
     GroupedPrior,
     Posterior,
+    covariance_factor,
     marginal_posterior,
     posterior,
-    covariance_factor,
-    update_scales,
     prune_groups,
+    update_scales,
 )
 from truearm.solve.threads import one_blas_thread
-from truearm.identification.terms.state import ArmState
-from truearm.identification.terms.term import Term
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 MOST_ROUNDS = 24
 # Rounds of the evidence on one linearisation.
@@ -291,7 +290,9 @@ def identify(
     return _gathered(problem, x, prior, groups, found, effective, noise, trust, converged, n_rounds)
 
 
-def initial_problem(perturbed_chain: PerturbedChain, state: ArmState, references: Sequence[Reference]) -> tuple[SmallMotionProblem, FloatArray]:
+def initial_problem(
+    perturbed_chain: PerturbedChain, state: ArmState, references: Sequence[Reference]
+) -> tuple[SmallMotionProblem, FloatArray]:
     """The problem with references laid out about the arm as drawn, and the unknowns where they start."""
     rough = perturbed_chain.tips(state, np.zeros(perturbed_chain.n_coefficients)).T
     laid = [reference.initialise(rough[:, reference.rows]) for reference in references]

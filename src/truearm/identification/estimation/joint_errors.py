@@ -15,9 +15,7 @@ import numpy.typing as npt
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import IdentificationResult
 from truearm.identification.terms.basis import Harmonics
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
+from truearm.typing import FloatArray, IntArray
 
 OWN_AXIS = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 

@@ -8,11 +8,10 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 # A residual in space longer than this many standard deviations weighs less: of Gaussian ones, one in 900 is.
 HUBER_STDS = 4.0

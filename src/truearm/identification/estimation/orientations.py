@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import rotations_and_jacobians
 from truearm.errors import InputError
-from truearm.identification.estimation.references import FloatArray, IntArray, LinearisedResiduals, Points
+from truearm.identification.estimation.references import LinearisedResiduals, Points
+from truearm.typing import FloatArray, IntArray
 
 # Angles count as the shift at a metre's distance, so that every residual is in mm. A unit, not a weight: orientations
 # have a noise of their own.

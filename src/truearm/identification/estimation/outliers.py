@@ -13,15 +13,19 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from truearm.identification.estimation.identification import UNKNOWN_STD, IdentificationResult, linearised, initial_problem, eliminate_unknowns
+from truearm.identification.estimation.identification import (
+    UNKNOWN_STD,
+    IdentificationResult,
+    eliminate_unknowns,
+    initial_problem,
+    linearised,
+)
 from truearm.identification.estimation.references import Reference
+from truearm.identification.terms.state import ArmState
 from truearm.solve.group_evidence import GroupedPrior, posterior
 from truearm.solve.threads import one_blas_thread
-from truearm.identification.terms.state import ArmState
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 # A reading that counts less than this has a residual of twice the length from which weights fall.
 LEAST_TRUST = 0.5
@@ -192,7 +196,9 @@ def constraint_residuals(
     J = np.concatenate(by)
     of_kept, of_gone = J[:, left.kept] - J[:, left.eliminated] @ left.slope, J[:, left.eliminated] @ left.root.T
     covariance = of_kept @ found.covariance @ of_kept.T + of_gone @ of_gone.T
-    return ConstraintResiduals(tuple(names), np.concatenate(residuals), np.concatenate(std), covariance, np.concatenate(values))
+    return ConstraintResiduals(
+        tuple(names), np.concatenate(residuals), np.concatenate(std), covariance, np.concatenate(values)
+    )
 
 
 def _is_silent(reference: Reference) -> bool:

@@ -20,20 +20,17 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import rotations_and_jacobians
 from truearm.identification.estimation.references import LinearisedResiduals, Reference
-from truearm.solve.arrowhead import Arrowhead
-from truearm.solve.threads import cores, one_blas_thread
 from truearm.identification.terms.basis import Basis, Constant
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
+from truearm.solve.arrowhead import Arrowhead
+from truearm.solve.threads import cores, one_blas_thread
+from truearm.typing import FloatArray, IntArray
 
 # References that compare tips with one another. A smaller arm has smaller residuals of them, and none of them says that
 # it is not so: they count as shares of the arm's size, or the noise would be found smaller and smaller with the arm.
@@ -384,7 +381,9 @@ class SmallMotionProblem:
         groups = [pieces[start::GROUPS] for start in range(min(GROUPS, len(pieces)))]
 
         def sums_of(group: list[slice]) -> _Sums:
-            sums = _Sums(self.perturbed_chain.sites, self.perturbed_chain.n_coefficients, len(self.references[which].unknowns))
+            sums = _Sums(
+                self.perturbed_chain.sites, self.perturbed_chain.n_coefficients, len(self.references[which].unknowns)
+            )
             for piece in group:
                 self._add(sums, which, piece, x, weights[:, piece])
             return sums

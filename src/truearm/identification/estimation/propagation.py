@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.identification.estimation.identification import IdentificationResult
 from truearm.identification.terms.basis import Constant, GravityTorque, Harmonics, Session
 from truearm.identification.terms.state import ArmState
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 OF_ANGLES = (Constant, GravityTorque, Harmonics, Session)
 """Bases that depend on nothing that may not be stated."""

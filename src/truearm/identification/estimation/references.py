@@ -15,9 +15,7 @@ import numpy.typing as npt
 
 from truearm.arm.chain import MAX_LENGTH_MM
 from truearm.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
+from truearm.typing import FloatArray, IntArray
 
 
 class LinearisedResiduals(NamedTuple):
@@ -47,7 +45,9 @@ class LinearisedResiduals(NamedTuple):
         """The same of residuals times weights (k, m)."""
         each = weights[:, None]
         by_turn = None if self.by_turn is None else each * self.by_turn
-        return LinearisedResiduals(weights * self.residuals, each * self.by_tip, self.unknown, each * self.by_unknown, by_turn)
+        return LinearisedResiduals(
+            weights * self.residuals, each * self.by_tip, self.unknown, each * self.by_unknown, by_turn
+        )
 
 
 class Constraints(NamedTuple):
@@ -178,7 +178,9 @@ class Points:
         """See `Reference`."""
         del unknowns, axes
         m = tips.shape[1]
-        return LinearisedResiduals(tips - self.points[which].T, _identity(m), np.zeros((0, m), np.intp), np.zeros((3, 0, m)))
+        return LinearisedResiduals(
+            tips - self.points[which].T, _identity(m), np.zeros((0, m), np.intp), np.zeros((3, 0, m))
+        )
 
     def constraints(self, unknowns: FloatArray) -> None:
         """See `Reference`."""

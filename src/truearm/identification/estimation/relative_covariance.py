@@ -12,14 +12,12 @@ which is what a fit of the frame leaves (K. S. Arun and others, IEEE PAMI 9 (198
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.identification.estimation.alignment import rigid_motions
 from truearm.identification.estimation.identification import IdentificationResult
-from truearm.solve.group_evidence import covariance_factor
 from truearm.identification.terms.state import ArmState
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.solve.group_evidence import covariance_factor
+from truearm.typing import FloatArray
 
 
 def relative_covariance(fit: IdentificationResult, state: ArmState) -> FloatArray:

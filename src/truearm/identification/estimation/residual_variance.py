@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 LEVEL = 0.95
 FLOOR_MM2 = 1e-12  # a nanometre squared

@@ -20,7 +20,8 @@ import numpy.typing as npt
 
 from truearm.arm.rigid_motions import rotations_and_jacobians
 from truearm.errors import InputError
-from truearm.identification.estimation.references import FloatArray, IntArray, LinearisedResiduals, Constraints, number_names
+from truearm.identification.estimation.references import Constraints, LinearisedResiduals, number_names
+from truearm.typing import FloatArray, IntArray
 
 # Spheres of one known radius are as alike as this share of its uncertainty: the same pieces, at several places. What
 # differs from touch to touch is in the noise.

@@ -21,8 +21,7 @@ from scipy.optimize import minimize
 
 from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 # Prior standard deviation of a coefficient, where evidence begins and its bounds: by that share the variance changes
 # with a standard deviation of a joint. At the lowest the function is flat.

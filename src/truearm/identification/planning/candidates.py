@@ -16,15 +16,33 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.planning.sampling.measuring import inner_limits, measuring_poses, check_five_rotary_joints, postures, reach
+from truearm.identification.planning.sampling.measuring import (
+    check_five_rotary_joints,
+    inner_limits,
+    measuring_poses,
+    postures,
+    reach,
+)
 from truearm.identification.planning.sampling.poses import checked_count, checked_seed, joint_travel_limits
-from truearm.identification.planning.sampling.seat import CONE_RAD, NOT_REACHED, POOL, SEAT_SECTOR, SWING_RAD, TOO_FEW, farthest_points
-from truearm.identification.planning.sampling.workspace import Sector, Stance, azimuth_of, draw_points, joint_origins, stance, within_cone
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
-NameArray = npt.NDArray[np.str_]
+from truearm.identification.planning.sampling.seat import (
+    CONE_RAD,
+    NOT_REACHED,
+    POOL,
+    SEAT_SECTOR,
+    SWING_RAD,
+    TOO_FEW,
+    farthest_points,
+)
+from truearm.identification.planning.sampling.workspace import (
+    Sector,
+    Stance,
+    azimuth_of,
+    draw_points,
+    joint_origins,
+    stance,
+    within_cone,
+)
+from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 OUTSIDE, UNDER_TABLE, NO_ROOM = "tip outside the volume", "elbow under the table", "bar reaches out of the volume"
 # Joint angles drawn for each pose wanted, at most; of a usual arm one in ten to one in a hundred is in the volume.

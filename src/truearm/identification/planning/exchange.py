@@ -43,9 +43,8 @@ from truearm.identification.estimation.alignment import rigid_motions
 from truearm.identification.planning.sampling.poses import checked_seed
 from truearm.solve.arrays import whiten
 from truearm.solve.threads import one_blas_thread
+from truearm.typing import FloatArray, IntArray
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 Progress = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and of how much."""
 
@@ -257,7 +256,9 @@ def select_candidates(
     return DesignSelection(pool[best.rows[order]], best.swaps)
 
 
-def greedy(problem: DesignProblem, n: int, criterion: Criterion, *, progress: Progress | None = None) -> DesignSelection:
+def greedy(
+    problem: DesignProblem, n: int, criterion: Criterion, *, progress: Progress | None = None
+) -> DesignSelection:
     """Choose n candidates, each the one that lowers the criterion most.
 
     Parameters

@@ -8,11 +8,10 @@ import numpy.typing as npt
 from truearm.errors import InputError
 from truearm.identification.estimation.problem import PerturbedChain
 from truearm.identification.planning.candidates import Candidates
-from truearm.identification.planning.exchange import DesignProblem, project_out, moment_matrix, stack_factors
-from truearm.readings.lengths import PLACE_U_MM
+from truearm.identification.planning.exchange import DesignProblem, moment_matrix, project_out, stack_factors
 from truearm.identification.terms.state import ArmState
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.readings.lengths import PLACE_U_MM
+from truearm.typing import FloatArray
 
 SEAT_STD_MM = 1e4
 """Prior of a seat's point: nothing is known of it. A wider one would cost digits and tell no less."""

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.identification.planning.exchange import moment_matrix
 from truearm.identification.planning.information import tip_jacobian
 from truearm.identification.planning.prior import Prior
 from truearm.identification.planning.proposal import CalibrationPlan, Proposal, information_rows
 from truearm.identification.terms.catalogue import LEAST_PHASE
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 # A share of the mean square that is left from which on a cause is worth a word.
 _WORTH_A_WORD = 0.1

@@ -38,8 +38,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 CLEAR_GAP = 1e4
 """Ratio of neighbouring singular values from which on the smaller one counts as zero.

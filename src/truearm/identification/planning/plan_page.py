@@ -6,23 +6,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 
 from truearm.identification.planning.candidates import Candidates
-from truearm.identification.planning.proposal import CalibrationPlan, Proposal, Strategy
-from truearm.identification.planning.template import bars, notes, place_names
 from truearm.identification.planning.limitations import limitations
+from truearm.identification.planning.proposal import CalibrationPlan, Proposal, Strategy
 from truearm.identification.planning.sampling.workspace import joint_origins, stance
-from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, set_log_scale, make_panel, styles_of
+from truearm.identification.planning.template import bars, notes, place_names
 from truearm.pages.joint_figures import joint_ranges
-from truearm.pages.page import Column, Page, LabelledValue, Section, Table
 from truearm.pages.number_format import format_number
+from truearm.pages.page import Column, LabelledValue, Page, Section, Table
 from truearm.pages.phrases import capitalize, format_count, format_mm
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, make_panel, set_log_scale, styles_of
+from truearm.typing import FloatArray
 
 _WIDTH_IN, _HEIGHT_IN = 4.6, 3.9
 _ORANGE, _NAVY = "#d9730d", "#12407a"
@@ -36,7 +34,9 @@ ABOUT = {
 }
 
 
-def plan_page(plan: CalibrationPlan, strategy: str, poses: Candidates, *, facts: Sequence[tuple[str, str]] = ()) -> Page:
+def plan_page(
+    plan: CalibrationPlan, strategy: str, poses: Candidates, *, facts: Sequence[tuple[str, str]] = ()
+) -> Page:
     """Lay out a plan.
 
     Parameters

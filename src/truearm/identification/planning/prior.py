@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
@@ -17,14 +16,14 @@ from truearm.identification.estimation.identification import IdentificationResul
 from truearm.identification.estimation.problem import PerturbedChain
 from truearm.identification.planning.exchange import project_out
 from truearm.identification.planning.information import tip_jacobian
-from truearm.readings.checks import check_sessions
-from truearm.readings.readings import Readings
 from truearm.identification.terms.basis import Constant, Session
 from truearm.identification.terms.catalogue import base_terms, constants, gravity, own_axis, wobble
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
+from truearm.readings.checks import check_sessions
+from truearm.readings.readings import Readings
+from truearm.typing import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 Terms = Literal["physical", "constants"]
 
 HIGHEST_ORDER = 4
@@ -190,7 +189,9 @@ def identified_prior(
     fixed[0] = arm.chain.fixed[0]
     chain = replace(found.chain, fixed=fixed)
     prior = Prior(
-        PerturbedChain(chain, tuple(term for term, wanted in zip(found.perturbed_chain.terms, kept, strict=True) if wanted)),
+        PerturbedChain(
+            chain, tuple(term for term, wanted in zip(found.perturbed_chain.terms, kept, strict=True) if wanted)
+        ),
         _inverse(found.covariance[np.ix_(columns, columns)]),
         noise_mm,
         state,

@@ -8,7 +8,6 @@ from math import ceil
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
@@ -21,15 +20,14 @@ from truearm.identification.planning.candidates import (
     tracker_poses,
     volume_poses,
 )
-from truearm.identification.planning.exchange import DesignProblem, select_candidates, project_out
+from truearm.identification.planning.exchange import DesignProblem, project_out, select_candidates
 from truearm.identification.planning.information import design_problem, tip_jacobian
-from truearm.identification.planning.prior import Prior
 from truearm.identification.planning.observability import Observability, observability
+from truearm.identification.planning.prior import Prior
 from truearm.identification.planning.sampling.poses import checked_count, checked_seed
 from truearm.identification.planning.sampling.workspace import Sector
+from truearm.typing import FloatArray, IntArray
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 Progress = Callable[[int, str], None]
 Strategy = Literal["i-optimal", "d-optimal", "technician", "random"]
 

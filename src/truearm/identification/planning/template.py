@@ -9,16 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file, check_writable
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.proposal import LENGTH_U_MM
 from truearm.readings.lengths import ARTEFACT, ENDS, EXPANSION, NUMBERS
-from truearm.files.atomic_write import check_writable, atomic_file
-
-NameArray = npt.NDArray[np.str_]
+from truearm.typing import NameArray
 
 
 def check_template_path(path: str | Path) -> None:

@@ -14,13 +14,11 @@ from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.identification.terms.state import ArmState
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.readings.thermal_expansion import REFERENCE_DEGC
+from truearm.typing import FloatArray
 
 AXES = "xyz"
 HIGHEST_ORDER = 1000

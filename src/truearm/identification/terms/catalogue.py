@@ -11,17 +11,24 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
-from truearm.identification.terms.basis import AXES, Basis, Column, Constant, Direction, GravityTorque, Harmonics, Temperature
+from truearm.identification.terms.basis import (
+    AXES,
+    Basis,
+    Column,
+    Constant,
+    Direction,
+    GravityTorque,
+    Harmonics,
+    Temperature,
+)
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.identification.terms.thermal import link_vectors
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 # What is free still has a prior, wide beyond any workshop: on an arm of few joints a shift of the base may look like
 # one of the tip, and then it decides.

@@ -11,8 +11,7 @@ from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
 from truearm.identification.terms.thermal import link_vectors
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of free fall [m/s^2]."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 def harmonics(angles: npt.ArrayLike, orders: Sequence[float]) -> FloatArray:

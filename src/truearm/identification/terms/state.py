@@ -14,9 +14,13 @@ from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
-from truearm.identification.terms.gravity import STANDARD_GRAVITY, STANDARD_GRAVITY_IN_BASE, gravity_torques, uniform_links
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.identification.terms.gravity import (
+    STANDARD_GRAVITY,
+    STANDARD_GRAVITY_IN_BASE,
+    gravity_torques,
+    uniform_links,
+)
+from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,11 @@ from dataclasses import dataclass, fields
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.terms.basis import Basis, basis_from_data, plain
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ import numpy.typing as npt
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 def link_vectors(chain: Chain) -> FloatArray:

@@ -4,4 +4,4 @@ from truearm.identification.virtual.arm import Measurement, VirtualArm
 from truearm.identification.virtual.presets import PRESETS, Preset, load_preset, magnitudes
 from truearm.identification.virtual.state import VirtualArmState
 
-__all__ = ["PRESETS", "Measurement", "Preset", "VirtualArmState", "VirtualArm", "load_preset", "magnitudes"]
+__all__ = ["PRESETS", "Measurement", "Preset", "VirtualArm", "VirtualArmState", "load_preset", "magnitudes"]

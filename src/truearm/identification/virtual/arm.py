@@ -9,8 +9,6 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.readings.point_errors import PointErrors, point_errors
-from truearm.readings.readings import Readings
 from truearm.identification.terms import directions
 from truearm.identification.virtual.constrained import constrain_geometry
 from truearm.identification.virtual.motions import motions, true_tips
@@ -25,8 +23,9 @@ from truearm.identification.virtual.state import (
     mean_hand_force,
 )
 from truearm.identification.virtual.systematic import ARCSEC, RANDOM, SystematicErrors, draw_systematic_errors
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.readings.point_errors import PointErrors, point_errors
+from truearm.readings.readings import Readings
+from truearm.typing import FloatArray
 
 SETTLING_STEPS = 12
 SETTLED_MM = 1e-7
@@ -116,7 +115,9 @@ class VirtualArm:
         state = at_rest(self.nominal.chain, n, temperature_degC=self.preset.temperature_degC)
         return state.with_force(mean_hand_force(self.preset))
 
-    def state(self, angles: npt.ArrayLike, *, seed: int, temperature_degC: npt.ArrayLike | None = None) -> VirtualArmState:
+    def state(
+        self, angles: npt.ArrayLike, *, seed: int, temperature_degC: npt.ArrayLike | None = None
+    ) -> VirtualArmState:
         """State at each of a sequence of readings, as `measure` with the same seed meets it."""
         return self._session(self._checked(angles), seed, temperature_degC)[1]
 
@@ -168,7 +169,9 @@ class VirtualArm:
             readings = self._referenced(readings, tips, _stream(seed, "reference"))
         return Measurement(readings, angles, tips, state)
 
-    def settle(self, angles: npt.ArrayLike, seat_points: npt.ArrayLike, *, state: VirtualArmState | None = None) -> FloatArray:
+    def settle(
+        self, angles: npt.ArrayLike, seat_points: npt.ArrayLike, *, state: VirtualArmState | None = None
+    ) -> FloatArray:
         """Move the joints as little as needed for the true tip to lie in its seat.
 
         Gauss-Newton with the nominal derivatives: they err by less than a per mil, so each step gains three digits.

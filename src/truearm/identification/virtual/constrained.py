@@ -10,16 +10,20 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.virtual.motions import MotionFunctions
 from truearm.identification.virtual.presets import Preset
 from truearm.identification.virtual.state import at_rest, mean_hand_force
-from truearm.identification.virtual.systematic import SystematicErrors, draw_constants, geometry_stream, gravity_of, masses_of
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.identification.virtual.systematic import (
+    SystematicErrors,
+    draw_constants,
+    geometry_stream,
+    gravity_of,
+    masses_of,
+)
+from truearm.typing import FloatArray
 
 TESTS = 30  # the maximum over 200 random poses scatters by some per cent: so many tests must agree
 TRIES = 20_000

@@ -7,17 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.chain import CHUNK, Chain
 from truearm.arm.masses import LinkMasses
-from truearm.identification.terms import gravity_loads
-from truearm.identification.terms import growth_motions
-from truearm.identification.terms import harmonics
+from truearm.identification.terms import gravity_loads, growth_motions, harmonics
 from truearm.identification.virtual.state import VirtualArmState
 from truearm.identification.virtual.systematic import BEARING_ORDERS, ENCODER_ORDERS, OWN_AXIS, SystematicErrors
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 def true_tips(chain: Chain, systematic: SystematicErrors, angles: FloatArray, state: VirtualArmState) -> FloatArray:

@@ -11,10 +11,9 @@ from scipy.special import dawsn
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.identification.virtual.presets import Preset
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.readings.thermal_expansion import REFERENCE_DEGC
+from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

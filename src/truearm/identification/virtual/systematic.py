@@ -14,8 +14,7 @@ from truearm.arm.rigid_motions import cross_matrix
 from truearm.identification.terms import link_vectors, uniform_links
 from truearm.identification.terms.gravity import STANDARD_GRAVITY
 from truearm.identification.virtual.presets import Preset
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 ARCSEC = np.pi / 180 / 3600
 """One arc second [rad]."""

@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.errors import InputError
-from truearm.pages.arrays import FloatArray, nonnegative_arrays, finite_array
+from truearm.pages.arrays import finite_array, nonnegative_arrays
+from truearm.pages.number_format import format_exact, format_in_text, format_number
 from truearm.pages.plotting import (
     INK,
     LEFT_IN,
@@ -19,13 +20,13 @@ from truearm.pages.plotting import (
     Style,
     figure_style,
     join_phrases,
-    set_log_scale,
     make_panel,
+    set_log_scale,
     shorten,
     styles_of,
 )
 from truearm.papers.gao2017.table_figure import PAPER_STYLE
-from truearm.pages.number_format import format_exact, format_in_text, format_number
+from truearm.typing import FloatArray
 
 _WIDTH_IN = 5.2
 
@@ -55,7 +56,9 @@ def scatter_of_starts(
         spread = 0.5 * ((np.arange(len(starts)) * 0.6180339887498949) % 1 - 0.5)  # golden ratio: even, no chance in it
         axes.plot(starts, 1 + spread, pen.marker, color=pen.colour, markersize=4, alpha=0.7, markeredgewidth=0)
         axes.plot([np.median(starts)] * 2, [0.65, 1.35], color=INK, linewidth=1.4)
-        axes.plot(published, np.zeros(len(published)), PAPER_STYLE.marker, color=PAPER_STYLE.colour, markersize=5, alpha=0.8)
+        axes.plot(
+            published, np.zeros(len(published)), PAPER_STYLE.marker, color=PAPER_STYLE.colour, markersize=5, alpha=0.8
+        )
         axes.axvspan(starts.min(), starts.max(), color=pen.colour, alpha=0.08, linewidth=0)
         axes.set_yticks([1, 0], [f"{len(starts)} starts", f"paper, {len(published)} rows"])
         axes.tick_params(axis="y", length=0)
@@ -149,7 +152,9 @@ def error_against_box(
                 label=shorten(name),
             )
             axes.axhline(published[name], color=pen.colour, linewidth=1.0, linestyle=(0, (1.5, 2)))
-            axes.plot(met[name], [published[name]] * len(met[name]), "D", color=PAPER_STYLE.colour, markersize=5.5, zorder=5)
+            axes.plot(
+                met[name], [published[name]] * len(met[name]), "D", color=PAPER_STYLE.colour, markersize=5.5, zorder=5
+            )
         axes.axvline(chosen, color=LIMIT, linewidth=1.0, linestyle=(0, (4, 3)))
         everything = np.concatenate([*by_name.values(), [published[name] for name in by_name]])
         set_log_scale(axes, "y", everything.min() / 1.6, everything.max() * 1.6)

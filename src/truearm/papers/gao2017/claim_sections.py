@@ -6,17 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from truearm.pages.plotting import Style
-from truearm.papers.gao2017.claim_figures import (
-    crossings,
-    error_against_box,
-    error_against_rate,
-    error_outside,
-    scatter_of_starts,
-)
-from truearm.pages.page import Section
 from truearm.pages.number_format import format_exact, format_in_text
-from truearm.papers.gao2017.reproduction_file import ReproductionResult, TableRow
+from truearm.pages.page import Section
 from truearm.pages.phrases import (
     USED_TO_FIX_BOX,
     MissingPart,
@@ -27,6 +18,15 @@ from truearm.pages.phrases import (
     format_percent,
     format_row_numbers,
 )
+from truearm.pages.plotting import Style
+from truearm.papers.gao2017.claim_figures import (
+    crossings,
+    error_against_box,
+    error_against_rate,
+    error_outside,
+    scatter_of_starts,
+)
+from truearm.papers.gao2017.reproduction_file import ReproductionResult, TableRow
 
 
 def learning_rate_section(found: ReproductionResult, *, styles: Mapping[str, Style]) -> Section | MissingPart:

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any
 
-from truearm.papers.gao2017.training_plan import Effort, equivalent_rows, box_rows, box_training, trainings
 from truearm.papers.gao2017.tables import N_TEST, TABLES
-from truearm.papers.gao2017.training import TEST_STREAM, EVALUATION_STREAM, N_EVALUATION_POSES, TrainingResult, Training
+from truearm.papers.gao2017.training import EVALUATION_STREAM, N_EVALUATION_POSES, TEST_STREAM, Training, TrainingResult
+from truearm.papers.gao2017.training_plan import Effort, box_rows, box_training, equivalent_rows, trainings
 
 
 def first_row_networks(effort: Effort, done: Mapping[Training, TrainingResult]) -> list[TrainingResult]:
@@ -57,7 +57,10 @@ def box_study(effort: Effort, done: Mapping[Training, TrainingResult]) -> dict[s
     """Rows 1 and 15 of Table 2 in boxes of several half-widths, one start each."""
     rows = box_rows()
     means = {
-        row.row: [float(done[box_training(row, h, effort)].errors(N_EVALUATION_POSES, EVALUATION_STREAM).mean()) for h in effort.half_widths_deg]
+        row.row: [
+            float(done[box_training(row, h, effort)].errors(N_EVALUATION_POSES, EVALUATION_STREAM).mean())
+            for h in effort.half_widths_deg
+        ]
         for row in rows
     }
     return {

@@ -17,15 +17,15 @@ import numpy.typing as npt
 from truearm.arm import load_arm
 from truearm.compensation.models import Compensator, KinematicModel, NetworkModel, NominalModel
 from truearm.identification.planning.sampling import STRATEGIES
-from truearm.readings import ErrorComparison, compare_errors
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
+from truearm.readings import ErrorComparison, compare_errors
 
 # Mean and maximum absolute error of a coordinate [mm]: nominal parameters, and the network of setting 4 on 200
 # further poses.
 PAPER_NOMINAL_MM = (0.4492, 0.8978)
 PAPER_NETWORK_MM = (0.0136, 0.0873)
 
-FloatArray = npt.NDArray[Any]
+AnyArray = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -73,12 +73,12 @@ class Experiment:
     tests: dict[str, Measurement]
     models: dict[str, Compensator]
 
-    def predicted(self, test: str) -> dict[str, FloatArray]:
+    def predicted(self, test: str) -> dict[str, AnyArray]:
         """Points (n, 3) of every model on a test [mm]."""
         angles = self.tests[test].readings.angles
         return {name: model.predict(angles) for name, model in self.models.items()}
 
-    def deviations(self, test: str) -> dict[str, FloatArray]:
+    def deviations(self, test: str) -> dict[str, AnyArray]:
         """Predicted minus reference points (n, 3) of every model on a test [mm]."""
         points = self.tests[test].readings.points
         assert points is not None  # a virtual reference sees every pose
@@ -89,9 +89,7 @@ class Experiment:
         readings = self.tests[test].readings
         assert readings.points is not None  # a virtual reference sees every pose
         nominal = self.models["nominal"].predict(readings.angles)
-        return {
-            name: compare_errors(points, nominal, readings.points) for name, points in self.predicted(test).items()
-        }
+        return {name: compare_errors(points, nominal, readings.points) for name, points in self.predicted(test).items()}
 
     def summary(self) -> dict[str, Any]:
         """The experiment's figures, as ``summary.json`` holds them."""

@@ -8,15 +8,21 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel
-from truearm.papers.gao2017.training_plan import EXPERIMENT, METHODS, Effort, Method, trainings
 from truearm.papers.gao2017.tables import FINAL_TEST, TABLES
-from truearm.papers.gao2017.training import ARM, FINAL_TEST_STREAM, OUTSIDE_STREAM, TRAINING_STREAM, TrainingResult, Training, virtual_arm
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.papers.gao2017.training import (
+    ARM,
+    FINAL_TEST_STREAM,
+    OUTSIDE_STREAM,
+    TRAINING_STREAM,
+    Training,
+    TrainingResult,
+    virtual_arm,
+)
+from truearm.papers.gao2017.training_plan import EXPERIMENT, METHODS, Effort, Method, trainings
+from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +39,9 @@ class FinalTestRun:
         return float(np.abs(self.deviations[model]).mean())
 
 
-def networks_by_seed(effort: Effort, done: Mapping[Training, TrainingResult], side: Method) -> dict[int, TrainingResult]:
+def networks_by_seed(
+    effort: Effort, done: Mapping[Training, TrainingResult], side: Method
+) -> dict[int, TrainingResult]:
     """The networks of Table 4, row 4, by seed."""
     return {one.seed: done[one] for one in trainings(4, TABLES[4][-1], side, effort) if one in done}
 

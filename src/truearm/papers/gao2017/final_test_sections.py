@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from statistics import median
 
-from truearm.pages.reading_figures import coordinates_by_reading, errors_by_reading
-from truearm.pages.plotting import Figure, Style, join_phrases
-from truearm.papers.gao2017.claim_figures import share_removed
-from truearm.pages.page import Cell, Column, Section, Table
 from truearm.pages.number_format import format_in_text
-from truearm.papers.gao2017.reproduction_file import FinalTest, ReproductionResult
+from truearm.pages.page import Cell, Column, Section, Table
 from truearm.pages.phrases import (
     TRAINING_SHARES_NOTE,
     MissingPart,
-    with_figure_number,
+    as_count,
     format_count,
-    median_and_range,
     format_mm,
     format_percent,
-    as_count,
+    median_and_range,
+    with_figure_number,
 )
+from truearm.pages.plotting import Figure, Style, join_phrases
+from truearm.pages.reading_figures import coordinates_by_reading, errors_by_reading
+from truearm.papers.gao2017.claim_figures import share_removed
+from truearm.papers.gao2017.reproduction_file import FinalTest, ReproductionResult
 
 
 def final_test_section(found: ReproductionResult, *, styles: Mapping[str, Style]) -> Section | MissingPart:
@@ -29,7 +29,9 @@ def final_test_section(found: ReproductionResult, *, styles: Mapping[str, Style]
     drawn = found.figures
     pictures: list[Figure] = []
     if drawn.figure_6 is not None:
-        pictures.append(with_figure_number(6, errors_by_reading({"nominal": drawn.figure_6.deviation_mm}, styles=styles)))
+        pictures.append(
+            with_figure_number(6, errors_by_reading({"nominal": drawn.figure_6.deviation_mm}, styles=styles))
+        )
     if drawn.figure_7 is not None and drawn.figure_7.predicted_mm["ours"] is not None:
         points, predicted = drawn.figure_7.points_mm, drawn.figure_7.predicted_mm["ours"]
         pictures.append(with_figure_number(7, coordinates_by_reading(points, {"lm": predicted}, styles=styles)))

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
@@ -14,10 +13,9 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Circle, Rectangle
 
 from truearm.errors import InputError
-from truearm.pages.plotting import INK, LIMIT, Figure, figure_style
 from truearm.pages.number_format import format_number
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.pages.plotting import INK, LIMIT, Figure, figure_style
+from truearm.typing import FloatArray
 
 _HIDDEN, _OUTPUT, _INPUT, _BIAS = "#12407a", "#d9730d", "#5a616b", "#8a9099"
 _MOST = 8  # a layer of more units is drawn as its first four, dots, and its last two

@@ -14,11 +14,25 @@ from truearm import __version__
 from truearm.arm import load_arm
 from truearm.arm.chain import Chain
 from truearm.papers.gao2017.claims import box_study, first_row_networks, learning_rate, scatter
-from truearm.papers.gao2017.final_test import run_final_tests, final_test, networks_by_seed, errors_outside_box
+from truearm.papers.gao2017.final_test import errors_outside_box, final_test, networks_by_seed, run_final_tests
+from truearm.papers.gao2017.tables import FINAL_TEST, N_TEST, TABLES, PaperRow
+from truearm.papers.gao2017.training import (
+    ARM,
+    EVALUATION_STREAM,
+    FINAL_TEST_STREAM,
+    GRADIENT_TRAINERS,
+    N_EVALUATION_POSES,
+    TEST_STREAM,
+    ProgressCallback,
+    Training,
+    TrainingResult,
+    machine_data,
+    run_training,
+)
 from truearm.papers.gao2017.training_plan import (
     ACTIVATIONS,
-    EXPERIMENT,
     BOX_FITTING_ROWS,
+    EXPERIMENT,
     METHODS,
     SIMULATION,
     Effort,
@@ -28,20 +42,6 @@ from truearm.papers.gao2017.training_plan import (
     plan_trainings,
     training_of,
     trainings,
-)
-from truearm.papers.gao2017.tables import FINAL_TEST, N_TEST, TABLES, PaperRow
-from truearm.papers.gao2017.training import (
-    ARM,
-    FINAL_TEST_STREAM,
-    TEST_STREAM,
-    GRADIENT_TRAINERS,
-    EVALUATION_STREAM,
-    N_EVALUATION_POSES,
-    ProgressCallback,
-    TrainingResult,
-    Training,
-    machine_data,
-    run_training,
 )
 
 HOW = (
@@ -67,7 +67,9 @@ GOAL_MET, TIME_OVER = "Performance goal met.", "Maximum time elapsed."
 RUN_KEYS = ("epochs", "seconds", "mean_mm", "max_mm", "mean_many_mm", "max_many_mm")
 
 
-def reproduce(parts: Sequence[str], *, effort: Effort, folder: Path, tell: ProgressCallback | None = None) -> dict[str, Any]:
+def reproduce(
+    parts: Sequence[str], *, effort: Effort, folder: Path, tell: ProgressCallback | None = None
+) -> dict[str, Any]:
     """Run what is not yet in `folder`, and put the findings together.
 
     Parameters

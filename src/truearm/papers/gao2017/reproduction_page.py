@@ -11,17 +11,22 @@ from typing import Any
 import numpy as np
 
 from truearm.pages.arm_drawing import arm_figure, denavit_hartenberg, frame_figure
-from truearm.pages.plotting import Style, styles_of
-from truearm.papers.gao2017.network_drawing import network_layers
-from truearm.pages.page import Cell, Column, Page, LabelledValue, Section, Table
-from truearm.papers.gao2017.claim_sections import joint_ranges_section, learning_rate_section, outside_section, scatter_section
-from truearm.papers.gao2017.final_test_sections import final_test_section, share_section
-from truearm.papers.gao2017.table_figure import PAPER_STYLE
-from truearm.papers.gao2017.table_sections import describe_accuracy, speedups, table_section, count_verdicts
-from truearm.pages.prediction_figure import predictions_by_pose
 from truearm.pages.number_format import format_in_text
+from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
+from truearm.pages.phrases import COMMAND, MissingPart, as_count, format_count, format_degrees, with_figure_number
+from truearm.pages.plotting import Style, styles_of
+from truearm.pages.prediction_figure import predictions_by_pose
+from truearm.papers.gao2017.claim_sections import (
+    joint_ranges_section,
+    learning_rate_section,
+    outside_section,
+    scatter_section,
+)
+from truearm.papers.gao2017.final_test_sections import final_test_section, share_section
+from truearm.papers.gao2017.network_drawing import network_layers
 from truearm.papers.gao2017.reproduction_file import ArmFrames, ReproductionResult, read_reproduction
-from truearm.pages.phrases import COMMAND, MissingPart, with_figure_number, format_count, format_degrees, as_count
+from truearm.papers.gao2017.table_figure import PAPER_STYLE
+from truearm.papers.gao2017.table_sections import count_verdicts, describe_accuracy, speedups, table_section
 
 TITLE = "Gao et al. 2017, reproduced"
 CITED = (
@@ -105,7 +110,9 @@ def _summary(found: ReproductionResult) -> tuple[LabelledValue, ...]:
     if found.final_test is not None:
         for name, share in found.final_test.removed_percent().items():
             if name != "kinematic":
-                rows.append(LabelledValue(f"error removed on {found.final_test.poses} further poses, {name}", share, "%"))
+                rows.append(
+                    LabelledValue(f"error removed on {found.final_test.poses} further poses, {name}", share, "%")
+                )
     return tuple(rows)
 
 
@@ -185,7 +192,9 @@ def _some_poses(found: ReproductionResult) -> Section | MissingPart:
         return MissingPart("Figure 4", "--figure 4")
     predicted = {"lm" if key == "ours" else key: points for key, points in by_name.items()}
     pens = {**styles_of(predicted), **_PENS}
-    return Section(title, figures=(with_figure_number(4, predictions_by_pose(poses.points_mm, predicted, styles=pens)),))
+    return Section(
+        title, figures=(with_figure_number(4, predictions_by_pose(poses.points_mm, predicted, styles=pens)),)
+    )
 
 
 def _left_out(found: ReproductionResult) -> Section:

@@ -7,12 +7,20 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from truearm.pages.plotting import Style, join_phrases
-from truearm.pages.page import Cell, Column, Section, Table
-from truearm.papers.gao2017.table_figure import TableFigureRow, reaches_paper_error, table_figure
 from truearm.pages.number_format import format_exact, format_in_text, format_number
+from truearm.pages.page import Cell, Column, Section, Table
+from truearm.pages.phrases import (
+    TRAINING_SHARES_NOTE,
+    USED_TO_FIX_BOX,
+    MissingPart,
+    capitalize,
+    format_count,
+    format_row_numbers,
+    range_cell,
+)
+from truearm.pages.plotting import Style, join_phrases
 from truearm.papers.gao2017.reproduction_file import TableRow, TrainerSummary
-from truearm.pages.phrases import USED_TO_FIX_BOX, TRAINING_SHARES_NOTE, MissingPart, capitalize, format_count, format_row_numbers, range_cell
+from truearm.papers.gao2017.table_figure import TableFigureRow, reaches_paper_error, table_figure
 
 _SUBJECT = {
     2: "a simulation: one hidden layer, other numbers of poses, goals, learning rates and units",
@@ -221,7 +229,8 @@ def _starts_told(rows: Sequence[TableRow]) -> str:
         others = [f"{n} in {format_row_numbers(numbers)}" for n, numbers in sorted(by_starts.items()) if n != most]
         text = f"{name}: {format_count(most, 'start')}" + (f" ({', '.join(others)})" if others else "")
         limits = [
-            f"{format_in_text(limit, unit='s')} in {format_row_numbers(numbers)}" for limit, numbers in sorted(by_limit.items())
+            f"{format_in_text(limit, unit='s')} in {format_row_numbers(numbers)}"
+            for limit, numbers in sorted(by_limit.items())
         ]
         told.append(text + (f", time limit {', '.join(limits)}" if limits else ""))
     return f"Random starts of each row. {'; '.join(told)}." if told else ""

@@ -16,28 +16,27 @@ from time import perf_counter
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from truearm import __version__
 from truearm.arm import load_arm
-from truearm.errors import InputError
 from truearm.compensation.nets.checkpoint import Checkpoint
-from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.scaling import MinMaxScaler
+from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.traingd import traingd
 from truearm.compensation.nets.traingdx import traingdx
 from truearm.compensation.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.compensation.nets.trainlm import trainlm
-from truearm.identification.planning.sampling import box
-from truearm.solve.threads import cores
-from truearm.identification.virtual import Measurement, VirtualArm, load_preset
+from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
+from truearm.identification.planning.sampling import box
+from truearm.identification.virtual import Measurement, VirtualArm, load_preset
+from truearm.solve.threads import cores
+from truearm.typing import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 # Told the share of a training that is done, and a few words on how it stands.
 ProgressCallback = Callable[[float, str], None]
 
@@ -271,7 +270,7 @@ class _Watched:
 
 
 def _train(
-    training: Training, checkpoint: Checkpoint, watched: _Watched, keep: Callable[[], None], tell: Tell
+    training: Training, checkpoint: Checkpoint, watched: _Watched, keep: Callable[[], None], tell: ProgressCallback
 ) -> TrainingResult:
     angles, points = training.source.data(training.n_train, seed=training.seed, stream=TRAINING_STREAM)
     angle_scale = MinMaxScaler.of(angles.T, what="the angle of joint")

@@ -12,8 +12,8 @@ from truearm.errors import InputError
 from truearm.verification.certificate.administrative_data import AdministrativeData, Contact, Person, xml_text
 from truearm.verification.standards.artefacts import Artefact, CalibratedBar, CalibratedSphere
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, ConformityResult, Verdict
-from truearm.verification.standards.verification_record import VerificationRecord
 from truearm.verification.standards.verification_plan import PLANS, load_verification_plan
+from truearm.verification.standards.verification_record import VerificationRecord
 
 SOFTWARE = "truearm"
 # By the non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their
@@ -111,7 +111,9 @@ class Certificate:
     results: tuple[StatedResult, ...]
 
 
-def make_certificate(about: AdministrativeData, outcome: VerificationRecord, *, decision: Sequence[str], rule: str) -> Certificate:
+def make_certificate(
+    about: AdministrativeData, outcome: VerificationRecord, *, decision: Sequence[str], rule: str
+) -> Certificate:
     """State a verification.
 
     Parameters

@@ -20,11 +20,18 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from truearm.files.file_reading import read_limited
 from truearm.errors import InputError, TruearmError
-from truearm.verification.certificate.administrative_data import AdministrativeData, Contact
-from truearm.verification.certificate.certificate import CONFORMITIES, Certificate, Equipment, Method, StatedQuantity, StatedResult
 from truearm.files.atomic_write import atomic_file
+from truearm.files.file_reading import read_limited
+from truearm.verification.certificate.administrative_data import AdministrativeData, Contact
+from truearm.verification.certificate.certificate import (
+    CONFORMITIES,
+    Certificate,
+    Equipment,
+    Method,
+    StatedQuantity,
+    StatedResult,
+)
 
 SCHEMA_VERSION = "3.3.0"
 LANGUAGE = "en"  # of every word of this program

@@ -26,7 +26,7 @@ import numpy.typing as npt
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from truearm.errors import InputError
-from truearm.verification.shapes.orthogonal_regression import FloatArray
+from truearm.typing import FloatArray
 
 MIN_BASELINE_CHECKS = 10
 """Values of an unchanged process before a chart is asked.

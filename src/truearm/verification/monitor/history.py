@@ -23,9 +23,18 @@ from pathlib import Path
 from typing import Any
 
 from truearm.errors import InputError, TruearmError
-from truearm.verification.monitor.interim import CHECK_QUANTITIES, Assessment, InterimCheck, CheckValue, assess, describe_assessment, format_date, has_measured
-from truearm.verification.standards.specification import Specification
 from truearm.files.atomic_write import check_writable
+from truearm.verification.monitor.interim import (
+    CHECK_QUANTITIES,
+    Assessment,
+    CheckValue,
+    InterimCheck,
+    assess,
+    describe_assessment,
+    format_date,
+    has_measured,
+)
+from truearm.verification.standards.specification import Specification
 
 # "tArm", as the four bytes of SQLite's header have it.
 APPLICATION_ID = int.from_bytes(b"tArm", "big")
@@ -397,7 +406,11 @@ def _fault(check: InterimCheck) -> str:
         numbers = (one.value_mm, one.u_mm, one.u_artefact_mm, *(() if one.length_mm is None else (one.length_mm,)))
         if not all(map(_is_number, numbers)) or type(one.n) is not int:
             return f"a value is not as truearm writes it: {one!r:.200}"
-        if one.n < 1 or min(one.u_mm, one.u_artefact_mm) < 0 or (CHECK_QUANTITIES[one.quantity].scale and one.value_mm < 0):
+        if (
+            one.n < 1
+            or min(one.u_mm, one.u_artefact_mm) < 0
+            or (CHECK_QUANTITIES[one.quantity].scale and one.value_mm < 0)
+        ):
             return f"a value cannot be: {one!r:.200}"
     names = [(one.quantity, one.artefact) for one in check.values]
     return "" if len(set(names)) == len(names) else "it has a value twice"

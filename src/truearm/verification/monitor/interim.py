@@ -15,15 +15,19 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.readings.thermal_expansion import thermal_expansion_at
 from truearm.readings.lengths import Lengths
-from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS, ControlChart, ControlRules, control_chart, control_rules
+from truearm.readings.thermal_expansion import thermal_expansion_at
+from truearm.typing import FloatArray, NameArray
+from truearm.verification.monitor.control_chart import (
+    MIN_BASELINE_CHECKS,
+    ControlChart,
+    ControlRules,
+    control_chart,
+    control_rules,
+)
+from truearm.verification.shapes.sphere import fit_sphere
 from truearm.verification.standards.decision import Verdict, decide
 from truearm.verification.standards.specification import Specification
-from truearm.verification.shapes.orthogonal_regression import FloatArray
-from truearm.verification.shapes.sphere import fit_sphere
-
-NameArray = npt.NDArray[np.str_]
 
 # A seat's points further from their mean than this are of two seats [mm]; no arm errs so much.
 FARTHEST_IN_SEAT_MM = 10.0
@@ -373,7 +377,9 @@ class Trend:
     @property
     def certain(self) -> bool:
         """Whether more than the last value says to recalibrate."""
-        return (self.since is not None and not self.single_value_out_of_limits) or (self.over_limit and self.over_before)
+        return (self.since is not None and not self.single_value_out_of_limits) or (
+            self.over_limit and self.over_before
+        )
 
     @property
     def enough(self) -> bool:
@@ -473,7 +479,9 @@ def assess(
 def describe_assessment(found: Assessment, checks: Sequence[InterimCheck]) -> str:
     """The answer of a history of these checks in a line."""
     if found.recalibrate is RecalibrationAdvice.YES:
-        since = "" if found.since is None else f", since check {found.since + 1} of {format_date(checks[found.since].date)}"
+        since = (
+            "" if found.since is None else f", since check {found.since + 1} of {format_date(checks[found.since].date)}"
+        )
         return f"recalibrate: yes{since}"
     if found.recalibrate is RecalibrationAdvice.AGAIN:
         return "recalibrate: not by one check alone; clean the artefacts, see that they are tight, and check once more"

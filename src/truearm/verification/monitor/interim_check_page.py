@@ -9,11 +9,11 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
-from truearm.readings.thermal_expansion import ARTEFACT_U_K
-from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, join_phrases, make_panel, shorten
-from truearm.pages.page import Cell, Column, Page, LabelledValue, Section, Table
 from truearm.pages.number_format import RoundedNumber
+from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
 from truearm.pages.phrases import capitalize, format_count
+from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, join_phrases, make_panel, shorten
+from truearm.readings.thermal_expansion import ARTEFACT_U_K
 from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS, ControlChart
 from truearm.verification.monitor.interim import Assessment, InterimCheck, RecalibrationAdvice, Trend, format_date
 
@@ -53,14 +53,18 @@ def drift_page(
     rows.append(LabelledValue("checks with this model", len(checks)))
     return Page(
         title=f"{arm}: interim checks",
-        subtitle=f"{format_count(len(checks), 'check')}, {first} to {last}." if len(checks) > 1 else f"One check, {first}.",
+        subtitle=f"{format_count(len(checks), 'check')}, {first} to {last}."
+        if len(checks) > 1
+        else f"One check, {first}.",
         summary=tuple(rows),
         sections=drift_sections(checks, found, remarks),
         facts=tuple(facts),
     )
 
 
-def drift_sections(checks: Sequence[InterimCheck], found: Assessment, remarks: Sequence[str] = ()) -> tuple[Section, ...]:
+def drift_sections(
+    checks: Sequence[InterimCheck], found: Assessment, remarks: Sequence[str] = ()
+) -> tuple[Section, ...]:
     """Sections: the answer with the last check's values, the charts, how it is judged, and the checks one by one."""
     return (
         Section(
@@ -209,7 +213,12 @@ def _checks_table(checks: Sequence[InterimCheck], trends: Sequence[Trend]) -> Ta
         values = {value.key: RoundedNumber(value.value_mm, value.u_mm) for value in check.values}
         degC = None if check.temperature_degC is None else RoundedNumber(check.temperature_degC, 1.0)
         rows.append(
-            (number, format_date(check.date).replace("-", "\u2011"), degC, *(values.get(trend.latest.key) for trend in trends))
+            (
+                number,
+                format_date(check.date).replace("-", "\u2011"),
+                degC,
+                *(values.get(trend.latest.key) for trend in trends),
+            )
         )
     which = f"The last {_MOST_ROWS} of {len(checks)} checks." if len(checks) > _MOST_ROWS else "All checks."
     return Table(tuple(columns), tuple(rows), which)
@@ -250,7 +259,9 @@ def _values(axes: Axes, number: npt.NDArray[np.intp], chart: ControlChart) -> No
     for edge in (chart.lower, chart.upper):
         axes.plot(number[drawn], edge[drawn], color=LIMIT, linewidth=0.9, zorder=1)
     axes.plot(number, chart.values, "o-", color=_NAVY, markersize=3, linewidth=0.7, zorder=2)
-    axes.plot(number[chart.out_of_limits], chart.values[chart.out_of_limits], "o", color=_ORANGE, markersize=4.5, zorder=3)
+    axes.plot(
+        number[chart.out_of_limits], chart.values[chart.out_of_limits], "o", color=_ORANGE, markersize=4.5, zorder=3
+    )
     axes.set_ylim(low - room, high + room)
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.locator_params(axis="y", nbins=5)

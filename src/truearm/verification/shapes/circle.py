@@ -9,18 +9,18 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.typing import FloatArray
 from truearm.verification.shapes.orthogonal_regression import (
-    ShapeFit,
-    FloatArray,
     LinearisedResiduals,
+    ShapeFit,
     circle_start,
     covariance_of,
+    direction_sign,
     gauss_newton,
     normalise_points,
     principal_axes,
     radial_distances,
     scatter_std,
-    direction_sign,
     tilt_frame,
 )
 
@@ -87,7 +87,9 @@ def fit_circle(points: npt.ArrayLike, *, std_mm: float | None = None) -> Circle:
     placed, at = gauss_newton(
         _Placed(frame[:, :2] @ circle_start(normal.points @ frame[:, :2]), frame),
         linearised,
-        lambda placed, step: _Placed(placed.centre + placed.frame @ step[:3], tilt_frame(placed.frame, step[3], step[4])),
+        lambda placed, step: _Placed(
+            placed.centre + placed.frame @ step[:3], tilt_frame(placed.frame, step[3], step[4])
+        ),
         size=lambda placed: float(np.abs(placed.centre).max()),
         shape="circle",
     )

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.verification.shapes.orthogonal_regression import FloatArray
+from truearm.typing import FloatArray
 
 # The work grows with the fourth power of the number: 30 points are 32,000 spheres.
 MAX_POINTS = 30

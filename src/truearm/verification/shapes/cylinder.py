@@ -10,18 +10,18 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.typing import FloatArray
 from truearm.verification.shapes.orthogonal_regression import (
-    ShapeFit,
-    FloatArray,
     LinearisedResiduals,
     NormalisedPoints,
+    ShapeFit,
     covariance_of,
+    direction_sign,
     gauss_newton,
     normalise_points,
     principal_axes,
     radial_distances,
     scatter_std,
-    direction_sign,
     tilt_frame,
     undetermined_error,
 )

@@ -8,15 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.typing import FloatArray
 from truearm.verification.shapes.orthogonal_regression import (
-    ShapeFit,
-    FloatArray,
     LinearisedResiduals,
+    ShapeFit,
     covariance_of,
+    direction_sign,
     normalise_points,
     principal_axes,
     scatter_std,
-    direction_sign,
 )
 
 

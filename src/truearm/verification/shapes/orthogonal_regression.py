@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.typing import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 ShapeParameters = TypeVar("ShapeParameters")
 
 # Spreads below this share of the largest are taken for none: points on a line, in a plane.

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.typing import FloatArray
 from truearm.verification.shapes.orthogonal_regression import (
-    ShapeFit,
-    FloatArray,
     LinearisedResiduals,
+    ShapeFit,
     circle_start,
     covariance_of,
     gauss_newton,

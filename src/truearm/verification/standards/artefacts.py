@@ -14,9 +14,9 @@ from typing import Annotated, Self, TypeVar
 from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
+from truearm.files.checked_toml import Document, Name, NotNegative, Positive, Real, read_document
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.verification.standards.decision import Contribution
-from truearm.files.checked_toml import Document, Name, NotNegative, Positive, Real, read_document
 
 # A larger form deviation or uncertainty is no calibrated artefact's, but in micrometres [mm].
 LARGEST_MM = 0.2

@@ -12,11 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Seat
-from truearm.verification.standards.decision import Budget, ConformityResult, DecisionRule, worst_result, assess_conformity
-from truearm.verification.standards.specification import Specification
+from truearm.verification.standards.decision import (
+    Budget,
+    ConformityResult,
+    DecisionRule,
+    assess_conformity,
+    worst_result,
+)
 from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement
-from truearm.verification.shapes.orthogonal_regression import FloatArray
+from truearm.verification.standards.specification import Specification
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +73,9 @@ def effective_diameter(
     )
 
 
-def single_point(seats: Sequence[SeatPoints], specification: Specification, *, rule: DecisionRule = "iso14253-1") -> list[ConformityResult]:
+def single_point(
+    seats: Sequence[SeatPoints], specification: Specification, *, rule: DecisionRule = "iso14253-1"
+) -> list[ConformityResult]:
     """Single-point articulation: how far the points taken in one seat are from their mean.
 
     With ``d_i = |p_i - mean p|``: the largest, and twice ``s = sqrt(sum d_i^2 / (n - 1))``. Recalled, not confirmed:

@@ -10,13 +10,13 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from truearm.typing import FloatArray
 from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
+from truearm.verification.shapes.sphere import fit_sphere
 from truearm.verification.standards.decision import ConformityResult
-from truearm.verification.standards.specification import Specification
 from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement
 from truearm.verification.standards.measured_points import PointGroup, join_names
-from truearm.verification.shapes.orthogonal_regression import FloatArray
-from truearm.verification.shapes.sphere import fit_sphere
+from truearm.verification.standards.specification import Specification
 
 # Chosen here: an arm out of adjustment misses its limits by some times; 20 times 0.02 to 0.05 mm, 0.4 to 1 mm, is what
 # a mistyped number or another artefact makes.
@@ -32,7 +32,9 @@ LEAST_MM = 0.001
 LEAST_ON_BALL, LEAST_IN_SEAT, LEAST_GROUPS = 9, 6, 5
 
 
-def on_spheres(test: str, groups: Sequence[PointGroup], spheres: Sequence[SphereMeasurement], size: ConformityResult) -> Iterator[str]:
+def on_spheres(
+    test: str, groups: Sequence[PointGroup], spheres: Sequence[SphereMeasurement], size: ConformityResult
+) -> Iterator[str]:
     """Single points off a ball; or else a size, the row `size`, that no arm measures."""
     clean = True
     for group, one in zip(groups, spheres, strict=True):
@@ -78,7 +80,10 @@ def in_seats(test: str, groups: Sequence[PointGroup]) -> Iterator[str]:
 
 
 def in_lengths(
-    symbol: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]], errors: Sequence[float], specification: Specification
+    symbol: str,
+    pairs: Sequence[tuple[LengthMeasurement, PointGroup]],
+    errors: Sequence[float],
+    specification: Specification,
 ) -> Iterator[str]:
     """Lengths that are so wrong that no arm measured them.
 

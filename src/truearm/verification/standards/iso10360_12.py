@@ -12,12 +12,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
-from truearm.verification.standards.decision import Budget, ConformityResult, DecisionRule, Verdict, worst_result, assess_conformity
-from truearm.verification.standards.specification import Specification
+from truearm.verification.standards.decision import (
+    Budget,
+    ConformityResult,
+    DecisionRule,
+    Verdict,
+    assess_conformity,
+    worst_result,
+)
 from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement
+from truearm.verification.standards.specification import Specification
 
 
-def p_size(spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1") -> ConformityResult:
+def p_size(
+    spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1"
+) -> ConformityResult:
     """Probing size error P_Size.Sph.1x25: diameter of the least-squares sphere less the calibrated one.
 
     The worst of all positions counts. Source: Kreon's page on ISO 10360-12 (25 points, least-squares sphere, two
@@ -51,7 +60,9 @@ def p_size(spheres: Sequence[SphereMeasurement], specification: Specification, *
     )
 
 
-def p_form(spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1") -> ConformityResult:
+def p_form(
+    spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1"
+) -> ConformityResult:
     """Probing form error P_Form.Sph.1x25: thickness of the shell about the least-squares centre that holds all points.
 
     The worst of all positions counts. Source: Kreon's page on ISO 10360-12, in these words. Arguments as `p_size`.
@@ -96,7 +107,9 @@ def l_dia(
         value = circumscribed_sphere(centres).diameter_mm
         rows.append(assess_conformity("L_Dia.5x5", value, budget, limit, rule=rule, where=where))
         distance = np.sqrt(((centres[:, None] - centres) ** 2).sum(axis=2)).max()
-        secondary.append(assess_conformity("L_Dia.5x5, largest distance", float(distance), budget, None, rule=rule, where=where))
+        secondary.append(
+            assess_conformity("L_Dia.5x5, largest distance", float(distance), budget, None, rule=rule, where=where)
+        )
     worst = worst_result(rows)
     return [worst, secondary[rows.index(worst)]]
 
@@ -185,7 +198,9 @@ def _length_errors(
         counted.setdefault(key[:2], []).extend(first + second)
     found = [worst_result(rows) for rows in counted.values()]
     if tolerated_sets:
-        found.append(ConformityResult(f"{symbol}, sets measured again", again, "", Budget(), None, None, f"of {len(sets)}"))
+        found.append(
+            ConformityResult(f"{symbol}, sets measured again", again, "", Budget(), None, None, f"of {len(sets)}")
+        )
     return found
 
 

@@ -20,16 +20,16 @@ from math import floor
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Artefacts, CalibratedBar, CalibratedLength, CalibratedSphere
-from truearm.verification.shapes.orthogonal_regression import FloatArray
 from truearm.verification.standards.verification_plan import (
     Articulation,
     EffectiveDiameter,
     LengthTest,
-    VerificationPlan,
     PlannedTest,
     Probing,
     SinglePoint,
+    VerificationPlan,
     Volumetric,
 )
 

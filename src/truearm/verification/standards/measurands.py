@@ -12,12 +12,12 @@ from functools import cached_property
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.typing import FloatArray
+from truearm.verification.shapes.plane import fit_plane
+from truearm.verification.shapes.sphere import Sphere, fit_sphere
 from truearm.verification.standards.artefacts import CalibratedBar, CalibratedLength, CalibratedSphere
 from truearm.verification.standards.decision import Budget, Contribution
 from truearm.verification.standards.layout import hemisphere
-from truearm.verification.shapes.orthogonal_regression import FloatArray
-from truearm.verification.shapes.plane import fit_plane
-from truearm.verification.shapes.sphere import Sphere, fit_sphere
 
 # Fewer points of a ball leave none to spare.
 LEAST_ON_BALL = 5

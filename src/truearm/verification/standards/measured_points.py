@@ -13,16 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.files.delimited import Sheet, check_names, read_columns, read_sheet, quoted_cell
-from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
-from truearm.verification.standards.dates import check_past
 from truearm.files.checked_toml import reject_control_characters
-from truearm.verification.shapes.orthogonal_regression import FloatArray
-
-NameArray = npt.NDArray[np.str_]
+from truearm.files.delimited import Sheet, check_names, quoted_cell, read_columns, read_sheet
+from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
+from truearm.typing import FloatArray, NameArray
+from truearm.verification.standards.dates import check_past
 
 # The columns that tell the groups of a test's points apart, outermost first.
 KEY_COLUMNS: dict[str, tuple[str, ...]] = {

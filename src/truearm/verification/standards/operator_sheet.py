@@ -6,22 +6,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Circle
 
 from truearm import __version__
-from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, shorten
-from truearm.pages.page import Cell, Column, Page, Section, Table
 from truearm.pages.number_format import format_number
+from truearm.pages.page import Cell, Column, Page, Section, Table
 from truearm.pages.phrases import capitalize, format_count
+from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, shorten
+from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.layout import Placement
 from truearm.verification.standards.verification_plan import CHECK_STANDARD, VerificationPlan
-
-FloatArray = npt.NDArray[np.float64]
 
 _ORANGE, _NAVY, _PURPLE = "#d9730d", "#12407a", "#a8488f"
 _BLANK = "\u00a0"  # a cell to fill in by hand

@@ -10,24 +10,36 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.delimited import quoted_cell
-from truearm.verification.standards import asme_b89_4_22
-from truearm.verification.standards import iso10360_12
-from truearm.verification.standards import blunders
+from truearm.typing import FloatArray
+from truearm.verification.standards import asme_b89_4_22, blunders, iso10360_12
 from truearm.verification.standards.artefacts import Artefact, Artefacts
-from truearm.verification.standards.decision import SIMPLE_RATIO, ConformityResult, DecisionRule, Verdict, overall_verdict, simple_applies
-from truearm.verification.standards.specification import SYMBOLS, Specification
+from truearm.verification.standards.decision import (
+    SIMPLE_RATIO,
+    ConformityResult,
+    DecisionRule,
+    Verdict,
+    overall_verdict,
+    simple_applies,
+)
 from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement, check_spread
-from truearm.verification.standards.measured_points import ENDS, KEY_COLUMNS, MAX_TEMPERATURE_SPREAD_K, PointGroup, MeasuredPoints, join_names
-from truearm.verification.shapes.orthogonal_regression import FloatArray
+from truearm.verification.standards.measured_points import (
+    ENDS,
+    KEY_COLUMNS,
+    MAX_TEMPERATURE_SPREAD_K,
+    MeasuredPoints,
+    PointGroup,
+    join_names,
+)
+from truearm.verification.standards.specification import SYMBOLS, Specification
 from truearm.verification.standards.verification_plan import (
     CHECK_STANDARD,
     Articulation,
     EffectiveDiameter,
     LengthTest,
-    VerificationPlan,
     PlannedTest,
     Probing,
     SinglePoint,
+    VerificationPlan,
     Volumetric,
 )
 
@@ -103,7 +115,11 @@ def verify(
 
 
 def _remarks(
-    rows: Sequence[ConformityResult], plan: VerificationPlan, specification: Specification, rule: DecisionRule, tested: Collection[str]
+    rows: Sequence[ConformityResult],
+    plan: VerificationPlan,
+    specification: Specification,
+    rule: DecisionRule,
+    tested: Collection[str],
 ) -> list[str]:
     remarks = []
     if rule == "simple":
@@ -270,7 +286,9 @@ class _Evaluation:
         """Whether to look for slips: something does not conform, and people measured it."""
         return self.measured.file is not None and any(row.verdict not in (Verdict.CONFORM, None) for row in rows)
 
-    def _blunders_in_lengths(self, symbol: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]], *, opposite: bool) -> None:
+    def _blunders_in_lengths(
+        self, symbol: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]], *, opposite: bool
+    ) -> None:
         corrected = self.specification.corrected_to_20_degC
         errors = [one.error(opposite=opposite, corrected=corrected) for one, _ in pairs]
         self.remarks.extend(blunders.in_lengths(symbol, pairs, errors, self.specification))

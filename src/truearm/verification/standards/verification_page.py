@@ -13,15 +13,22 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Rectangle
 
-from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, join_phrases, shorten
-from truearm.pages.page import Cell, Column, Page, LabelledValue, Section, Table
 from truearm.pages.number_format import RoundedNumber, format_exact, format_in_text, format_number
+from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
 from truearm.pages.phrases import capitalize, format_count, format_percent
+from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, join_phrases, shorten
 from truearm.verification.standards import decision
 from truearm.verification.standards.artefacts import CalibratedBar, CalibratedSphere
-from truearm.verification.standards.decision import COVERAGE_PROBABILITY, SIMPLE_RATIO, Budget, DecisionRule, Verdict, simple_applies
-from truearm.verification.standards.verification_record import VerificationRecord
+from truearm.verification.standards.decision import (
+    COVERAGE_PROBABILITY,
+    SIMPLE_RATIO,
+    Budget,
+    DecisionRule,
+    Verdict,
+    simple_applies,
+)
 from truearm.verification.standards.verification_plan import CHECK_STANDARD
+from truearm.verification.standards.verification_record import VerificationRecord
 
 # Shape, colour and place of each verdict, told apart in black and white too.
 _PENS = {
@@ -177,7 +184,9 @@ def limits_figure(rows: Sequence[decision.ConformityResult], *, rule: DecisionRu
         _legend(axes, shown, rule)
     guard = " Hatched: the guard bands, U on either side of a limit, where nothing can be decided."
     left_out = f" Drawn are the first {_MOST_ROWS}." if len(rows) > _MOST_ROWS else ""
-    told = join_phrases(f"{name_of(row)} {format_percent(row.value / (row.limit or inf))}, {_verdict(row)}" for row in shown)
+    told = join_phrases(
+        f"{name_of(row)} {format_percent(row.value / (row.limit or inf))}, {_verdict(row)}" for row in shown
+    )
     return Figure(
         (drawing,),
         caption="Each value as a share of its limit, with its expanded uncertainty U as a bar. Shaded: between the "
@@ -290,7 +299,9 @@ def _artefacts(outcome: VerificationRecord) -> Section:
             for length in one.lengths:
                 if length.name in taken:
                     size = RoundedNumber(length.length_mm, length.u_mm)
-                    cells.append((f"{one.name}, length {length.name}", size, RoundedNumber(length.u_mm, length.u_mm), *told))
+                    cells.append(
+                        (f"{one.name}, length {length.name}", size, RoundedNumber(length.u_mm, length.u_mm), *told)
+                    )
         else:
             cells.append((f"{one.name}, seat", None, None, *told))
     columns = (

@@ -7,10 +7,10 @@ from math import isnan
 
 from truearm.verification.standards.artefacts import Artefact, Artefacts
 from truearm.verification.standards.decision import ConformityResult, DecisionRule
+from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.verification.standards.specification import Specification
-from truearm.verification.standards.measured_points import PointGroup, MeasuredPoints
-from truearm.verification.standards.verification_plan import VerificationPlan
 from truearm.verification.standards.verification import Verification
+from truearm.verification.standards.verification_plan import VerificationPlan
 
 
 @dataclass(frozen=True, eq=False)

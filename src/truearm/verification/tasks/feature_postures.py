@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.planning.sampling.measuring import inner_limits, check_five_rotary_joints, reach, describe_rejections
+from truearm.identification.planning.sampling.measuring import (
+    check_five_rotary_joints,
+    describe_rejections,
+    inner_limits,
+    reach,
+)
 from truearm.identification.planning.sampling.workspace import Stance, azimuth_of, stance, within_cone
+from truearm.typing import FloatArray
 from truearm.verification.tasks.features import Feature
-
-FloatArray = npt.NDArray[np.float64]
 
 # A working model, as hardly anything has been published: from one measurement of the feature to the next the elbow
 # swings by N(0, 35 deg), as in `truearm.identification.planning.sampling.measuring`, and the stylus leans within 30 deg; from point to point of
@@ -82,7 +85,8 @@ def feature_postures(arm: Arm, feature: Feature, n: int, *, seed: int) -> FloatA
         if np.abs(feature.points.mean(axis=0)).max() < _METRES:
             hint = "its place in mm: 600,0,300, not 0.6,0,0.3"
         raise InputError(
-            f"arm {arm.name!r} does not reach all of the {feature.name} in any posture: {describe_rejections(rejected)}", hint=hint
+            f"arm {arm.name!r} does not reach all of the {feature.name} in any posture: {describe_rejections(rejected)}",
+            hint=hint,
         )
     return ways_found
 

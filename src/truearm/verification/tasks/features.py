@@ -10,11 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.typing import FloatArray
 from truearm.verification.shapes.circle import fit_circle
 from truearm.verification.shapes.plane import fit_plane
 from truearm.verification.shapes.sphere import fit_sphere
-
-FloatArray = npt.NDArray[np.float64]
 
 UP = np.array([0.0, 0.0, 1.0])
 # No arm's tip is smaller; a size below was meant in metres.

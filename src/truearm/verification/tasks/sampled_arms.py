@@ -14,23 +14,21 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
-from truearm.identification.estimation.propagation import direction_effects
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.readings.readings import Readings
-from truearm.solve.group_evidence import covariance_factor
+from truearm.errors import InputError
+from truearm.identification.estimation.propagation import direction_effects
 from truearm.identification.terms.state import ArmState
 from truearm.identification.virtual.arm import VirtualArm
 from truearm.identification.virtual.presets import Preset
 from truearm.identification.virtual.state import VirtualArmState, at_rest, hand_forces, mean_hand_force
 from truearm.identification.virtual.systematic import ARCSEC
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.readings.readings import Readings
+from truearm.solve.group_evidence import covariance_factor
+from truearm.typing import FloatArray
 
 # First words of streams, so that what is drawn from one seed shares nothing with an arm's errors of that seed.
 _SESSION, _POSTERIOR = 3, 4
@@ -293,7 +291,9 @@ class PosteriorDistribution:
         """(n, n_joints + 3, 3) `unit_displacements` in the size that the unexplained part has at poses (n, n_joints)."""
 
         def found() -> FloatArray:
-            return self.field_std_mm * self.relative_std(angles)[:, :, None] * unit_displacements(self.arm.chain, angles)
+            return (
+                self.field_std_mm * self.relative_std(angles)[:, :, None] * unit_displacements(self.arm.chain, angles)
+            )
 
         return self._once("movements", angles, found)
 

@@ -16,19 +16,19 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.planning.sampling.measuring import inner_limits, check_five_rotary_joints, postures, reach
+from truearm.identification.planning.sampling.measuring import check_five_rotary_joints, inner_limits, postures, reach
 from truearm.identification.planning.sampling.seat import farthest_points
 from truearm.identification.planning.sampling.workspace import azimuth_of, stance, within_cone
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
-from truearm.verification.tasks.sampled_arms import ArmDistribution, ArmSample
+from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Artefacts, CalibratedBar, CalibratedSphere, Seat
 from truearm.verification.standards.decision import ConformityResult, DecisionRule, Verdict
 from truearm.verification.standards.layout import Placement
+from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.verification.standards.specification import Specification
-from truearm.verification.standards.measured_points import PointGroup, MeasuredPoints
-from truearm.verification.shapes.orthogonal_regression import FloatArray
-from truearm.verification.standards.verification_plan import VerificationPlan
 from truearm.verification.standards.verification import Verification, verify
+from truearm.verification.standards.verification_plan import VerificationPlan
+from truearm.verification.tasks.sampled_arms import ArmDistribution, ArmSample
 
 # A group is taken in one posture: the elbow swings and the handle rolls from group to group, little within one.
 SWING_DEG, ROLL_DEG, WITHIN_DEG, NEAR_DEG = 35.0, 60.0, 3.0, 45.0

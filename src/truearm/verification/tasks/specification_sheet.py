@@ -38,20 +38,20 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.workspace import stance
-from truearm.readings.thermal_expansion import REFERENCE_DEGC
-from truearm.verification.tasks.sampled_arms import ArmSample, PresetSample, PresetDistribution
-from truearm.verification.tasks.simulated_verification import PosedTest, pose
-from truearm.verification.standards.artefacts import Artefacts
-from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
-from truearm.verification.standards.layout import ZONES, Placement, lay_out_tests
-from truearm.verification.standards.specification import Specification
-from truearm.verification.standards.verification_plan import VerificationPlan, load_verification_plan
 from truearm.identification.virtual.motions import MotionFunctions
 from truearm.identification.virtual.presets import SHOP, Preset
 from truearm.identification.virtual.state import at_rest, mean_hand_force
 from truearm.identification.virtual.systematic import gravity_of, masses_of
+from truearm.readings.thermal_expansion import REFERENCE_DEGC
+from truearm.typing import FloatArray
+from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
+from truearm.verification.standards.artefacts import Artefacts
+from truearm.verification.standards.layout import ZONES, Placement, lay_out_tests
+from truearm.verification.standards.specification import Specification
+from truearm.verification.standards.verification_plan import VerificationPlan, load_verification_plan
+from truearm.verification.tasks.sampled_arms import ArmSample, PresetDistribution, PresetSample
+from truearm.verification.tasks.simulated_verification import PosedTest, pose
 
-FloatArray = npt.NDArray[np.float64]
 # From errors (n, 3) [mm] at the poses of the tests to results over their limits, by symbol.
 Judge = Callable[[FloatArray], dict[str, float]]
 

@@ -14,14 +14,12 @@ from enum import Enum
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.verification.tasks.sampled_arms import ArmDistribution, ArmSample, PosteriorDistribution
-from truearm.verification.tasks.features import Feature, FeatureQuantity
+from truearm.typing import FloatArray
 from truearm.verification.tasks.feature_postures import feature_postures
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.verification.tasks.features import Feature, FeatureQuantity
+from truearm.verification.tasks.sampled_arms import ArmDistribution, ArmSample, PosteriorDistribution
 
 COVERAGE_PROBABILITY = 0.95
 LEAST_ARMS, MAX_ARMS = 100, 100_000
@@ -262,7 +260,9 @@ def fitness(estimate: Estimate, tolerance_mm: float) -> Fitness:
         raise InputError(f"expected a tolerance above zero in mm, got {tolerance_mm}", hint="0.1 for +-0.05 mm")
     taken = estimate.expanded_mm * (1 if estimate.quantity.is_form else 2)
     ratio = tolerance_mm / taken if taken > 0 else np.inf
-    answer = FitnessDecision.YES if ratio >= GOOD_RATIO else FitnessDecision.NO if ratio <= 1 else FitnessDecision.GUARDED
+    answer = (
+        FitnessDecision.YES if ratio >= GOOD_RATIO else FitnessDecision.NO if ratio <= 1 else FitnessDecision.GUARDED
+    )
     return Fitness(answer, tolerance_mm, float(ratio), max(tolerance_mm - taken, 0.0))
 
 
@@ -271,10 +271,16 @@ def describe_fitness(estimate: Estimate, fit: Fitness) -> str:
     one_sided, wide = estimate.quantity.is_form, fit.tolerance_mm
     zone = f"{wide:g} mm" if one_sided else f"+-{wide / 2:g} mm"
     taken = f"{'T / U' if one_sided else 'T / 2U'} = {fit.ratio:.1f}, U = {estimate.expanded_mm:.4f} mm"
-    said = {FitnessDecision.YES: "Yes", FitnessDecision.NO: "No", FitnessDecision.GUARDED: "Only with guard bands"}[fit.answer]
+    said = {FitnessDecision.YES: "Yes", FitnessDecision.NO: "No", FitnessDecision.GUARDED: "Only with guard bands"}[
+        fit.answer
+    ]
     usual = "" if fit.answer is FitnessDecision.NO else "; 4 is usual"
     if not one_sided:
-        shows = f"Values within +-{fit.acceptance_zone_mm / 2:.4f} mm show" if fit.acceptance_zone_mm > 0 else "No measured value would show"
+        shows = (
+            f"Values within +-{fit.acceptance_zone_mm / 2:.4f} mm show"
+            if fit.acceptance_zone_mm > 0
+            else "No measured value would show"
+        )
         meant = f"{shows} conformity (ISO 14253-1)."
     elif fit.acceptance_zone_mm > 0:
         meant = (

@@ -17,9 +17,16 @@ from truearm.arm.arm import Arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.poses import Poses, checked_count, checked_seed
-from truearm.identification.planning.sampling.workspace import Sector, Stance, azimuth_of, draw_points, joint_origins, stance, within_cone
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.identification.planning.sampling.workspace import (
+    Sector,
+    Stance,
+    azimuth_of,
+    draw_points,
+    joint_origins,
+    stance,
+    within_cone,
+)
+from truearm.typing import FloatArray
 
 END_STOP_MARGIN_RAD = float(np.radians(2.0))
 """Operators are told to keep off the end stops, where the tubes bend and no encoder sees it."""

@@ -6,13 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
-NameArray = npt.NDArray[np.str_]
+from truearm.typing import FloatArray, NameArray
 
 
 @dataclass(frozen=True, eq=False)

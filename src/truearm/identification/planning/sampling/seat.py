@@ -9,11 +9,17 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.planning.sampling.measuring import inner_limits, check_five_rotary_joints, reach
+from truearm.identification.planning.sampling.measuring import check_five_rotary_joints, inner_limits, reach
 from truearm.identification.planning.sampling.poses import Poses, checked_count, checked_seed
-from truearm.identification.planning.sampling.workspace import Sector, Stance, azimuth_of, draw_points, stance, within_cone
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.identification.planning.sampling.workspace import (
+    Sector,
+    Stance,
+    azimuth_of,
+    draw_points,
+    stance,
+    within_cone,
+)
+from truearm.typing import FloatArray
 
 SEAT_SECTOR = Sector(near=0.35, far=0.75, low=-0.25, high=0.25, half_angle_deg=60.0)
 """Seats stand on the table or on posts, where the arm has room to turn about them."""

@@ -9,8 +9,7 @@ from scipy.stats import qmc
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.poses import Poses, checked_count, checked_seed, joint_travel_limits
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 HALF_WIDTH_RAD = float(np.radians(20.0))
 """What the founding paper's experiment must have been: its network leaves the paper's error in a box of this size."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.identification.terms import link_vectors
-
-FloatArray = npt.NDArray[np.float64]
+from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True)
