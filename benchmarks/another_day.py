@@ -20,7 +20,7 @@ from truearm.compensation.models import KinematicModel, PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.virtual import VirtualArm, load_preset
-from truearm.readings import Readings
+from truearm.readings import Session
 
 DAYS = (1, 2, 4)
 MODELS: dict[str, type[IdentifiedModel]] = {"kinematic": KinematicModel, "physical": PhysicalModel}
@@ -30,13 +30,13 @@ SEEDS_A_DAY = 100_000
 LAST_DAY = 999
 
 
-def taken(virtual: VirtualArm, n_readings: int, n_days: int) -> Readings:
+def taken(virtual: VirtualArm, n_readings: int, n_days: int) -> Session:
     """Readings of some days in one set-up."""
     angles = np.array_split(measuring_poses(virtual.nominal, n_readings, seed=virtual.seed).angles, n_days)
     seed = virtual.seed
     days = [virtual.measure(poses, seed=seed + SEEDS_A_DAY * day).readings for day, poses in enumerate(angles)]
     names = ("angles", "points", "point_std", "temperature_degC", "directions")
-    return Readings(**{name: np.concatenate([getattr(day, name) for day in days]) for name in names})
+    return Session(**{name: np.concatenate([getattr(day, name) for day in days]) for name in names})
 
 
 def on_another_day(model: IdentifiedModel, virtual: VirtualArm) -> dict[str, float]:

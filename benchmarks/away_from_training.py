@@ -18,7 +18,7 @@ from truearm import datasets
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.readings import Readings, hold_out
+from truearm.readings import Session, hold_out
 
 MODELS: dict[str, type[IdentifiedModel]] = {
     "nominal": NominalModel,
@@ -29,7 +29,7 @@ JOINTS = (1, 4)
 Figures = dict[str, float]
 
 
-def figures(model: IdentifiedModel, test: Readings) -> Figures:
+def figures(model: IdentifiedModel, test: Session) -> Figures:
     """Mean error [mm], median standard uncertainty of a coordinate [mm], share in the 95 % ellipsoids."""
     points, covariance = model.predict_readings(test, return_cov=True)
     off = points - test.points
@@ -43,7 +43,7 @@ def figures(model: IdentifiedModel, test: Readings) -> Figures:
     }
 
 
-def halves(readings: Readings) -> Iterator[tuple[str, Readings, Readings, Readings]]:
+def halves(readings: Session) -> Iterator[tuple[str, Session, Session, Session]]:
     """Which half teaches; what it teaches, what is held out of it, and the other half."""
     for joint in JOINTS:
         angle = readings.angles[:, joint - 1]

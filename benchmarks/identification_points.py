@@ -15,7 +15,7 @@ from machine import Target
 from truearm import datasets
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
-from truearm.readings import Readings, hold_out
+from truearm.readings import Session, hold_out
 from truearm.typing import BoolArray, FloatArray
 
 SPLITS = {"ur10-a": "position", "ur10-b": "position", "ur5": "row", "wam": "row"}
@@ -55,7 +55,7 @@ class Split:
 
     Attributes
     ----------
-    test : Readings
+    test : Session
         Held out; `session` is each reading's number in the set, from 0.
     seen : dict of str to Seen
         By the name of the model.
@@ -65,7 +65,7 @@ class Split:
         Quarter by the sides of the training medians on which joints 2 and 3 are.
     """
 
-    test: Readings
+    test: Session
     seen: dict[str, Seen]
     ring: npt.NDArray[np.intp]
     quadrant: npt.NDArray[np.intp]
@@ -86,7 +86,7 @@ def split_of(name: str, seed: int) -> Split:
     return Split(test, seen, *quarters(train.angles, test.angles))
 
 
-def squared_lengths(points: FloatArray, covariance: FloatArray, test: Readings) -> FloatArray:
+def squared_lengths(points: FloatArray, covariance: FloatArray, test: Session) -> FloatArray:
     """Squared Mahalanobis lengths (m,) of predicted points, the reference's own uncertainty with them."""
     assert test.points is not None
     if test.point_std is not None:
@@ -233,12 +233,12 @@ def covered_targets(name: str, shares: dict[str, Any]) -> list[Target]:
     ]
 
 
-def _points(readings: Readings) -> FloatArray:
+def _points(readings: Session) -> FloatArray:
     assert readings.points is not None
     return readings.points
 
 
-def _numbers(readings: Readings) -> npt.NDArray[np.intp]:
+def _numbers(readings: Session) -> npt.NDArray[np.intp]:
     """Numbers of the readings in their set, from 0."""
     assert readings.session is not None
     return readings.session.astype(np.intp)

@@ -21,7 +21,7 @@ from truearm.compensation.models.reading_references import references_of, state_
 from truearm.identification.estimation.alignment import place_base_coarsely
 from truearm.identification.estimation.identification import identify
 from truearm.identification.terms import Term, candidate_terms, constants
-from truearm.readings import Readings, hold_out
+from truearm.readings import Session, hold_out
 from truearm.readings.lengths import Lengths
 from truearm.readings.seats import seat_errors
 
@@ -36,7 +36,7 @@ FAMILIES: dict[str, tuple[str, ...]] = {
 ALL = "all candidates"
 
 # Training and test readings of an arm, and the lengths known at the training.
-Task = tuple[Arm, Readings, Readings, Lengths | None]
+Task = tuple[Arm, Session, Session, Lengths | None]
 
 
 def family(term: Term) -> str:
@@ -59,7 +59,7 @@ def subsets() -> dict[str, tuple[tuple[str, ...], int]]:
     }
 
 
-def error_of(task: Task, terms_of: Callable[[Readings, tuple[str, ...]], list[Term]]) -> float:
+def error_of(task: Task, terms_of: Callable[[Session, tuple[str, ...]], list[Term]]) -> float:
     """Mean error on the test readings [mm]: to their points, or to the means of their seats."""
     arm, train, test, lengths = task
     free = ("base", "tip") if train.has_point.any() else ("tip",)
@@ -75,7 +75,7 @@ def error_of(task: Task, terms_of: Callable[[Readings, tuple[str, ...]], list[Te
 
 
 def chosen_terms(
-    arm: Arm, families: tuple[str, ...], highest: int, train: Readings, free: tuple[str, ...]
+    arm: Arm, families: tuple[str, ...], highest: int, train: Session, free: tuple[str, ...]
 ) -> list[Term]:
     """Constants and the candidates of some families."""
     offered = candidate_terms(state_of(arm, train), free=free, highest=max(highest, 1))[0]
@@ -83,7 +83,7 @@ def chosen_terms(
     return [*constants(arm.chain, free=free), *(term for term in offered if family(term) in wanted)]
 
 
-def all_terms(arm: Arm, train: Readings, free: tuple[str, ...]) -> list[Term]:
+def all_terms(arm: Arm, train: Session, free: tuple[str, ...]) -> list[Term]:
     """All candidates, as the physical model takes them."""
     return candidate_terms(state_of(arm, train), free=free)[0]
 

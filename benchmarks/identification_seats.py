@@ -16,7 +16,7 @@ from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.reading_references import state_of
-from truearm.readings import Readings
+from truearm.readings import Session
 from truearm.readings.lengths import Lengths
 from truearm.readings.seats import length_errors, seat_errors
 from truearm.typing import FloatArray
@@ -85,7 +85,7 @@ def left_out(robot: str, train: tuple[str, ...], test: tuple[str, ...]) -> list[
     return found
 
 
-def squared_in_seats(model: IdentifiedModel, readings: Readings) -> FloatArray:
+def squared_in_seats(model: IdentifiedModel, readings: Session) -> FloatArray:
     """Squared Mahalanobis lengths of deviations from the means of seats, (m,).
 
     The mean of a seat takes its share of every reading's uncertainty along: the parameters' part is that of the

@@ -13,7 +13,7 @@ from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.refit import refit
-from truearm.readings import Readings
+from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray
 
 ROWS = 20
@@ -76,7 +76,7 @@ def parts(away: BoolArray) -> dict[str, BoolArray]:
     return {"all": np.ones_like(away), "where A has readings": ~away, "all other rows, flagged": away}
 
 
-def points_of(readings: Readings) -> FloatArray:
+def points_of(readings: Session) -> FloatArray:
     """Reference points of readings that all have one [mm]."""
     assert readings.points is not None
     return readings.points

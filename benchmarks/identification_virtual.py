@@ -15,7 +15,7 @@ from truearm.compensation.models import KinematicModel, NominalModel, PhysicalMo
 from truearm.identification.estimation.alignment import align
 from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
-from truearm.readings import Readings, point_errors
+from truearm.readings import Session, point_errors
 from truearm.readings.lengths import Lengths
 from truearm.typing import FloatArray
 
@@ -108,7 +108,7 @@ def virtual_coverage(seeds: int) -> dict[str, dict[str, Any]]:
     return shares
 
 
-def seats_and_bar(seed: int) -> tuple[Readings, Lengths]:
+def seats_and_bar(seed: int) -> tuple[Session, Lengths]:
     """Readings in seats, and a bar between the two that are farthest apart."""
     arm = load_arm(ARM)
     poses = STRATEGIES["seat"](arm, SEATS * POSES_IN_SEAT, seed=TRAIN + seed, seats=SEATS)
@@ -231,7 +231,7 @@ def b4_errors(seed: int) -> dict[str, Any]:
         return true.tip_in_base(angles + 0.2e-3 * np.cos(angles + phase))
 
     train, test = (rng.uniform(-ranges, ranges, (m, n)) for m in (1000, 2000))
-    readings = Readings(train, tips(train) + 0.01 * rng.standard_normal((1000, 3)))
+    readings = Session(train, tips(train) + 0.01 * rng.standard_normal((1000, 3)))
     found: dict[str, Any] = {}
     for label, kind in MODELS.items():
         model = kind(arm).fit_readings(readings)

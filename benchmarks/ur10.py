@@ -16,7 +16,7 @@ from machine import Target, options_of, print_json, print_table, say_machine, sa
 from truearm import datasets
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel
-from truearm.readings import Readings, hold_out, point_errors
+from truearm.readings import Session, hold_out, point_errors
 
 SPLITS = {"ur10-a": "position", "ur10-b": "position", "ur5": "row", "wam": "row"}
 MODELS = {"nominal": NominalModel, "kinematic": KinematicModel}
@@ -25,7 +25,7 @@ FIGURES = ("mean_mm", "p95_mm", "max_mm")
 Errors = dict[str, dict[str, float]]  # of each model, each figure [mm]
 
 
-def held_out_errors(name: str, readings: Readings, seed: int) -> Errors:
+def held_out_errors(name: str, readings: Session, seed: int) -> Errors:
     """Errors of both models on what one split holds out [mm]."""
     train, test = hold_out(readings, by=SPLITS[name], fraction=0.3, seed=seed)
     arm = load_arm(datasets.DATASETS[name].arm)

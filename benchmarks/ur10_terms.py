@@ -24,7 +24,7 @@ from truearm.identification.estimation.joint_errors import JointError, joint_err
 from truearm.identification.estimation.outliers import outliers
 from truearm.identification.terms import GravityTorque
 from truearm.pages.figures import save_png
-from truearm.readings import Readings
+from truearm.readings import Session
 
 ARCSEC = np.degrees(1.0) * 3600
 SERIES = {"July 2020": "ur10-a", "November 2020": "ur10-b"}
@@ -32,7 +32,7 @@ TOLD_ARCSEC = 25.0  # curves are compared where both are known as well
 LEAST_SHARED = 100  # of 2400 angles
 LINES = (128, 256, 512)
 
-Fitted = tuple[PhysicalModel, Readings]
+Fitted = tuple[PhysicalModel, Session]
 
 
 def fitted(name: str) -> Fitted:

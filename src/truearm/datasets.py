@@ -21,7 +21,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.readings.files import AngleUnit
 from truearm.readings.lengths import Lengths
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.readings.tables import JointScale, TableColumns, import_table
 
 Source = Literal["ipa_ur10_leica", "tsinghua_ur5_wam", "mukca_ball_socket"]
@@ -72,11 +72,11 @@ class DataSet:
     title: str
     arm: str
     angle_unit: AngleUnit
-    load: Callable[[], Readings]
+    load: Callable[[], Session]
     lengths: Callable[[], Lengths] | None = None
 
 
-def load_readings(name: str) -> Readings:
+def load_readings(name: str) -> Session:
     """Load a set by its name in `DATASETS`."""
     return _named(name).load()
 
@@ -87,7 +87,7 @@ def load_lengths(name: str) -> Lengths | None:
     return None if lengths is None else lengths()
 
 
-def load_ur10_leica(series: Literal["A", "B"]) -> Readings:
+def load_ur10_leica(series: Literal["A", "B"]) -> Session:
     """Load the UR10 measured by a laser tracker (Fraunhofer IPA).
 
     Parameters
@@ -98,7 +98,7 @@ def load_ur10_leica(series: Literal["A", "B"]) -> Readings:
 
     Returns
     -------
-    Readings
+    Session
         Joint angles, points in the tracker's frame, temperature; `position` is the goal x, y, z [m].
     """
     if series not in ("A", "B"):
@@ -120,33 +120,33 @@ def load_ur10_leica(series: Literal["A", "B"]) -> Readings:
     )
 
 
-def load_ur5() -> Readings:
+def load_ur5() -> Session:
     """Load the UR5 measured by a laser tracker (Tsinghua University): 1000 readings, each its own position.
 
     The publisher gives differences from the targets without their sign; here they are added, as for the WAM.
 
     Returns
     -------
-    Readings
+    Session
         Commanded angles; points in the robot's base frame as its nominal kinematics has it.
     """
     return _load_tsinghua("ur5", 6)
 
 
-def load_wam() -> Readings:
+def load_wam() -> Session:
     """Load the Barrett WAM measured by a laser tracker (Tsinghua University): 216 readings, each its own position.
 
     The publisher gives differences from the targets without their sign; added, they let the arm hang low, as it must.
 
     Returns
     -------
-    Readings
+    Session
         Commanded angles; points in the robot's base frame as its nominal kinematics has it.
     """
     return _load_tsinghua("wam", 7)
 
 
-def load_mukca(robot: MukcaRobot, *positions: str) -> Readings:
+def load_mukca(robot: MukcaRobot, *positions: str) -> Session:
     """Load a hand-guided ball held in sockets (TU Delft, MUKCa): angles and seats, no reference points.
 
     The two sockets of one tool position are 50 mm apart: `load_mukca_lengths`.
@@ -160,7 +160,7 @@ def load_mukca(robot: MukcaRobot, *positions: str) -> Readings:
 
     Returns
     -------
-    Readings
+    Session
         `seat` is ``robot/position/hole_0`` or ``hole_1``, `position` is ``robot/position``.
     """
     folder = fetch(f"mukca-{robot}")
@@ -172,7 +172,7 @@ def load_mukca(robot: MukcaRobot, *positions: str) -> Readings:
             part = import_table(folder / position / f"{hole}.csv", columns, JointScale("rad"), header=False)
             angles.append(part.angles)
             seats += [f"{robot}/{position}/{hole}"] * len(part)
-    return Readings(
+    return Session(
         np.concatenate(angles), seat=np.array(seats), position=np.array([s.rpartition("/")[0] for s in seats])
     )
 
@@ -300,7 +300,7 @@ def _named(name: str) -> DataSet:
     return DATASETS[name]
 
 
-def _load_tsinghua(name: str, n_joints: int) -> Readings:
+def _load_tsinghua(name: str, n_joints: int) -> Session:
     path, targets = fetch(name), ("x_t", "y_t", "z_t")
     joints = [f"joint_{i + 1}" for i in range(n_joints)]
     target = import_table(path, TableColumns(joints, targets, position=targets), JointScale("deg"))

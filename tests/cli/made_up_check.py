@@ -14,7 +14,7 @@ from truearm.compensation.models.model_file import save_model
 from truearm.identification.planning.candidates import bar_places
 from truearm.identification.planning.sampling import measuring_poses, seat
 from truearm.identification.virtual import VirtualArm, load_preset
-from truearm.readings import Readings, write_session
+from truearm.readings import Session, write_session
 
 ARM, BAR_MM, SPHERE_MM = "measuring7", 600.0, 25.0
 ELBOW = 3  # the joint whose zero creeps, counted from 0
@@ -59,7 +59,7 @@ def bench() -> Bench:
     )
 
 
-def session(day: int, *, creep_arcsec: float = 0.0) -> Readings:
+def session(day: int, *, creep_arcsec: float = 0.0) -> Session:
     """The readings of a day: poses a little different each time, the elbow's zero off by `creep_arcsec`."""
     made, rng = bench(), np.random.default_rng([11, day])
     poses = made.angles + np.radians(rng.uniform(-1.5, 1.5, made.angles.shape))

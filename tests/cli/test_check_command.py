@@ -17,7 +17,7 @@ from made_up_check import ARM, LENGTHS, session, virtual, write_days, write_mode
 from truearm.compensation.models import KinematicModel
 from truearm.compensation.models.compensator import fingerprint
 from truearm.compensation.models.model_file import load_model, save_model
-from truearm.readings import Readings, read_lengths, read_session, write_session
+from truearm.readings import Session, read_lengths, read_session, write_session
 from truearm.verification import history as truearm_history
 from truearm.verification.monitor.history import History
 from truearm.verification.monitor.interim import InterimCheck, RecalibrationAdvice, assess, interim_values
@@ -368,7 +368,7 @@ def test_a_check_that_is_interrupted_is_not_added(truearm, folder, snapshot, mon
 
 def misnamed(folder):
     today = session(27)
-    write_session(Readings(today.angles, seat=np.where(today.seat == "", "cone", today.seat)), "day26.csv")
+    write_session(Session(today.angles, seat=np.where(today.seat == "", "cone", today.seat)), "day26.csv")
 
 
 REFUSED = {

@@ -11,7 +11,7 @@ import pytest
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.compensation.models.model_file import save_model
-from truearm.readings import Readings, seat_errors, write_session
+from truearm.readings import Session, seat_errors, write_session
 
 POINT_KEYS = {
     *("mean_mm", "rms_mm", "p95_mm", "max_mm", "mean_abs_coordinate_mm", "max_abs_coordinate_mm"),
@@ -51,7 +51,7 @@ def session(tmp_path):
     """Write a session file."""
 
     def write(angles, *, name="s.csv", **fields):
-        write_session(Readings(angles, **fields), tmp_path / name)
+        write_session(Session(angles, **fields), tmp_path / name)
         return tmp_path / name
 
     return write

@@ -13,7 +13,7 @@ from truearm.compensation.models.model_file import load_model
 from truearm.identification.planning import proposal
 from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.readings import Lengths, write_lengths, write_session
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 
 QUICK = ("--terms", "constants")
 
@@ -123,7 +123,7 @@ def test_readings_taken_count_and_their_seats_keep_their_names(truearm, tmp_path
     first = json.loads(truearm(*arguments, "--out", tmp_path / "a.csv").out)
     angles, seat = aims(tmp_path / "a.csv")
     assert sorted(set(seat.tolist())) == ["S1", "S2"]
-    write_session(Readings(angles, seat=seat), tmp_path / "taken.csv")
+    write_session(Session(angles, seat=seat), tmp_path / "taken.csv")
     then = json.loads(truearm(*arguments, "--taken", tmp_path / "taken.csv", "--out", tmp_path / "b.csv").out)
     # The aims are rounded to a tenth of a degree.
     assert then["before_mm"] == pytest.approx(first["after_mm"], rel=0.05)

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
-from truearm.readings import Readings, hold_out, read_session
+from truearm.readings import Session, hold_out, read_session
 
 
 def readings_of(names, by="position"):
-    return Readings(np.arange(len(names), dtype=float)[:, None], **{by: np.array(names, dtype=np.str_)})
+    return Session(np.arange(len(names), dtype=float)[:, None], **{by: np.array(names, dtype=np.str_)})
 
 
 @settings(deadline=None)
@@ -41,7 +41,7 @@ def test_the_seed_decides():
 
 
 def test_rows_are_their_own_groups():
-    train, test = hold_out(Readings(np.arange(10.0)[:, None]), by="row", fraction=0.2, seed=0)
+    train, test = hold_out(Session(np.arange(10.0)[:, None]), by="row", fraction=0.2, seed=0)
     assert (len(train), len(test)) == (8, 2)
 
 
@@ -67,7 +67,7 @@ def test_a_split_keeps_what_else_is_known_of_a_reading():
     n = 8
     points = np.arange(3.0 * n).reshape(n, 3)
     points[::2] = np.nan
-    whole = Readings(
+    whole = Session(
         np.arange(n, dtype=float)[:, None],
         points,
         seat=np.array(["", "A"] * 4),

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from truearm.errors import InputError
 from truearm.readings import (
     Lengths,
-    Readings,
+    Session,
     check_angles,
     check_fit,
     check_reach,
@@ -84,7 +84,7 @@ def test_a_model_of_relations_needs_something_known_of_some_tips(tmp_path):
     error = refusal(session(tmp_path, ["1,2,", "3,4,"], header="q1_deg,q2_deg,seat\n"), relations=True)
     assert "no reference at all (points, seats" in error.problem
     assert "column seat" in error.hint
-    turned = Readings(np.zeros((2, 2)), quaternion=[[1, 0, 0, 0], [np.nan] * 4], line=np.array(["", ""]))
+    turned = Session(np.zeros((2, 2)), quaternion=[[1, 0, 0, 0], [np.nan] * 4], line=np.array(["", ""]))
     assert has_reference(turned).tolist() == [True, False]
 
 
@@ -123,19 +123,19 @@ def test_prediction_keeps_to_the_limits_too(tmp_path):
 
 
 def test_limits_of_a_sliding_joint_are_said_in_mm():
-    readings = Readings([[0.0, 120.0], [1.0, 2.0]], np.eye(3)[:2])
+    readings = Session([[0.0, 120.0], [1.0, 2.0]], np.eye(3)[:2])
     error = refusal(readings, min_rows=2, upper=np.array([np.pi, 100.0]), prismatic=[False, True])
     assert "elbow is at 120 mm in reading 1, outside its limits" in error.problem
     assert ".. 100 mm" in error.problem
 
 
 def test_rounding_does_not_pass_a_limit():
-    readings = Readings([[np.pi * (1 + 1e-9), 0.1], [0.0, 0.2]], np.eye(3)[:2])
+    readings = Session([[np.pi * (1 + 1e-9), 0.1], [0.0, 0.2]], np.eye(3)[:2])
     check(readings, min_rows=2)
 
 
 def test_infinite_limits_are_no_limits():
-    check(Readings([[900.0, 0.1], [0.0, 0.2]], np.eye(3)[:2]), min_rows=2, upper=np.array([np.inf, 2.0]))
+    check(Session([[900.0, 0.1], [0.0, 0.2]], np.eye(3)[:2]), min_rows=2, upper=np.array([np.inf, 2.0]))
 
 
 def test_a_joint_that_never_moves_is_named(tmp_path):
@@ -163,7 +163,7 @@ def test_the_same_angles_may_be_measured_twice(tmp_path):
 
 
 def test_readings_without_a_file_go_by_number():
-    error = refusal(Readings([[0.1, 0.2], [0.3, 0.4], [0.1, 0.2]], [[1, 2, 3], [4, 5, 6], [1, 2, 3]]))
+    error = refusal(Session([[0.1, 0.2], [0.3, 0.4], [0.1, 0.2]], [[1, 2, 3], [4, 5, 6], [1, 2, 3]]))
     assert "reading 1 and reading 3" in error.problem
     assert error.line is None
 
@@ -172,14 +172,14 @@ def test_points_that_no_single_arm_can_have_touched(rng):
     """Points of an arm lie within two reaches of each other; a metre taken for a millimetre does not."""
     points = rng.uniform(-1000, 1000, (20, 3)) + [1e5, 0, 0]  # the frame may be anywhere
     angles = rng.uniform(-1, 1, (20, 2))
-    check_reach(Readings(angles, points), reach=1000.0)
-    check_reach(Readings(angles), reach=1000.0)
+    check_reach(Session(angles, points), reach=1000.0)
+    check_reach(Session(angles), reach=1000.0)
     points[3] = np.nan
-    check_reach(Readings(angles, points), reach=1000.0)
+    check_reach(Session(angles, points), reach=1000.0)
     points[7, 1] = 4.2e6
     with pytest.raises(InputError, match=r"4\.2e\+06 mm from the middle of all.*1 of 19 readings"):
-        check_reach(Readings(angles, points), reach=1000.0)
-    far = Readings(angles, points, file=Path("s.csv"), first_line=2)
+        check_reach(Session(angles, points), reach=1000.0)
+    far = Session(angles, points, file=Path("s.csv"), first_line=2)
     with pytest.raises(InputError, match=r"s\.csv, line 9: the reference point lies") as caught:
         check_reach(far, reach=1000.0)
     assert caught.value.hint == "check the unit of the points, or delete the reading"
@@ -190,10 +190,10 @@ def test_points_of_several_sessions_lie_together_session_by_session(rng):
     points, angles = rng.uniform(-1000, 1000, (20, 3)), rng.uniform(-1, 1, (20, 2))
     points[12:] += 1e5
     session = np.where(np.arange(20) < 12, "May", "June")
-    check_reach(Readings(angles, points, session=session), reach=1000.0)
+    check_reach(Session(angles, points, session=session), reach=1000.0)
     session[12] = "May"
     with pytest.raises(InputError, match=r"reference point of reading 13 .*1 of 20 readings"):
-        check_reach(Readings(angles, points, session=session), reach=1000.0)
+        check_reach(Session(angles, points, session=session), reach=1000.0)
 
 
 @settings(deadline=None, max_examples=60)
@@ -203,7 +203,7 @@ def test_a_place_is_of_one_session(rows):
     names, session = (np.array([row[i].strip() for row in rows]) for i in (0, 1))
     in_two = any(len(set(session[names == name])) > 1 for name in set(names) - {""})
     for kind in ("seat", "sphere", "plane", "line"):
-        readings = Readings(np.zeros((len(rows), 2)), session=session, **{kind: names})
+        readings = Session(np.zeros((len(rows), 2)), session=session, **{kind: names})
         if in_two:
             with pytest.raises(
                 InputError, match=f"{kind} '.*, between which the base or the reference moved"
@@ -216,12 +216,12 @@ def test_a_place_is_of_one_session(rows):
         check_sessions(replace(readings, session=None))
         check_sessions(replace(readings, points=np.zeros((len(rows), 3))), own_frame=True)
     with pytest.raises(InputError, match="seat") if in_two else nullcontext():  # without points nothing says where
-        check_sessions(Readings(np.zeros((len(rows), 2)), session=session, seat=names), own_frame=True)
+        check_sessions(Session(np.zeros((len(rows), 2)), session=session, seat=names), own_frame=True)
 
 
 def test_a_length_lies_within_a_session(tmp_path):
     seat, names = np.array(["a", "b", "c", "d"]), np.array(["s", "s", "t", ""])
-    readings = Readings(np.zeros((4, 2)), np.zeros((4, 3)), seat=seat, session=names)
+    readings = Session(np.zeros((4, 2)), np.zeros((4, 3)), seat=seat, session=names)
     check_sessions(readings, Lengths(["a"], ["b"], [100.0], [0.01]))
     check_sessions(readings, Lengths(["x"], ["b"], [100.0], [0.01]))  # of another part of the measurements
     for other, said in (("c", "in session 't'"), ("d", "in a reading that names no session")):
@@ -239,12 +239,12 @@ def test_a_length_lies_within_a_session(tmp_path):
 
 
 def test_no_joint_turns_without_end_however_free_it_is():
-    readings = Readings([[0.0], [1e7]])
+    readings = Session([[0.0], [1e7]])
     with pytest.raises(InputError, match="outside its limits"):
         check_angles(readings, joint_names=["J1"], lower=[-np.inf], upper=[np.inf])
 
 
 def test_a_reference_that_never_moves():
-    readings = Readings(np.linspace([0.0, 0.0], [1.0, 2.0], 6), np.full((6, 3), 5.0))
+    readings = Session(np.linspace([0.0, 0.0], [1.0, 2.0], 6), np.full((6, 3), 5.0))
     with pytest.raises(InputError, match="all 6 readings have the same reference point, though the joints move"):
         check_fit(readings, joint_names=["J1", "J2"], lower=[-9, -9], upper=[9, 9], min_rows=4)

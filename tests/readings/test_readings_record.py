@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.readings import Readings
+from truearm.readings import Session
 
 GAP = [[1.0, 2.0, 3.0], [np.nan] * 3, [4.0, 5.0, 6.0]]
 
@@ -44,12 +44,12 @@ GAP = [[1.0, 2.0, 3.0], [np.nan] * 3, [4.0, 5.0, 6.0]]
 )
 def test_fields_that_do_not_fit_are_refused(fields, said):
     with pytest.raises(InputError, match=said):
-        Readings(**({"angles": np.zeros((3, 1))} | fields))
+        Session(**({"angles": np.zeros((3, 1))} | fields))
 
 
 def test_rows_select_every_field_and_forget_the_file():
     names = np.array(["a", "b", "c"])
-    whole = Readings(
+    whole = Session(
         np.arange(6.0).reshape(3, 2),
         np.ones((3, 3)),
         seat=names,
@@ -75,9 +75,9 @@ def test_rows_select_every_field_and_forget_the_file():
 
 
 def test_a_reading_without_a_point_is_known_as_such():
-    readings = Readings(np.zeros((3, 1)), GAP, point_std=GAP)
+    readings = Session(np.zeros((3, 1)), GAP, point_std=GAP)
     assert readings.has_point.tolist() == [True, False, True]
-    assert Readings(np.zeros((2, 1))).has_point.tolist() == [False, False]
+    assert Session(np.zeros((2, 1))).has_point.tolist() == [False, False]
     none = readings.rows([1])
     assert none.points is None
     assert none.point_std is None
@@ -88,15 +88,15 @@ def test_a_reading_without_a_point_is_known_as_such():
 def test_a_rounded_quaternion_is_made_one_and_an_exact_one_stays_as_it_is():
     rounded = [0.71, 0.0, 0.71, 0.0]
     exact = [0.6, 0.0, 0.8, 0.0]
-    readings = Readings(np.zeros((3, 1)), quaternion=[rounded, exact, [np.nan] * 4])
+    readings = Session(np.zeros((3, 1)), quaternion=[rounded, exact, [np.nan] * 4])
     # 0.71 / sqrt(2 0.71^2) is sqrt(1/2), right to a few units in the last place of a double.
     np.testing.assert_allclose(readings.quaternion[0], np.sqrt([0.5, 0, 0.5, 0]), rtol=1e-15)
     np.testing.assert_array_equal(readings.quaternion[1:], [exact, [np.nan] * 4])
-    assert Readings(np.zeros((1, 1)), quaternion=[[np.nan] * 4]).quaternion is None
+    assert Session(np.zeros((1, 1)), quaternion=[[np.nan] * 4]).quaternion is None
 
 
 def test_a_message_names_the_line_where_there_is_one():
-    in_file = Readings([[1.0], [2.0]], file=Path("s.csv"), first_line=2)
+    in_file = Session([[1.0], [2.0]], file=Path("s.csv"), first_line=2)
     assert in_file.label(1) == "line 3"
     assert in_file.error("odd", 1).line == 3
-    assert Readings([[1.0]]).label(0) == "reading 1"
+    assert Session([[1.0]]).label(0) == "reading 1"

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from truearm.errors import InputError, TruearmError
 from truearm.files import delimited
-from truearm.readings import Readings, files, read_session, write_session
+from truearm.readings import Session, files, read_session, write_session
 
 HEADER = "q1_deg,q2_deg,x_mm,y_mm,z_mm\n"
 GOOD = HEADER + "10,20,1,2,3\n-30,40.5,4,5,6\n"
@@ -40,7 +40,7 @@ NAMES = ("seat", "sphere", "plane", "line", "position", "session")
 
 
 @st.composite
-def any_readings(draw: st.DrawFn) -> Readings:
+def any_readings(draw: st.DrawFn) -> Session:
     n, joints = draw(st.integers(1, 5)), draw(st.integers(1, 7))
     name = st.lists(words, min_size=n, max_size=n).map(np.array)
     gone = draw(arrays(bool, (n,)))
@@ -56,7 +56,7 @@ def any_readings(draw: st.DrawFn) -> Readings:
     loads = st.dictionaries(
         st.from_regex(r"load_[a-zA-Z0-9_.-]{1,5}", fullmatch=True), arrays(float, (n,), elements=finite), max_size=3
     )
-    return Readings(
+    return Session(
         draw(arrays(float, (n, joints), elements=finite)),
         points,
         point_std=std,
@@ -68,7 +68,7 @@ def any_readings(draw: st.DrawFn) -> Readings:
     )
 
 
-def assert_same(found: Readings, given: Readings, *, angle_rtol: float) -> None:
+def assert_same(found: Session, given: Session, *, angle_rtol: float) -> None:
     np.testing.assert_allclose(found.angles, given.angles, rtol=angle_rtol, atol=0)
     for name in ("points", "point_std", "temperature_degC", "quaternion", "directions", *NAMES):
         here, there = getattr(found, name), getattr(given, name)
@@ -96,7 +96,7 @@ def test_what_is_written_comes_back(tmp_path_factory, readings, suffix, unit, rt
 
 def test_degrees_are_written_unless_asked_otherwise(tmp_path):
     path = tmp_path / "s.csv"
-    write_session(Readings(np.radians([[90.0, -45.0]])), path)
+    write_session(Session(np.radians([[90.0, -45.0]])), path)
     assert path.read_text() == "q1_deg,q2_deg\n90.0,-45.0\n"
 
 
@@ -117,7 +117,7 @@ def test_a_part_of_a_file_is_written_in_the_units_of_the_file(tmp_path):
 
 def test_sliding_joints_are_written_in_mm(tmp_path):
     path = tmp_path / "s.csv"
-    write_session(Readings([[np.pi, 7.0]]), path, prismatic=[False, True])
+    write_session(Session([[np.pi, 7.0]]), path, prismatic=[False, True])
     assert path.read_text() == "q1_deg,q2_mm\n180.0,7.0\n"
 
 
@@ -496,7 +496,7 @@ def test_without_pyarrow_the_message_says_what_to_install(tmp_path, monkeypatch)
 
     monkeypatch.setattr(files.importlib, "import_module", missing)
     with pytest.raises(InputError, match=r"pip install 'truearm\[parquet\]'"):
-        write_session(Readings([[1.0]]), tmp_path / "s.parquet")
+        write_session(Session([[1.0]]), tmp_path / "s.parquet")
     assert not list(tmp_path.iterdir())
 
 
@@ -516,21 +516,21 @@ def test_a_failure_while_writing_leaves_what_was_there(tmp_path, monkeypatch, su
     else:
         monkeypatch.setattr(importlib.import_module("pyarrow.parquet"), "write_table", full)
     with pytest.raises(TruearmError, match=f"{path.name}: the file cannot be written .No space left on device."):
-        write_session(Readings([[1.0]]), path)
+        write_session(Session([[1.0]]), path)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
     assert path.read_text() == "before"
 
 
 def test_names_with_line_breaks_and_unknown_file_types_are_not_written(tmp_path):
     with pytest.raises(InputError, match="a seat must be one line of text") as caught:
-        write_session(Readings([[1.0]], seat=np.array(["a\nb"])), tmp_path / "s.csv")
+        write_session(Session([[1.0]], seat=np.array(["a\nb"])), tmp_path / "s.csv")
     assert caught.value.column == "seat"
     with pytest.raises(InputError, match=r"ends in \.csv or \.parquet, got 's.xlsx'"):
-        write_session(Readings([[1.0]]), tmp_path / "s.xlsx")
+        write_session(Session([[1.0]]), tmp_path / "s.xlsx")
     with pytest.raises(InputError, match="expected 1 joint types"):
-        write_session(Readings([[1.0]]), tmp_path / "s.csv", prismatic=[True, False])
+        write_session(Session([[1.0]]), tmp_path / "s.csv", prismatic=[True, False])
     with pytest.raises(InputError, match="deg or rad"):
-        write_session(Readings([[1.0]]), tmp_path / "s.csv", angle_unit="gon")
+        write_session(Session([[1.0]]), tmp_path / "s.csv", angle_unit="gon")
     assert not list(tmp_path.iterdir())
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.readings import Readings, read_session, write_session
+from truearm.readings import Session, read_session, write_session
 
 HEADER = "q1_deg,q2_deg,sphere,sphere_distance_mm,u_sphere_distance_mm\n"
 ROWS = ["1,2,ball,28.001,0.0005", "3,4,ball,28.001,0.0005", "5,6,other,,", "7,8,,,"]
@@ -55,6 +55,6 @@ def test_columns_that_do_not_fit_are_refused(tmp_path):
         read_session(written(tmp_path, ["1,2,b,28"], "q1_deg,q2_deg,sphere,sphere_distance\n"))
     assert caught.value.hint == "sphere_distance_mm"
     with pytest.raises(InputError, match=r"sphere_distance of shape \(1, 2\)"):
-        Readings(np.zeros((1, 2)), sphere=["b"], sphere_distance=[[1.0]])
+        Session(np.zeros((1, 2)), sphere=["b"], sphere_distance=[[1.0]])
     with pytest.raises(InputError, match="distance and uncertainty or none"):
-        Readings(np.zeros((1, 2)), sphere=["b"], sphere_distance=[[1.0, np.nan]])
+        Session(np.zeros((1, 2)), sphere=["b"], sphere_distance=[[1.0, np.nan]])

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.readings import Readings, stratified_rows
+from truearm.readings import Session, stratified_rows
 
 
 def readings(n, **names):
     rng = np.random.default_rng(0)
     points = names.pop("points", rng.normal(size=(n, 3)))
-    return Readings(rng.normal(size=(n, 2)), points, **{k: np.array(v) for k, v in names.items()})
+    return Session(rng.normal(size=(n, 2)), points, **{k: np.array(v) for k, v in names.items()})
 
 
 def test_one_of_each_position_before_a_second_of_any():

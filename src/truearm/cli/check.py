@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from truearm.compensation.models import Compensator
-    from truearm.readings import Lengths, Readings
+    from truearm.readings import Lengths, Session
     from truearm.typing import BoolArray
     from truearm.verification.monitor.history import OtherModel
     from truearm.verification.monitor.interim import Assessment, CheckValue, InterimCheck, Trend
@@ -115,7 +115,7 @@ def _same(checks: Sequence[InterimCheck], new: InterimCheck) -> str:
     return f"this session is check {number + 1} of {format_date(checks[number].date)} in the history already"
 
 
-def _readings(model: Path, session: Path) -> tuple[Compensator, Readings]:
+def _readings(model: Path, session: Path) -> tuple[Compensator, Session]:
     from truearm.cli.predict import load_for
 
     fitted, readings = load_for(model, session)
@@ -127,7 +127,7 @@ def _readings(model: Path, session: Path) -> tuple[Compensator, Readings]:
     return fitted, readings
 
 
-def _note_lone(readings: Readings, lengths: Lengths | None) -> None:
+def _note_lone(readings: Session, lengths: Lengths | None) -> None:
     """Name seats of one reading, which say nothing: they are often another seat's, misspelt."""
     from collections import Counter
     from difflib import get_close_matches
@@ -142,7 +142,7 @@ def _note_lone(readings: Readings, lengths: Lengths | None) -> None:
         print_status(f"seat {name!r} has one reading, which is left out{meant}")
 
 
-def _values(fitted: Compensator, readings: Readings, lengths: Path | None) -> tuple[CheckValue, ...]:
+def _values(fitted: Compensator, readings: Session, lengths: Path | None) -> tuple[CheckValue, ...]:
     """The test values of the points that the model makes of the readings."""
     import numpy as np
 
@@ -170,7 +170,7 @@ def _values(fitted: Compensator, readings: Readings, lengths: Path | None) -> tu
         raise error.in_file(readings.file) if readings.file is not None and error.file is None else error from None
 
 
-def _temperature(readings: Readings) -> float | None:
+def _temperature(readings: Session) -> float | None:
     return None if readings.temperature_degC is None else float(readings.temperature_degC.mean())
 
 

@@ -10,7 +10,7 @@ import typer
 from truearm.cli.console import Json, print_json, print_line, print_table, progress
 
 if TYPE_CHECKING:
-    from truearm.readings import Lengths, Readings
+    from truearm.readings import Lengths, Session
     from truearm.typing import FloatArray
 
 
@@ -72,7 +72,7 @@ def evaluate(
         print_line(remark)
 
 
-def _in_seats(points: FloatArray, readings: Readings, known: Lengths | None) -> dict[str, Any]:
+def _in_seats(points: FloatArray, readings: Session, known: Lengths | None) -> dict[str, Any]:
     """Errors of predicted points in the session's seats, as far as it has seats with two readings, and of lengths."""
     import numpy as np
 

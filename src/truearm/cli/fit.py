@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from truearm.compensation.models.network import Member
     from truearm.compensation.models.selection import ModelScore
     from truearm.identification.estimation.outliers import LengthOutlier
-    from truearm.readings import ErrorComparison, Lengths, Readings
+    from truearm.readings import ErrorComparison, Lengths, Session
 
 # Below so many readings a kinematic model's training error says little: it has some 50 constants, 27 of them
 # determined.
@@ -204,7 +204,7 @@ class Kept:
             ) from None
 
 
-def _check(readings: Readings, arm: Arm, *, relations: bool, constants: bool) -> None:
+def _check(readings: Session, arm: Arm, *, relations: bool, constants: bool) -> None:
     from truearm.compensation.models.compensator import MIN_ROWS
     from truearm.readings import check_fit, check_reach
 
@@ -221,7 +221,7 @@ def _check(readings: Readings, arm: Arm, *, relations: bool, constants: bool) ->
     check_reach(readings, reach=arm.chain.reach)
 
 
-def lengths_of(path: Path, readings: Readings, used: Readings | None = None) -> Lengths | None:
+def lengths_of(path: Path, readings: Session, used: Session | None = None) -> Lengths | None:
     """The lengths of a file that are between the session's seats, and between those of the readings used of it.
 
     Names are checked on all readings: those used need not be in all seats.
@@ -252,7 +252,7 @@ def lengths_of(path: Path, readings: Readings, used: Readings | None = None) -> 
     return within
 
 
-def as_measured(lengths: Lengths | None, readings: Readings) -> Lengths | None:
+def as_measured(lengths: Lengths | None, readings: Session) -> Lengths | None:
     """Lengths as they are at the temperature of the readings, told where that is not known."""
     from truearm.readings.thermal_expansion import at_measured_temperature
 
@@ -262,7 +262,7 @@ def as_measured(lengths: Lengths | None, readings: Readings) -> Lengths | None:
     return at_measured_temperature(lengths, readings.seat, readings.temperature_degC)
 
 
-def note_expansion(lengths: Lengths | None, readings: Readings) -> None:
+def note_expansion(lengths: Lengths | None, readings: Session) -> None:
     """Tell of lengths that are taken as at 20 degC for want of a temperature or an expansion, where that matters."""
     import numpy as np
 
@@ -287,7 +287,7 @@ def note_expansion(lengths: Lengths | None, readings: Readings) -> None:
         )
 
 
-def _fitted_as_drawn(arm: Arm, free: tuple[str, ...], readings: Readings, lengths: Lengths | None) -> NominalModel:
+def _fitted_as_drawn(arm: Arm, free: tuple[str, ...], readings: Session, lengths: Lengths | None) -> NominalModel:
     """The arm as drawn, put to the readings; refuse those that no arm of this drawing can have made."""
     from truearm.compensation.models import NominalModel
     from truearm.compensation.models.compensator import MAX_NOMINAL_ERROR
@@ -336,7 +336,7 @@ def layer_sizes(text: str) -> tuple[int, ...]:
 
 def _say_result(
     fitted: Compensator,
-    readings: Readings,
+    readings: Session,
     table: tuple[ModelScore, ...],
     out: Path,
     *,
@@ -440,7 +440,7 @@ def _say_table(table: tuple[ModelScore, ...]) -> None:
     print_table(["held out [mm]", "mean +- its error", "95 %", "max", "parameters", ""], rows)
 
 
-def _wrong_lengths(fitted: IdentifiedModel, readings: Readings, lengths: Lengths | None) -> list[LengthOutlier]:
+def _wrong_lengths(fitted: IdentifiedModel, readings: Session, lengths: Lengths | None) -> list[LengthOutlier]:
     from truearm.compensation.models.reading_references import references_of
     from truearm.compensation.models.session_frames import to_first_session_frame
     from truearm.identification.estimation.outliers import length_outliers
@@ -449,7 +449,7 @@ def _wrong_lengths(fitted: IdentifiedModel, readings: Readings, lengths: Lengths
     return length_outliers(fitted.fit_, fitted.state(readings), references_of(readings, lengths))
 
 
-def _say_identified(fitted: IdentifiedModel, readings: Readings, lengths: Lengths | None) -> None:
+def _say_identified(fitted: IdentifiedModel, readings: Session, lengths: Lengths | None) -> None:
     """What the model cannot explain, which groups of terms it has, and readings and lengths far off."""
     from truearm.identification.estimation.identifiability import identifiability
     from truearm.identification.estimation.outliers import outliers

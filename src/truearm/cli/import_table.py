@@ -10,7 +10,7 @@ import typer
 from truearm.cli.console import check_output_is_not_input, print_line, print_table, progress
 
 if TYPE_CHECKING:
-    from truearm.readings import JointScale, Readings
+    from truearm.readings import JointScale, Session
 
 _ONE_EACH = "one, or one a joint, separated by commas"
 
@@ -84,7 +84,7 @@ def import_table(
     _say_ranges(readings, scale)
 
 
-def _say_ranges(readings: Readings, scale: JointScale) -> None:
+def _say_ranges(readings: Session, scale: JointScale) -> None:
     """Print what came out, so that a wrong unit or sign is seen at once."""
     rows = []
     for i, unit in enumerate(scale.units(readings.n_joints)):

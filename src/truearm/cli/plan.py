@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from truearm.identification.planning.prior import Prior
     from truearm.identification.planning.proposal import CalibrationPlan
     from truearm.identification.planning.sampling import Sector
-    from truearm.readings import Readings
+    from truearm.readings import Session
 
 # Of a coordinate, where no model says how large it is [mm].
 NOISE_MM = 0.02
@@ -198,17 +198,17 @@ def _model(path: Path) -> IdentifiedModel:
 def _of_model(model: IdentifiedModel, noise: float | None) -> tuple[Arm, Prior]:
     """A model's arm, and what the model knows of it."""
     from truearm.identification.planning.prior import identified_prior
-    from truearm.readings import Readings
+    from truearm.readings import Session
 
     return identified_prior(
         model.arm_,
         model.fit_,
         noise_mm=model.residual_std_ if noise is None else noise,
-        state=lambda angles: model.state(Readings(angles)),
+        state=lambda angles: model.state(Session(angles)),
     )
 
 
-def _readings(session: Path, arm: Arm) -> Readings:
+def _readings(session: Path, arm: Arm) -> Session:
     from truearm.readings import check_angles, read_session
 
     readings = read_session(session, n_joints=arm.n_joints)

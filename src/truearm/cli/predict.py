@@ -12,7 +12,7 @@ from truearm.cli.console import Json, check_output_is_not_input, print_json, pri
 
 if TYPE_CHECKING:
     from truearm.compensation.models import Compensator
-    from truearm.readings import Readings
+    from truearm.readings import Session
     from truearm.typing import BoolArray, FloatArray
 
 
@@ -92,7 +92,7 @@ def predict(
         )
 
 
-def _in_no_session(fitted: Compensator, readings: Readings) -> tuple[str, int]:
+def _in_no_session(fitted: Compensator, readings: Session) -> tuple[str, int]:
     """The session in whose frame readings of sessions that the model does not know are, and their number."""
     import numpy as np
 
@@ -103,11 +103,11 @@ def _in_no_session(fitted: Compensator, readings: Readings) -> tuple[str, int]:
     return first, int((~np.isin(named, list(fitted.session_frames_))).sum())
 
 
-def _write(out: Path, readings: Readings, points: FloatArray, std: FloatArray, outside: BoolArray) -> None:
+def _write(out: Path, readings: Session, points: FloatArray, std: FloatArray, outside: BoolArray) -> None:
     import pandas as pd
 
     from truearm.files.atomic_write import atomic_file
-    from truearm.readings.readings import NAMED
+    from truearm.readings.session import NAMED
 
     columns: dict[str, object] = {f"{axis}_mm": points[:, i] for i, axis in enumerate("xyz")}
     columns |= {f"s{axis}_mm": std[:, i] for i, axis in enumerate("xyz")}
@@ -120,7 +120,7 @@ def _write(out: Path, readings: Readings, points: FloatArray, std: FloatArray, o
         pd.DataFrame(columns).to_csv(beside, index=False, float_format="%.6f", lineterminator="\n")
 
 
-def load_for(model: Path, session: Path) -> tuple[Compensator, Readings]:
+def load_for(model: Path, session: Path) -> tuple[Compensator, Session]:
     """A model and the readings it is asked about, checked against each other."""
     from zipfile import is_zipfile
 
@@ -143,7 +143,7 @@ def load_for(model: Path, session: Path) -> tuple[Compensator, Readings]:
     return fitted, readings
 
 
-def load_with_reference(model: Path, session: Path, *, purpose: str) -> tuple[Compensator, Readings]:
+def load_with_reference(model: Path, session: Path, *, purpose: str) -> tuple[Compensator, Session]:
     """The same, for the readings with reference points, which the arm can reach; if there are none, those in seats."""
     fitted, readings = load_for(model, session)
     check_reference(readings, fitted, purpose=purpose, seats=True)
@@ -157,7 +157,7 @@ def load_with_reference(model: Path, session: Path, *, purpose: str) -> tuple[Co
     return fitted, readings.rows(useful)
 
 
-def without_served(models: Sequence[Compensator], readings: Readings) -> tuple[Readings, int]:
+def without_served(models: Sequence[Compensator], readings: Session) -> tuple[Session, int]:
     """The readings without those that served to refit a model, and how many these were; all, if no other is left."""
     import numpy as np
 
@@ -169,7 +169,7 @@ def without_served(models: Sequence[Compensator], readings: Readings) -> tuple[R
     return readings.rows(~used), int(used.sum())
 
 
-def check_reference(readings: Readings, fitted: Compensator, *, purpose: str, seats: bool = False) -> None:
+def check_reference(readings: Session, fitted: Compensator, *, purpose: str, seats: bool = False) -> None:
     """Check that there is something to hold a model's points against: reference points, or `seats` instead.
 
     Raises

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from truearm.compensation.models.uncertainty import PredictionOutlier
     from truearm.identification.estimation.joint_errors import JointError
     from truearm.pages.page import Page, Section
-    from truearm.readings import Lengths, Readings
+    from truearm.readings import Lengths, Session
 
 # Points of a joint's curve for each wave of the highest order.
 POINTS_A_WAVE = 10
@@ -78,7 +78,7 @@ def report(
     print_line(f"{out}: {len(models)} model{'s' * (len(models) > 1)} compared on {len(readings)} readings")
 
 
-def _page(models: dict[str, Compensator], readings: Readings, known: Lengths | None, session: Path, title: str) -> Page:
+def _page(models: dict[str, Compensator], readings: Session, known: Lengths | None, session: Path, title: str) -> Page:
     from truearm.compensation.models.comparison_page import comparison_page
     from truearm.compensation.models.seat_page import seats_page
 
@@ -94,7 +94,7 @@ def _page(models: dict[str, Compensator], readings: Readings, known: Lengths | N
     return comparison_page(compared(models, readings), **told, more=found_by(models, readings))
 
 
-def compared(models: dict[str, Compensator], readings: Readings) -> ModelComparison:
+def compared(models: dict[str, Compensator], readings: Session) -> ModelComparison:
     """What the models make of the readings, each beside its own nominal arm; the first one's stands for all."""
     from truearm.compensation.models import NominalModel
     from truearm.compensation.models.comparison_page import ModelComparison
@@ -118,7 +118,7 @@ def compared(models: dict[str, Compensator], readings: Readings) -> ModelCompari
     )
 
 
-def seated(models: dict[str, Compensator], readings: Readings, known: Lengths | None) -> SeatComparison:
+def seated(models: dict[str, Compensator], readings: Session, known: Lengths | None) -> SeatComparison:
     """What the models make of readings in seats; those alone in their seat are left out."""
     import numpy as np
 
@@ -185,7 +185,7 @@ def _of_one_arm(models: dict[str, Compensator]) -> Compensator:
     return first
 
 
-def found_by(models: dict[str, Compensator], readings: Readings) -> list[Section]:
+def found_by(models: dict[str, Compensator], readings: Session) -> list[Section]:
     """Sections on what the identified models, if there are any, found of their arm."""
     from truearm.compensation.models import NominalModel, identification_sections
     from truearm.compensation.models.identified_model import IdentifiedModel
@@ -246,7 +246,7 @@ def _held_out(model: IdentifiedModel) -> HeldOutErrors | None:
     return HeldOutErrors(len(errors), n_groups, held_out.mean_mm, held_out.standard_error_mm, p95, most)
 
 
-def _joint_errors(model: IdentifiedModel, readings: Readings) -> list[JointError]:
+def _joint_errors(model: IdentifiedModel, readings: Session) -> list[JointError]:
     """The own errors of the joints that turn, over the angles the model learned from."""
     import numpy as np
 
@@ -263,7 +263,7 @@ def _joint_errors(model: IdentifiedModel, readings: Readings) -> list[JointError
 
 
 def _far_off(
-    model: IdentifiedModel, readings: Readings, far: tuple[PredictionOutlier, ...]
+    model: IdentifiedModel, readings: Session, far: tuple[PredictionOutlier, ...]
 ) -> dict[str, list[OutlierRow]]:
     """Readings far off among those the model learned from, and, where these are others, among those of the page."""
     from truearm.compensation.models.identification_sections import OutlierRow
@@ -287,7 +287,7 @@ def _far_off(
     return found
 
 
-def remarks(model: Compensator, readings: Readings) -> list[str]:
+def remarks(model: Compensator, readings: Session) -> list[str]:
     """What must be known of a model before its errors on these readings are believed."""
     from truearm.compensation.models.compensator import MAX_NOMINAL_ERROR
     from truearm.readings import point_errors
@@ -308,7 +308,7 @@ def remarks(model: Compensator, readings: Readings) -> list[str]:
     return said
 
 
-def facts(models: dict[str, Compensator], readings: Readings) -> list[tuple[str, str]]:
+def facts(models: dict[str, Compensator], readings: Session) -> list[tuple[str, str]]:
     """What a page about models rests on."""
     from truearm.compensation.models.compensator import fingerprint
 

@@ -4,8 +4,8 @@ from truearm.readings.checks import check_angles, check_fit, check_reach, check_
 from truearm.readings.files import check_session_path, read_session, write_session
 from truearm.readings.lengths import Lengths, read_lengths, write_lengths
 from truearm.readings.point_errors import ErrorComparison, PointErrors, compare_errors, point_errors
-from truearm.readings.readings import Readings
 from truearm.readings.seats import SeatErrors, length_errors, seat_errors
+from truearm.readings.session import Session
 from truearm.readings.split import hold_out, stratified_rows
 from truearm.readings.tables import JointScale, TableColumns, import_table
 
@@ -14,8 +14,8 @@ __all__ = [
     "JointScale",
     "Lengths",
     "PointErrors",
-    "Readings",
     "SeatErrors",
+    "Session",
     "TableColumns",
     "check_angles",
     "check_fit",

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.readings.lengths import ENDS, Lengths
-from truearm.readings.readings import TOUCHED, Readings
+from truearm.readings.session import TOUCHED, Session
 from truearm.typing import BoolArray, FloatArray
 
 # An angle may pass its limit by this much [rad or mm]: rounding, not a wrong angle.
@@ -25,7 +25,7 @@ MOST_REACHES = 4.0
 
 
 def check_fit(
-    readings: Readings,
+    readings: Session,
     *,
     joint_names: Sequence[str],
     lower: npt.ArrayLike,
@@ -38,7 +38,7 @@ def check_fit(
 
     Parameters
     ----------
-    readings : Readings
+    readings : Session
         Angles and reference points, or other references.
     joint_names : sequence of str
         The arm's joints, base to tip.
@@ -87,7 +87,7 @@ def check_fit(
     _check_copies(readings)
 
 
-def has_reference(readings: Readings) -> BoolArray:
+def has_reference(readings: Session) -> BoolArray:
     """(n,) Whether something is known of the tip at each reading: a point, an orientation, a seat or a surface."""
     known = readings.has_point
     if readings.quaternion is not None:
@@ -99,7 +99,7 @@ def has_reference(readings: Readings) -> BoolArray:
 
 
 def check_angles(
-    readings: Readings,
+    readings: Session,
     *,
     joint_names: Sequence[str],
     lower: npt.ArrayLike,
@@ -119,12 +119,12 @@ def check_angles(
     _check_limits(readings, joint_names, lower, upper, prismatic)
 
 
-def check_reach(readings: Readings, *, reach: float) -> None:
+def check_reach(readings: Session, *, reach: float) -> None:
     """Check that one arm can have been at all reference points, wherever it stands.
 
     Parameters
     ----------
-    readings : Readings
+    readings : Session
         With reference points, or without: then there is nothing to check.
     reach : float
         Of the arm [mm].
@@ -154,12 +154,12 @@ def check_reach(readings: Readings, *, reach: float) -> None:
     )
 
 
-def check_sessions(readings: Readings, lengths: Lengths | None = None, *, own_frame: bool = False) -> None:
+def check_sessions(readings: Session, lengths: Lengths | None = None, *, own_frame: bool = False) -> None:
     """Check that nothing is said to be one place in two sessions, between which the base or the reference moved.
 
     Parameters
     ----------
-    readings : Readings
+    readings : Session
     lengths : Lengths, optional
         Known lengths between seats of the readings.
     own_frame : bool
@@ -188,7 +188,7 @@ def check_sessions(readings: Readings, lengths: Lengths | None = None, *, own_fr
             )
 
 
-def _session_of(readings: Readings, kind: str) -> dict[str, str]:
+def _session_of(readings: Session, kind: str) -> dict[str, str]:
     """The session of every seat or surface, which is one."""
     names, sessions = getattr(readings, kind), readings.session
     found: dict[str, str] = {}
@@ -211,7 +211,7 @@ def _set_up(session: str) -> str:
     return f"session {session!r}" if session else "a reading that names no session"
 
 
-def _check_joints(readings: Readings, joint_names: Sequence[str]) -> None:
+def _check_joints(readings: Session, joint_names: Sequence[str]) -> None:
     if readings.n_joints != len(joint_names):
         raise readings.error(
             f"expected {len(joint_names)} joints ({', '.join(joint_names)}), got {readings.n_joints}",
@@ -220,7 +220,7 @@ def _check_joints(readings: Readings, joint_names: Sequence[str]) -> None:
 
 
 def _check_limits(
-    readings: Readings,
+    readings: Session,
     joint_names: Sequence[str],
     lower: npt.ArrayLike,
     upper: npt.ArrayLike,
@@ -245,7 +245,7 @@ def _check_limits(
     )
 
 
-def _check_motion(readings: Readings, joint_names: Sequence[str]) -> None:
+def _check_motion(readings: Session, joint_names: Sequence[str]) -> None:
     still = np.ptp(readings.angles, axis=0) == 0 if len(readings) > 1 else np.zeros(readings.n_joints, bool)
     if still.all() and len(readings) > 1:
         raise readings.error(
@@ -262,7 +262,7 @@ def _check_motion(readings: Readings, joint_names: Sequence[str]) -> None:
         )
 
 
-def _check_reference(readings: Readings) -> None:
+def _check_reference(readings: Session) -> None:
     if readings.points is None or len(readings) < 2:
         return
     if (np.ptp(readings.points, axis=0) == 0).all():  # never so where a point is missing
@@ -272,7 +272,7 @@ def _check_reference(readings: Readings) -> None:
         )
 
 
-def _check_copies(readings: Readings) -> None:
+def _check_copies(readings: Session) -> None:
     """Refuse the same angles with the same reference: no arm and no tracker repeats to the last digit."""
     import pandas as pd
 
@@ -299,5 +299,5 @@ def _check_copies(readings: Readings) -> None:
     )
 
 
-def _column(readings: Readings, joint: int) -> str | None:
+def _column(readings: Session, joint: int) -> str | None:
     return None if readings.angle_columns is None else readings.angle_columns[joint]

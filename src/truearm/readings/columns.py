@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.readings import DIRECTION, LOAD, NAMED, SPHERE_DISTANCE
+from truearm.readings.session import DIRECTION, LOAD, NAMED, SPHERE_DISTANCE
 
 TEMPERATURE = "temperature_degC"
 

@@ -15,7 +15,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_writable
 from truearm.files.delimited import MAX_NAME, quoted_cell, read_columns, read_sheet
 from truearm.readings.columns import ANGLE, FACTOR, QUATERNION, TEMPERATURE, Columns, recognise_columns, unit_of
-from truearm.readings.readings import DIRECTION, NAMED, SPHERE_DISTANCE, Readings
+from truearm.readings.session import DIRECTION, NAMED, SPHERE_DISTANCE, Session
 from truearm.typing import FloatArray, NameArray
 
 AngleUnit = Literal["deg", "rad"]
@@ -27,7 +27,7 @@ MAX_CELLS = 2**27
 _CHUNK = 20_000
 
 
-def read_session(path: str | Path, *, n_joints: int | None = None) -> Readings:
+def read_session(path: str | Path, *, n_joints: int | None = None) -> Session:
     """Read a session file (docs/session-file.md).
 
     Parameters
@@ -39,7 +39,7 @@ def read_session(path: str | Path, *, n_joints: int | None = None) -> Readings:
 
     Returns
     -------
-    Readings
+    Session
         Angles in rad (sliding joints in mm), points in mm.
 
     Raises
@@ -58,7 +58,7 @@ def read_session(path: str | Path, *, n_joints: int | None = None) -> Readings:
 
 
 def write_session(
-    readings: Readings,
+    readings: Session,
     path: str | Path,
     *,
     prismatic: npt.ArrayLike | None = None,
@@ -71,7 +71,7 @@ def write_session(
 
     Parameters
     ----------
-    readings : Readings
+    readings : Session
         Any readings.
     path : path
         Ends in ``.csv`` or ``.parquet``.
@@ -124,7 +124,7 @@ def check_session_path(path: str | Path) -> None:
 
 def _readings(
     columns: Columns, numbers: FloatArray, words: Sequence[NameArray], *, file: Path, first_line: int | None
-) -> Readings:
+) -> Session:
     """Make the record, in the units of the house."""
     references = (columns.points, columns.point_std, columns.quaternion, columns.sphere_distance)
     groups = (columns.angles, *references, columns.temperature, columns.directions)
@@ -135,7 +135,7 @@ def _readings(
         part * [FACTOR[unit_of(name)] for name in names] for part, names in zip(parts, groups[:3], strict=False)
     )
     quaternion, sphere_distance, temperature, directions, loads = parts[3:]
-    return Readings(
+    return Session(
         angles,
         points if columns.points else None,
         point_std=std if columns.point_std else None,
@@ -167,7 +167,7 @@ def _check_whole(names: Sequence[str], values: FloatArray, *, file: Path, first_
         )
 
 
-def _units(readings: Readings, prismatic: npt.ArrayLike | None, angle_unit: AngleUnit | None) -> list[str]:
+def _units(readings: Session, prismatic: npt.ArrayLike | None, angle_unit: AngleUnit | None) -> list[str]:
     """Choose the unit in which each joint is written."""
     if angle_unit not in (None, "deg", "rad"):
         raise InputError(f"expected the angle unit deg or rad, got {quoted_cell(angle_unit)}")
@@ -184,7 +184,7 @@ def _units(readings: Readings, prismatic: npt.ArrayLike | None, angle_unit: Angl
     return units
 
 
-def _table(readings: Readings, units: Sequence[str]) -> dict[str, FloatArray | NameArray]:
+def _table(readings: Session, units: Sequence[str]) -> dict[str, FloatArray | NameArray]:
     """Lay out the columns as they are written, in the order of the format."""
     table: dict[str, FloatArray | NameArray] = {}
     for i, unit in enumerate(units):
@@ -249,7 +249,7 @@ def _pyarrow(path: Path) -> tuple[Any, Any]:
         ) from None
 
 
-def _read_parquet(path: Path, n_joints: int | None) -> Readings:
+def _read_parquet(path: Path, n_joints: int | None) -> Session:
     if not path.is_file():
         raise InputError("the file does not exist" if not path.exists() else "expected a file, got a folder", file=path)
     arrow, parquet = _pyarrow(path)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 
 SplitBy = Literal["position", "seat", "session", "row"]
 
@@ -16,7 +16,7 @@ SplitBy = Literal["position", "seat", "session", "row"]
 READINGS_A_SEAT = 5
 
 
-def hold_out(readings: Readings, *, by: SplitBy = "position", fraction: float, seed: int) -> tuple[Readings, Readings]:
+def hold_out(readings: Session, *, by: SplitBy = "position", fraction: float, seed: int) -> tuple[Session, Session]:
     """Split readings into training and test, whole groups at a time.
 
     Readings of one goal position differ only in orientation: split by row, a model that merely remembers positions
@@ -24,7 +24,7 @@ def hold_out(readings: Readings, *, by: SplitBy = "position", fraction: float, s
 
     Parameters
     ----------
-    readings : Readings
+    readings : Session
         In the order that both parts keep.
     by : {"position", "seat", "session", "row"}
         What names the groups; ``row``: every reading is its own group.
@@ -35,7 +35,7 @@ def hold_out(readings: Readings, *, by: SplitBy = "position", fraction: float, s
 
     Returns
     -------
-    train, test : Readings
+    train, test : Session
 
     Raises
     ------
@@ -54,7 +54,7 @@ def hold_out(readings: Readings, *, by: SplitBy = "position", fraction: float, s
     return readings.rows(~held), readings.rows(held)
 
 
-def stratified_rows(readings: Readings, n: int, *, seed: int) -> npt.NDArray[np.intp]:
+def stratified_rows(readings: Session, n: int, *, seed: int) -> npt.NDArray[np.intp]:
     """Choose a few readings, spread over the positions that they aimed at.
 
     With reference points: one reading of each position in turn, the positions in random order; where they are not
@@ -62,7 +62,7 @@ def stratified_rows(readings: Readings, n: int, *, seed: int) -> npt.NDArray[np.
 
     Parameters
     ----------
-    readings : Readings
+    readings : Session
     n : int
         How many.
     seed : int
@@ -98,7 +98,7 @@ def stratified_rows(readings: Readings, n: int, *, seed: int) -> npt.NDArray[np.
     return np.sort(rows[np.lexsort((order, turn))[:n]])
 
 
-def _groups(readings: Readings, by: SplitBy) -> npt.NDArray[np.intp]:
+def _groups(readings: Session, by: SplitBy) -> npt.NDArray[np.intp]:
     """Give each reading the number of its group."""
     if by not in get_args(SplitBy):
         raise InputError(f"expected a split by {', '.join(get_args(SplitBy))}, got {by!r}")

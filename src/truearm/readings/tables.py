@@ -11,7 +11,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.delimited import Sheet, quoted_cell, read_columns, read_sheet
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.typing import FloatArray, NameArray
 
 JointUnit = Literal["deg", "rad", "counts", "mm"]
@@ -125,7 +125,7 @@ def import_table(
     skip_lines: int = 0,
     encoding: str = "utf-8",
     session_name: str | None = None,
-) -> Readings:
+) -> Session:
     """Read a table that is no session file.
 
     Parameters
@@ -151,7 +151,7 @@ def import_table(
 
     Returns
     -------
-    Readings
+    Session
         Angles in rad (sliding joints in mm), points in mm.
 
     Raises
@@ -181,7 +181,7 @@ def import_table(
     sessions = _words(sheet, columns.session)
     if session_name is not None:
         sessions = np.full(len(numbers), session_name)
-    return Readings(
+    return Session(
         scale.to_angles(values),
         points * _TO_MM[point_unit] if columns.points else None,
         point_std=std * _TO_MM[point_unit] if columns.point_std else None,

@@ -11,7 +11,7 @@ from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.identification.planning.sampling.seat import seat
-from truearm.readings import Lengths, Readings
+from truearm.readings import Lengths, Session
 
 NOISE = 0.02  # mm
 
@@ -29,11 +29,11 @@ class Real:
     def points(self, n, rng, *, half_width=0.8, **more):
         """(n,) readings with reference points."""
         angles = self.arm.working + half_width * rng.uniform(-1, 1, (n, self.arm.n_joints))
-        return Readings(angles, self.chain.tip_in_base(angles) + rng.normal(0, NOISE, (n, 3)), **more)
+        return Session(angles, self.chain.tip_in_base(angles) + rng.normal(0, NOISE, (n, 3)), **more)
 
     def held(self, rng):
         """60 readings in three seats, without points: angles are read to 1e-5 rad, some 0.01 mm."""
-        return Readings(self.in_seats + rng.normal(0, 1e-5, self.in_seats.shape), seat=self.names)
+        return Session(self.in_seats + rng.normal(0, 1e-5, self.in_seats.shape), seat=self.names)
 
     def lengths(self):
         """Lengths from the first seat to the others."""

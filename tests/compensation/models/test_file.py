@@ -19,7 +19,7 @@ from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.network import TRAINERS
 from truearm.errors import InputError, TruearmError
-from truearm.readings import Readings
+from truearm.readings import Session
 
 # Files that older versions wrote of an arm `gao2017`, and what those versions predicted at its working pose: tip and
 # standard uncertainties [mm], the nominal arm's tip [mm].
@@ -109,7 +109,7 @@ def mixed(real):
     angles = np.concatenate([seen.angles, held.angles])
     angles[:, 0] -= 1e-3 * load  # the true arm turns further by so much
     points = np.concatenate([seen.points, np.full((60, 3), np.nan)])
-    readings = Readings(
+    readings = Session(
         angles,
         points,
         np.where(np.isnan(points), np.nan, 0.01),

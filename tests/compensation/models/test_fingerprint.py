@@ -12,7 +12,7 @@ import pytest
 from truearm.compensation.models import KinematicModel
 from truearm.compensation.models.compensator import fingerprint
 from truearm.compensation.models.model_file import load_model, save_model
-from truearm.readings import Lengths, Readings, read_session, write_session
+from truearm.readings import Lengths, Session, read_session, write_session
 
 N = 6
 
@@ -23,7 +23,7 @@ def whole():
     names = np.array(list("abcabc"))
     points = rng.normal(size=(N, 3))
     points[1] = np.nan
-    return Readings(
+    return Session(
         rng.normal(size=(N, 2)),
         points,
         point_std=np.where(np.isnan(points), np.nan, 0.01),
@@ -40,7 +40,7 @@ def whole():
     )
 
 
-@pytest.mark.parametrize("name", [f.name for f in fields(Readings) if isinstance(getattr(whole(), f.name), np.ndarray)])
+@pytest.mark.parametrize("name", [f.name for f in fields(Session) if isinstance(getattr(whole(), f.name), np.ndarray)])
 def test_every_column_counts(name):
     readings = whole()
     turned = getattr(readings, name)[::-1]
@@ -66,9 +66,9 @@ def test_loads_count_with_their_names():
 
 def test_names_do_not_run_into_each_other():
     angles = np.zeros((2, 1))
-    one, other = (Readings(angles, seat=np.array(seats)) for seats in (["ab", "c"], ["a", "bc"]))
+    one, other = (Session(angles, seat=np.array(seats)) for seats in (["ab", "c"], ["a", "bc"]))
     assert fingerprint(one) != fingerprint(other)
-    assert fingerprint(one) != fingerprint(Readings(angles, sphere=np.array(["ab", "c"])))
+    assert fingerprint(one) != fingerprint(Session(angles, sphere=np.array(["ab", "c"])))
 
 
 def test_the_file_and_the_way_through_it_do_not_count(tmp_path):

@@ -11,12 +11,12 @@ from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.compensation.models.model_file import load_model, save_model
 from truearm.errors import InputError
-from truearm.readings import Lengths, Readings
+from truearm.readings import Lengths, Session
 
 ARM = load_arm("gao2017")
 
 
-def session(rng: np.random.Generator) -> tuple[Readings, Lengths | None]:
+def session(rng: np.random.Generator) -> tuple[Session, Lengths | None]:
     """Readings with references of some kinds, none, or odd ones: joints at rest, poses twice, names at random."""
     n = int(rng.integers(1, 40))
     angles = ARM.working + rng.choice([0, 1e-3, 0.5, 3]) * rng.uniform(-1, 1, (n, 6))
@@ -49,7 +49,7 @@ def session(rng: np.random.Generator) -> tuple[Readings, Lengths | None]:
     if "seat" in given and rng.random() < 0.5:
         length, u = float(rng.choice([1e-3, 300, 1e5])), float(rng.choice([1e-6, 0.01, 10]))
         lengths = Lengths(np.array(["a"]), np.array(["b"]), np.array([length]), np.array([u]))
-    return Readings(angles, **given), lengths
+    return Session(angles, **given), lengths
 
 
 @pytest.mark.parametrize(("kind", "examples"), [(NominalModel, 30), (KinematicModel, 20), (PhysicalModel, 10)])

@@ -15,7 +15,7 @@ from truearm.compensation.models.identified_model import cross_validation_groups
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
 from truearm.identification.terms.catalogue import thermal
-from truearm.readings import Lengths, Readings
+from truearm.readings import Lengths, Session
 
 NOISE = 0.02  # mm, as the readings of `real` have it
 
@@ -40,7 +40,7 @@ def mean_error(model, real, angles):
     ],
 )
 def test_groups_are_positions_else_seats_else_single_readings(columns, expected):
-    readings = Readings(np.zeros((6, 2)), **{name: np.array(names) for name, names in columns.items()})
+    readings = Session(np.zeros((6, 2)), **{name: np.array(names) for name, names in columns.items()})
     assert cross_validation_groups(readings).tolist() == expected
 
 
@@ -49,7 +49,7 @@ def test_a_position_that_is_all_of_a_session_with_a_frame_of_its_own_counts_for_
     points = np.zeros((8, 3))
     points[7] = np.nan
     names = {"session": ["s"] * 3 + ["t"] * 5, "position": ["p", "p", "p", "q", "q", "r", "r", "r"]}
-    readings = Readings(np.zeros((8, 2)), points, **{name: np.array(values) for name, values in names.items()})
+    readings = Session(np.zeros((8, 2)), points, **{name: np.array(values) for name, values in names.items()})
     assert cross_validation_groups(readings).tolist() == [0, 0, 0, 1, 1, 2, 2, 2]
     assert cross_validation_groups(readings, ["s", "t"]).tolist() == [0, 1, 2, 3, 3, 4, 4, 4]
     pointed = replace(readings, position=np.array(["p", "p", "p", "q", "q", "q", "q", "r"]))
@@ -97,7 +97,7 @@ def test_ellipsoids_hold_what_they_say_on_new_readings(real):
 def test_the_two_parts_of_the_covariance_make_the_whole(real, rng):
     model = KinematicModel(real.arm).fit_readings(real.points(60, rng))
     angles = real.arm.working + np.linspace(-2, 2, 9)[:, None]
-    of_parameters, unexplained = model.covariance_parts(Readings(angles))
+    of_parameters, unexplained = model.covariance_parts(Session(angles))
     np.testing.assert_array_equal(model.predict(angles, return_cov=True)[1], of_parameters + unexplained)
     share = model.variance_function_.share(angles)
     np.testing.assert_allclose(unexplained, model.residual_std_**2 * share[:, None, None] * np.eye(3))
@@ -162,7 +162,7 @@ def test_seats_alone_with_lengths_find_the_arms_shape(real, rng):
 def test_seats_help_few_points(real, rng):
     """Eight points, and sixty readings in seats: much better than the eight alone."""
     seen, held = real.points(8, rng), real.held(rng)
-    both = Readings(
+    both = Session(
         np.concatenate([seen.angles, held.angles]),
         np.concatenate([seen.points, np.full((60, 3), np.nan)]),
         seat=np.concatenate([np.full(8, ""), held.seat]),
@@ -181,7 +181,7 @@ def test_readings_with_a_load_are_predicted_at_their_own(real, rng):
         turned = angles.copy()
         turned[:, 2] += 5e-4 * load_3
         points = real.chain.tip_in_base(turned) + rng.normal(0, NOISE, (n, 3))
-        return Readings(angles, points, columns={"load_3_Nm": load_3})
+        return Session(angles, points, columns={"load_3_Nm": load_3})
 
     train, test = drawn(150), drawn(100)
     model = PhysicalModel(real.arm, highest=2).fit_readings(train)
@@ -214,7 +214,7 @@ def test_readings_with_a_temperature_are_predicted_at_their_own(real, rng):
     def drawn(n, low, high):
         angles = real.arm.working + 0.8 * rng.uniform(-1, 1, (n, 6))
         temperature = rng.uniform(low, high, n)
-        return Readings(angles, tips(angles, temperature) + rng.normal(0, NOISE, (n, 3)), temperature_degC=temperature)
+        return Session(angles, tips(angles, temperature) + rng.normal(0, NOISE, (n, 3)), temperature_degC=temperature)
 
     train, test = drawn(150, 15, 30), drawn(60, 30, 40)
     model = PhysicalModel(real.arm, highest=2).fit_readings(train)
@@ -234,7 +234,7 @@ def test_the_physical_model_finds_a_gears_error(real, rng):
         angles = real.arm.working + rng.uniform(-1.5, 1.5, (n, 6))
         turned = angles.copy()
         turned[:, 2] += 1e-3 * np.sin(5 * angles[:, 2] + 0.3)
-        return Readings(angles, real.chain.tip_in_base(turned) + rng.normal(0, NOISE, (n, 3)))
+        return Session(angles, real.chain.tip_in_base(turned) + rng.normal(0, NOISE, (n, 3)))
 
     train, test = drawn(300), drawn(200)
     kinematic, physical = (
@@ -264,7 +264,7 @@ def test_terms_that_readings_cannot_show_are_named(real, rng):
     angles = readings.angles.copy()
     angles[:, 4] = angles[0, 4] + 0.01 * rng.uniform(-1, 1, 60)
     model = PhysicalModel(real.arm, highest=4).fit_readings(
-        Readings(angles, real.chain.tip_in_base(angles) + rng.normal(0, NOISE, (60, 3)))
+        Session(angles, real.chain.tip_in_base(angles) + rng.normal(0, NOISE, (60, 3)))
     )
     reasons = dict(model.excluded_terms_)
     assert reasons["thermal growth"] == "the readings have no temperature"
@@ -312,20 +312,20 @@ def test_what_cannot_be_learned_from_is_refused_with_the_reason(real, rng):
     held, seen = real.held(rng), real.points(20, rng)
     model = KinematicModel(real.arm)
     with pytest.raises(InputError, match="expected reference points .* to learn from, the readings have none"):
-        model.fit_readings(Readings(seen.angles))
+        model.fit_readings(Session(seen.angles))
     with pytest.raises(InputError, match="seats of two readings or more"):
-        model.fit_readings(Readings(seen.angles, seat=np.array([f"s{i}" for i in range(20)])))
+        model.fit_readings(Session(seen.angles, seat=np.array([f"s{i}" for i in range(20)])))
     few = np.full((20, 3), np.nan)
     few[:3] = seen.points[:3]
     with pytest.raises(InputError, match="expected 4 or more readings with a reference, got 3"):
-        model.fit_readings(Readings(seen.angles, few))
+        model.fit_readings(Session(seen.angles, few))
     with pytest.raises(InputError, match="lengths are between seats, and the readings name none"):
         model.fit_readings(seen, lengths=real.lengths())
     foreign = Lengths(np.array(["S1"]), np.array(["elsewhere"]), np.array([100.0]), np.array([0.01]))
     with pytest.raises(InputError, match="no seat 'elsewhere'"):
         model.fit_readings(held, lengths=foreign)
     with pytest.raises(InputError, match="readings of 6 joints"):
-        model.fit_readings(Readings(seen.angles[:, :5], seen.points))
+        model.fit_readings(Session(seen.angles[:, :5], seen.points))
 
 
 def test_a_network_needs_a_point_at_every_reading(real, rng):
@@ -334,11 +334,11 @@ def test_a_network_needs_a_point_at_every_reading(real, rng):
     points[7] = np.nan
     network = NetworkModel(real.arm, hidden=(3,), epochs=2)
     with pytest.raises(InputError, match="reference point at every reading, 1 of 40 have none.*Try: readings.rows"):
-        network.fit_readings(Readings(readings.angles, points))
+        network.fit_readings(Session(readings.angles, points))
     with pytest.raises(InputError, match="expected reference points"):
         network.fit_readings(real.held(rng))
     with pytest.raises(InputError, match="expected reference points"):
-        network.fit_readings(Readings(readings.angles))
+        network.fit_readings(Session(readings.angles))
 
 
 def test_nothing_free_and_no_terms_measure_the_arm_as_drawn(real, rng):
@@ -360,7 +360,7 @@ def test_a_sliding_arm_is_identified_by_the_physical_model_too(rng):
 
     def drawn_readings(n):
         angles = np.where(chain.is_prismatic, 100.0, 0.8) * rng.uniform(-1, 1, (n, 6))
-        return Readings(angles, truth.tip_in_base(angles) + rng.normal(0, NOISE, (n, 3)))
+        return Session(angles, truth.tip_in_base(angles) + rng.normal(0, NOISE, (n, 3)))
 
     train, test = drawn_readings(150), drawn_readings(100)
     model = PhysicalModel(arm, highest=4).fit_readings(train)

@@ -10,7 +10,7 @@ import pytest
 from truearm.arm import load_arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.compensation.models import KinematicModel
-from truearm.readings import Readings
+from truearm.readings import Session
 
 # Diameters 50 mm of the sphere and 6 mm of the ball on the stylus, whose centre is the tip.
 DISTANCE_MM, U_MM, NOISE_MM, GROWN = (50.0 + 6.0) / 2, 0.0005, 0.002, 1.002
@@ -39,7 +39,7 @@ def touched():
 def test_the_arms_size_is_that_of_a_known_sphere(touched, known):
     chain, angles, sphere = touched
     distance = np.tile([DISTANCE_MM, U_MM], (len(angles), 1)) if known else None
-    model = KinematicModel(load_arm("gao2017")).fit_readings(Readings(angles, sphere=sphere, sphere_distance=distance))
+    model = KinematicModel(load_arm("gao2017")).fit_readings(Session(angles, sphere=sphere, sphere_distance=distance))
     elsewhere = model.arm.working + 0.4 * np.random.default_rng(1).uniform(-1, 1, (200, 6))
     predicted, truth = model.predict(elsewhere), chain.tip_in_base(elsewhere)
     scale = np.sqrt(np.square(predicted - predicted.mean(axis=0)).sum() / np.square(truth - truth.mean(axis=0)).sum())

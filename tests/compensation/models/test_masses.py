@@ -20,7 +20,7 @@ from truearm.errors import InputError
 from truearm.identification.estimation.problem import PerturbedChain
 from truearm.identification.planning.prior import nominal_prior
 from truearm.identification.terms import GravityTorque, Term, gravity_torques
-from truearm.readings import Readings
+from truearm.readings import Session
 
 GIVE = 3e-5  # rad/(N m)
 
@@ -41,8 +41,8 @@ def readings(wall):
     rng = np.random.default_rng(2)
     angles = wall.working + 1.2 * rng.uniform(-1, 1, (120, 6))
     give = Term("J2", 2, (0, 0, 1, 0, 0, 0), GravityTorque(2, 2), "give", 1.0)
-    points = PerturbedChain(wall.chain, (give,)).tips(state_of(wall, Readings(angles)), np.array([GIVE]))
-    return Readings(angles, points + rng.normal(0, 0.005, points.shape))
+    points = PerturbedChain(wall.chain, (give,)).tips(state_of(wall, Session(angles)), np.array([GIVE]))
+    return Session(angles, points + rng.normal(0, 0.005, points.shape))
 
 
 @pytest.fixture(scope="module")
@@ -105,8 +105,8 @@ def test_an_identified_arm_is_pulled_the_same_way_in_the_frame_of_the_reference(
     rng = np.random.default_rng(3)
     angles = wall.working + 0.8 * rng.uniform(-1, 1, (30, 6))
     points = wall.chain.with_reference_frame(turned).tip_in_base(angles) + rng.normal(0, 0.005, (30, 3))
-    save_model(PhysicalModel(wall, highest=1).fit_readings(Readings(angles, points)), tmp_path / "m.truearm")
+    save_model(PhysicalModel(wall, highest=1).fit_readings(Session(angles, points)), tmp_path / "m.truearm")
     arm = _identified(tmp_path / "m.truearm")
     np.testing.assert_allclose(arm.gravity_direction, [0, 0, -1], atol=1e-3)  # some 0.1 mrad of the base's tilt
-    here, there = (state_of(one, Readings(angles)).gravity_torques for one in (wall, arm))
+    here, there = (state_of(one, Session(angles)).gravity_torques for one in (wall, arm))
     np.testing.assert_allclose(there, here, atol=0.05)  # of up to 50 N m

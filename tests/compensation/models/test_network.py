@@ -19,7 +19,7 @@ from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import dividerand
 from truearm.errors import InputError
-from truearm.readings import Lengths, Readings
+from truearm.readings import Lengths, Session
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +31,11 @@ def arm() -> Arm:
 
 
 @pytest.fixture(scope="module")
-def readings(arm) -> Readings:
+def readings(arm) -> Session:
     """120 readings within 0.5 rad, 0.1 mm of noise."""
     rng = np.random.default_rng(5)
     angles = rng.uniform(-0.5, 0.5, (120, 3))
-    return Readings(angles, arm.chain.tip_in_base(angles) + rng.normal(0, 0.1, (120, 3)))
+    return Session(angles, arm.chain.tip_in_base(angles) + rng.normal(0, 0.1, (120, 3)))
 
 
 def small(arm, **options) -> NetworkModel:
@@ -135,7 +135,7 @@ def test_a_larger_ensemble_begins_with_the_smaller_one(arm, readings):
 
 def test_the_number_of_threads_changes_nothing(arm, readings, monkeypatch):
     options = {"hidden": (6, 5), "n_members": 2, "n_restarts": 2}
-    many = Readings(np.tile(readings.angles, (20, 1)), np.tile(readings.points, (20, 1)))  # several chunks
+    many = Session(np.tile(readings.angles, (20, 1)), np.tile(readings.points, (20, 1)))  # several chunks
     asked, pool = [], normal_equations._threads
     monkeypatch.setattr(normal_equations, "FLOPS_WORTH_THREADS", 0)
     monkeypatch.setattr(normal_equations, "_threads", lambda n: asked.append(n) or pool(n))
@@ -275,7 +275,7 @@ def test_a_checkpoint_of_other_readings_is_refused(arm, readings, tmp_path):
     points = readings.points.copy()
     points[7, 1] += 1e-9
     with pytest.raises(InputError, match="another training"):
-        small(arm).fit_readings(Readings(readings.angles, points), checkpoint=tmp_path)
+        small(arm).fit_readings(Session(readings.angles, points), checkpoint=tmp_path)
 
 
 def test_a_checkpoint_folder_that_cannot_be_made_is_refused(arm, readings, tmp_path):
@@ -324,11 +324,11 @@ def test_what_does_not_move_is_named(arm, readings):
     still = readings.angles.copy()
     still[:, 1] = 0.25
     with pytest.raises(InputError, match="joint elbow is at 0.25 rad in all 120 readings.*Try: "):
-        small(arm).fit_readings(Readings(still, readings.points))
+        small(arm).fit_readings(Session(still, readings.points))
     flat = readings.points.copy()
     flat[:, 2] = -3.5
     with pytest.raises(InputError, match="the coordinate z is -3.5 mm in all 120 readings.*Try: "):
-        small(arm).fit_readings(Readings(readings.angles, flat))
+        small(arm).fit_readings(Session(readings.angles, flat))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -339,7 +339,7 @@ def test_numbers_that_are_none_are_refused(value, arm, readings):
         # A point of which only some coordinates are missing is said apart.
         what = "x, y and z or none of them" if column == "points" and np.isnan(value) else "finite numbers"
         with pytest.raises(InputError, match=f"expected {what} in {column}, got .* in reading 18"):
-            small(arm).fit_readings(Readings(**arrays))
+            small(arm).fit_readings(Session(**arrays))
         with pytest.raises(ValueError, match="NaN|infinity"):
             small(arm).fit(arrays["angles"], arrays["points"])
 

@@ -12,7 +12,7 @@ from truearm.compensation.models import KinematicModel, PhysicalModel
 from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.refit import refit
 from truearm.identification.virtual import PRESETS, VirtualArm
-from truearm.readings import Readings
+from truearm.readings import Session
 from truearm.verification.tasks.sampled_arms import PosteriorDistribution
 
 ARM = load_arm("gao2017")
@@ -58,11 +58,11 @@ def test_a_direction_not_known_at_one_joint_is_the_tips_half_way_apart(hystereti
     angles = poses(3, 1)
     directions = np.ones((3, 6))
     directions[1, 0] = 0.0
-    found = model.unstated_input_covariances(Readings(angles, directions=directions))["directions of movement"]
+    found = model.unstated_input_covariances(Session(angles, directions=directions))["directions of movement"]
     assert not found[[0, 2]].any()
     other = directions.copy()
     directions[1, 0], other[1, 0] = 1.0, -1.0
-    both = [model.predict_readings(Readings(angles, directions=way)) for way in (directions, other)]
+    both = [model.predict_readings(Session(angles, directions=way)) for way in (directions, other)]
     half = (both[0] - both[1])[1] / 2
     assert np.linalg.norm(half) > 0.01
     np.testing.assert_allclose(found[1], np.outer(half, half), atol=1e-9)  # mm^2; the tips are rounded to 1e-13 mm
@@ -81,7 +81,7 @@ def test_without_a_temperature_or_load_its_training_variance_counts(tmp_path):
         return angles, true, warm, load
 
     angles, true, warm, load = drawn(200, 1)
-    readings = Readings(
+    readings = Session(
         angles, true + rng.normal(0, 0.01, true.shape), temperature_degC=warm, columns={"load_1_Nm": load}
     )
     model = PhysicalModel(ARM, free=(), highest=1).fit_readings(readings)
@@ -89,11 +89,11 @@ def test_without_a_temperature_or_load_its_training_variance_counts(tmp_path):
     assert model.column_variances_ == {"load_1_Nm": pytest.approx(load.var())}
     angles, true, warm, load = drawn(300, 2)
     known = {"temperature_degC": warm, "columns": {"load_1_Nm": load}}
-    assert model.unstated_input_covariances(Readings(angles, **known)) == {}
+    assert model.unstated_input_covariances(Session(angles, **known)) == {}
     save_model(model, tmp_path / "m")
     again = load_model(tmp_path / "m")
     for missing in ({"temperature_degC"}, {"columns"}, {"temperature_degC", "columns"}):
-        lacking = Readings(angles, **{name: value for name, value in known.items() if name not in missing})
+        lacking = Session(angles, **{name: value for name, value in known.items() if name not in missing})
         assert len(model.unstated_input_covariances(lacking)) == len(missing)
         size, share = judged(model, lacking, true)
         assert size == pytest.approx(1.0, abs=0.15)  # standard deviations of 200 and of 300: 6 %
@@ -106,7 +106,7 @@ def test_a_model_without_such_terms_misses_nothing(real):
     rng = np.random.default_rng(1)
     model = KinematicModel(real.arm).fit_readings(real.points(40, rng, temperature_degC=20 + rng.normal(size=40)))
     assert model.temperature_variance_K2_ > 0
-    assert model.unstated_input_covariances(Readings(real.arm.working[None])) == {}
+    assert model.unstated_input_covariances(Session(real.arm.working[None])) == {}
 
 
 def test_hysteresis_is_random_in_a_task_unless_directions_are_given(hysteretic):
@@ -115,7 +115,7 @@ def test_hysteresis_is_random_in_a_task_unless_directions_are_given(hysteretic):
     told, untold = (PosteriorDistribution(model, directions_given=given).draw(1) for given in (True, False))
     assert not told.random(angles, np.random.default_rng(1)).any()
     drawn = np.array([untold.random(angles, np.random.default_rng(seed)) for seed in range(800)])
-    expected = model.unstated_input_covariances(Readings(angles))["directions of movement"]
+    expected = model.unstated_input_covariances(Session(angles))["directions of movement"]
     found = np.einsum("sni,snj->nij", drawn, drawn) / len(drawn)
     # Covariances of 800 draws: 5 % a standard deviation. The base is as drawn: the frames are nearly parallel.
     assert np.abs(found - expected).max() < 0.25 * np.trace(expected, axis1=1, axis2=2).max()

@@ -10,7 +10,7 @@ from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.compensation.models import KinematicModel
 from truearm.identification.estimation.problem import PerturbedChain
 from truearm.identification.terms import constants
-from truearm.readings import Lengths, Readings
+from truearm.readings import Lengths, Session
 
 SEEN_MM, TOUCHED_MM = 0.2, 0.005
 
@@ -32,7 +32,7 @@ def held():
         seat += [name] * 10
     angles = np.concatenate(angles)
     points = chain.tip_in_base(angles) + rng.normal(0, SEEN_MM, (50, 3))
-    return chain, Readings(angles, points, seat=np.array(seat)), places
+    return chain, Session(angles, points, seat=np.array(seat)), places
 
 
 def miss(model, chain):
@@ -47,7 +47,7 @@ def fitted(readings, lengths=None):
 
 def test_seats_make_up_for_an_instrument_that_scatters(held):
     chain, readings, _ = held
-    both, seen = fitted(readings), fitted(Readings(readings.angles, readings.points))
+    both, seen = fitted(readings), fitted(Session(readings.angles, readings.points))
     assert miss(both, chain) < 0.7 * miss(seen, chain)
     noise = {reference.kind: reference.noise_std for reference in both.fit_.references}
     # of 150 residuals less some 30 parameters: 10 % is two standard deviations
@@ -71,6 +71,6 @@ def test_points_of_a_seat_tie_its_other_readings_to_the_instruments_frame(held):
     for first in (0, 10, 20):
         points[first : first + 2] = chain.tip_in_base(readings.angles[first : first + 2])
     points += [100.0, 0, 0]
-    found = KinematicModel(load_arm("gao2017")).fit_readings(Readings(readings.angles, points, seat=readings.seat))
+    found = KinematicModel(load_arm("gao2017")).fit_readings(Session(readings.angles, points, seat=readings.seat))
     seen = found.predict(readings.angles) - chain.tip_in_base(readings.angles) - [100.0, 0, 0]
     assert np.abs(seen).max() < 0.1

@@ -12,7 +12,7 @@ from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.refit import refit, used_in_refit
 from truearm.errors import InputError
 from truearm.identification.estimation.outliers import outliers
-from truearm.readings import Readings, read_session, write_session
+from truearm.readings import Session, read_session, write_session
 
 TURN = Rotation.from_rotvec([0.4, -2.0, 1.0]).as_matrix()
 SHIFT = np.array([1500.0, -700.0, 300.0])  # mm
@@ -23,7 +23,7 @@ def elsewhere(real, n, rng, *, tip=(0.0, 0.0, 0.0), **more):
     """Readings of the same arm from another place, with another tip."""
     angles = real.arm.working + 0.8 * rng.uniform(-1, 1, (n, 6))
     tips = real.chain.with_tip(real.chain.tip_in_flange + np.array(tip)).tip_in_base(angles)
-    return Readings(angles, tips @ TURN.T + SHIFT + rng.normal(0, NOISE, (n, 3)), **more)
+    return Session(angles, tips @ TURN.T + SHIFT + rng.normal(0, NOISE, (n, 3)), **more)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_only_the_base_or_only_the_tip(real, fitted):
     np.testing.assert_array_equal(moved.fit_.coefficients[at], fitted.fit_.coefficients[tip])
     longer = real.chain.with_tip(real.chain.tip_in_flange + [0, 0, 5.0])
     angles = real.arm.working + 0.8 * rng.uniform(-1, 1, (10, 6))
-    probe = refit(fitted, Readings(angles, longer.tip_in_base(angles)), free=("tip",))
+    probe = refit(fitted, Session(angles, longer.tip_in_base(angles)), free=("tip",))
     np.testing.assert_allclose(probe.predict(angles), longer.tip_in_base(angles), rtol=0, atol=5 * NOISE)
     assert probe.free_ == ("tip",)
 
@@ -128,8 +128,8 @@ def test_every_model_whatever_was_free_in_it(real, kind, free):
 def test_noise_that_the_new_readings_do_not_bear_out_grows(real, fitted):
     rng = np.random.default_rng(7)
     taken = elsewhere(real, 20, rng)
-    rough = Readings(taken.angles, taken.points + rng.normal(0, 0.3, taken.points.shape))
-    calm = Readings(taken.angles, fitted.predict(taken.angles))
+    rough = Session(taken.angles, taken.points + rng.normal(0, 0.3, taken.points.shape))
+    calm = Session(taken.angles, fitted.predict(taken.angles))
     assert refit(fitted, calm).residual_std_ == fitted.residual_std_
     # 51 degrees of freedom tell it to 10 %.
     assert refit(fitted, rough).residual_std_ == pytest.approx(0.3, rel=0.35)
@@ -141,7 +141,7 @@ def test_a_reading_far_off_is_named_and_counts_little(real, fitted):
     clean = refit(fitted, taken).predict(test.angles)
     points = taken.points.copy()
     points[13] += [4.0, 4.0, -4.0]
-    spoilt = refit(fitted, Readings(taken.angles, points))
+    spoilt = refit(fitted, Session(taken.angles, points))
     assert [outlier.row for outlier in outliers(spoilt.fit_)] == [13]
     assert np.abs(spoilt.predict(test.angles) - clean).max() < 5 * NOISE
 
@@ -153,7 +153,7 @@ def test_stated_uncertainties_of_the_points_count(real, fitted):
     poor = np.arange(40) % 2 == 1
     points = taken.points + poor[:, None] * rng.normal(0, 1.0, (40, 3))
     std = np.repeat(np.where(poor, 1.0, 1e-3)[:, None], 3, axis=1)
-    stated = refit(fitted, Readings(taken.angles, points, std))
+    stated = refit(fitted, Session(taken.angles, points, std))
     off = np.linalg.norm(stated.predict(test.angles) - test.points, axis=1).mean()
     assert off < 3 * NOISE
     assert stated.residual_std_ < 1.5 * fitted.residual_std_
@@ -214,13 +214,13 @@ def test_what_cannot_be_refitted_is_refused(real, fitted):
     with pytest.raises(InputError, match="what is new among"):
         refit(fitted, taken, free=("elbow",))
     with pytest.raises(InputError, match="readings of 6 joints, got 5"):
-        refit(fitted, Readings(taken.angles[:, :5], taken.points))
+        refit(fitted, Session(taken.angles[:, :5], taken.points))
     with pytest.raises(InputError, match="none"):
-        refit(fitted, Readings(taken.angles))
+        refit(fitted, Session(taken.angles))
     with pytest.raises(InputError, match="lengths are between seats"):
         refit(fitted, taken, lengths=real.lengths())
     held = real.held(rng)
     points = np.full((60, 3), np.nan)  # in two seats only, so that all lie on a line
     points[held.seat == "S1"], points[held.seat == "S2"] = real.seats[:2]
     with pytest.raises(InputError, match="the 40 reference points lie within .* mm of a line"):
-        refit(fitted, Readings(held.angles, points, seat=held.seat))
+        refit(fitted, Session(held.angles, points, seat=held.seat))

@@ -11,7 +11,7 @@ from truearm.compensation.models import KinematicModel, NominalModel, PhysicalMo
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.selection import CANDIDATES, select_model
 from truearm.errors import InputError
-from truearm.readings import Readings
+from truearm.readings import Session
 
 NOISE = 0.02  # mm
 KINDS = {"nominal": NominalModel, "kinematic": KinematicModel, "physical": PhysicalModel}
@@ -25,7 +25,7 @@ def session(real, planted, rng, n=200):
         turned[:, 1] += 1e-3 * np.cos(3 * angles[:, 1])
     chain = real.arm.chain if planted == "nominal" else real.chain
     position = np.array([f"p{i // 4}" for i in range(n)])
-    return Readings(angles, chain.tip_in_base(turned) + rng.normal(0, NOISE, (n, 3)), position=position)
+    return Session(angles, chain.tip_in_base(turned) + rng.normal(0, NOISE, (n, 3)), position=position)
 
 
 @pytest.mark.parametrize("planted", CANDIDATES)

@@ -20,7 +20,7 @@ from truearm.compensation.models.session_frames import (
     to_first_session_frame,
 )
 from truearm.errors import InputError
-from truearm.readings import Readings
+from truearm.readings import Session
 
 NOISE = 0.02  # mm, as of `real`
 
@@ -44,7 +44,7 @@ def seen(real, angles, session, rng, noise=NOISE):
     for name in np.unique(session):
         rows = session == name
         points[rows] = real.chain.with_reference_frame(PLACES[name]).tip_in_base(angles[rows])
-    return Readings(angles, points + rng.normal(0, noise, points.shape), session=session)
+    return Session(angles, points + rng.normal(0, noise, points.shape), session=session)
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def rough(real):
         there = real.chain.with_reference_frame(motion(rng.normal(0, 0.3, 3), rng.normal(0, 500, 3)))
         rows = session == name
         points[rows] = there.tip_in_base(angles[rows] + 1e-4 * np.sin(3 * angles[rows]))
-    return Readings(angles, points + rng.normal(0, NOISE, (50, 3)), session=session)
+    return Session(angles, points + rng.normal(0, NOISE, (50, 3)), session=session)
 
 
 def test_positions_that_are_all_or_most_of_a_session_leave_what_is_unexplained_as_it_is(real, rough):
@@ -210,7 +210,7 @@ def test_one_session_or_a_known_base_is_one_frame(readings, real):
     assert rough_session_frames(real.arm, one, ("base", "tip")) == {}
     assert rough_session_frames(real.arm, readings, ("tip",)) == {}
     assert rough_session_frames(real.arm, replace(readings, session=None), ("base",)) == {}
-    held = Readings(readings.angles, seat=np.repeat(["A", "B"], 45), session=readings.session)
+    held = Session(readings.angles, seat=np.repeat(["A", "B"], 45), session=readings.session)
     assert rough_session_frames(real.arm, held, ("base",)) == {}
 
 

@@ -14,7 +14,7 @@ from truearm.compensation.models.reading_references import MAX_SIZE_ERROR
 from truearm.errors import InputError
 from truearm.identification.estimation.problem import PerturbedChain
 from truearm.identification.terms import constants
-from truearm.readings import Lengths, Readings
+from truearm.readings import Lengths, Session
 
 DISTANCE_MM = 28.0
 PAIRS = [("A", "B"), ("C", "A"), ("B", "C")]
@@ -45,11 +45,11 @@ def in_seats(taken, scale):
     apart = [float(np.linalg.norm(places["ABC".index(b)] - places["ABC".index(a)])) for a, b in PAIRS]
     a, b = zip(*PAIRS, strict=True)
     lengths = Lengths(np.array(a), np.array(b), np.array(apart) * scale, np.full(3, 0.002))
-    return Readings(angles[:36], seat=np.repeat(list("ABC"), 12)), lengths
+    return Session(angles[:36], seat=np.repeat(list("ABC"), 12)), lengths
 
 
 def on_sphere(taken, distance):
-    return Readings(taken[0][36:], sphere=np.full(12, "S"), sphere_distance=np.tile([distance, 0.001], (12, 1)))
+    return Session(taken[0][36:], sphere=np.full(12, "S"), sphere_distance=np.tile([distance, 0.001], (12, 1)))
 
 
 @pytest.mark.parametrize("scale", [1 - 3 * MAX_SIZE_ERROR, 1 + 3 * MAX_SIZE_ERROR, 25.4, 1e-3])

@@ -10,7 +10,7 @@ from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.compensation.models.uncertainty import ELLIPSOID_FACTOR, uncertainty_budget
 from truearm.identification.planning.sampling import box, seat
 from truearm.identification.virtual import PRESETS, VirtualArm
-from truearm.readings import Readings
+from truearm.readings import Session
 
 ARM = load_arm("gao2017")
 
@@ -59,7 +59,7 @@ def test_it_counts_the_points_that_lie_in_their_ellipsoids(model, others):
 def test_a_reading_far_off_is_found_with_its_row(model, others):
     points = others.points.copy()
     points[[7, 40]] += [[0.0, 0.5, 0.0], [2.0, 0.0, 0.0]]
-    budget, far = uncertainty_budget(model, Readings(others.angles, points))
+    budget, far = uncertainty_budget(model, Session(others.angles, points))
     assert [one.row for one in far] == [40, 7]
     assert far[0].error_mm == pytest.approx(2.0, abs=0.2)
     assert far[0].normalized_residual == pytest.approx(far[0].error_mm / np.sqrt(3) / budget.combined_mm, rel=0.2)

@@ -9,7 +9,7 @@ from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel
 from truearm.identification.estimation.birge_ratio import birge_ratio
 from truearm.identification.estimation.identification import ReferenceFit
-from truearm.readings import Readings
+from truearm.readings import Session
 
 
 def of(kind, rows, std, noise_std):
@@ -47,6 +47,6 @@ def test_a_reference_that_states_its_uncertainty_does_not_widen(seed):
     arm = load_arm("gao2017")
     angles = arm.working + 0.8 * rng.uniform(-1, 1, (80, 6))
     points = arm.chain.tip_in_base(angles) + rng.normal(0, 0.05, (80, 3))
-    model = KinematicModel(arm).fit_readings(Readings(angles, points, np.full((80, 3), 0.05)))
+    model = KinematicModel(arm).fit_readings(Session(angles, points, np.full((80, 3), 0.05)))
     # The unexplained is found to be anything up to a half of what is stated: a root of 1.25.
     assert 1 <= model.birge_ratio_ < 1.15

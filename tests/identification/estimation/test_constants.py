@@ -17,7 +17,7 @@ from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
 from truearm.identification.estimation.references import Points
 from truearm.identification.terms import ArmState, Constant, Term, constants
-from truearm.readings import Readings
+from truearm.readings import Session
 
 NOISE = 0.02  # mm
 
@@ -116,7 +116,7 @@ def test_base_far_away_and_tip_on_a_bracket_are_found(rng):
     T[:3, 3] = [2500, -3100, 400]
     truth = arm.chain.with_tip(np.array([40.0, -90, 250])).with_reference_frame(T)
     points = truth.tip_in_base(angles)
-    rough = place_base_coarsely(arm.chain, Readings(angles, points), ("base", "tip"))
+    rough = place_base_coarsely(arm.chain, Session(angles, points), ("base", "tip"))
     terms = constants(arm.chain, angle_std=0.0, length_std=0.0)
     fit = found(arm, angles, points, terms, chain=rough)
     np.testing.assert_allclose(tips(fit, arm, angles), points, atol=1e-6)
@@ -242,9 +242,7 @@ def test_where_the_reference_stands_does_not_matter(rng):
     points = truth.tip_in_base(angles) + rng.normal(0, NOISE, (60, 3))
     R, shift = Rotation.from_rotvec([2.0, -0.3, 0.5]).as_matrix(), [-4000.0, 900, 1700]
     here, there = [
-        found(
-            arm, angles, p, constants(arm.chain), chain=place_base_coarsely(arm.chain, Readings(angles, p), ("base",))
-        )
+        found(arm, angles, p, constants(arm.chain), chain=place_base_coarsely(arm.chain, Session(angles, p), ("base",)))
         for p in (points, points @ R.T + shift)
     ]
     np.testing.assert_allclose(tips(here, arm, others) @ R.T + shift, tips(there, arm, others), atol=1e-3 * NOISE)
@@ -270,7 +268,7 @@ def test_poor_data_leave_what_they_do_not_tell_at_its_prior(case, rng):
         points[:] = points[0]
     elif case == "a unit mistaken":
         points *= 1e3
-    rough = place_base_coarsely(arm.chain, Readings(angles, points), ("base", "tip"))
+    rough = place_base_coarsely(arm.chain, Session(angles, points), ("base", "tip"))
     fit = found(arm, angles, points, constants(arm.chain), chain=rough)
     state = ArmState(arm.chain, np.concatenate([angles, angles + 1.5]))
     assert np.isfinite(fit.tips(state)).all()
@@ -373,7 +371,7 @@ def test_a_chain_is_placed_by_the_readings_that_have_points(rng):
     T[:3, 3] = [100.0, 200, 300]
     points = arm.chain.with_reference_frame(T).tip_in_base(angles)
     points[5:] = np.nan
-    placed = place_base_coarsely(arm.chain, Readings(angles, points), ("base",))
+    placed = place_base_coarsely(arm.chain, Session(angles, points), ("base",))
     np.testing.assert_allclose(placed.tip_in_base(angles[:5]), points[:5], atol=1e-8)
-    assert place_base_coarsely(arm.chain, Readings(angles, points), ("tip",)) is arm.chain
-    assert place_base_coarsely(arm.chain, Readings(angles), ("base",)) is arm.chain
+    assert place_base_coarsely(arm.chain, Session(angles, points), ("tip",)) is arm.chain
+    assert place_base_coarsely(arm.chain, Session(angles), ("base",)) is arm.chain

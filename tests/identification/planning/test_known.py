@@ -13,7 +13,7 @@ from truearm.identification.planning.information import design_problem, tip_jaco
 from truearm.identification.planning.prior import identified_prior, nominal_prior
 from truearm.identification.terms.basis import Constant
 from truearm.identification.virtual import VirtualArm, load_preset
-from truearm.readings import Readings
+from truearm.readings import Session
 
 ARM = load_arm("gao2017")
 VOLUME = volume_poses(ARM, 30, seed=5)
@@ -57,14 +57,14 @@ def test_a_drawing_is_known_as_well_as_the_priors_of_its_terms_say(drawn):
 
 def test_points_taken_tell_what_the_design_problem_says_with_the_frame_unknown(drawn):
     poses = tracker_poses(ARM, 12, seed=1)
-    taken = Readings(poses.angles, np.zeros((12, 3)) + np.arange(3.0))
+    taken = Session(poses.angles, np.zeros((12, 3)) + np.arange(3.0))
     # The frame is known to some ten metres beforehand rather than not at all: a millionth.
     assert uncertainty(drawn.after(taken)) == pytest.approx(by_problem(drawn.with_frame(), poses), rel=1e-6)
 
 
 def test_seats_taken_tell_what_the_design_problem_says(drawn):
     poses = seat_poses(ARM, seats=2, poses=8, seed=2)
-    taken = Readings(poses.angles, seat=poses.seat)
+    taken = Session(poses.angles, seat=poses.seat)
     # The tips are in their seats to 1e-6 mm; where the seats are is known to ten metres beforehand.
     assert uncertainty(drawn.after(taken)) == pytest.approx(by_problem(drawn, poses), rel=1e-5)
 
@@ -73,7 +73,7 @@ def test_tips_that_scatter_in_a_seat_tell_no_scale(drawn):
     """An arm that is wrongly drawn: by its drawing the tips are a millimetre apart, where they were in one seat."""
     poses = seat_poses(ARM, seats=2, poses=15, seed=2)
     off = poses.angles + 1e-3 * np.random.default_rng(0).standard_normal(poses.angles.shape)
-    in_place, scattered = (drawn.after(Readings(angles, seat=poses.seat)) for angles in (poses.angles, off))
+    in_place, scattered = (drawn.after(Session(angles, seat=poses.seat)) for angles in (poses.angles, off))
     # The postures differ by a milliradian, so the uncertainty by some of its thousandths.
     assert uncertainty(scattered) == pytest.approx(uncertainty(in_place), rel=1e-2)
     assert uncertainty(scattered, scale=True) == pytest.approx(uncertainty(in_place, scale=True), rel=2e-2)
@@ -81,28 +81,28 @@ def test_tips_that_scatter_in_a_seat_tell_no_scale(drawn):
 
 def test_readings_in_two_set_ups_tell_less_than_in_one(drawn):
     angles = tracker_poses(ARM, 14, seed=3).angles
-    one = Readings(angles, np.ones((14, 3)))
-    two = Readings(angles, np.ones((14, 3)), session=np.repeat(["May", "June"], 7))
+    one = Session(angles, np.ones((14, 3)))
+    two = Session(angles, np.ones((14, 3)), session=np.repeat(["May", "June"], 7))
     assert uncertainty(drawn.after(two)) > uncertainty(drawn.after(one))
     assert uncertainty(drawn.after(two)) < uncertainty(drawn)
 
 
 def test_a_reading_with_a_point_and_a_seat_counts_once(drawn):
     angles = tracker_poses(ARM, 8, seed=3).angles
-    both = Readings(angles, np.ones((8, 3)), seat=np.array(["A"] * 8))
-    assert uncertainty(drawn.after(both)) == uncertainty(drawn.after(Readings(angles, np.ones((8, 3)))))
+    both = Session(angles, np.ones((8, 3)), seat=np.array(["A"] * 8))
+    assert uncertainty(drawn.after(both)) == uncertainty(drawn.after(Session(angles, np.ones((8, 3)))))
 
 
 def test_readings_without_points_and_seats_are_refused(drawn):
     angles = tracker_poses(ARM, 3, seed=0).angles
-    for readings in (Readings(angles), Readings(angles, plane=np.array(["table"] * 3))):
+    for readings in (Session(angles), Session(angles, plane=np.array(["table"] * 3))):
         with pytest.raises(InputError, match="points or seats"):
             drawn.after(readings)
 
 
 def test_a_seat_in_two_sessions_is_refused(drawn):
     angles = tracker_poses(ARM, 4, seed=0).angles
-    taken = Readings(angles, seat=np.array(["A"] * 4), session=np.array(["May", "May", "June", "June"]))
+    taken = Session(angles, seat=np.array(["A"] * 4), session=np.array(["May", "May", "June", "June"]))
     with pytest.raises(InputError, match="seat 'A' is in session 'May' and, in reading 3, in session 'June'"):
         drawn.after(taken)
 
@@ -124,12 +124,12 @@ def model():
     virtual = VirtualArm.draw(ARM, load_preset("research"), seed=1)
     readings = virtual.measure(tracker_poses(ARM, 40, seed=7).angles, seed=2).readings
     turned = readings.points @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) + [2e3, 1e3, -500.0]
-    return KinematicModel(ARM).fit_readings(Readings(readings.angles, turned))
+    return KinematicModel(ARM).fit_readings(Session(readings.angles, turned))
 
 
 def identified(model):
     state = state_of
-    return identified_prior(model.arm_, model.fit_, noise_mm=0.02, state=lambda q: state(model.arm_, Readings(q)))
+    return identified_prior(model.arm_, model.fit_, noise_mm=0.02, state=lambda q: state(model.arm_, Session(q)))
 
 
 def test_what_a_model_knows_is_its_posterior_without_the_base(model):
@@ -159,7 +159,7 @@ def test_more_readings_leave_less_and_those_taken_count(model):
     _, known = identified(model)
     before = uncertainty(known)
     poses = tracker_poses(ARM, 10, seed=11)
-    after = uncertainty(known.after(Readings(poses.angles, np.ones((10, 3)))))
+    after = uncertainty(known.after(Session(poses.angles, np.ones((10, 3)))))
     assert after < before < uncertainty(nominal_prior(ARM, terms="constants", noise_mm=0.02))
     assert by_problem(known.with_frame(), poses) == pytest.approx(after, rel=1e-6)
 

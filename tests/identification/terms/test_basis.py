@@ -18,8 +18,8 @@ from truearm.identification.terms import (
     Direction,
     GravityTorque,
     Harmonics,
+    InSession,
     LinkMasses,
-    Session,
     Temperature,
     basis_from_data,
     harmonics,
@@ -159,10 +159,10 @@ def test_whole_numbers_of_any_kind_are_made_plain():
 
 def test_a_session_is_one_at_its_own_readings_only():
     state = ArmState(flat_chain(), np.zeros((3, 2)), session=np.array(["May", "", "June"]))
-    assert Session("May").values(state).tolist() == [[1, 0, 0]]
-    assert Session("May").values(state.rows(np.array([2, 0]))).tolist() == [[0, 1]]
-    assert Session("May").values(ArmState(flat_chain(), np.zeros((3, 2)))).tolist() == [[0, 0, 0]]
-    assert basis_from_data(Session("May").as_data()) == Session("May")
+    assert InSession("May").values(state).tolist() == [[1, 0, 0]]
+    assert InSession("May").values(state.rows(np.array([2, 0]))).tolist() == [[0, 1]]
+    assert InSession("May").values(ArmState(flat_chain(), np.zeros((3, 2)))).tolist() == [[0, 0, 0]]
+    assert basis_from_data(InSession("May").as_data()) == InSession("May")
     with pytest.raises(InputError, match=r"sessions of shape \(3,\)"):
         ArmState(flat_chain(), np.zeros((3, 2)), session=np.array(["May"]))
 
@@ -189,8 +189,8 @@ def test_a_link_beyond_the_last_is_refused(make_state):
         (lambda: Direction("1"), "whole numbers"),
         (lambda: Column(""), "column's name"),
         (lambda: Column(3), "column's name"),
-        (lambda: Session(""), "name of a session"),
-        (lambda: Session(7), "name of a session"),
+        (lambda: InSession(""), "name of a session"),
+        (lambda: InSession(7), "name of a session"),
     ],
 )
 def test_a_basis_refuses_what_it_cannot_be(make, says):
@@ -219,7 +219,7 @@ plain = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
     max_leaves=8,
 )
-kinds = st.sampled_from(["Constant", "Harmonics", "GravityTorque", "Temperature", "Direction", "Session", "Column"])
+kinds = st.sampled_from(["Constant", "Harmonics", "GravityTorque", "Temperature", "Direction", "InSession", "Column"])
 keys = st.sampled_from(["joint", "orders", "axis", "link", "name", "self", ""])
 
 

@@ -13,7 +13,7 @@ from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.identification.virtual.presets import PERFECT, SHOP, Preset
 from truearm.identification.virtual.systematic import ARCSEC
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.verification.tasks import sampled_arms
 from truearm.verification.tasks.sampled_arms import (
     JOINT_VARIANCE_SHARE,
@@ -96,7 +96,7 @@ def test_encoder_steps_are_even_over_a_step(rng):
 def test_draws_from_a_model_have_its_covariance(model):
     known = PosteriorDistribution(model)
     drawn = np.array([known.draw(seed).systematic(POSES) for seed in range(600)])
-    of_parameters, unexplained = model.covariance_parts(Readings(POSES))
+    of_parameters, unexplained = model.covariance_parts(Session(POSES))
     share = known.relative_std(POSES)[:, 0] ** 2
     assert (known.displacements(POSES) ** 2).sum(axis=(1, 2)) / 3 == pytest.approx(
         share * known.field_std_mm**2, rel=1e-9

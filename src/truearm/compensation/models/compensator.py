@@ -38,7 +38,7 @@ from truearm.identification.estimation.references import Reference
 from truearm.identification.terms import ArmState, Term, constants
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray
 
 FREE_PARTS = ("base", "tip")
@@ -104,11 +104,11 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         )
         if np.ndim(points) != 2 or points.shape[1] != 3:
             raise InputError(f"expected points of shape (n, 3), x y z in mm, got {np.shape(points)}")
-        return self.fit_readings(Readings(angles, np.asarray(points, dtype=float)))
+        return self.fit_readings(Session(angles, np.asarray(points, dtype=float)))
 
     def fit_readings(
         self,
-        readings: Readings,
+        readings: Session,
         *,
         lengths: Lengths | None = None,
         progress: Callable[[int, str], None] | None = None,
@@ -119,7 +119,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
 
         Parameters
         ----------
-        readings : Readings
+        readings : Session
             A network needs a reference point at every reading. The other models take what there is.
         lengths : Lengths, optional
             Known lengths between seats of the readings.
@@ -194,21 +194,21 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             Of the tip [mm^2]; a reference point compared with it has its own uncertainty besides. See
             `outside_training` for where it was not learned.
         """
-        return self.predict_readings(Readings(self._checked_angles(X)), return_cov=return_cov)
+        return self.predict_readings(Session(self._checked_angles(X)), return_cov=return_cov)
 
     @overload
-    def predict_readings(self, readings: Readings, *, return_cov: Literal[False] = False) -> FloatArray: ...
+    def predict_readings(self, readings: Session, *, return_cov: Literal[False] = False) -> FloatArray: ...
 
     @overload
-    def predict_readings(self, readings: Readings, *, return_cov: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
+    def predict_readings(self, readings: Session, *, return_cov: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
 
     @overload
     def predict_readings(
-        self, readings: Readings, *, return_cov: bool
+        self, readings: Session, *, return_cov: bool
     ) -> FloatArray | tuple[FloatArray, FloatArray]: ...
 
     def predict_readings(
-        self, readings: Readings, *, return_cov: bool = False
+        self, readings: Session, *, return_cov: bool = False
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Corrected coordinates at readings, by their temperature, loads and directions too if the model knows them.
 
@@ -223,7 +223,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         of_parameters, unexplained = self.covariance_parts(readings)
         return points, of_parameters + unexplained
 
-    def covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
+    def covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
         """Uncertainty of predicted points in its two parts.
 
         Returns
@@ -243,15 +243,15 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
 
     def predict_nominal(self, angles: npt.ArrayLike) -> FloatArray:
         """(n, 3) what the nominal arm gives, with the free parts fitted to the same training readings [mm]."""
-        return self.predict_nominal_readings(Readings(self._checked_angles(angles)))
+        return self.predict_nominal_readings(Session(self._checked_angles(angles)))
 
-    def predict_nominal_readings(self, readings: Readings) -> FloatArray:
+    def predict_nominal_readings(self, readings: Session) -> FloatArray:
         """(n, 3) the same at readings, in the frames of their sessions as by `predict_readings` [mm]."""
         self._checked_angles(readings.angles)
         tips = self.nominal_.tips(state_of(self.arm_, self._with_known_sessions(readings)))
         return points_to_session_frames(tips, readings, self.session_frames_)
 
-    def _with_known_sessions(self, readings: Readings) -> Readings:
+    def _with_known_sessions(self, readings: Session) -> Session:
         """Readings without their sessions, if the model knows of none."""
         return readings if self.session_frames_ else replace(readings, session=None)
 
@@ -259,7 +259,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         """(n,) True where a joint is away from the angles it was trained on: the model has not seen such poses."""
         return outside_ranges(self._checked_angles(angles), self.angle_ranges_, self.angle_gaps_)
 
-    def is_trained_on(self, readings: Readings) -> bool:
+    def is_trained_on(self, readings: Session) -> bool:
         """Whether these are the readings that the model was fitted to; whatever the version that fitted it."""
         return self.data_fingerprint_ in (fingerprint(readings), *_earlier_fingerprints(readings))
 
@@ -277,7 +277,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         if unknown:
             raise InputError(f"expected free parts among {list(FREE_PARTS)}, got {sorted(unknown)}")
 
-    def _check_references(self, readings: Readings, lengths: Lengths | None) -> int:
+    def _check_references(self, readings: Session, lengths: Lengths | None) -> int:
         """Refuse readings from which this model cannot learn, and count those from which it can."""
         del lengths
         if not readings.has_point.any():
@@ -296,7 +296,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     @abstractmethod
     def _identify(
         self,
-        readings: Readings,
+        readings: Session,
         lengths: Lengths | None,
         progress: Callable[[int, str], None],
         checkpoint: Path | None,
@@ -304,11 +304,11 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         """Learn from readings; `nominal_` is there already. See `fit_readings`."""
 
     @abstractmethod
-    def _tips(self, readings: Readings) -> FloatArray:
+    def _tips(self, readings: Session) -> FloatArray:
         """Tips (n, 3) [mm] at checked readings."""
 
     @abstractmethod
-    def _covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
+    def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
         """See `covariance_parts`."""
 
     def _checked_arm(self) -> Arm:
@@ -321,7 +321,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         check_is_fitted(self)
         return np.asarray(validate_data(self, angles, reset=False, dtype=np.float64))
 
-    def _fit_nominal(self, readings: Readings, lengths: Lengths | None) -> IdentificationResult:
+    def _fit_nominal(self, readings: Session, lengths: Lengths | None) -> IdentificationResult:
         """The nominal chain with base and tip, as far as they are free, fitted to the readings."""
         terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
         state, references = state_of(self.arm_, readings), references_of(readings, lengths)
@@ -331,7 +331,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
 
     def _identify_terms(
         self,
-        readings: Readings,
+        readings: Session,
         state: ArmState,
         terms: Sequence[Term],
         references: Sequence[Reference],
@@ -363,7 +363,7 @@ def _silent(done: int, note: str) -> None:
     """Tell nobody."""
 
 
-def fingerprint(data: Readings | Lengths) -> str:
+def fingerprint(data: Session | Lengths) -> str:
     """SHA-256 of all that readings, or lengths, say.
 
     Their columns in the order of their names, each with its name and its shape before it; numbers as little-endian
@@ -384,7 +384,7 @@ def fingerprint(data: Readings | Lengths) -> str:
     return digest.hexdigest()
 
 
-def _earlier_fingerprints(readings: Readings) -> Iterator[str]:
+def _earlier_fingerprints(readings: Session) -> Iterator[str]:
     """SHA-256 of readings as models of format 3 and before have it: of angles, points and seats, or without the seats.
 
     A model written again keeps what it was fitted with, so the format of its file does not say which it is.

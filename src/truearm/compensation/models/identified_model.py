@@ -19,7 +19,7 @@ from truearm.identification.estimation.residual_variance import conformal_residu
 from truearm.identification.estimation.variance_function import VarianceFunction, fit_variance_function
 from truearm.identification.terms import ArmState, Constant, SkippedTerm, Term
 from truearm.readings.lengths import Lengths
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.typing import FloatArray, IntArray
 
 # Readings in one seat, as many as there are, are held out in so many parts.
@@ -61,7 +61,7 @@ class IdentifiedModel(Compensator):
 
     def _identify(
         self,
-        readings: Readings,
+        readings: Session,
         lengths: Lengths | None,
         progress: Callable[[int, str], None],
         checkpoint: Path | None,
@@ -112,7 +112,7 @@ class IdentifiedModel(Compensator):
                 own[part.rows] = part.noise_std**2 + (part.std**2).mean(axis=0)
         return own
 
-    def state(self, readings: Readings) -> ArmState:
+    def state(self, readings: Session) -> ArmState:
         """State of the arm at readings, as far as the model knows what it does.
 
         Where they have no temperature or load it is that of the training readings on average; where they have no
@@ -126,17 +126,17 @@ class IdentifiedModel(Compensator):
             direction=0.0,
         )
 
-    def _tips(self, readings: Readings) -> FloatArray:
+    def _tips(self, readings: Session) -> FloatArray:
         return self.fit_.tips(self.state(readings))
 
-    def _covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
+    def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
         of_parameters = self.fit_.tip_covariance(self.state(readings))
         unexplained = self.residual_std_**2 * self.variance_function_.share(readings.angles)
         return of_parameters, sum(
             self.unstated_input_covariances(readings).values(), unexplained[:, None, None] * np.eye(3)
         )
 
-    def unstated_input_covariances(self, readings: Readings) -> dict[str, FloatArray]:
+    def unstated_input_covariances(self, readings: Session) -> dict[str, FloatArray]:
         """Give what the terms depend on and readings do not state, and how uncertain that makes the tips.
 
         Temperature and further columns are known by their means and variances at the training readings, directions of
@@ -161,7 +161,7 @@ class IdentifiedModel(Compensator):
             name: np.einsum("kni,knj->nij", effect, effect) for name, effect in sorted(effects.items()) if effect.any()
         }
 
-    def _check_references(self, readings: Readings, lengths: Lengths | None) -> int:
+    def _check_references(self, readings: Session, lengths: Lengths | None) -> int:
         return len(np.unique(np.concatenate([reference.rows for reference in references_of(readings, lengths)])))
 
 
@@ -178,7 +178,7 @@ def _places_the_frame(term: Term) -> bool:
     )
 
 
-def cross_validation_groups(readings: Readings, sessions: Iterable[str] = ()) -> IntArray:
+def cross_validation_groups(readings: Session, sessions: Iterable[str] = ()) -> IntArray:
     """(n,) numbers of the groups that a fair test keeps together.
 
     A reading's group is its position; where it names none, its seat; else it is its own. What would put all readings

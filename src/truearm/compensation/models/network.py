@@ -28,7 +28,7 @@ from truearm.compensation.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.compensation.nets.trainlm import trainlm
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
@@ -156,7 +156,7 @@ class NetworkModel(Compensator):
         """
         return self._scatter(self._checked_angles(angles))
 
-    def _check_references(self, readings: Readings, lengths: Lengths | None) -> int:
+    def _check_references(self, readings: Session, lengths: Lengths | None) -> int:
         if lengths is not None:
             raise InputError(
                 "a network learns from points alone, and lengths between seats were given with them",
@@ -166,7 +166,7 @@ class NetworkModel(Compensator):
 
     def _identify(
         self,
-        readings: Readings,
+        readings: Session,
         lengths: Lengths | None,
         progress: Callable[[int, str], None],
         checkpoint: Path | None,
@@ -280,7 +280,7 @@ class NetworkModel(Compensator):
         digest.update(np.ascontiguousarray(start, dtype="<f8").tobytes())
         return digest.hexdigest()
 
-    def _check_enough(self, training: FitProblem, readings: Readings) -> None:
+    def _check_enough(self, training: FitProblem, readings: Session) -> None:
         """Refuse to train a network, with nothing set aside, that can repeat every reading."""
         if self.trainer != "trainbr" and training.n_errors <= self.network_.n_weights:
             raise readings.error(
@@ -344,7 +344,7 @@ class NetworkModel(Compensator):
         """(n, 3) a member's points [mm] at scaled inputs (n_inputs, n)."""
         return np.asarray(self.point_scale_.unscale(self.network_.outputs(member.weights, inputs)).T)
 
-    def _tips(self, readings: Readings) -> FloatArray:
+    def _tips(self, readings: Session) -> FloatArray:
         return self._mean(readings.angles)
 
     def _mean(self, angles: FloatArray) -> FloatArray:
@@ -363,7 +363,7 @@ class NetworkModel(Compensator):
             out /= len(self.members_) - 1
         return out
 
-    def _covariance_parts(self, readings: Readings) -> tuple[FloatArray, FloatArray]:
+    def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
         """What the data left open of the weights, and what members leave over.
 
         The first is the second, times the leverage of the last hidden layers, and the members' scatter. The leverage is
@@ -394,7 +394,7 @@ def remove_checkpoints(folder: Path) -> None:
         folder.rmdir()
 
 
-def _check_motion(arm: Arm, readings: Readings, points: FloatArray) -> None:
+def _check_motion(arm: Arm, readings: Session, points: FloatArray) -> None:
     """Refuse an input or output without a range to scale."""
     for joint, values in enumerate(readings.angles.T):
         if values.min() == values.max():

@@ -20,7 +20,7 @@ from truearm.identification.estimation.surfaces import Lines, Planes, Spheres, l
 from truearm.identification.terms import ArmState, Term
 from truearm.identification.terms.catalogue import tool_rotation
 from truearm.readings.lengths import Lengths
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import thermal_expansion_of
 from truearm.typing import FloatArray, IntArray, NameArray
 
@@ -35,7 +35,7 @@ MIN_READINGS_ON = {"sphere": Spheres.least, "plane": Planes.least, "line": Lines
 
 def state_of(
     arm: Arm,
-    readings: Readings,
+    readings: Session,
     *,
     temperature_degC: float | None = None,
     columns: Mapping[str, float] | None = None,
@@ -60,7 +60,7 @@ def state_of(
     )
 
 
-def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference]:
+def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]:
     """References of the readings, one of a kind.
 
     Lengths are as long as they are at the temperature of the readings in their seats, where their expansion is known.
@@ -118,7 +118,7 @@ def references_of(readings: Readings, lengths: Lengths | None) -> list[Reference
 
 
 def check_sizes(
-    readings: Readings,
+    readings: Session,
     lengths: Lengths | None,
     references: Sequence[Reference],
     fit_nominal: Callable[[Sequence[Reference]], IdentificationResult],
@@ -131,7 +131,7 @@ def check_sizes(
 
     Parameters
     ----------
-    readings : Readings
+    readings : Session
     lengths : Lengths, optional
     references : sequence of Reference
         Of both.
@@ -177,7 +177,7 @@ def _without_sizes(reference: Reference) -> Reference:
     return reference
 
 
-def surfaces_with_too_few_readings(readings: Readings) -> list[tuple[str, str, int]]:
+def surfaces_with_too_few_readings(readings: Session) -> list[tuple[str, str, int]]:
     """Surfaces that are left out: kind, name, and readings without a point, fewer than it takes to find it."""
     found = []
     for kind, least in MIN_READINGS_ON.items():
@@ -188,7 +188,7 @@ def surfaces_with_too_few_readings(readings: Readings) -> list[tuple[str, str, i
     return found
 
 
-def _touched(readings: Readings, kind: str) -> IntArray:
+def _touched(readings: Session, kind: str) -> IntArray:
     """Readings on a kind of surface that have no point, which would count instead."""
     names = getattr(readings, kind)
     if names is None:
@@ -196,7 +196,7 @@ def _touched(readings: Readings, kind: str) -> IntArray:
     return np.flatnonzero((names != "") & ~readings.has_point)
 
 
-def check_spread(readings: Readings, arm: Arm) -> None:
+def check_spread(readings: Session, arm: Arm) -> None:
     """Check that reference points say where the base stands.
 
     Raises
@@ -215,14 +215,14 @@ def check_spread(readings: Readings, arm: Arm) -> None:
         )
 
 
-def rows_with_orientation(readings: Readings) -> IntArray:
+def rows_with_orientation(readings: Session) -> IntArray:
     """Readings whose flange's orientation a reference saw."""
     if readings.quaternion is None:
         return np.zeros(0, dtype=np.intp)
     return np.flatnonzero(np.isfinite(readings.quaternion).all(axis=1))
 
 
-def roughly_aligned_chain(arm: Arm, readings: Readings, free: tuple[str, ...]) -> Chain:
+def roughly_aligned_chain(arm: Arm, readings: Session, free: tuple[str, ...]) -> Chain:
     """The arm's chain, as a whole and with its tool, put roughly to where the readings saw it."""
     chain = place_base_coarsely(arm.chain, readings, free)
     turned = rows_with_orientation(readings)
@@ -233,17 +233,17 @@ def roughly_aligned_chain(arm: Arm, readings: Readings, free: tuple[str, ...]) -
     )
 
 
-def tool_terms(arm: Arm, readings: Readings) -> list[Term]:
+def tool_terms(arm: Arm, readings: Session) -> list[Term]:
     """The tool's rotation on the flange, where orientations see it."""
     return tool_rotation(arm.chain) if len(rows_with_orientation(readings)) else []
 
 
-def _orientations(readings: Readings, rows: IntArray) -> FloatArray:
+def _orientations(readings: Session, rows: IntArray) -> FloatArray:
     assert readings.quaternion is not None
     return np.asarray(Rotation.from_quat(readings.quaternion[rows], scalar_first=True).as_matrix())
 
 
-def _in_poses(readings: Readings, held: IntArray) -> list[str]:
+def _in_poses(readings: Session, held: IntArray) -> list[str]:
     """Seats that were held in two or more states of the arm; in one and the same, all its tips are one."""
     assert readings.seat is not None
     names, seat = np.unique(readings.seat[held], return_inverse=True)
@@ -253,7 +253,7 @@ def _in_poses(readings: Readings, held: IntArray) -> list[str]:
     return [str(name) for name in names[np.bincount(different[:, 0].astype(np.intp)) > 1]]
 
 
-def _radii(readings: Readings, rows: IntArray) -> list[tuple[str, float, float]]:
+def _radii(readings: Session, rows: IntArray) -> list[tuple[str, float, float]]:
     """Effective radii of the spheres of readings `rows`, where they are known, and their uncertainties."""
     if readings.sphere_distance is None:
         return []
@@ -263,7 +263,7 @@ def _radii(readings: Readings, rows: IntArray) -> list[tuple[str, float, float]]
     return [(str(name), *readings.sphere_distance[known[i]].tolist()) for name, i in zip(names, first, strict=True)]
 
 
-def _between(lengths: Lengths | None, readings: Readings, held: IntArray) -> list[StatedLength]:
+def _between(lengths: Lengths | None, readings: Session, held: IntArray) -> list[StatedLength]:
     """The lengths whose two seats are among those of readings `held`, as long as they are at their temperature."""
     assert readings.seat is not None
     seat, degC = readings.seat[held], readings.temperature_degC

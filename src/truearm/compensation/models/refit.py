@@ -24,7 +24,7 @@ from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.terms import constants
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray
 
 Model = TypeVar("Model", bound=Compensator)
@@ -35,7 +35,7 @@ MARKED_TO = 1e-9
 
 def refit(
     model: Model,
-    readings: Readings,
+    readings: Session,
     *,
     free: tuple[str, ...] = ("base", "tip"),
     lengths: Lengths | None = None,
@@ -51,7 +51,7 @@ def refit(
     ----------
     model : Compensator
         Fitted. It stays as it is.
-    readings : Readings
+    readings : Session
         Of the new set-up, with reference points, seats or surfaces; orientations are not used.
     free : tuple of str
         What is new: ``"base"``, ``"tip"`` or both. Without reference points the base stays where it was.
@@ -154,7 +154,7 @@ def refit(
     return new
 
 
-def _check_known_sessions(model: Compensator, readings: Readings) -> None:
+def _check_known_sessions(model: Compensator, readings: Session) -> None:
     """Check that the points of a base that stays are in frames that the model knows, if it knows several."""
     known = list(model.session_frames_)
     session = np.full(len(readings), "") if readings.session is None else readings.session
@@ -171,7 +171,7 @@ def _check_known_sessions(model: Compensator, readings: Readings) -> None:
         )
 
 
-def used_in_refit(model: Compensator, readings: Readings) -> BoolArray:
+def used_in_refit(model: Compensator, readings: Session) -> BoolArray:
     """(n,) True for the readings from which the model's base and tip were identified anew: no test is fair on them."""
     marks = model.refit_reading_ids_ if isinstance(model, IdentifiedModel) else np.zeros(0)
     if not len(marks):
@@ -179,7 +179,7 @@ def used_in_refit(model: Compensator, readings: Readings) -> BoolArray:
     return np.isin(_marks(readings), marks)
 
 
-def _marks(readings: Readings) -> FloatArray:
+def _marks(readings: Session) -> FloatArray:
     """(n,) a whole number below 2**52 for every reading: the first bits of the SHA-256 of angles, point and seat."""
     numbers = [readings.angles]
     if readings.points is not None:

@@ -14,7 +14,7 @@ from truearm.compensation.models.nominal import NominalModel
 from truearm.compensation.models.physical import PhysicalModel
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 
 # From the simplest up.
 CANDIDATES: dict[str, type[IdentifiedModel]] = {
@@ -50,7 +50,7 @@ class ModelScore:
 
 def select_model(
     arm: Arm,
-    readings: Readings,
+    readings: Session,
     *,
     free: tuple[str, ...] = ("base", "tip"),
     lengths: Lengths | None = None,
@@ -65,7 +65,7 @@ def select_model(
     Parameters
     ----------
     arm : Arm
-    readings : Readings
+    readings : Session
         With reference points, seats, or both.
     free : tuple of str
         See the models.

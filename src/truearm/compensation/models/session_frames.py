@@ -19,8 +19,8 @@ from truearm.arm.chain import Chain
 from truearm.compensation.models.reading_references import MIN_POINT_SPREAD, rows_with_orientation
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align_robust, rms_distance_from_line
-from truearm.identification.terms import Session, Term, base_terms
-from truearm.readings.readings import Readings
+from truearm.identification.terms import InSession, Term, base_terms
+from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray
 
 Frames = Mapping[str, FloatArray]
@@ -28,13 +28,13 @@ Frames = Mapping[str, FloatArray]
 FEWEST_POINTS = 3
 
 
-def rough_session_frames(arm: Arm, readings: Readings, free: tuple[str, ...]) -> dict[str, FloatArray]:
+def rough_session_frames(arm: Arm, readings: Session, free: tuple[str, ...]) -> dict[str, FloatArray]:
     """Rough frames of the sessions in which a reference saw the arm.
 
     Parameters
     ----------
     arm : Arm
-    readings : Readings
+    readings : Session
         As they are, each session in its own frame.
     free : tuple of str
         With a base that is not free all points are in the arm's own frame.
@@ -69,7 +69,7 @@ def rough_session_frames(arm: Arm, readings: Readings, free: tuple[str, ...]) ->
     return dict(zip(names, _motions(arm, readings, names), strict=True))
 
 
-def _motions(arm: Arm, readings: Readings, names: list[str]) -> Iterator[FloatArray]:
+def _motions(arm: Arm, readings: Session, names: list[str]) -> Iterator[FloatArray]:
     """Motions (4, 4) that carry points into the frame of the first of the sessions."""
     assert readings.session is not None
     first = None
@@ -90,13 +90,13 @@ def _motions(arm: Arm, readings: Readings, names: list[str]) -> Iterator[FloatAr
 def session_frame_terms(chain: Chain, frames: Frames) -> list[Term]:
     """Small motions of the base in every session but the first, as free as the base."""
     return [
-        replace(term, name=f"{term.name}, session {name}", basis=Session(name), group="frames of further sessions")
+        replace(term, name=f"{term.name}, session {name}", basis=InSession(name), group="frames of further sessions")
         for name in list(frames)[1:]
         for term in base_terms(chain)
     ]
 
 
-def to_first_session_frame(readings: Readings, frames: Frames) -> Readings:
+def to_first_session_frame(readings: Session, frames: Frames) -> Session:
     """Readings with what the reference saw in the frame of the first session.
 
     Standard uncertainties that differ by axis are turned too; what correlations that makes between the new axes is left
@@ -119,7 +119,7 @@ def to_first_session_frame(readings: Readings, frames: Frames) -> Readings:
     return replace(readings, points=points, point_std=std, quaternion=quaternion)
 
 
-def points_to_session_frames(points: FloatArray, readings: Readings, frames: Frames) -> FloatArray:
+def points_to_session_frames(points: FloatArray, readings: Session, frames: Frames) -> FloatArray:
     """Points (n, 3) [mm] of the first session's frame, each in the frame of its reading's session if that is known."""
     out = points
     for rows, T in _by_session(readings, frames):
@@ -128,7 +128,7 @@ def points_to_session_frames(points: FloatArray, readings: Readings, frames: Fra
     return out
 
 
-def covariances_to_session_frames(covariance: FloatArray, readings: Readings, frames: Frames) -> FloatArray:
+def covariances_to_session_frames(covariance: FloatArray, readings: Session, frames: Frames) -> FloatArray:
     """Covariances (n, 3, 3) [mm^2], turned likewise."""
     out = covariance
     for rows, T in _by_session(readings, frames):
@@ -137,7 +137,7 @@ def covariances_to_session_frames(covariance: FloatArray, readings: Readings, fr
     return out
 
 
-def _by_session(readings: Readings, frames: Frames) -> Iterator[tuple[BoolArray, FloatArray]]:
+def _by_session(readings: Session, frames: Frames) -> Iterator[tuple[BoolArray, FloatArray]]:
     """Readings (n,) of every session but the first, and the motion (4, 4) that carries its points."""
     for name in list(frames)[1:]:
         rows = np.zeros(len(readings), bool) if readings.session is None else readings.session == name
@@ -159,5 +159,5 @@ def checked_frames(names: list[str], motions: FloatArray) -> dict[str, FloatArra
     return dict(zip(names, rigid, strict=True))
 
 
-def _where(readings: Readings, row: int) -> str:
+def _where(readings: Session, row: int) -> str:
     return f" in {readings.label(row)}" if readings.first_line is None else ""

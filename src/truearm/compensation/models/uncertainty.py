@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.identification.estimation.relative_covariance import relative_covariance
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
 # U = k u with k = 2 holds a coordinate with a probability of about 95 % (JCGM 100:2008, 6.3.3).
@@ -84,7 +84,7 @@ class PredictionOutlier:
 
 
 def uncertainty_budget(
-    model: Compensator, readings: Readings
+    model: Compensator, readings: Session
 ) -> tuple[UncertaintyBudget, tuple[PredictionOutlier, ...]]:
     """Put together what a model's uncertainty is at readings, and find the readings that belie it.
 
@@ -92,7 +92,7 @@ def uncertainty_budget(
     ----------
     model : Compensator
         Fitted.
-    readings : Readings
+    readings : Session
         One or more.
 
     Returns

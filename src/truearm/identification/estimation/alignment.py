@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
 # With a third of the points wrong a fifth of the triples or more are right: that none of so many is has odds of 2e-8.
@@ -109,7 +109,7 @@ def rms_distance_from_line(points: FloatArray) -> float:
     return float(np.sqrt((values[1:] ** 2).sum() / len(points)))
 
 
-def place_base_coarsely(chain: Chain, readings: Readings, free: tuple[str, ...]) -> Chain:
+def place_base_coarsely(chain: Chain, readings: Session, free: tuple[str, ...]) -> Chain:
     """The chain moved as a whole to where its tips come nearest to the readings' points, if its base is free."""
     if "base" not in free or readings.points is None:
         return chain

@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from truearm.identification.estimation.identification import IdentificationResult
-from truearm.identification.terms.basis import Constant, GravityTorque, Harmonics, Session
+from truearm.identification.terms.basis import Constant, GravityTorque, Harmonics, InSession
 from truearm.identification.terms.state import ArmState
 from truearm.typing import FloatArray
 
-OF_ANGLES = (Constant, GravityTorque, Harmonics, Session)
+OF_ANGLES = (Constant, GravityTorque, Harmonics, InSession)
 """Bases that depend on nothing that may not be stated."""
 
 

@@ -16,12 +16,12 @@ from truearm.identification.estimation.identification import IdentificationResul
 from truearm.identification.estimation.problem import PerturbedChain
 from truearm.identification.planning.exchange import project_out
 from truearm.identification.planning.information import tip_jacobian
-from truearm.identification.terms.basis import Constant, Session
+from truearm.identification.terms.basis import Constant, InSession
 from truearm.identification.terms.catalogue import base_terms, constants, gravity, own_axis, wobble
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.readings.checks import check_sessions
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
 Terms = Literal["physical", "constants"]
@@ -86,7 +86,7 @@ class Prior:
         """The same after readings that told `rows` (m, p), over their noise."""
         return replace(self, precision=self.precision + rows.T @ rows)
 
-    def after(self, readings: Readings) -> Prior:
+    def after(self, readings: Session) -> Prior:
         """What is known once readings have been taken too: points seen by a reference, and tips in seats.
 
         The frame of each session is unknown, and so is the place of a seat. Readings on surfaces are not counted.
@@ -178,7 +178,7 @@ def identified_prior(
         If nothing but the base has been identified.
     """
     sizes = [term.n_coefficients for term in found.perturbed_chain.terms]
-    kept = [term.place > 0 or not isinstance(term.basis, Constant | Session) for term in found.perturbed_chain.terms]
+    kept = [term.place > 0 or not isinstance(term.basis, Constant | InSession) for term in found.perturbed_chain.terms]
     columns = np.flatnonzero(np.repeat(kept, sizes))
     if not len(columns):
         raise InputError(

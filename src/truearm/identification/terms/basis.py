@@ -273,7 +273,7 @@ class Direction(Basis):
 
 @register_basis
 @dataclass(frozen=True)
-class Session(Basis):
+class InSession(Basis):
     """One at the readings of a session, zero at all others.
 
     Parameters

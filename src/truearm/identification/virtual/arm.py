@@ -24,7 +24,7 @@ from truearm.identification.virtual.state import (
 )
 from truearm.identification.virtual.systematic import ARCSEC, RANDOM, SystematicErrors, draw_systematic_errors
 from truearm.readings.point_errors import PointErrors, point_errors
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
 SETTLING_STEPS = 12
@@ -37,7 +37,7 @@ class Measurement:
 
     Attributes
     ----------
-    readings : Readings
+    readings : Session
         What a user gets: angles with noise and in encoder steps, reference points with noise, air temperature, and
         from which side each joint came.
     true_angles : (n, n_joints) array
@@ -48,7 +48,7 @@ class Measurement:
         Direction of movement, link temperatures and force at each reading.
     """
 
-    readings: Readings
+    readings: Session
     true_angles: FloatArray
     true_tips: FloatArray
     state: VirtualArmState
@@ -158,7 +158,7 @@ class VirtualArm:
             scatter = self.preset.seat_std_mm * _stream(seed, "seat").standard_normal((len(angles), 3))
             angles = self.settle(angles, np.asarray(seat_points, dtype=float) + scatter, state=state)
         tips = self.true_tip(angles, state)
-        readings = Readings(
+        readings = Session(
             self._read(angles, _stream(seed, "encoder noise")),
             seat=None if seat is None else np.asarray(seat, dtype=np.str_),
             session=None if session is None else np.full(len(angles), session),
@@ -262,7 +262,7 @@ class VirtualArm:
         step = 2 * np.pi / self.preset.encoder_counts
         return np.round(noisy / step) * step
 
-    def _referenced(self, readings: Readings, tips: FloatArray, stream: np.random.Generator) -> Readings:
+    def _referenced(self, readings: Session, tips: FloatArray, stream: np.random.Generator) -> Session:
         std = self.preset.reference_std_mm
         points = tips + std * stream.standard_normal(tips.shape)
         return replace(readings, points=points, point_std=np.full(tips.shape, std) if std > 0 else None)

@@ -26,7 +26,7 @@ from truearm.identification.virtual.arm import VirtualArm
 from truearm.identification.virtual.presets import Preset
 from truearm.identification.virtual.state import VirtualArmState, at_rest, hand_forces, mean_hand_force
 from truearm.identification.virtual.systematic import ARCSEC
-from truearm.readings.readings import Readings
+from truearm.readings.session import Session
 from truearm.solve.group_evidence import covariance_factor
 from truearm.typing import FloatArray
 
@@ -272,7 +272,7 @@ class PosteriorDistribution:
         came_from = None
         if self.directions_given:
             came_from = np.random.default_rng(0).choice([-1.0, 1.0], angles.shape)
-        return self._model.state(Readings(angles, directions=came_from))
+        return self._model.state(Session(angles, directions=came_from))
 
     def hysteresis(self, angles: FloatArray) -> FloatArray:
         """(n_joints, n, 3) what not to be told each joint's direction does at poses (n, n_joints) [mm]."""

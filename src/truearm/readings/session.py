@@ -32,7 +32,7 @@ QUATERNION_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
+class Session:
     """Readings of an arm, one row each.
 
     Parameters
@@ -278,7 +278,7 @@ class Readings:
         line = None if row is None or self.first_line is None else self.first_line + row
         return InputError(problem, file=self.file, line=line, column=column, hint=hint)
 
-    def rows(self, which: npt.ArrayLike) -> Readings:
+    def rows(self, which: npt.ArrayLike) -> Session:
         """Select readings by `which` (indices, slice or mask). They no longer know their file."""
         index: Any = which
         chosen = {
