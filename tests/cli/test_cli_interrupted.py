@@ -84,7 +84,7 @@ def slow_fit(made, tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_fit_leaves_what_was_there_and_keeps_the_training(slow_fit, number):
+def test_an_interrupted_fit_leaves_only_what_was_there(slow_fit, number):
     arguments, folder = slow_fit
     # Bayesian regularisation: no validation stop ends it before the signal comes.
     run = Watched(*arguments, "--trainer", "trainbr", "--epochs", 1_000_000, "--out", "net.truearm", folder=folder)
@@ -93,60 +93,10 @@ def test_an_interrupted_fit_leaves_what_was_there_and_keeps_the_training(slow_fi
     code, out, err = run.end()
     assert (code, out) == (128 + number, "")
     assert "Traceback" not in err
-    kept = "the training so far is kept in net.truearm.training: the same command goes on with it"
-    said = ["truearm: interrupted"] if number == signal.SIGINT else []
-    assert "".join(seen_at_the_end(err)) == "".join([kept, *said])  # the terminal breaks the line
+    assert seen_at_the_end(err) == (["truearm: interrupted"] if number == signal.SIGINT else [])
     assert err.rindex("\x1b[?25h") > err.rindex("\x1b[?25l")  # the cursor is seen again
-    assert sorted(p.name for p in folder.iterdir()) == ["net.truearm", "net.truearm.training"]
-    assert [p.name for p in (folder / "net.truearm.training").iterdir()] == ["member-1-start-1.npz"]
+    assert sorted(p.name for p in folder.iterdir()) == ["net.truearm"]
     assert (folder / "net.truearm").read_text() == "before"
-
-
-def test_the_same_command_goes_on_to_the_same_model(made, tmp_path):
-    """Stopped in the second of two trainings; the other model was fitted in one go."""
-    from truearm.compensation.models.model_file import load_model
-
-    arguments = ["fit", made / "train.csv", "--arm", "gao2017", "--model", "network", "--hidden", "12", "--members", 2]
-    arguments += ["--trainer", "traingd", "--epochs", 2000, "--validation", 0]
-    run = Watched(*arguments, "--out", "net.truearm", folder=tmp_path)
-    run.wait_for(b"training 2/2")
-    run.program.send_signal(signal.SIGTERM)
-    assert run.end()[0] == 128 + signal.SIGTERM
-    assert len(list((tmp_path / "net.truearm.training").iterdir())) == 2
-    again = subprocess.run(
-        [*PROGRAM, *map(str, arguments), "--out", "net.truearm"], cwd=tmp_path, capture_output=True, text=True
-    )
-    assert again.returncode == 0
-    assert again.stderr == "going on with the training kept in net.truearm.training\n"
-    assert [p.name for p in tmp_path.iterdir()] == ["net.truearm"]
-    whole = subprocess.run([*PROGRAM, *map(str, arguments), "--out", "whole"], cwd=tmp_path, capture_output=True)
-    assert (whole.returncode, whole.stderr) == (0, b"")
-    for one, other in zip(
-        load_model(tmp_path / "net.truearm").members_, load_model(tmp_path / "whole").members_, strict=True
-    ):
-        assert one.weights.tobytes() == other.weights.tobytes()
-        assert one.record.perf.tobytes() == other.record.perf.tobytes()
-
-
-def test_a_training_of_other_options_is_not_thrown_away(slow_fit, truearm, snapshot, monkeypatch):
-    arguments, folder = slow_fit
-    monkeypatch.chdir(folder)
-    options = ["--trainer", "trainbr", "--epochs", 1_000_000, "--out", "net.truearm"]
-    run = Watched(*arguments, *options, folder=folder)
-    run.wait_for(b"epoch 2")
-    run.program.send_signal(signal.SIGINT)
-    assert run.end()[0] == 130
-    before = snapshot(folder)
-    ran = truearm(*arguments, *options, "--seed", 5)
-    assert (ran.code, ran.out) == (2, "")
-    assert ran.err.startswith(
-        "truearm: net.truearm.training: member-1-start-1.npz: the checkpoint is of another training"
-    )
-    assert "Try: the command that was stopped here, another --out, or delete the folder to begin anew" in ran.err
-    assert ran.err.count("\n") == 1
-    assert snapshot(folder) == before
-    (folder / "file.training").write_text("")
-    assert "file.training: expected a folder" in truearm(*arguments, "--out", "file").err
 
 
 def test_an_interrupted_demo_leaves_no_folder(tmp_path):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -57,9 +55,9 @@ def fit(
     ] = "base,tip",
     hidden: Annotated[str, typer.Option("--hidden", help="Network: units of the hidden layers.")] = "30,30",
     trainer: Annotated[
-        Literal["lm", "trainlm", "trainbr", "traingd", "traingdx"],
+        Literal["varpro", "trainlm", "trainbr", "traingd", "traingdx"],
         typer.Option("--trainer", help="Network: ours, or as MATLAB's (trainbr: few readings)."),
-    ] = "lm",
+    ] = "varpro",
     epochs: Annotated[int, typer.Option("--epochs", min=1, help="Network: at most so many a training.")] = 200,
     goal: Annotated[
         float, typer.Option("--goal", min=0, help="Network: mean squared error of scaled outputs at which to stop.")
@@ -90,9 +88,6 @@ def fit(
 
     --free base,tip: the reference has a frame of its own and the tip's place on the flange is not known (a laser
     tracker). --free none: points are in the arm's base frame and the tip is as drawn.
-
-    A network's training may be stopped (Ctrl-C, kill): what it has reached stays in the folder OUT.training, and the
-    same command goes on from there to the same model. The folder is removed when the model is written.
     """
     from truearm.arm import resolve_arm
     from truearm.compensation.models import MODELS, NetworkModel
@@ -122,12 +117,11 @@ def fit(
     fitted: Compensator
     table: tuple[ModelScore, ...] = ()
     if network is not None:
-        with Kept(out) as kept, progress("fitting network", total=epochs * restarts * members) as tell:
+        with progress("fitting network", total=epochs * restarts * members) as tell:
             network.fit_readings(
                 readings,
                 lengths=known,
-                progress=kept.telling(tell),
-                checkpoint=kept.folder,
+                progress=tell,
                 nominal=as_drawn,
             )
             fitted = network
@@ -144,64 +138,6 @@ def fit(
                 fitted.fit_readings(readings, lengths=known, progress=tell, nominal=as_drawn)
             save_model(fitted, out)
     _say_result(fitted, readings, table, out, lengths=known, as_json=as_json)
-
-
-class Kept:
-    """The folder beside a model file where its training is kept while the block runs.
-
-    An interrupted block leaves it, and the next one goes on from it; a block that comes to its end removes it.
-
-    Parameters
-    ----------
-    out : Path
-        The model file.
-
-    Raises
-    ------
-    InputError
-        If there is a file of that name; from the block, if the folder holds trainings of other readings or options.
-    """
-
-    def __init__(self, out: Path) -> None:
-        from truearm.compensation.models.network import checkpoints
-        from truearm.errors import InputError
-
-        # The longest name that a file may have leaves no room for more.
-        name = out.name if len(os.fsencode(out.name)) < 240 else out.name[:50]
-        self.folder = out.with_name(f"{name}.training")
-        if self.folder.exists() and not self.folder.is_dir():
-            raise InputError("expected a folder for the training, or none yet", file=self.folder, hint="another --out")
-        self._found = bool(checkpoints(self.folder))
-
-    def telling(self, tell: Callable[[int, str], None]) -> Callable[[int, str], None]:
-        """`tell`, which first of all says that a training is gone on with."""
-
-        def told(done: int, text: str) -> None:
-            if self._found:
-                print_status(f"going on with the training kept in {self.folder}")
-                self._found = False
-            tell(done, text)
-
-        return told
-
-    def __enter__(self) -> Kept:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        from truearm.compensation.models.network import checkpoints, remove_checkpoints
-        from truearm.compensation.nets.checkpoint import RESTART_HINT
-        from truearm.errors import InputError
-
-        if error is None or not checkpoints(self.folder):
-            remove_checkpoints(self.folder)
-        elif isinstance(error, KeyboardInterrupt | SystemExit):
-            print_status(f"the training so far is kept in {self.folder}: the same command goes on with it")
-        elif isinstance(error, InputError) and error.file is not None and error.hint == RESTART_HINT:
-            raise InputError(
-                f"{error.file.name}: {error.problem}",
-                file=self.folder,
-                hint="the command that was stopped here, another --out, or delete the folder to begin anew",
-            ) from None
 
 
 def _check(readings: Session, arm: Arm, *, relations: bool, constants: bool) -> None:

@@ -184,7 +184,7 @@ def test_what_one_pose_cannot_tell_comes_with_a_large_uncertainty(readings):
     assert np.trace(elsewhere[0]) > 1e4 * np.trace(there[0])
 
 
-@pytest.mark.parametrize("trainer", ["lm", "trainlm", "trainbr"])
+@pytest.mark.parametrize("trainer", ["varpro", "trainlm", "trainbr"])
 @pytest.mark.parametrize("validation", [0.0, 0.15])
 def test_a_networks_stated_uncertainty_is_that_of_new_readings(validation, trainer, rng):
     """Within a factor of two, with and without validation data: 60 weights on 450 coordinates, noise 1 mm."""

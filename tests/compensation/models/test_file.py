@@ -211,7 +211,7 @@ def test_a_model_of_an_older_format_is_written_in_the_present_one(kept, tmp_path
 
 @pytest.fixture
 def ensemble(arm, rng):
-    def fit(trainer="lm", **options):
+    def fit(trainer="varpro", **options):
         angles = rng.uniform(-1, 1, (40, 3)) * [1, 40, 1]
         points = arm.chain.tip_in_base(angles) + rng.normal(0, 0.01, (40, 3))
         options = {"hidden": (3,), "epochs": 4, "n_members": 3, "n_restarts": 2} | options

@@ -8,7 +8,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
 from functools import partial
-from pathlib import Path
 from typing import Any, Literal, Self, overload
 
 import numpy as np
@@ -112,7 +111,6 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         *,
         lengths: Lengths | None = None,
         progress: Callable[[int, str], None] | None = None,
-        checkpoint: Path | None = None,
         nominal: Compensator | None = None,
     ) -> Self:
         """Learn from readings: reference points and, where known, their uncertainties; seats and lengths between them.
@@ -125,10 +123,6 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             Known lengths between seats of the readings.
         progress : callable, optional
             Told the steps done and how it stands.
-        checkpoint : path, optional
-            Folder where a network's training keeps what it has reached, made if it is not there. A later fit with the
-            same data and options goes on from it and comes to the same model as without the stop. Whoever asked for it
-            removes it when the model is safe. The other models are quick and keep nothing.
         nominal : Compensator, optional
             A model fitted to the same readings of the same arm, with the same free parts and lengths: its `nominal_`
             serves this one too and is not fitted again.
@@ -137,8 +131,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         ------
         InputError
             As `fit`; also if the readings have nothing to learn from, a known length or distance is far from that of
-            the arm as drawn (`check_sizes`), the folder holds trainings of other data or options, or `nominal` was
-            fitted to something else.
+            the arm as drawn (`check_sizes`), or `nominal` was fitted to something else.
         """
         arm = self._checked_arm()
         if readings.n_joints != arm.n_joints:
@@ -163,7 +156,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self.data_fingerprint_ = fingerprint(readings)
         self.lengths_fingerprint_ = "" if lengths is None else fingerprint(lengths)
         self.nominal_ = self._fit_nominal(in_one_frame, lengths) if nominal is None else self._same_nominal(nominal)
-        self._identify(in_one_frame, lengths, progress or _silent, checkpoint)
+        self._identify(in_one_frame, lengths, progress or _silent)
         self.angle_ranges_ = np.stack([readings.angles.min(axis=0), readings.angles.max(axis=0)], axis=1)
         self.angle_gaps_ = find_angle_gaps(readings.angles, arm.chain.is_prismatic)
         self.n_train_ = len(readings)
@@ -299,7 +292,6 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         readings: Session,
         lengths: Lengths | None,
         progress: Callable[[int, str], None],
-        checkpoint: Path | None,
     ) -> None:
         """Learn from readings; `nominal_` is there already. See `fit_readings`."""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -64,9 +63,7 @@ class IdentifiedModel(Compensator):
         readings: Session,
         lengths: Lengths | None,
         progress: Callable[[int, str], None],
-        checkpoint: Path | None,
     ) -> None:
-        del checkpoint  # it is there in seconds
         self.temperature_degC_ = None if readings.temperature_degC is None else float(readings.temperature_degC.mean())
         self.temperature_variance_K2_ = (
             None if readings.temperature_degC is None else float(readings.temperature_degC.var())

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from truearm import __version__
 from truearm.arm.arm import Arm
 from truearm.compensation.models.compensator import MIN_ROWS, Compensator
-from truearm.compensation.nets.checkpoint import Checkpoint
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
@@ -33,14 +27,12 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
 TRAINERS: dict[str, Callable[..., tuple[FloatArray, TrainingRecord]]] = {
-    "lm": train_varpro,
+    "varpro": train_varpro,
     "trainlm": trainlm,
     "trainbr": trainbr,
     "traingd": traingd,
     "traingdx": traingdx,
 }
-# The name of a training's file in the checkpoint folder, member and start counted from 1.
-CHECKPOINT_NAME = "member-{}-start-{}.npz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +70,7 @@ class NetworkModel(Compensator):
     activation : str
         ``"tansig"``, ``"logsig"`` or ``"purelin"``.
     trainer : str
-        ``"lm"`` (variable projection and Nielsen's damping), or as MATLAB's ``"trainlm"``, ``"trainbr"`` (Bayesian
+        ``"varpro"`` (variable projection and Nielsen's damping), or as MATLAB's ``"trainlm"``, ``"trainbr"`` (Bayesian
         regularisation: slower, but no overfitting where readings are few), ``"traingd"`` or ``"traingdx"`` (gradient
         descent: thousands of epochs for a rough fit; here because others report it).
     epochs : int
@@ -121,7 +113,7 @@ class NetworkModel(Compensator):
         *,
         hidden: tuple[int, ...] = (30, 30),
         activation: str = "tansig",
-        trainer: str = "lm",
+        trainer: str = "varpro",
         epochs: int = 200,
         goal: float = 0.0,
         validation: float = 0.15,
@@ -169,7 +161,6 @@ class NetworkModel(Compensator):
         readings: Session,
         lengths: Lengths | None,
         progress: Callable[[int, str], None],
-        checkpoint: Path | None,
     ) -> None:
         del lengths  # refused before
         if self.session_frames_:
@@ -186,15 +177,6 @@ class NetworkModel(Compensator):
         self.angle_scale_ = MinMaxScaler.of(readings.angles.T, what="the angle of joint")
         self.point_scale_ = MinMaxScaler.of(points.T, what="coordinate")
         inputs, targets = self.angle_scale_.scale(readings.angles.T), self.point_scale_.scale(points.T)
-        if checkpoint is not None:
-            try:
-                checkpoint.mkdir(exist_ok=True)
-            except OSError as error:
-                raise InputError(
-                    f"the folder for the training cannot be made: {error.strerror}",
-                    file=checkpoint,
-                    hint="a name that is no file's, in a folder that exists and may be written to",
-                ) from None
         members, judges = [], []
         for number in range(self.n_members):
             train, aside, _ = dividerand(
@@ -204,7 +186,7 @@ class NetworkModel(Compensator):
             validation = FitProblem(self.network_, inputs[:, aside], targets[:, aside]) if len(aside) else None
             if validation is None:
                 self._check_enough(training, readings)
-            start, weights, record = self._trained(number, training, validation, progress, checkpoint)
+            start, weights, record = self._trained(number, training, validation, progress)
             with one_blas_thread():
                 members.append(Member(weights, self._basis_covariance(weights, training.inputs), start, record))
             judges.append(train if validation is None else aside)
@@ -218,7 +200,6 @@ class NetworkModel(Compensator):
         training: FitProblem,
         validation: FitProblem | None,
         progress: Callable[[int, str], None],
-        checkpoint: Path | None,
     ) -> tuple[int, FloatArray, TrainingRecord]:
         """The best of a member's starts: its number, the weights and the record."""
         options = {"validation": validation, "epochs": self.epochs, "goal": self.goal}
@@ -227,15 +208,10 @@ class NetworkModel(Compensator):
         least, best = np.inf, None
         for restart in range(self.n_restarts):
             weights = nguyen_widrow(self.network_, seed=self._stream(number, restart))
-            kept = None
-            if checkpoint is not None:
-                name = CHECKPOINT_NAME.format(number + 1, restart + 1)
-                kept = Checkpoint(checkpoint / name, self._fingerprint(training, validation, weights))
             weights, record = TRAINERS[self.trainer](
                 training,
                 weights,
                 callback=self._teller(number * self.n_restarts + restart, progress),
-                checkpoint=kept,
                 **options,
             )
             error = float((record.perf if validation is None else record.vperf)[record.best_epoch])
@@ -266,19 +242,6 @@ class NetworkModel(Compensator):
             return int(self.seed)
         words = np.random.SeedSequence([int(self.seed), member, restart]).generate_state(2, np.uint64)
         return int(words[0]) << 64 | int(words[1])
-
-    def _fingerprint(self, training: FitProblem, validation: FitProblem | None, start: FloatArray) -> str:
-        """SHA-256 of all that a training's course depends on."""
-        network = self.network_
-        options = [__version__, self.trainer, network.sizes, network.hidden, self.epochs, self.goal, self.max_fail]
-        digest = hashlib.sha256(json.dumps(options, default=lambda number: number.item()).encode())
-        for part in (training, validation):
-            if part is not None:
-                digest.update(f"{part.inputs.shape[1]} samples".encode())
-                digest.update(np.ascontiguousarray(part.inputs, dtype="<f8").tobytes())
-                digest.update(np.ascontiguousarray(part.targets, dtype="<f8").tobytes())
-        digest.update(np.ascontiguousarray(start, dtype="<f8").tobytes())
-        return digest.hexdigest()
 
     def _check_enough(self, training: FitProblem, readings: Session) -> None:
         """Refuse to train a network, with nothing set aside, that can repeat every reading."""
@@ -378,20 +341,6 @@ class NetworkModel(Compensator):
             leverage += np.einsum("ni,ij,nj->n", basis, member.basis_covariance, basis) / len(self.members_)
         left_over = np.broadcast_to(self.residual_covariance_, (len(angles), 3, 3))
         return leverage[:, None, None] * left_over + self._scatter(angles), left_over
-
-
-def checkpoints(folder: Path) -> list[Path]:
-    """The files of trainings in a checkpoint folder; none where there is no folder."""
-    return sorted(folder.glob(CHECKPOINT_NAME.format("*", "*")))
-
-
-def remove_checkpoints(folder: Path) -> None:
-    """Remove the files of trainings, and the folder if nothing else is in it."""
-    # A program that was killed while writing may have left a file under a hidden name.
-    for file in [*checkpoints(folder), *folder.glob("." + CHECKPOINT_NAME.format("*", "*"))]:
-        file.unlink(missing_ok=True)
-    with suppress(OSError):
-        folder.rmdir()
 
 
 def _check_motion(arm: Arm, readings: Session, points: FloatArray) -> None:

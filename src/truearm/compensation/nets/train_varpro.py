@@ -62,7 +62,7 @@ def train_varpro(
     check_stops(epochs=epochs, goal=goal, time=time, max_fail=max_fail)
     problem, damping = ProjectedProblem(training), NielsenDamping()
     log = TrainingLog(
-        "lm",
+        "varpro",
         weights[: problem.n_hidden_weights],
         training,
         validation,
