@@ -1,3 +1,36 @@
-"""True coordinates from the joint angles of an articulated arm."""
+"""True coordinates from the joint angles of an articulated arm: identify, compensate, verify.
+
+Names are imported when they are first used, so that ``import truearm`` is quick. `__init__.pyi` lists the same names
+for type checkers and editors.
+"""
+
+from importlib import import_module as _import_module
 
 __version__ = "0.1.0"
+
+# Where each public name is defined.
+_HOMES = {
+    "truearm.arm": ("Arm", "load_arm"),
+    "truearm.compensation.models": ("KinematicModel", "NetworkModel", "NominalModel", "PhysicalModel"),
+    "truearm.compensation.models.model_file": ("load_model",),
+    "truearm.errors": ("InputError",),
+    "truearm.identification.virtual": ("VirtualArm",),
+    "truearm.readings": ("Lengths", "Session", "read_lengths", "read_session"),
+}
+_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = sorted([*_HOME_OF, "__version__", "datasets"])
+
+
+def __getattr__(name: str) -> object:
+    if name == "datasets":
+        return _import_module("truearm.datasets")
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'truearm' has no attribute {name!r}")
+    value = getattr(_import_module(_HOME_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

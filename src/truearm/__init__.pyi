@@ -1,0 +1,18 @@
+"""The public names, for type checkers and editors; `__init__.py` imports them when they are used."""
+
+from truearm import datasets as datasets
+from truearm.arm import Arm as Arm
+from truearm.arm import load_arm as load_arm
+from truearm.compensation.models import KinematicModel as KinematicModel
+from truearm.compensation.models import NetworkModel as NetworkModel
+from truearm.compensation.models import NominalModel as NominalModel
+from truearm.compensation.models import PhysicalModel as PhysicalModel
+from truearm.compensation.models.model_file import load_model as load_model
+from truearm.errors import InputError as InputError
+from truearm.identification.virtual import VirtualArm as VirtualArm
+from truearm.readings import Lengths as Lengths
+from truearm.readings import Session as Session
+from truearm.readings import read_lengths as read_lengths
+from truearm.readings import read_session as read_session
+
+__version__: str

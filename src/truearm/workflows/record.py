@@ -1,0 +1,126 @@
+"""What every verb returns: a record that reads as text in a terminal, as HTML in a notebook, as JSON for machines."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from enum import Enum
+from html import escape
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from truearm.pages.plotting import Figure
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A table of formatted cells; the columns in `left_aligned` are aligned left, the others right.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Headings.
+    rows : sequence of sequences of str
+        One cell a column.
+    left_aligned : tuple of int
+        Columns of words, counted from 0.
+    """
+
+    columns: Iterable[str]
+    rows: Iterable[Iterable[str]]
+    left_aligned: tuple[int, ...] = (0,)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "columns", tuple(self.columns))
+        object.__setattr__(self, "rows", tuple(tuple(row) for row in self.rows))
+
+    def __str__(self) -> str:
+        lines = [list(self.columns), *map(list, self.rows)]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        return "\n".join(
+            "  ".join(
+                cell.ljust(width) if i in self.left_aligned else cell.rjust(width)
+                for i, (cell, width) in enumerate(zip(line, widths, strict=True))
+            ).rstrip()
+            for line in lines
+        )
+
+    def to_html(self) -> str:
+        """The table as an HTML element."""
+
+        def row(cells: Iterable[str], tag: str) -> str:
+            parts = (
+                f'<{tag} style="text-align:{"left" if i in self.left_aligned else "right"}">{escape(cell)}</{tag}>'
+                for i, cell in enumerate(cells)
+            )
+            return f"<tr>{''.join(parts)}</tr>"
+
+        body = "".join(row(cells, "td") for cells in self.rows)
+        return f"<table><thead>{row(self.columns, 'th')}</thead><tbody>{body}</tbody></table>"
+
+
+class Record(ABC):
+    """Result of a verb. A subclass is a frozen dataclass and describes itself once, in `blocks`.
+
+    ``print(record)`` prints what the command prints, a notebook shows the same sentences and tables and, where it
+    helps, a figure; `to_dict` is what ``--json`` prints.
+    """
+
+    @abstractmethod
+    def blocks(self) -> Iterable[str | TextTable]:
+        """Sentences and tables in reading order; the first sentence is the answer that a person came for."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """The result for machines: strings, numbers, lists and dictionaries only, ready for JSON."""
+
+    def figure(self) -> Figure | None:
+        """The figure that a notebook shows below the text; none by default."""
+        return None
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.blocks()))
+
+    def __repr__(self) -> str:
+        first = next(iter(self.blocks()), "")
+        return f"<{type(self).__name__}: {str(first).splitlines()[0]}>"
+
+    def _repr_html_(self) -> str:
+        parts = [
+            block.to_html() if isinstance(block, TextTable) else f"<p>{escape(block)}</p>" for block in self.blocks()
+        ]
+        if (figure := self.figure()) is not None:
+            from truearm.pages.plotting import svg_element
+
+            drawings = (svg_element(panel, f"{id(self)}-{i}-") for i, panel in enumerate(figure.panels))
+            caption = f"<figcaption>{escape(figure.caption)}</figcaption>"
+            parts.append(f'<figure style="max-width:60em">{"".join(drawings)}{caption}</figure>')
+        return "".join(parts)
+
+
+def to_plain(value: Any) -> Any:
+    """A value for JSON: dataclasses and mappings as dictionaries, arrays as lists, numbers that are not finite as None."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: to_plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Enum):
+        return to_plain(value.value)
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {str(key): to_plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, list | tuple | set | frozenset):
+        return [to_plain(item) for item in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def format_fixed(value: float, decimals: int = 4, *, sign: bool = False) -> str:
+    """A number with fixed decimals; a zero has no sign."""
+    text = f"{value:+.{decimals}f}" if sign else f"{value:.{decimals}f}"
+    return text.lstrip("+-") if not text.strip("+-0.") else text
