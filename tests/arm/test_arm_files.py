@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.arm import Arm, Chain, LinkMasses, arm_names, chain_from_dh, chain_from_mdh, load_arm, read_arm, write_arm
+from truearm.arm import Arm, Chain, LinkMasses, chain_from_dh, chain_from_mdh, list_arms, load_arm, read_arm, write_arm
 from truearm.arm.transforms import frame_from_xyz_rpy
 from truearm.errors import InputError
 from truearm.identification.terms import gravity_torques, uniform_links
@@ -225,7 +225,7 @@ def test_any_arm_goes_there_and_back(tmp_path_factory, seed, form):
 
 
 @pytest.mark.parametrize("convention", ["dh", "mdh"])
-@pytest.mark.parametrize("name", [name for name in arm_names() if name != "gen3lite"])
+@pytest.mark.parametrize("name", [name for name in list_arms() if name != "gen3lite"])
 def test_every_arm_of_the_catalogue_goes_there_and_back(tmp_path, name, convention):
     write_arm(load_arm(name), tmp_path / "arm.toml", convention=convention)
     assert_same_arm(load_arm(name), read_arm(tmp_path / "arm.toml"))

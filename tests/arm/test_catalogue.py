@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from truearm.arm import arm_names, load_arm, read_urdf, resolve_arm, write_arm
+from truearm.arm import list_arms, load_arm, read_urdf, write_arm
 from truearm.errors import InputError
 
 DATA = Path(os.environ.get("TRUEARM_DATA", Path(__file__).parents[3] / "shared" / "datasets"))
@@ -22,10 +22,10 @@ def data_file(name: str) -> Path:
 
 
 def test_the_catalogue_is_what_is_documented():
-    assert arm_names() == ("gao2017", "gen3lite", "measuring7", "panda", "ur10", "ur5", "wam")
+    assert list_arms() == ("gao2017", "gen3lite", "measuring7", "panda", "ur10", "ur5", "wam")
 
 
-@pytest.mark.parametrize("name", arm_names())
+@pytest.mark.parametrize("name", list_arms())
 def test_every_arm_says_what_it_is_and_where_its_numbers_come_from(name):
     arm = load_arm(name)
     assert arm.name == name
@@ -33,7 +33,7 @@ def test_every_arm_says_what_it_is_and_where_its_numbers_come_from(name):
     assert len(arm.source) > 20
 
 
-@pytest.mark.parametrize("name", arm_names())
+@pytest.mark.parametrize("name", list_arms())
 def test_a_working_pose_is_no_singularity(name):
     # Smallest singular value of the tip's derivative by the joints: at least a twentieth of the reach per radian.
     arm = load_arm(name)
@@ -123,25 +123,25 @@ def urdf_of(joints: list[dict]) -> str:
 
 
 def test_an_arm_is_found_by_name_or_by_path(tmp_path):
-    assert resolve_arm("ur5").name == "ur5"
+    assert load_arm("ur5").name == "ur5"
     for suffix in (".toml", ".urdf", ".TOML"):
         path = tmp_path / f"mine{suffix}"
         write_arm(load_arm("wam"), path)
-        assert resolve_arm(path).name == "wam"
-        assert resolve_arm(str(path)).name == "wam"
+        assert load_arm(path).name == "wam"
+        assert load_arm(str(path)).name == "wam"
 
 
 def test_an_unknown_arm_is_told_with_the_names_there_are():
     with pytest.raises(InputError, match=r"no arm 'ur15'.*gao2017, gen3lite, measuring7.*Try: ur(5|10)"):
-        resolve_arm("ur15")
+        load_arm("ur15")
     with pytest.raises(InputError, match=r"no arm 'UR10'.*Try: ur10"):
-        resolve_arm("UR10")
+        load_arm("UR10")
     with pytest.raises(InputError, match=r"no arm 'xyzzy'.*Try: the path of an arm file"):
-        resolve_arm("xyzzy")
+        load_arm("xyzzy")
 
 
 @pytest.mark.parametrize("text", ["mine.toml", "folder/mine", "../ur5", "mine.urdf"])
 def test_what_looks_like_a_path_is_a_path(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"no such file|ends in .toml or .urdf"):
-        resolve_arm(text)
+        load_arm(text)

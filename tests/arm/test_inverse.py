@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from truearm.arm import Chain, arm_names, chain_from_dh, load_arm, solve_inverse_kinematics
+from truearm.arm import Chain, chain_from_dh, list_arms, load_arm, solve_inverse_kinematics
 from truearm.errors import InputError
 
 SPREAD = np.deg2rad(30)
@@ -19,7 +19,7 @@ def reachable(name: str, n: int, spread: float = SPREAD):
 
 @pytest.mark.parametrize("with_axis", [False, True])
 @pytest.mark.parametrize("with_posture", [False, True])
-@pytest.mark.parametrize("name", arm_names())
+@pytest.mark.parametrize("name", list_arms())
 def test_reachable_targets_are_reached_within_the_limits(name, with_axis, with_posture):
     arm, q = reachable(name, 300)
     pose = arm.chain.pose(q)

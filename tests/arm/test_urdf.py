@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truearm.arm import Arm, Chain, arm_names, load_arm, read_urdf, write_urdf
+from truearm.arm import Arm, Chain, list_arms, load_arm, read_urdf, write_urdf
 from truearm.arm.urdf import MAX_BYTES
 from truearm.errors import InputError
 from truearm.identification.terms import gravity_loads, uniform_links
@@ -156,7 +156,7 @@ def test_masses_and_gravity_go_there_and_back(tmp_path):
 # There and back
 
 
-@pytest.mark.parametrize("name", arm_names())
+@pytest.mark.parametrize("name", list_arms())
 def test_every_arm_of_the_catalogue_goes_there_and_back(tmp_path, name):
     arm = load_arm(name)
     write_urdf(arm, tmp_path / "arm.urdf")

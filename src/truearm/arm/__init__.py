@@ -2,7 +2,7 @@
 
 from truearm.arm.arm import Arm
 from truearm.arm.arm_files import read_arm, write_arm
-from truearm.arm.catalogue import arm_names, load_arm, resolve_arm
+from truearm.arm.catalogue import list_arms, load_arm
 from truearm.arm.chain import Chain, Pose, TipDerivatives, exponential_derivative
 from truearm.arm.denavit_hartenberg import DHTable, chain_from_dh, chain_from_mdh, dh_table, mdh_table
 from truearm.arm.inverse_kinematics import InverseKinematicsResult, solve_inverse_kinematics
@@ -17,16 +17,15 @@ __all__ = [
     "LinkMasses",
     "Pose",
     "TipDerivatives",
-    "arm_names",
     "chain_from_dh",
     "chain_from_mdh",
     "dh_table",
     "exponential_derivative",
+    "list_arms",
     "load_arm",
     "mdh_table",
     "read_arm",
     "read_urdf",
-    "resolve_arm",
     "solve_inverse_kinematics",
     "write_arm",
     "write_urdf",

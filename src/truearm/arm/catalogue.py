@@ -1,4 +1,4 @@
-"""Arms in the box, each a file in ``arms/`` that says where its numbers come from."""
+"""Arms in the box, each a file in ``arms/`` that states where its numbers come from."""
 
 from __future__ import annotations
 
@@ -13,44 +13,47 @@ from truearm.errors import InputError
 _SUFFIXES = (".toml", ".urdf")
 
 
-def arm_names() -> tuple[str, ...]:
-    """Give the names of the arms in the box, in alphabetical order."""
+def list_arms() -> tuple[str, ...]:
+    """Return the names of the arms in the catalogue, in alphabetical order.
+
+    Examples
+    --------
+    >>> "ur10" in list_arms()
+    True
+    """
     return tuple(sorted(_files()))
 
 
-def load_arm(name: str) -> Arm:
-    """Load an arm of the box by its name.
+def load_arm(arm: str | Path) -> Arm:
+    """Load an arm: by its name in the catalogue, or from an arm file or a URDF.
+
+    Parameters
+    ----------
+    arm : str or path
+        A name of `list_arms`. What ends in ``.toml`` or ``.urdf``, holds a path separator or is a `Path` is a file.
 
     Raises
     ------
     InputError
-        If there is no arm of this name; with the names there are.
+        If there is no such arm or file, or the file breaks a rule of its format.
+
+    Examples
+    --------
+    >>> load_arm("ur10")
+    Arm('ur10', 6 joints)
     """
+    path = Path(arm)
+    if isinstance(arm, Path) or path.suffix.lower() in _SUFFIXES or len(path.parts) > 1:
+        return read_arm(path)
     files = _files()
-    if name not in files:
-        close = difflib.get_close_matches(name.lower(), files, n=1, cutoff=0.5)
+    if arm not in files:
+        close = difflib.get_close_matches(arm.lower(), files, n=1, cutoff=0.5)
         raise InputError(
-            f"there is no arm {name!r} in the catalogue; it has {', '.join(sorted(files))}",
-            hint=close[0] if close else "the path of an arm file (.toml) or a URDF (.urdf)",
+            f"there is no arm {arm!r} in the catalogue; it has {', '.join(sorted(files))}",
+            hint=close[0] if close else "give the path of an arm file (.toml) or a URDF (.urdf)",
         )
-    with resources.as_file(files[name]) as path:
-        return read_arm(path)
-
-
-def resolve_arm(text: str | Path) -> Arm:
-    """Load an arm by what a user typed: a name of the catalogue, or the path of an arm file or a URDF.
-
-    What ends in ``.toml`` or ``.urdf``, or holds a path separator, is a path.
-
-    Raises
-    ------
-    InputError
-        If there is no such arm or file, or the file is not what it must be.
-    """
-    path = Path(text)
-    if isinstance(text, Path) or path.suffix.lower() in _SUFFIXES or len(path.parts) > 1:
-        return read_arm(path)
-    return load_arm(text)
+    with resources.as_file(files[arm]) as file:
+        return read_arm(file)
 
 
 def _files() -> dict[str, resources.abc.Traversable]:

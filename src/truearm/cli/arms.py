@@ -32,20 +32,20 @@ def arms(
     Without a name: the list. With a name: its drawing. With a model file: the arm as identified, base and tip where the
     reference saw them. With --out as well: an arm file, to edit into your own arm's, or to use elsewhere.
     """
-    from truearm.arm import arm_names, load_arm, resolve_arm, write_arm
+    from truearm.arm import list_arms, load_arm, write_arm
     from truearm.errors import InputError
 
     if not arm:
         if out is not None:
             raise InputError("--out needs the name of an arm", hint="truearm arms gao2017 --out my-arm.toml")
-        listed = [load_arm(name) for name in arm_names()]
+        listed = [load_arm(name) for name in list_arms()]
         if as_json:
             print_json({a.name: {"title": a.title, "n_joints": a.n_joints, "reach_mm": a.chain.reach} for a in listed})
         else:
             rows = [[a.name, str(a.n_joints), f"{a.chain.reach:.0f}", a.title] for a in listed]
             print_table(["name", "joints", "reach mm", "what it is"], rows, left_aligned=(0, 3))
         return
-    chosen = _identified(Path(arm)) if Path(arm).is_file() and is_zipfile(arm) else resolve_arm(arm)
+    chosen = _identified(Path(arm)) if Path(arm).is_file() and is_zipfile(arm) else load_arm(arm)
     if out is not None:
         check_output_is_not_input(out, Path(arm))
         write_arm(chosen, out, convention=convention)

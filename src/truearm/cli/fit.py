@@ -89,7 +89,7 @@ def fit(
     --free base,tip: the reference has a frame of its own and the tip's place on the flange is not known (a laser
     tracker). --free none: points are in the arm's base frame and the tip is as drawn.
     """
-    from truearm.arm import resolve_arm
+    from truearm.arm import load_arm
     from truearm.compensation.models import MODELS, NetworkModel
     from truearm.compensation.models.model_file import save_model
     from truearm.compensation.models.reading_references import check_spread
@@ -97,7 +97,7 @@ def fit(
     from truearm.files.atomic_write import check_writable
     from truearm.readings import read_session
 
-    nominal = resolve_arm(arm)
+    nominal = load_arm(arm)
     check_output_is_not_input(out, session, Path(arm), *([] if lengths is None else [lengths]))
     check_writable(out)
     parts = free_parts(free)

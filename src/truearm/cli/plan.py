@@ -155,7 +155,7 @@ def _before(
     arm: str, *, noise: float | None, terms: Literal["physical", "constants"] | None, taken: Path | None
 ) -> tuple[Arm, Prior, list[str]]:
     """The arm, what is known of it, and the names of seats that readings have been taken in."""
-    from truearm.arm import resolve_arm
+    from truearm.arm import load_arm
     from truearm.errors import InputError
     from truearm.identification.planning.prior import nominal_prior
 
@@ -168,7 +168,7 @@ def _before(
         seats = [name for reference in model.fit_.references for name in reference.unknowns]
         seats = [found[1] for name in seats if (found := re.fullmatch(r"x of seat (.+) \[mm\]", name))]
     else:
-        nominal, seats = resolve_arm(arm), []
+        nominal, seats = load_arm(arm), []
         known = nominal_prior(nominal, terms=terms or "physical", noise_mm=NOISE_MM if noise is None else noise)
     if taken is None:
         return nominal, known, seats

@@ -65,14 +65,14 @@ def simulate(
     out evenly among them. --bars 2 lays a bar with two seats in two places more; what its certificate states of its
     length, true but for its uncertainty of 0.005 mm, goes to the file of --lengths.
     """
-    from truearm.arm.catalogue import resolve_arm
+    from truearm.arm.catalogue import load_arm
     from truearm.errors import InputError
     from truearm.files.atomic_write import atomic_file, check_writable
     from truearm.identification.virtual import VirtualArm, load_preset
     from truearm.readings import write_lengths
     from truearm.readings.files import check_session_path, write_session
 
-    nominal, magnitudes = resolve_arm(arm), load_preset(preset)
+    nominal, magnitudes = load_arm(arm), load_preset(preset)
     check_session_path(out)
     if bool(bars) != (lengths is not None):
         raise InputError("--bars and --lengths belong together", hint="--bars 2 --lengths lengths.csv")

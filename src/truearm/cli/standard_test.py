@@ -156,15 +156,15 @@ def given_or_example(
 
 
 def _errors(what: str, arm: str | None) -> ArmDistribution:
-    from truearm.arm.catalogue import arm_names, resolve_arm
+    from truearm.arm.catalogue import list_arms, load_arm
     from truearm.compensation.models.model_file import load_model
     from truearm.errors import InputError
     from truearm.identification.virtual import PRESETS
     from truearm.verification.tasks.sampled_arms import PosteriorDistribution, PresetDistribution
 
     if what in PRESETS:
-        return PresetDistribution(resolve_arm(arm or ARM), PRESETS[what])
-    if what in arm_names() or Path(what).suffix.lower() in (".toml", ".urdf"):
+        return PresetDistribution(load_arm(arm or ARM), PRESETS[what])
+    if what in list_arms() or Path(what).suffix.lower() in (".toml", ".urdf"):
         raise InputError(
             f"expected a preset or a model file to simulate, got the arm {what!r}", hint=f"--simulate shop --arm {what}"
         )

@@ -157,7 +157,7 @@ def _errors(
     what: str | None, spec: Path | None, arm: str | None, repeatability: float | None
 ) -> tuple[ArmDistribution, str]:
     """The arms that may be the one in question, and what is known of it in a few words."""
-    from truearm.arm import resolve_arm
+    from truearm.arm import load_arm
     from truearm.compensation.models.model_file import load_model
     from truearm.errors import InputError
     from truearm.identification.virtual.presets import PRESETS, load_preset
@@ -180,7 +180,7 @@ def _errors(
         from truearm.verification.standards.specification import read_specification
         from truearm.verification.tasks.specification_sheet import SpecificationDistribution
 
-        promised, nominal = read_specification(spec), resolve_arm(ARM if arm is None else arm)
+        promised, nominal = read_specification(spec), load_arm(ARM if arm is None else arm)
         try:
             return SpecificationDistribution(
                 nominal, promised
@@ -193,7 +193,7 @@ def _errors(
             f"expected a model file or a preset ({', '.join(PRESETS)}), got {what!r}",
             hint="truearm fit makes a model file" if not Path(what).exists() else "a file that truearm fit wrote",
         )
-    nominal = resolve_arm(ARM if arm is None else arm)
+    nominal = load_arm(ARM if arm is None else arm)
     return PresetDistribution(nominal, load_preset(what)), f"the preset {what}, arm {nominal.name}"
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from truearm.arm.arm import Arm
-from truearm.arm.catalogue import arm_names, load_arm
+from truearm.arm.catalogue import list_arms, load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import Candidates, bar_places, seat_poses, tracker_poses, volume_poses
@@ -127,7 +127,7 @@ def test_bars_lie_in_all_directions():
 # --- tracker ---
 
 
-@pytest.mark.parametrize("name", arm_names())
+@pytest.mark.parametrize("name", list_arms())
 def test_half_of_the_poses_under_a_tracker_are_a_technicians(name):
     arm = load_arm(name)
     found = tracker_poses(arm, 41, seed=3)
