@@ -297,7 +297,7 @@ def test_nothing_is_left_of_an_arm_that_has_no_table(tmp_path):
 # What it refuses
 
 BROKEN = {
-    "syntax": (GOOD + "x ==\n", r"line 25: not valid TOML: .*Try: dates as 2026-01-15"),
+    "syntax": (GOOD + "x ==\n", r"line 25: not valid TOML: .*Try: write dates as 2026-01-15"),
     "key twice": (changed('name = "two"', 'name = "two"\nname = "three"'), "line 3: not valid TOML"),
     "nesting": ("a = " + "[" * 5000, "not valid TOML|nested too deeply"),
     "no name": (changed('name = "two"\n', ""), "the key name is missing"),
@@ -306,7 +306,7 @@ BROKEN = {
     "convention": (changed('"dh"', '"hayati"'), "convention: expected 'dh' or 'mdh', got 'hayati'"),
     "no joints": ('name = "x"\nconvention = "dh"\n', "the key joints is missing"),
     "empty joints": ('name = "x"\nconvention = "dh"\njoints = []\n', "joints: expected 1 entries or more"),
-    "unknown key": (changed("convention", 'colour = "red"\nconvention'), "unknown key colour. Try: one of name, title"),
+    "unknown key": (changed("convention", 'colour = "red"\nconvention'), "unknown key colour. Try: use one of name, title"),
     "unknown unit": (changed("a_mm = 400", "a_inch = 15.7"), r"unknown key joints\[1\].a_inch.* a_mm, a_m,"),
     "no unit": (changed("alpha_deg = 0", "alpha = 0"), r"unknown key joints\[2\].alpha"),
     "two units": (
@@ -322,7 +322,7 @@ BROKEN = {
     "missing alpha": (changed("alpha_deg = 0\n", ""), r"joints\[2\]: the key alpha_deg or alpha_rad is missing"),
     "text": (
         changed("a_mm = 400", 'a_mm = "400"'),
-        r"joints\[1\].a_mm: expected a number, got '400'. Try: without quotes",
+        r"joints\[1\].a_mm: expected a number, got '400'. Try: remove the quotes",
     ),
     "yes": (changed("a_mm = 400", "a_mm = true"), r"joints\[1\].a_mm: expected a number, got true"),
     "nan": (changed("a_mm = 400", "a_mm = nan"), r"joints\[1\].a_mm: expected a finite number, got nan"),

@@ -160,7 +160,7 @@ def test_the_template_names_what_is_to_be_filled_in(truearm, bench):
         ("about.toml", "issued = 2026-11-05", "issued = 2027-11-05", "issued: the date 2027-11-05 is in the future"),
         ("about.toml", 'serial_number = "10017"', "serial_number = 10017", "item.serial_number: "),
         ("about.toml", 'place = "laboratory"', 'place = "moon"', "place: "),
-        ("about.toml", "[item]", "[arm]", "unknown key arm. Try: one of number"),
+        ("about.toml", "[item]", "[arm]", "unknown key arm. Try: use one of number"),
         ("about.toml", "[19.6, 20.4]", "[20.4, 19.6]", "temperature_degC: expected the lowest and the highest"),
         ("artefacts.toml", "expires = 2028-01-15", "expires = 2026-11-01", "expired on 2026-11-01"),
         ("artefacts.toml", "expires = 2028-01-15", "expires = 2025-01-15", "not after its calibration"),

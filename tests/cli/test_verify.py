@@ -547,7 +547,7 @@ def test_groups_of_two_places_are_not_taken_for_one(truearm, bench):
             "artefacts.toml",
             "[[seats]]",
             "[[seat]]",
-            ["artefacts.toml: unknown key seat", "Try: one of spheres, bars, seats"],
+            ["artefacts.toml: unknown key seat", "Try: use one of spheres, bars, seats"],
         ),
         ("mpe.toml", "measuring_range_mm = 2500", "measuring_range_mm = 4000", ["the longest length is 1700", "66%"]),
         ("mpe.toml", "arm 2.5 m", "arm \\u001b]0;title\\u0007", ["name: expected plain text in one line", r"'\x1b'"]),

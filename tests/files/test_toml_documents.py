@@ -1,4 +1,4 @@
-"""TOML documents: what is wrong is said in the words of a file, with its keys."""
+"""TOML documents: every fault is reported with its key, in the terms of the file, and with a remedy."""
 
 from __future__ import annotations
 
@@ -47,33 +47,40 @@ def refusal(text: str | bytes) -> InputError:
 @pytest.mark.parametrize(
     "line", ["date = 15.01.2026", "size_mm = 25,0004", "good = no", "note = red", "x = { y = 1,5 }"]
 )
-def test_what_is_no_toml_is_told_its_line_and_how_values_are_written(line):
+def test_invalid_toml_is_reported_with_its_line_and_the_way_values_are_written(line):
     error = refusal(f"[best]\n{line}\n")
     assert error.problem.startswith("not valid TOML: ")
     assert (error.line, error.hint) == (2, AS_TOML)
 
 
-def test_a_key_that_stands_twice_is_no_matter_of_writing_values():
+def test_a_repeated_key_has_a_remedy_of_its_own():
     error = refusal("names = {}\nnames = {}\n")
-    assert (error.problem, error.line, error.hint) == ("not valid TOML: Cannot overwrite a value", 2, None)
+    assert (error.problem, error.line, error.hint) == (
+        "not valid TOML: Cannot overwrite a value",
+        2,
+        "remove the second of the two entries",
+    )
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "message"),
     [
-        ('size_mm = "25"', "best.size_mm: expected a number, got '25'. Try: without quotes"),
+        ('size_mm = "25"', "best.size_mm: expected a number, got '25'. Try: remove the quotes"),
         ("size_mm = true", "best.size_mm: expected a number, got true"),
-        ("size_mm = nan", "best.size_mm: expected a finite number, got nan"),
+        ("size_mm = nan", "best.size_mm: expected a finite number, got nan. Try: write a number with digits"),
         ("size_mm = 0", "best.size_mm: expected more than 0, got 0"),
         ("size_mm = 101.5", "best.size_mm: expected 100 or less, got 101.5"),
         ("size_mm = 1\npoints = 2.5", "best.points: expected a whole number, got 2.5"),
-        ("size_mm = 1\ngood = 'yes'", "best.good: expected true or false, got 'yes'. Try: without quotes"),
-        ("size_mm = 1\nnote = 3", "best.note: expected text in quotes, got 3"),
-        ("size_mm = 1\nnote = ''", "best.note: expected text that is not empty, got ''"),
-        ("size_mm = 1\nnote = 'longer'", "best.note: expected 5 characters or fewer, got 'longer'"),
+        ("size_mm = 1\ngood = 'yes'", "best.good: expected true or false, got 'yes'. Try: remove the quotes"),
+        ("size_mm = 1\nnote = 3", "best.note: expected text in quotes, got 3. Try: write it in quotes"),
+        ("size_mm = 1\nnote = ''", "best.note: expected text that is not empty, got ''. Try: fill it in"),
+        (
+            "size_mm = 1\nnote = 'longer'",
+            "best.note: expected 5 characters or fewer, got 'longer'. Try: shorten",
+        ),
         ("size_mm = 1\ncolour = 'green'", "best.colour: expected 'red' or 'blue', got 'green'"),
-        ("points = 1", "the key best.size_mm is missing"),
-        ("size = 1", "unknown key best.size. Try: one of size_mm, points, date"),
+        ("points = 1", "the key best.size_mm is missing. Try: add the key"),
+        ("size = 1", "unknown key best.size. Try: use one of size_mm, points, date"),
         *(
             (
                 f"size_mm = 1\ndate = {date}",
@@ -89,32 +96,35 @@ def test_a_key_that_stands_twice_is_no_matter_of_writing_values():
         ),
     ],
 )
-def test_a_wrong_value_is_told_in_the_words_of_the_file(line, told):
-    assert str(refusal(f"[best]\n{line}\n")).startswith(told)
+def test_a_wrong_value_is_described_in_the_terms_of_the_file(line, message):
+    assert str(refusal(f"[best]\n{line}\n")).startswith(message)
 
 
-def test_tables_and_lists():
+def test_a_value_in_place_of_a_table_or_list_names_the_expected_form():
     assert str(refusal("best = 25")).startswith("best: expected a table of size_mm, points, date")
-    assert str(refusal("balls = 25")) == "balls: expected a list in [ ] or entries under [[ ]], got 25"
+    assert str(refusal("balls = 25")) == (
+        "balls: expected a list in [ ] or entries under [[ ]], got 25. "
+        "Try: write a list: key = [ .. ], or tables under [[key]]"
+    )
     assert str(refusal("balls = [25]")).startswith("balls[1]: expected a table of size_mm, points, date")
-    assert str(refusal("names = 1")) == "names: expected a table, got 1"
+    assert str(refusal("names = 1")) == "names: expected a table, got 1. Try: write a table: [key], or key = { .. }"
     assert "balls: expected 2 entries or fewer" in str(refusal("[[balls]]\nsize_mm = 1\n" * 3))
     assert str(refusal("names = { a = '' }")) == "names: a name is empty. Try: fill it in"
 
 
-def test_all_keys_with_the_same_fault_are_named_at_once():
+def test_one_message_names_all_keys_with_the_same_fault():
     assert str(refusal("[[balls]]\nsize_mm = 0\n[best]\nsize_mm = 0\n")) == (
         "balls[1].size_mm, best.size_mm: expected more than 0, got 0"
     )
     many = "names = {" + ", ".join(f"n{i} = 1" for i in range(MOST_KEYS + 5)) + "}"
-    assert str(refusal(many)).endswith(" and 5 more: expected text in quotes, got 1")
+    assert " and 5 more: expected text in quotes, got 1. Try: " in str(refusal(many))
 
 
-def test_hostile_content_is_refused():
+def test_hostile_content_raises_an_input_error():
     assert "expected UTF-8" in str(refusal("best = 'Prüfkörper'".encode("latin-1")))
     assert "nested too deeply" in str(refusal("a = " + "[" * 3000 + "]" * 3000))
     assert "not valid TOML" in str(refusal("a = " + "9" * 5000))
 
 
-def test_windows_line_ends_and_a_byte_order_mark():
+def test_windows_line_ends_and_a_byte_order_mark_change_nothing():
     assert parse_toml(b"\xef\xbb\xbf[best]\r\nsize_mm = 2.5\r\n", Box).best.size_mm == 2.5

@@ -1,22 +1,50 @@
-"""TOML documents: read as what a model says they must be, every fault named by its key in plain words."""
+"""TOML documents: read, checked against a pydantic model, every fault reported with its key and a remedy."""
 
 from __future__ import annotations
 
 import datetime
 import re
 import tomllib
-from typing import Any, TypeVar, get_args, get_origin
+import unicodedata
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from truearm.errors import InputError
+from truearm.files.file_reading import read_limited
 
-# What is written wrongly most often: 15.01.2026, 25,0004, yes, and a name without quotes.
-AS_TOML = "dates as 2026-01-15, a point as decimal sign, true or false, text in quotes"
-MOST_KEYS = 20  # named at once
+MAX_BYTES = 1_000_000
+# The usual mistakes: 15.01.2026, 25,0004, yes, and a name without quotes.
+AS_TOML = "write dates as 2026-01-15, decimals with a point, true or false, and text in quotes"
+MOST_KEYS = 20  # in one message
 
-# What pydantic's errors say, in the words of a file.
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+
+
+def reject_control_characters(text: str) -> str:
+    """Return the text; refuse characters that a terminal would obey instead of showing, and line breaks."""
+    for sign in text:
+        if unicodedata.category(sign) in ("Cc", "Zl", "Zp"):
+            raise InputError(
+                f"expected plain text in one line, got the control character {sign!r}", hint="remove the character"
+            )
+    return text
+
+
+Name = Annotated[str, Field(min_length=1, max_length=200, strict=True), AfterValidator(reject_control_characters)]
+
+
+class Document(BaseModel):
+    """A table of a TOML file: unknown keys are refused, values cannot change after reading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+# pydantic's error types, in the terms of a TOML file.
 _EXPECTED = {
     "float_type": "a number",
     "finite_number": "a finite number",
@@ -39,60 +67,95 @@ _EXPECTED = {
 _DATE = "a date as 2026-01-15, without a time and without quotes"
 _NOT_QUOTED = ("float_type", "int_type", "bool_type")
 
+# What to do about each of them, where the sentence itself does not say it.
+_REMEDIES = {
+    "finite_number": "write a number with digits",
+    "string_type": "write it in quotes",
+    "string_too_short": "fill it in",
+    "string_too_long": "shorten it",
+    "dict_type": "write a table: [key], or key = { .. }",
+    "list_type": "write a list: key = [ .. ]",
+    "tuple_type": "write a list: key = [ .. ], or tables under [[key]]",
+    "too_short": "add entries",
+    "too_long": "remove entries",
+}
+
 M = TypeVar("M", bound=BaseModel)
 
 
-def parse_toml(content: bytes, model: type[M]) -> M:
-    """Read the content of a TOML file as what `model` says it must be.
+def read_document(path: str | Path, model: type[M]) -> M:
+    """Read a TOML file and check it against a model.
+
+    Parameters
+    ----------
+    path : path
+        At most `MAX_BYTES`, UTF-8.
+    model : type of BaseModel
 
     Raises
     ------
     InputError
-        If it is not UTF-8, not TOML, or breaks a rule of the model: with the line, or the keys that are at fault.
+        If the file is missing, too long, not TOML, or breaks a rule of its format: with the line or the key.
+    """
+    try:
+        return parse_toml(read_limited(path, limit_bytes=MAX_BYTES), model)
+    except InputError as error:
+        raise error.in_file(path) from None
+
+
+def parse_toml(content: bytes, model: type[M]) -> M:
+    """Parse the content of a TOML file and check it against a model.
+
+    Raises
+    ------
+    InputError
+        If the content is not UTF-8, not TOML, or breaks a rule of the model: with the line or the keys.
     """
     try:
         return model.model_validate(tomllib.loads(content.decode("utf-8-sig")))  # some editors write a byte order mark
     except UnicodeDecodeError as error:
-        raise InputError("expected UTF-8 text", line=content[: error.start].count(b"\n") + 1) from None
+        line = content[: error.start].count(b"\n") + 1
+        raise InputError("expected UTF-8 text", line=line, hint="save the file as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         message, line = str(error), None
         if found := re.search(r" \(at line (\d+), column \d+\)$", message):
             message, line = message[: found.start()], int(found[1])
-        hint = None if message.startswith("Cannot") else AS_TOML  # "Cannot overwrite a value": a key that stands twice
+        # "Cannot overwrite a value": the key is there already.
+        hint = "remove the second of the two entries" if message.startswith("Cannot") else AS_TOML
         raise InputError(f"not valid TOML: {message}", line=line, hint=hint) from None
     except RecursionError:
-        raise InputError("its values are nested too deeply") from None
+        raise InputError("the values are nested too deeply", hint="remove the inner brackets") from None
     except ValidationError as error:
         raise _input_error(error, model) from None
     except ValueError as error:  # numbers of thousands of digits
-        raise InputError(f"not valid TOML: {error}") from None
+        raise InputError(f"not valid TOML: {error}", hint=AS_TOML) from None
 
 
 def _input_error(error: ValidationError, model: type[BaseModel]) -> InputError:
-    """Say the first broken rule in one sentence, with the keys of all that break it alike."""
-    found = error.errors()
-    # A misspelt key is an unknown one and a missing one; the first says more.
-    first = next((one for one in found if one["type"] == "extra_forbidden"), found[0])
+    """Describe the first broken rule in one sentence, with all keys that break it in the same way."""
+    errors = error.errors()
+    # A misspelt key is both unknown and missing; the unknown one is the better clue.
+    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     if first["type"] == "extra_forbidden":
         known = _model_at(model, first["loc"][:-1])
-        hint = f"one of {', '.join(known.model_fields)}" if known else None
+        hint = f"use one of {', '.join(known.model_fields)}" if known else "remove the key"
         return InputError(f"unknown key {_path(first):.80}", hint=hint)
     if first["type"] == "missing":
-        return InputError(f"the key {_path(first)} is missing")
-    problem, hint = _said(first, model)
-    alike = [_path(one) for one in found if one["type"] == first["type"] and _said(one, model) == (problem, hint)]
+        return InputError(f"the key {_path(first)} is missing", hint="add the key")
+    problem, hint = _describe(first, model)
+    alike = [_path(one) for one in errors if one["type"] == first["type"] and _describe(one, model) == (problem, hint)]
     more = f" and {len(alike) - MOST_KEYS} more" if len(alike) > MOST_KEYS else ""
     keys = ", ".join(alike[:MOST_KEYS]) + more
     return InputError(f"{keys}: {problem}" if keys else problem, hint=hint)
 
 
-def _said(error: ErrorDetails, model: type[BaseModel]) -> tuple[str, str | None]:
-    """What is wrong, without the key, and what to try."""
-    kind, context, came = error["type"], error.get("ctx", {}), error["input"]
+def _describe(error: ErrorDetails, model: type[BaseModel]) -> tuple[str, str | None]:
+    """The problem, without the key, and the remedy."""
+    kind, context, value = error["type"], error.get("ctx", {}), error["input"]
     if kind == "value_error":
-        said = context["error"]
-        return (said.problem, said.hint) if isinstance(said, InputError) else (str(said), None)
-    hint = "without quotes" if kind in _NOT_QUOTED and isinstance(came, str) else None
+        inner = context["error"]
+        return (inner.problem, inner.hint) if isinstance(inner, InputError) else (str(inner), None)
+    hint = "remove the quotes" if kind in _NOT_QUOTED and isinstance(value, str) else _REMEDIES.get(kind)
     if kind.startswith("date_"):
         expected = _DATE
     elif kind == "model_type":
@@ -101,12 +164,12 @@ def _said(error: ErrorDetails, model: type[BaseModel]) -> tuple[str, str | None]
     elif kind in _EXPECTED:
         expected = _EXPECTED[kind].format(**context)
     else:
-        return f"{error['msg'][0].lower()}{error['msg'][1:]}, got {_shown(came)}", hint
-    return f"expected {expected}, got {_shown(came)}", hint
+        return f"{error['msg'][0].lower()}{error['msg'][1:]}, got {_shown(value)}", hint
+    return f"expected {expected}, got {_shown(value)}", hint
 
 
 def _path(error: ErrorDetails) -> str:
-    """The key with those of the tables that it is in; entries of a list are counted from 1."""
+    """The key with the tables around it; entries of a list are counted from 1."""
     path = ""
     for part in error["loc"]:
         path += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if path else part
@@ -114,7 +177,7 @@ def _path(error: ErrorDetails) -> str:
 
 
 def _shown(value: Any) -> str:
-    """A value as it stands in a file."""
+    """A value as it is written in a file."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, datetime.date | datetime.time):
@@ -125,10 +188,10 @@ def _shown(value: Any) -> str:
 
 
 def _model_at(model: type[BaseModel], where: tuple[int | str, ...]) -> type[BaseModel] | None:
-    """The model of the table at a place of the file, if its name is a field's."""
+    """The model of the table at a position in the file; None where the position is no field of a model."""
     any_key = False
     for part in where:
-        if isinstance(part, int) or any_key:  # an entry of a list, or of a table whose keys are anyone's
+        if isinstance(part, int) or any_key:  # an entry of a list, or of a table with free keys
             any_key = False
             continue
         field = model.model_fields.get(part)

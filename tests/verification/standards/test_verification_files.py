@@ -53,11 +53,11 @@ def test_a_plan_of_ones_own(tmp_path):
         (
             "value = 25,",
             'value = "25",',
-            "probing.points.value: expected a whole number, got '25'. Try: without quotes",
+            "probing.points.value: expected a whole number, got '25'. Try: remove the quotes",
         ),
         ("value = 25, confirmed = true, ", "value = 25, ", "the key probing.points.confirmed is missing"),
-        ("\npoints =", "\npoint =", "unknown key probing.point. Try: one of required, clause, points"),
-        ("[uni]", "[unidirectional]", "unknown key unidirectional. Try: one of name"),
+        ("\npoints =", "\npoint =", "unknown key probing.point. Try: use one of required, clause, points"),
+        ("[uni]", "[unidirectional]", "unknown key unidirectional. Try: use one of name"),
         (
             "value = 0.66,",
             "value = 66,",
@@ -143,7 +143,7 @@ BAR = BALL.replace("spheres", "bars").replace("diameter_mm = 25.0004\nu_diameter
         (BAR.replace("u_mm = 0.001", "u_mm = 0.4"), "u_mm = 0.4 mm is more than a hundredth of the calibrated 1000"),
         (BALL.replace("5.5e-6", "5.5"), "spheres[1].expansion_per_K: expected 0.001 or less, got 5.5"),
         (BALL.replace("0.5e-6", "0.5"), "u_expansion_per_K = 0.5 is larger than any expansion"),
-        (BALL.replace("u_fixture_mm", "fixture_mm"), "unknown key spheres[1].fixture_mm. Try: one of name"),
+        (BALL.replace("u_fixture_mm", "fixture_mm"), "unknown key spheres[1].fixture_mm. Try: use one of name"),
         (
             BALL.replace("u_diameter_mm", "U_diameter_mm"),
             "unknown key U_diameter_mm. Try: u_diameter_mm, the standard uncertainty (k = 1): half of",
@@ -223,7 +223,7 @@ def test_the_three_forms_of_a_limit():
             "millimetres of length for a micrometre, got 0.0125. Try: for L/80",
         ),
         ("E_Uni = { B_um = 0 }", "limits.E_Uni.B_um: expected more than 0, got 0"),
-        ("E_Uni = { B_mm = 0.03 }", "unknown key limits.E_Uni.B_mm. Try: one of A_um, K_mm_per_um, B_um"),
+        ("E_Uni = { B_mm = 0.03 }", "unknown key limits.E_Uni.B_mm. Try: use one of A_um, K_mm_per_um, B_um"),
         ("E_Uni = 0.03", "limits.E_Uni: expected a table of A_um, K_mm_per_um, B_um, got 0.03"),
     ],
 )

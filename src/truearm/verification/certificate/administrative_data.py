@@ -14,7 +14,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from truearm.errors import InputError
-from truearm.files.checked_toml import Document, Real, read_document
+from truearm.files.toml_documents import Document, Real, read_document
 from truearm.verification.standards.dates import check_past
 
 # An artefact that has lain in a room for some hours is no further from the temperature of its air [K].

@@ -14,7 +14,7 @@ from typing import Annotated, Self, TypeVar
 from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
-from truearm.files.checked_toml import Document, Name, NotNegative, Positive, Real, read_document
+from truearm.files.toml_documents import Document, Name, NotNegative, Positive, Real, read_document
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.verification.standards.decision import Contribution
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.files.checked_toml import reject_control_characters
 from truearm.files.delimited import Sheet, check_names, quoted_cell, read_columns, read_sheet
+from truearm.files.toml_documents import reject_control_characters
 from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
 from truearm.typing import FloatArray, NameArray
 from truearm.verification.standards.dates import check_past

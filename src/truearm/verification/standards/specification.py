@@ -13,7 +13,7 @@ from typing import Self
 from pydantic import field_validator, model_validator
 
 from truearm.errors import InputError
-from truearm.files.checked_toml import Document, Name, NotNegative, Positive, read_document
+from truearm.files.toml_documents import Document, Name, NotNegative, Positive, read_document
 
 # By what the test functions call their results; the index that standards write after them (":0:Tact.AArm") is left out.
 SYMBOLS = (

@@ -15,8 +15,7 @@ from typing import Annotated, Self
 from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
-from truearm.files.checked_toml import Document, Name, NotNegative, Positive, read_document
-from truearm.files.toml_documents import parse_toml
+from truearm.files.toml_documents import Document, Name, NotNegative, Positive, parse_toml, read_document
 
 CHECK_STANDARD = "check against your copy of the standard"
 PLANS = ("iso10360-12", "asme-b89.4.22")
