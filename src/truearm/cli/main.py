@@ -37,6 +37,7 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("check", "check"),
     ("certificate", "certificate"),
     ("reproduce", "reproduce"),
+    ("docs", "docs"),
 )
 
 
