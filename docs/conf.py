@@ -8,6 +8,9 @@ import re
 from pathlib import Path
 from typing import Any
 
+from pygments.lexers.special import TextLexer
+from sphinx.highlighting import lexers
+
 import truearm
 
 HERE = Path(__file__).parent
@@ -35,6 +38,7 @@ root_doc = "index"
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
 
+templates_path = ["templates"]
 autosummary_generate = True
 autodoc_typehints = "none"  # the docstrings give types with shapes and units
 autodoc_default_options = {"members": True, "inherited-members": False}
@@ -42,6 +46,9 @@ napoleon_google_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True  # attributes of a record are one list, and no second description of each
 default_role = "code"
+# Words such as n_joints in the shapes of docstrings are attributes of several classes.
+suppress_warnings = ["ref.python"]
+lexers["csv"] = TextLexer()
 
 # Builds must pass without a network: references to other projects are resolved only where it is asked for.
 intersphinx_mapping = (
@@ -128,6 +135,13 @@ def write_api_reference() -> None:
     (HERE / "api.md").write_text("\n".join(parts), encoding="utf-8")
 
 
+def skip_foreign(app: object, what: str, name: str, thing: object, skip: bool, options: object) -> bool | None:
+    """Leave out what scikit-learn gives to every estimator: its own site describes it."""
+    del app, what, name, skip, options
+    home = getattr(inspect.unwrap(thing) if callable(thing) else thing, "__module__", None) or ""
+    return True if home.startswith("sklearn") or "RequestMethod" in getattr(thing, "__qualname__", "") else None
+
+
 def write_references(app: object, config: object) -> None:
     """Write the two pages that come from the program itself."""
     del app, config
@@ -138,3 +152,4 @@ def write_references(app: object, config: object) -> None:
 def setup(app: Any) -> None:
     """Have the references written before Sphinx reads its sources."""
     app.connect("config-inited", write_references)
+    app.connect("autodoc-skip-member", skip_foreign)
