@@ -274,7 +274,7 @@ def test_a_name_that_promises_another_kind_of_file(refused, writer):
 @pytest.mark.parametrize("writer", ["fit", "predict", "import", "split"])
 def test_readings_are_not_written_over(refused, writer):
     verb, out = WRITERS[writer]
-    refused(["s.csv" if a == out else a for a in verb], "s.csv: the file to write is the file to read")
+    refused(["s.csv" if a == out else a for a in verb], "s.csv: the output file is an input file")
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="a superuser may write anywhere")

@@ -412,7 +412,7 @@ def test_nothing_that_is_read_is_overwritten(truearm, made, tmp_path):
     ):
         ran = truearm(*arguments)
         assert ran.code == 2
-        assert "would be lost" in ran.err
+        assert "would be overwritten" in ran.err
     assert arm.read_bytes() == before
 
 

@@ -223,5 +223,5 @@ def test_what_does_not_fit_is_refused(refit, made, moved, tmp_path):
 def test_readings_are_not_written_over(truearm, made, moved):
     before = moved.read_bytes()
     ran = truearm("refit", made / "kinematic.truearm", moved, "--out", moved)
-    assert (ran.code, "would be lost" in ran.err) == (2, True)
+    assert (ran.code, "would be overwritten" in ran.err) == (2, True)
     assert moved.read_bytes() == before

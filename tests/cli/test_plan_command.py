@@ -199,7 +199,7 @@ def test_files_that_are_there_stay(truearm, snapshot, tmp_path):
         assert "readings may be in it" in ran.err
     page = ["--artefact", "tracker", "--taken", tmp_path / "t.html", "--page", tmp_path / "t.html"]
     (tmp_path / "t.html").write_text("readings")
-    assert "would be lost" in truearm("plan", "gao2017", *page, "--out", tmp_path / "new.csv").err
+    assert "would be overwritten" in truearm("plan", "gao2017", *page, "--out", tmp_path / "new.csv").err
     (tmp_path / "t.html").unlink()
     assert snapshot(tmp_path) == before
 

@@ -12,6 +12,10 @@ from typing import Annotated, Any
 
 import typer
 
+from truearm.workflows.outputs import check_output_is_not_input as check_output_is_not_input
+from truearm.workflows.outputs import check_page_path as check_page_path
+from truearm.workflows.outputs import version_row as version_row
+
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON for machines.")]
 ArmOption = Annotated[str, typer.Option("--arm", help="A name from `truearm arms`, or an arm (.toml) or URDF file.")]
 
@@ -53,47 +57,6 @@ def print_table(columns: list[str], rows: list[list[str]], *, left_aligned: tupl
             for i, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
         print_line("  ".join(cells).rstrip())
-
-
-def check_output_is_not_input(out: Path, *inputs: Path) -> None:
-    """Check that a file to write is none of those that are read: readings cannot be measured again.
-
-    Raises
-    ------
-    InputError
-        If `out` is one of `inputs`.
-    """
-    from truearm.errors import InputError
-
-    if out.resolve() in [path.resolve() for path in inputs]:
-        raise InputError("the file to write is the file to read, and would be lost", file=out, hint="another name")
-
-
-def check_page_path(page: Path, *inputs: Path) -> None:
-    """Check, before long work, that a page can be written under a name, which is that of no file that is read.
-
-    Raises
-    ------
-    InputError
-        If the name does not end in .html, is one of `inputs`, or cannot be written.
-    """
-    from truearm.errors import InputError
-    from truearm.files.atomic_write import check_writable
-
-    if page.suffix not in (".html", ".htm"):
-        raise InputError(f"expected a file name that ends in .html, got {page.name!r}", file=page)
-    check_output_is_not_input(page, *inputs)
-    check_writable(page)
-
-
-def version_row() -> tuple[str, str]:
-    """The row of a page that says which programs reckoned it."""
-    import numpy
-    import scipy
-
-    from truearm import __version__
-
-    return "versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"
 
 
 @contextmanager

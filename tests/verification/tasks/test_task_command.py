@@ -215,7 +215,7 @@ def test_a_page_must_have_a_page_s_name_and_be_none_of_the_files_read(tmp_path):
         ran("shop", length=300.0, report=tmp_path / "page.pdf")
     sheet = tmp_path / "sheet.html"
     sheet.write_text(SHEET)
-    with pytest.raises(InputError, match="the file to read"):
+    with pytest.raises(InputError, match="is an input file"):
         ran(None, spec=sheet, length=300.0, report=sheet)
     assert sheet.read_text() == SHEET
 

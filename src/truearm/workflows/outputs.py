@@ -1,0 +1,82 @@
+"""Files that a verb writes: none of those it has read, and whole or not at all."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from truearm.errors import InputError
+from truearm.files.atomic_write import check_writable
+from truearm.workflows.record import Record
+
+if TYPE_CHECKING:
+    from truearm.pages.page import Page
+
+
+def check_output_is_not_input(out: str | Path, *inputs: str | Path) -> None:
+    """Check that a file to write is none of those that are read: readings cannot be measured again.
+
+    Raises
+    ------
+    InputError
+        If `out` is one of `inputs`.
+    """
+    if Path(out).resolve() in [Path(path).resolve() for path in inputs]:
+        raise InputError("the output file is an input file and would be overwritten", file=out, hint="another name")
+
+
+def check_page_path(page: str | Path, *inputs: str | Path) -> None:
+    """Check, before long work, that a page can be written under a name that is not the name of an input file.
+
+    Raises
+    ------
+    InputError
+        If the name does not end in .html, is one of `inputs`, or cannot be written.
+    """
+    page = Path(page)
+    if page.suffix not in (".html", ".htm"):
+        raise InputError(f"expected a file name that ends in .html, got {page.name!r}", file=page)
+    check_output_is_not_input(page, *inputs)
+    check_writable(page)
+
+
+def version_row() -> tuple[str, str]:
+    """The row of a page that names the programs that calculated it."""
+    import numpy
+    import scipy
+
+    from truearm import __version__
+
+    return "versions", f"truearm {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"
+
+
+class PageRecord(Record):
+    """A record that has a page of its own: `page` lays it out, `save_page` writes it as HTML."""
+
+    @property
+    def input_files(self) -> tuple[Path, ...]:
+        """The files from which the result was calculated; no page is written over them."""
+        return ()
+
+    @abstractmethod
+    def page(self) -> Page:
+        """The result with its figures, tables and sources."""
+
+    def save_page(self, path: str | Path) -> None:
+        """Write the page, one HTML file that needs nothing beside it, whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ``.html``.
+
+        Raises
+        ------
+        InputError
+            If the name has another ending, is that of an input file, or cannot be written.
+        """
+        from truearm.pages.html import write_page
+
+        check_page_path(path, *self.input_files)
+        write_page(self.page(), path)
