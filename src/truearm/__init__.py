@@ -16,6 +16,9 @@ _HOMES = {
     "truearm.errors": ("InputError",),
     "truearm.identification.virtual": ("VirtualArm",),
     "truearm.readings": ("Lengths", "Session", "read_lengths", "read_session"),
+    "truearm.workflows.evaluate": ("Evaluation", "evaluate"),
+    "truearm.workflows.fit": ("FitResult", "fit"),
+    "truearm.workflows.refit": ("RefitResult", "refit"),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 

@@ -14,5 +14,11 @@ from truearm.readings import Lengths as Lengths
 from truearm.readings import Session as Session
 from truearm.readings import read_lengths as read_lengths
 from truearm.readings import read_session as read_session
+from truearm.workflows.evaluate import Evaluation as Evaluation
+from truearm.workflows.evaluate import evaluate as evaluate
+from truearm.workflows.fit import FitResult as FitResult
+from truearm.workflows.fit import fit as fit
+from truearm.workflows.refit import RefitResult as RefitResult
+from truearm.workflows.refit import refit as refit
 
 __version__: str

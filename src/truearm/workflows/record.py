@@ -102,7 +102,7 @@ class Record(ABC):
 
 
 def to_plain(value: Any) -> Any:
-    """A value for JSON: dataclasses and mappings as dictionaries, arrays as lists, numbers that are not finite as None."""
+    """A value for JSON: dataclasses and mappings as dictionaries, arrays as lists, NaN and infinities as None."""
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Enum):

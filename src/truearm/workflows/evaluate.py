@@ -1,0 +1,257 @@
+"""Evaluate: errors of a model on readings it was not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from truearm.compensation.models import Compensator, NominalModel
+from truearm.compensation.models.uncertainty import uncertainty_budget
+from truearm.readings import (
+    Lengths,
+    Session,
+    check_sessions,
+    compare_errors,
+    length_errors,
+    seat_errors,
+)
+from truearm.typing import FloatArray
+from truearm.workflows.inputs import (
+    LengthsLike,
+    Limits,
+    ModelLike,
+    SessionLike,
+    check_has_reference,
+    evaluation_remarks,
+    expanded_lengths,
+    has_repeated_seat,
+    session_lengths,
+    to_model,
+    to_session,
+    within_limits,
+    without_refit_readings,
+)
+from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
+from truearm.workflows.sentences import ReadingOutlier, compare_with_nominal, format_mm, listed, reading_outliers
+
+if TYPE_CHECKING:
+    from truearm.pages.plotting import Figure
+
+
+def evaluate(
+    model: ModelLike, session: SessionLike, *, lengths: LengthsLike | None = None, limits: Limits = "skip"
+) -> Evaluation:
+    """Test a model on readings it was not fitted to, beside the nominal arm.
+
+    The nominal arm has its base and tip (where they were free) fitted to the model's training readings. Readings with a
+    reference point are compared with it, readings in a seat with the mean of the points predicted there, and the
+    distance between two such means with the known length. Readings from which `refit` identified base and tip are
+    skipped.
+
+    Parameters
+    ----------
+    model : Compensator, str or Path
+        A fitted model or its file.
+    session : Session, DataFrame, str or Path
+        Readings with reference points or seats.
+    lengths : Lengths, str or Path, optional
+        Known lengths between seats of the session.
+    limits : {"skip", "ignore"}
+        Skip the readings beyond a joint limit, or use them.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    InputError
+        If the session is of another arm, in another unit, or has neither reference points nor seats.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=60, seed=1).session
+    >>> train, test = session.split(by="row", hold_out=0.3, seed=1)
+    >>> evaluation = ta.evaluate(ta.fit("ur10", train, model="kinematic").model, test)
+    >>> evaluation.errors["model"]["mean_mm"] < evaluation.errors["nominal"]["mean_mm"]
+    True
+    """
+    fitted = to_model(model)
+    given = to_session(session, n_joints=fitted.arm.n_joints)
+    allowed = within_limits(given, fitted.arm, limits)
+    check_has_reference(allowed.session, fitted.arm, purpose="evaluate against")
+    used, rows, refit_remarks = without_refit_readings(allowed.session, fitted)
+    known, length_remarks = session_lengths(lengths, given, used)
+    check_sessions(used, known, own_frame="base" not in fitted.free)
+    known = expanded_lengths(known, used)
+    predicted = {"nominal": fitted.predict_nominal_readings(used), "model": fitted.predict_readings(used)}
+    if isinstance(fitted, NominalModel):
+        del predicted["nominal"]
+    errors: dict[str, dict[str, Any]] = {name: {} for name in predicted}
+    for name, points in predicted.items():
+        if used.points is not None:
+            errors[name] |= compare_errors(points, predicted.get("nominal", points), used.points)
+        errors[name] |= _seat_and_length_errors(points, used, known)
+    coverage: float | None = None
+    outliers: tuple[ReadingOutlier, ...] = ()
+    if used.points is not None:
+        budget, far = uncertainty_budget(fitted, used)
+        coverage = budget.n_covered / budget.n_points
+        outliers = reading_outliers(far, given, allowed.rows[rows])
+    return Evaluation(
+        model=fitted,
+        session=used,
+        predicted=predicted,
+        errors=errors,
+        lengths=known,
+        coverage=coverage,
+        outliers=outliers,
+        n_refit=len(allowed.rows) - len(rows),
+        remarks=(*allowed.remarks, *refit_remarks, *length_remarks, *evaluation_remarks(fitted, used)),
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluation(Record):
+    """Errors of a model and of the nominal arm on the readings of a session.
+
+    Attributes
+    ----------
+    model : Compensator
+    session : Session
+        The readings that were used.
+    predicted : dict of str to (n, 3) array
+        Points of ``"nominal"`` and ``"model"`` [mm].
+    errors : dict of str to dict
+        For both: ``mean_mm``, ``rms_mm``, ``p95_mm``, ``max_mm``, ``mean_abs_coordinate_mm`` and
+        ``max_abs_coordinate_mm`` against reference points; ``seat_mean_mm`` and others in seats; ``lengths``.
+    lengths : Lengths or None
+        Known lengths at the temperature of the readings.
+    coverage : float or None
+        Share of the reference points inside the 95 % ellipsoid that the model states; None without points.
+    outliers : tuple of ReadingOutlier
+        Readings farther from their reference point than eight stated standard uncertainties.
+    n_refit : int
+        Readings that were skipped because they were used to refit the model.
+    remarks : tuple of str
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=40, seed=1).session
+    >>> model = ta.fit("ur10", session, model="nominal").model
+    >>> ta.evaluate(model, session).to_dict()["n"]
+    40
+    """
+
+    model: Compensator
+    session: Session
+    predicted: Mapping[str, FloatArray]
+    errors: Mapping[str, Mapping[str, Any]]
+    lengths: Lengths | None
+    coverage: float | None
+    outliers: tuple[ReadingOutlier, ...]
+    n_refit: int
+    remarks: tuple[str, ...]
+
+    def summary(self) -> str:
+        """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
+        own, nominal = self.errors["model"], self.errors.get("nominal")
+        for key, of, n in (
+            ("mean_mm", "Mean error", "n"),
+            ("seat_mean_mm", "Mean distance from the mean of the seat", "n_in_seats"),
+        ):
+            if key in own:
+                compared = "" if nominal is None else compare_with_nominal(own[key], nominal[key])
+                return f"{of} {format_mm(own[key])} on {own[n]} readings{compared}."
+        largest = max(abs(one["length_error_mm"]) for one in own["lengths"])
+        return f"Largest error of {len(own['lengths'])} lengths {format_mm(largest)}."
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        yield self.summary()
+        own = self.errors["model"]
+        if "mean_mm" in own:
+            names = [name for name in own if name.endswith("_mm") and not name.startswith("seat_")]
+            yield self._table(f"{own['n']} readings", names)
+            if "nominal" in self.errors:
+                yield _removed(own["removed_percent"])
+            if self.coverage is not None:
+                yield f"{100 * self.coverage:.1f} % of the points are inside their stated 95 % ellipsoid"
+        if "seats" in own:
+            heading = f"{own['n_in_seats']} readings in {len(own['seats'])} seats"
+            yield self._table(heading, [name for name in own if name.startswith("seat_")])
+        if "lengths" in own:
+            yield self._lengths_table()
+        yield from listed("outlier", self.outliers, "readings")
+        yield from self.remarks
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record.to_dict`: the model's errors by their names, and those of the nominal arm under ``nominal``."""
+        found = {
+            "summary": self.summary(),
+            **self.errors["model"],
+            "nominal": self.errors.get("nominal"),
+            "coverage": self.coverage,
+            "n_refit": self.n_refit,
+            "outliers": self.outliers,
+            "remarks": self.remarks,
+        }
+        plain: dict[str, Any] = to_plain(found)
+        return plain
+
+    def figure(self) -> Figure | None:
+        """Distribution of the distances from the reference points."""
+        from truearm.pages.figures import error_distribution
+
+        if self.session.points is None:
+            return None
+        there = self.session.has_point
+        distances = {
+            name: np.linalg.norm((points - self.session.points)[there], axis=1)
+            for name, points in self.predicted.items()
+        }
+        return error_distribution(distances)
+
+    def _table(self, heading: str, names: list[str]) -> TextTable:
+        rows = [(name, *(format_fixed(errors[name]) for errors in self.errors.values())) for name in names]
+        return TextTable((heading, *self.errors), rows)
+
+    def _lengths_table(self) -> TextTable:
+        own = self.errors["model"]["lengths"]
+        rows = [
+            (
+                f"{one['seat_a']} to {one['seat_b']}",
+                format_fixed(one["length_mm"]),
+                format_fixed(one["u_mm"]),
+                *(format_fixed(of["lengths"][i]["length_error_mm"], sign=True) for of in self.errors.values()),
+            )
+            for i, one in enumerate(own)
+        ]
+        return TextTable((f"length_error_mm of {len(own)} lengths", "length_mm", "u_mm", *self.errors), rows)
+
+
+def _seat_and_length_errors(points: FloatArray, session: Session, lengths: Lengths | None) -> dict[str, Any]:
+    """Errors in the session's seats, where one has two readings, and errors of lengths."""
+    found: dict[str, Any] = {}
+    if session.seat is None:
+        return found
+    if has_repeated_seat(session) or (session.points is None and lengths is None):
+        found |= seat_errors(points, session.seat)
+    if lengths is not None:
+        columns = {name: getattr(lengths, name).tolist() for name in ("seat_a", "seat_b", "length_mm", "u_mm")}
+        columns["length_error_mm"] = length_errors(points, session.seat, lengths).tolist()
+        found["lengths"] = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return found
+
+
+def _removed(percent: float) -> str:
+    if -5 < percent < 0:
+        return "no better than the nominal arm"
+    if percent < 0:
+        return f"worse than the nominal arm: {1 - percent / 100:.1f} times its mean absolute coordinate error"
+    return f"{percent:.1f} % of the mean absolute coordinate error removed"

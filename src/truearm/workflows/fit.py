@@ -1,0 +1,399 @@
+"""Fit: identify an arm from the readings of a session."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from truearm.compensation.models import MODELS, Compensator, KinematicModel, NetworkModel, NominalModel, PhysicalModel
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.model_file import save_model
+from truearm.compensation.models.reading_references import (
+    MIN_READINGS_ON,
+    check_spread,
+    references_of,
+    surfaces_with_too_few_readings,
+)
+from truearm.compensation.models.selection import ModelScore, select_model
+from truearm.compensation.models.session_frames import to_first_session_frame
+from truearm.errors import InputError
+from truearm.identification.estimation.identifiability import identifiability
+from truearm.identification.estimation.outliers import LengthOutlier, length_outliers, outliers
+from truearm.readings import Lengths, Session, compare_errors, seat_errors
+from truearm.typing import IntArray
+from truearm.workflows.inputs import (
+    ArmLike,
+    LengthsLike,
+    Limits,
+    SessionLike,
+    check_nominal_error,
+    check_session_fits,
+    has_repeated_seat,
+    nominal_error_mm,
+    session_lengths,
+    to_arm,
+    to_free_parts,
+    to_session,
+    within_limits,
+)
+from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
+from truearm.workflows.sentences import ReadingOutlier, compare_with_nominal, format_mm, listed, reading_outliers
+
+if TYPE_CHECKING:
+    from truearm.pages.plotting import Figure
+
+ModelName = Literal["auto", "nominal", "kinematic", "physical", "network"]
+
+# With fewer readings the training error of a kinematic model says little: it determines some 27 constants.
+FEW_READINGS = 50
+NOMINAL_HINT = "check the arm, the units, signs and zeros of the angles, the unit of the points, and the free parts"
+# Share of the reach by which the nominal arm may miss its readings before it is questioned.
+SUSPECT_NOMINAL_ERROR = 0.01
+# Groups of terms that are printed, those with most determined coefficients.
+MAX_GROUPS = 8
+
+
+def fit(
+    arm: ArmLike,
+    session: SessionLike,
+    *,
+    model: ModelName = "auto",
+    lengths: LengthsLike | None = None,
+    free: Iterable[str] = ("base", "tip"),
+    limits: Limits = "skip",
+    progress: Callable[[int, str], None] | None = None,
+    **options: Any,
+) -> FitResult:
+    """Identify an arm: fit a model to the readings of a session.
+
+    Parameters
+    ----------
+    arm : Arm, str or Path
+        The nominal arm: an `Arm`, a name of `list_arms`, or an arm file or URDF.
+    session : Session, DataFrame, str or Path
+        Readings with reference points, seats or surfaces.
+    model : {"auto", "nominal", "kinematic", "physical", "network"}
+        ``"auto"`` fits the first three and selects the simplest whose mean error on held-out readings is within one
+        standard error of the smallest. See `NominalModel`, `KinematicModel`, `PhysicalModel` and `NetworkModel`.
+    lengths : Lengths, str or Path, optional
+        Known lengths between seats of the session.
+    free : iterable of {"base", "tip"}
+        What is unknown of the placement of the nominal arm; empty if points are in its base frame and its tip is known.
+    limits : {"skip", "ignore"}
+        Skip the readings beyond a joint limit, or use them.
+    progress : callable, optional
+        Called with the number of steps done and a note.
+    **options
+        Of the model's class, such as ``hidden=(50, 50)`` for a network; none with ``"auto"``.
+
+    Returns
+    -------
+    FitResult
+
+    Raises
+    ------
+    InputError
+        If the readings are too few, of another arm, in another unit, or do not determine the model.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=40, seed=1).session
+    >>> result = ta.fit("ur10", session, model="kinematic")
+    >>> result.model.predict(session.angles).shape
+    (40, 3)
+    """
+    if model not in ("auto", *MODELS):
+        raise InputError(f"expected a model among auto, {', '.join(MODELS)}, got {model!r}")
+    if model == "auto" and options:
+        raise InputError(f"options {sorted(options)} belong to one model, got model 'auto'", hint="name the model")
+    nominal_arm, parts = to_arm(arm), to_free_parts(free)
+    given = to_session(session, n_joints=nominal_arm.n_joints)
+    checked = within_limits(given, nominal_arm, limits)
+    used = checked.session
+    # Options are checked before anything is computed.
+    chosen = None if model == "auto" else MODELS[model](nominal_arm, free=parts, **options)
+    check_session_fits(used, nominal_arm, model)
+    known, length_remarks = session_lengths(lengths, given, used if len(used) < len(given) else None)
+    if "base" in parts:
+        check_spread(used, nominal_arm)
+    nominal = NominalModel(nominal_arm, free=parts).fit_readings(used, lengths=known)
+    check_nominal_error(nominal, used, hint=NOMINAL_HINT)
+    comparison: tuple[ModelScore, ...] = ()
+    fitted: Compensator
+    if chosen is None:
+        fitted, comparison = select_model(
+            nominal_arm, used, free=parts, lengths=known, progress=progress, nominal=nominal
+        )
+    elif model == "nominal":
+        fitted = nominal
+    else:
+        fitted = chosen.fit_readings(used, lengths=known, progress=progress, nominal=nominal)
+    remarks = (*checked.remarks, *length_remarks, *_remarks(fitted, used, known))
+    return FitResult(
+        model=fitted,
+        comparison=comparison,
+        session=used,
+        training=_training_errors(fitted, used),
+        nominal=nominal,
+        outliers=_outliers(fitted, given, checked.rows),
+        length_outliers=_length_outliers(fitted, used, known),
+        remarks=remarks,
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FitResult(Record):
+    """A fitted model, how well it predicts readings, and what a person must know about it.
+
+    Attributes
+    ----------
+    model : Compensator
+        The fitted model; of ``"auto"`` the selected one.
+    comparison : tuple of ModelScore
+        Of ``"auto"``: each candidate's error on held-out readings; else empty.
+    session : Session
+        The training readings that were used.
+    training : dict or None
+        Errors on them: of points, or of the scatter in seats; None without points and seats.
+    nominal : NominalModel
+        The nominal arm with base and tip fitted to the same readings.
+    outliers : tuple of ReadingOutlier
+        Training readings whose residual is too large, the largest first.
+    length_outliers : tuple of LengthOutlier
+        Known lengths that contradict the other data.
+    remarks : tuple of str
+        What was skipped or ignored, and warnings.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> result = ta.fit("ur10", ta.simulate("ur10", poses=40, seed=1).session, model="nominal")
+    >>> sorted(result.to_dict())[:4]
+    ['arm', 'comparison', 'fit_seconds', 'groups']
+    """
+
+    model: Compensator
+    comparison: tuple[ModelScore, ...]
+    session: Session
+    training: Mapping[str, Any] | None
+    nominal: NominalModel
+    outliers: tuple[ReadingOutlier, ...]
+    length_outliers: tuple[LengthOutlier, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def model_name(self) -> str:
+        """``"nominal"``, ``"kinematic"``, ``"physical"`` or ``"network"``."""
+        return next(name for name, kind in MODELS.items() if type(self.model) is kind)
+
+    @property
+    def held_out_mm(self) -> tuple[float, float] | None:
+        """Mean error on held-out readings, of the model and of the nominal arm [mm]; None where none were held out."""
+        if not isinstance(self.model, IdentifiedModel) or not len(self.model.held_out_.rows):
+            return None
+        return self.model.held_out_.mean_mm, self.nominal.held_out_.mean_mm
+
+    def save(self, path: str | Path) -> None:
+        """Write the model to a file (see `load_model`)."""
+        save_model(self.model, path)
+
+    def summary(self) -> str:
+        """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
+        about = f" ({self.model_name} model of {self.model.arm.name}, {len(self.session)} readings)."
+        if self.held_out_mm is not None:
+            error, nominal = self.held_out_mm
+            compared = "" if self.model_name == "nominal" else compare_with_nominal(error, nominal)
+            return f"Mean error {format_mm(error)} on held-out readings{compared}{about}"
+        if self.training is not None and "mean_mm" in self.training:
+            nominal = nominal_error_mm(self.nominal)
+            return (
+                f"Mean error {format_mm(self.training['mean_mm'])} on the training readings"
+                f"{compare_with_nominal(self.training['mean_mm'], nominal)}{about}"
+            )
+        assert isinstance(self.model, IdentifiedModel)  # a network needs points
+        return f"Residual standard deviation {format_mm(self.model.residual_std_)} of a coordinate{about}"
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        yield self.summary()
+        if self.comparison:
+            yield _comparison_table(self.comparison)
+        yield from _training_lines(self.training, compare=self.model_name != "nominal")
+        if isinstance(self.model, NetworkModel):
+            yield from _network_lines(self.model)
+        if isinstance(self.model, IdentifiedModel):
+            yield (
+                f"residual standard deviation: {format_fixed(self.model.residual_std_)} mm of a coordinate, "
+                "unexplained by the model"
+            )
+        yield from listed("outlier", self.outliers, "readings")
+        yield from listed("contradictory length", [_describe_length(one) for one in self.length_outliers], "lengths")
+        yield from self.remarks
+        if isinstance(self.model, IdentifiedModel):
+            yield from _term_lines(self.model)
+        yield "These are training readings: evaluate the model on other readings."
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record.to_dict`."""
+        found: dict[str, Any] = {
+            "summary": self.summary(),
+            "model": self.model_name,
+            "arm": self.model.arm.name,
+            "n_readings": len(self.session),
+            "fit_seconds": self.model.fit_seconds_,
+            "held_out": None,
+            "training": self.training,
+            "comparison": [asdict(score) for score in self.comparison],
+            "outliers": [asdict(outlier) for outlier in self.outliers],
+            "length_outliers": [asdict(outlier) for outlier in self.length_outliers],
+            "remarks": list(self.remarks),
+        }
+        if self.held_out_mm is not None:
+            found["held_out"] = dict(zip(("mean_mm", "nominal_mean_mm"), self.held_out_mm, strict=True))
+        if isinstance(self.model, NetworkModel):
+            found["network"] = {"trainer": self.model.trainer, "members": _members(self.model)}
+        if isinstance(self.model, IdentifiedModel):
+            found["residual_std_mm"] = self.model.residual_std_
+            found["groups"] = [asdict(group) for group in self.model.fit_.groups]
+            found["skipped_terms"] = [term._asdict() for term in self.model.excluded_terms_]
+            found["identifiability"] = asdict(identifiability(self.model.fit_))
+        plain: dict[str, Any] = to_plain(found)
+        return plain
+
+    def figure(self) -> Figure | None:
+        """Distribution of the errors on held-out readings, of the model and of the nominal arm."""
+        from truearm.pages.figures import error_distribution
+
+        if self.held_out_mm is None or self.model_name == "nominal":
+            return None
+        assert isinstance(self.model, IdentifiedModel)
+        return error_distribution(
+            {"nominal": self.nominal.held_out_.errors_mm, self.model_name: self.model.held_out_.errors_mm}
+        )
+
+
+def _training_errors(model: Compensator, session: Session) -> Mapping[str, Any] | None:
+    predicted = model.predict_readings(session)
+    if session.points is not None:
+        return compare_errors(predicted, model.predict_nominal_readings(session), session.points)
+    if not has_repeated_seat(session):
+        return None
+    assert session.seat is not None
+    return {name: value for name, value in seat_errors(predicted, session.seat).items() if name != "seats"}
+
+
+def _outliers(model: Compensator, session: Session, rows: IntArray) -> tuple[ReadingOutlier, ...]:
+    return reading_outliers(outliers(model.fit_), session, rows) if isinstance(model, IdentifiedModel) else ()
+
+
+def _length_outliers(model: Compensator, session: Session, lengths: Lengths | None) -> tuple[LengthOutlier, ...]:
+    if not isinstance(model, IdentifiedModel):
+        return ()
+    session = to_first_session_frame(session, model.session_frames_)
+    return tuple(length_outliers(model.fit_, model.state(session), references_of(session, lengths)))
+
+
+def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> Iterator[str]:
+    """What a person must know about the fit, apart from what was skipped before it."""
+    if isinstance(model, IdentifiedModel):
+        for kind, name, n in surfaces_with_too_few_readings(session):
+            yield f"{kind} {name} has {n} usable readings; at least {MIN_READINGS_ON[kind]} are needed. Ignored."
+    if model.session_frames_:
+        first, *others = model.session_frames_
+        yield (
+            f"Each session has a frame of its own: coordinates are in that of session {first}, those of readings of "
+            f"{', '.join(others)} in theirs."
+        )
+    if session.points is None and lengths is None and session.sphere_distance is None:
+        yield "No reference point and no length is known: the arm keeps its nominal size."
+    if not getattr(model, "fit_", model.nominal_).converged:
+        yield "The fit has not converged: more readings, or poses that differ more from each other, may help."
+    if isinstance(model, KinematicModel | PhysicalModel):
+        if len(session) < FEW_READINGS:
+            yield f"Only {len(session)} readings: the training error says little. Use some {FEW_READINGS} or more."
+        if (error := nominal_error_mm(model)) > SUSPECT_NOMINAL_ERROR * model.arm.chain.reach:
+            yield f"The nominal arm misses the readings by {error:.1f} mm on average: is {model.arm.name} right?"
+
+
+def _comparison_table(comparison: tuple[ModelScore, ...]) -> TextTable:
+    return TextTable(
+        ("held-out error [mm]", "mean", "standard error", "95 %", "max", "parameters", ""),
+        (
+            (
+                score.name,
+                format_fixed(score.mean_mm),
+                format_fixed(score.standard_error_mm),
+                format_fixed(score.p95_mm),
+                format_fixed(score.max_mm),
+                f"{score.n_effective:.0f}",
+                "selected" if score.kept else "",
+            )
+            for score in comparison
+        ),
+        left_aligned=(0, 6),
+    )
+
+
+def _training_lines(errors: Mapping[str, Any] | None, *, compare: bool) -> Iterator[str]:
+    if errors is None:
+        return
+    if "seat_mean_mm" in errors:
+        mean, largest = errors["seat_mean_mm"], errors["seat_max_mm"]
+        yield f"training error, distance from the mean of the seat: mean {mean:.4f} mm, maximum {largest:.4f} mm"
+        return
+    line = f"training error: mean {errors['mean_mm']:.4f} mm, maximum {errors['max_mm']:.4f} mm"
+    removed = errors["removed_percent"]
+    if compare and removed < 0:
+        line += f" ({1 - removed / 100:.1f} times the nominal error)"
+    elif compare:
+        line += f" ({removed:.1f} % of the nominal mean absolute coordinate error removed)"
+    yield line
+
+
+def _members(model: NetworkModel) -> list[dict[str, Any]]:
+    """The training of each member: that of the start that was kept, starts counted from 1."""
+    facts = []
+    for member in model.members_:
+        record = member.record
+        assert record is not None  # just trained
+        facts.append(
+            {
+                "start": member.start + 1,
+                "epochs": record.num_epochs,
+                "best_epoch": record.best_epoch,
+                "stop": record.stop,
+                "seconds": float(record.time[-1]),
+            }
+        )
+    return facts
+
+
+def _network_lines(model: NetworkModel) -> Iterator[str]:
+    for number, facts in enumerate(_members(model), 1):
+        who = f"member {number}, start {facts['start']}" if len(model.members_) > 1 else "training"
+        yield f"{who}: {facts['stop'].rstrip('.')} after {facts['epochs']} epochs, best epoch {facts['best_epoch']}"
+
+
+def _describe_length(outlier: LengthOutlier) -> str:
+    than = "exceeds" if outlier.error_mm > 0 else "is smaller than"
+    return (
+        f"{outlier.name}: certificate value {than} the value implied by the other data by "
+        f"{abs(outlier.error_mm):.3f} mm ({outlier.normalized_residual:.0f} standard uncertainties)"
+    )
+
+
+def _term_lines(model: IdentifiedModel) -> Iterator[str]:
+    """The groups of terms that the readings determine, those that they do not, and terms that were not offered."""
+    groups = model.fit_.groups
+    if len(groups) > 5:
+        kept = sorted((group for group in groups if group.effective >= 0.5), key=lambda group: -group.effective)
+        names = ", ".join(f"{group.name} ({group.effective:.0f})" for group in kept[:MAX_GROUPS])
+        pruned = len(groups) - len(kept)
+        yield f"terms with most determined coefficients: {names}; {pruned} of {len(groups)} groups were pruned"
+    # What no readings determine is no fault of these.
+    open_ones = [str(one) for one in identifiability(model.fit_).unidentifiable if one.at_other_poses]
+    yield from listed("not identifiable from these readings", open_ones, "combinations")
+    yield from listed("not offered", [f"{term.name}, as {term.reason}" for term in model.excluded_terms_], "terms")

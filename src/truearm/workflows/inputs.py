@@ -1,0 +1,312 @@
+"""What the verbs accept: objects or files, with the guards that both doors share.
+
+The command line gives paths, so that messages name file, line and column; in Python objects serve as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import ceil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, cast
+from zipfile import is_zipfile
+
+import numpy as np
+
+from truearm.arm import Arm, load_arm
+from truearm.compensation.models import Compensator
+from truearm.compensation.models.compensator import FREE_PARTS, MAX_NOMINAL_ERROR, MIN_ROWS
+from truearm.compensation.models.model_file import load_model
+from truearm.compensation.models.refit import used_in_refit
+from truearm.errors import InputError
+from truearm.readings import (
+    Lengths,
+    Session,
+    check_angles,
+    check_fit,
+    check_reach,
+    point_errors,
+    read_lengths,
+    read_session,
+)
+from truearm.readings.checks import LIMIT_TOLERANCE
+from truearm.readings.thermal_expansion import (
+    REFERENCE_DEGC,
+    STEEL_PER_K,
+    at_measured_temperature,
+    thermal_expansion_of,
+)
+from truearm.typing import IntArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ArmLike: TypeAlias = "Arm | str | Path"
+SessionLike: TypeAlias = "Session | pd.DataFrame | str | Path"
+ModelLike: TypeAlias = "Compensator | str | Path"
+LengthsLike: TypeAlias = "Lengths | str | Path"
+Limits: TypeAlias = Literal["skip", "ignore"]
+
+# A length with a larger relative uncertainty does not determine the size of an arm, or its uncertainty is in um.
+MAX_RELATIVE_U = 0.005
+# With more of its readings beyond a joint limit, a session is in another unit or of another arm.
+MAX_SHARE_OUTSIDE_LIMITS = 0.5
+# Lines that a remark names one by one.
+MAX_NAMED = 6
+
+
+class CheckedSession(NamedTuple):
+    """The readings of a session that a verb uses, with what it did to select them.
+
+    Attributes
+    ----------
+    session : Session
+        The readings used.
+    rows : (n,) array of int
+        Their rows in the session as it was given, counted from 0.
+    remarks : tuple of str
+        What was skipped, and why.
+    """
+
+    session: Session
+    rows: IntArray
+    remarks: tuple[str, ...]
+
+
+def to_arm(arm: ArmLike) -> Arm:
+    """An arm as it is; one of the catalogue by its name; one from an arm file or a URDF by its path."""
+    return arm if isinstance(arm, Arm) else load_arm(arm)
+
+
+def to_session(session: SessionLike, *, n_joints: int | None = None) -> Session:
+    """A session as it is, from a DataFrame with the columns of a session file, or from a file."""
+    if isinstance(session, Session):
+        return session
+    if isinstance(session, str | Path):
+        path = Path(session)
+        if path.is_file() and is_zipfile(path):
+            raise InputError("expected a session file, got a model file", file=path, hint="give the model first")
+        return read_session(path, n_joints=n_joints)
+    made: Session = cast(Any, Session).from_frame(session)
+    return made
+
+
+def to_model(model: ModelLike) -> Compensator:
+    """A fitted model as it is, or from a model file."""
+    return model if isinstance(model, Compensator) else load_model(model)
+
+
+def to_free_parts(free: Iterable[str]) -> tuple[str, ...]:
+    """Check which parts are free: any of ``base`` and ``tip``."""
+    parts = (free,) if isinstance(free, str) else tuple(free)
+    if not set(parts) <= set(FREE_PARTS):
+        raise InputError(f"expected free parts among base and tip, got {list(parts)}", hint="('base', 'tip')")
+    return parts
+
+
+def within_limits(session: Session, arm: Arm, limits: Limits = "skip") -> CheckedSession:
+    """Skip the readings beyond a joint limit, or use them all with ``"ignore"``.
+
+    Raises
+    ------
+    InputError
+        If the number of joints is not that of the arm, or more than half of the readings are beyond a limit.
+    """
+    lower, upper = arm.limits.T
+    if session.n_joints != arm.n_joints or limits == "ignore":
+        lower, upper = np.full(len(lower), -np.inf), np.full(len(lower), np.inf)
+        outside = np.zeros(len(session), bool)
+    else:
+        angles = session.angles
+        outside = ((angles < lower - LIMIT_TOLERANCE) | (angles > upper + LIMIT_TOLERANCE)).any(axis=1)
+    rows = np.flatnonzero(~outside)
+    if len(rows) >= (1 - MAX_SHARE_OUTSIDE_LIMITS) * len(session) and outside.any():
+        remark = (
+            f"{len(session) - len(rows)} of {len(session)} readings are beyond a joint limit and were skipped: "
+            f"{join_labels(session, np.flatnonzero(outside).tolist())}."
+        )
+        return CheckedSession(session.rows(rows), rows, (remark,))
+    check_angles(session, joint_names=arm.joint_names, lower=lower, upper=upper, prismatic=arm.chain.prismatic)
+    return CheckedSession(session, np.arange(len(session)), ())
+
+
+def join_labels(session: Session, rows: list[int]) -> str:
+    """Name readings by their lines, the first `MAX_NAMED` of them."""
+    more = f" and {len(rows) - MAX_NAMED} more" if len(rows) > MAX_NAMED else ""
+    return ", ".join(session.label(row) for row in rows[:MAX_NAMED]) + more
+
+
+def check_session_fits(session: Session, arm: Arm, model: str) -> None:
+    """Check that a model of a kind can be fitted to the readings.
+
+    Raises
+    ------
+    InputError
+        As `check_fit` and `check_reach`.
+    """
+    lower, upper = np.full((2, arm.n_joints), np.inf) * [[-1], [1]]  # `within_limits` has checked them
+    n_constants = 4 * arm.n_joints + 3
+    check_fit(
+        session,
+        joint_names=arm.joint_names,
+        lower=lower,
+        upper=upper,
+        min_rows=max(MIN_ROWS, ceil(n_constants / 3)) if model in ("kinematic", "physical") else MIN_ROWS,
+        prismatic=arm.chain.prismatic,
+        relations=model != "network",
+    )
+    check_reach(session, reach=arm.chain.reach)
+
+
+def check_has_reference(session: Session, arm: Arm, *, purpose: str) -> None:
+    """Check that there is something to compare the points of a model with: reference points or seats.
+
+    Raises
+    ------
+    InputError
+        If there is neither, or the arm cannot reach a point.
+    """
+    if session.points is None and (session.seat is None or not (session.seat != "").any()):
+        raise session.error(
+            f"expected reference points or seats to {purpose}, the session has none", hint="predict needs none"
+        )
+    check_reach(session, reach=arm.chain.reach)
+
+
+def has_repeated_seat(session: Session) -> bool:
+    """Whether a seat has two readings or more, so that its points can be compared with each other."""
+    if session.seat is None:
+        return False
+    return bool(np.unique(session.seat[session.seat != ""], return_counts=True)[1].max(initial=0) > 1)
+
+
+def nominal_error_mm(model: Compensator) -> float:
+    """Mean residual of the nominal arm, its base and tip fitted, at the model's own references [mm]."""
+    residuals = [np.linalg.norm(reference.residuals, axis=0) for reference in model.nominal_.references]
+    return float(np.concatenate(residuals).mean())
+
+
+def check_nominal_error(model: Compensator, session: Session, *, hint: str) -> None:
+    """Refuse readings that the nominal arm misses by more than any arm of this type can.
+
+    Raises
+    ------
+    InputError
+        If the mean residual exceeds 5 % of the reach: another arm, a wrong unit, sign or zero.
+    """
+    error, reach = nominal_error_mm(model), model.arm.chain.reach
+    if not error < MAX_NOMINAL_ERROR * reach:
+        raise session.error(
+            f"the nominal arm {model.arm.name!r} misses its references by {error:.4g} mm on average at a reach of "
+            f"{reach:.4g} mm: the readings are of another arm, or the arm is described wrongly",
+            hint=hint,
+        )
+
+
+def session_lengths(
+    lengths: LengthsLike | None, session: Session, used: Session | None = None
+) -> tuple[Lengths | None, tuple[str, ...]]:
+    """The lengths between seats of a session, and remarks on those that are ignored.
+
+    Parameters
+    ----------
+    lengths : Lengths, str, Path or None
+    session : Session
+        Names of seats are checked against all of its readings.
+    used : Session, optional
+        Those of its readings that are used; lengths between other seats are ignored.
+
+    Raises
+    ------
+    InputError
+        If the session has no seats, a name is unknown, or a standard uncertainty exceeds `MAX_RELATIVE_U`.
+    """
+    if lengths is None:
+        return None, ()
+    file = lengths.file if isinstance(lengths, Lengths) else Path(lengths)
+    if session.seat is None:
+        raise InputError("lengths are between seats, and the session has none", file=file, hint="add a column seat")
+    stated = lengths if isinstance(lengths, Lengths) else read_lengths(lengths)
+    if (large := stated.u_mm > MAX_RELATIVE_U * stated.length_mm).any():
+        row = int(large.argmax())
+        raise stated.error(
+            f"expected at most {MAX_RELATIVE_U:.1%} of the length, got {stated.u_mm[row]:.6g} mm",
+            row,
+            column="u_mm",
+            hint="standard uncertainties in mm: 5 micrometres are 0.005",
+        )
+    remarks = []
+    known: Lengths | None = stated.between(session.seat.tolist())
+    if known is not None and (n := len(stated) - len(known)):
+        remarks.append(f"{n} of {len(stated)} lengths refer to seats that are not in this session; ignored.")
+    if used is not None and used.seat is not None and known is not None:
+        n_known = len(known)
+        known = known.within(used.seat.tolist())
+        if n := n_known - (0 if known is None else len(known)):
+            remarks.append(f"{n} of {n_known} lengths refer to a seat without a reading that is used; ignored.")
+    return known, (*remarks, *expansion_remarks(known, session if used is None else used))
+
+
+def expansion_remarks(lengths: Lengths | None, session: Session) -> tuple[str, ...]:
+    """Say which lengths are used as at 20 degC because a temperature or an expansion is missing, where it matters."""
+    if lengths is None or session.seat is None:
+        return ()
+    degC = session.temperature_degC
+    if degC is None:
+        if lengths.expansion_per_K is None:
+            return ()
+        return (f"Lengths are used as at {REFERENCE_DEGC:g} degC: the session states no temperature.",)
+    expansion = thermal_expansion_of(lengths, session.seat, degC)
+    steel = np.abs(lengths.length_mm * STEEL_PER_K * (degC.mean() - REFERENCE_DEGC))
+    unknown = ~expansion.known & (steel > lengths.u_mm)
+    if not unknown.any():
+        return ()
+    remark = (
+        f"{int(unknown.sum())} of {len(lengths)} lengths are used as at {REFERENCE_DEGC:g} degC; at the readings' "
+        f"{degC.mean():.1f} degC steel differs by {steel[unknown].max():.4f} mm. State the columns expansion_per_K and "
+        "u_expansion_per_K of the lengths."
+    )
+    return (remark,)
+
+
+def expanded_lengths(lengths: Lengths | None, session: Session) -> Lengths | None:
+    """Lengths at the temperature of the readings in their seats."""
+    if lengths is None or session.seat is None:
+        return None
+    return at_measured_temperature(lengths, session.seat, session.temperature_degC)
+
+
+def without_refit_readings(session: Session, *models: Compensator) -> tuple[Session, IntArray, tuple[str, ...]]:
+    """Skip the readings from which `refit` identified base and tip of a model: a test on them is not fair.
+
+    Returns
+    -------
+    session : Session
+        The others; all readings if there are no others.
+    rows : (n,) array of int
+        Their rows in `session`.
+    remarks : tuple of str
+    """
+    used = np.any([used_in_refit(model, session) for model in models], axis=0)
+    rows = np.flatnonzero(~used)
+    if used.all() or not used.any():
+        return session, np.arange(len(session)), ()
+    remark = f"{int(used.sum())} readings were used to refit the model and are skipped."
+    return session.rows(rows), rows, (remark,)
+
+
+def evaluation_remarks(model: Compensator, session: Session) -> list[str]:
+    """What a person must know of a model before the errors on these readings are believed."""
+    remarks = []
+    if session.points is not None:
+        nominal = point_errors(model.predict_nominal_readings(session), session.points)["mean_mm"]
+        if nominal > MAX_NOMINAL_ERROR * model.arm.chain.reach:
+            remarks.append(
+                f"The nominal arm misses these points by {nominal:.0f} mm: they are probably of another arm or set-up, "
+                "or a unit, sign or zero is wrong. Check the session."
+            )
+    if outside := int(model.outside_training(session.angles).sum()):
+        remarks.append(f"{outside} of {len(session)} readings have a joint outside the trained range.")
+    if model.is_trained_on(session):
+        remarks.append("These are the training readings of the model: a fair test needs others (split).")
+    return remarks

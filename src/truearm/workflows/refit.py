@@ -1,0 +1,198 @@
+"""Refit: transfer a model to a new set-up of its arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.model_file import save_model
+from truearm.compensation.models.refit import refit as refit_model
+from truearm.errors import InputError
+from truearm.identification.estimation.outliers import outliers
+from truearm.readings import Session, stratified_rows
+from truearm.workflows.inputs import (
+    LengthsLike,
+    Limits,
+    ModelLike,
+    SessionLike,
+    check_has_reference,
+    check_nominal_error,
+    session_lengths,
+    to_free_parts,
+    to_model,
+    to_session,
+    within_limits,
+)
+from truearm.workflows.record import Record, format_fixed, to_plain
+from truearm.workflows.sentences import ReadingOutlier, format_mm, listed, reading_outliers
+
+
+def refit(
+    model: ModelLike,
+    session: SessionLike,
+    *,
+    free: Iterable[str] = ("base", "tip"),
+    n_readings: int | None = None,
+    seed: int = 0,
+    lengths: LengthsLike | None = None,
+    limits: Limits = "skip",
+    progress: Callable[[int, str], None] | None = None,
+) -> RefitResult:
+    """Transfer a model to a new set-up: identify base and tip again, keep the arm.
+
+    The tracker was moved or the probe was changed. The arm keeps its identified coefficients with their uncertainty;
+    four or more readings determine where its base and tip are now.
+
+    Parameters
+    ----------
+    model : Compensator, str or Path
+        A fitted model or its file. It stays as it is.
+    session : Session, DataFrame, str or Path
+        Readings of the new set-up, with reference points or seats.
+    free : iterable of {"base", "tip"}
+        What is new.
+    n_readings : int, optional
+        Use this many of the readings, of as many positions as possible; all by default. `evaluate` skips them.
+    seed : int
+        Of the choice of readings.
+    lengths : Lengths, str or Path, optional
+        Known lengths between seats of the session.
+    limits : {"skip", "ignore"}
+        Skip the readings beyond a joint limit, or use them.
+    progress : callable, optional
+        Called with the number of rounds done and a note.
+
+    Returns
+    -------
+    RefitResult
+
+    Raises
+    ------
+    InputError
+        If the model is a network, nothing is free, or the readings are too few or of another arm.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=60, seed=1).session
+    >>> first = ta.fit("ur10", session, model="kinematic")
+    >>> ta.refit(first.model, session, n_readings=10).n_used
+    10
+    """
+    parts = to_free_parts(free)
+    if not parts:
+        raise InputError("expected base or tip to be free: else nothing is new", hint="free base,tip")
+    known = to_model(model)
+    given = to_session(session, n_joints=known.arm.n_joints)
+    allowed = within_limits(given, known.arm, limits)
+    check_has_reference(allowed.session, known.arm, purpose="refit to")
+    n_allowed = len(allowed.session)
+    rows = np.arange(n_allowed) if n_readings is None else stratified_rows(allowed.session, n_readings, seed=seed)
+    used = allowed.session if n_readings is None else allowed.session.rows(rows)
+    between, length_remarks = session_lengths(lengths, given, used)
+    new = refit_model(known, used, free=parts, lengths=between, progress=progress)
+    assert isinstance(known, IdentifiedModel)  # a network was refused
+    assert isinstance(new, IdentifiedModel)
+    check_nominal_error(new, given, hint="check the model, and units, signs and zeros in the session")
+    _, covariance = new.predict_readings(allowed.session, return_cov=True)
+    return RefitResult(
+        model=new,
+        session=given,
+        n_used=len(used),
+        residual_std_before_mm=known.residual_std_,
+        median_u_mm=float(np.median(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))),
+        outliers=reading_outliers(outliers(new.fit_), given, allowed.rows[rows]),
+        remarks=(*allowed.remarks, *length_remarks, *_remarks(new, parts, len(used), len(given))),
+    )
+
+
+def _remarks(new: IdentifiedModel, free: tuple[str, ...], n_used: int, n_given: int) -> Iterator[str]:
+    if "base" in free and "base" not in new.free_:
+        yield "The base stays where it was: only reference points determine it."
+    if n_used < n_given:
+        yield "evaluate skips these readings in this session and tests on the others."
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RefitResult(Record):
+    """A model in a new set-up.
+
+    Attributes
+    ----------
+    model : IdentifiedModel
+        The new model.
+    session : Session
+        Of the new set-up.
+    n_used : int
+        Number of its readings that were used.
+    residual_std_before_mm : float
+        Residual standard deviation of the model before [mm]; the new one is ``model.residual_std_``.
+    median_u_mm : float
+        Median standard uncertainty of a coordinate over the session [mm].
+    outliers : tuple of ReadingOutlier
+        Readings whose residual is too large, the largest first.
+    remarks : tuple of str
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=60, seed=1).session
+    >>> model = ta.fit("ur10", session, model="kinematic").model
+    >>> ta.refit(model, session, free=["tip"]).to_dict()["free"]
+    ['tip']
+    """
+
+    model: IdentifiedModel
+    session: Session
+    n_used: int
+    residual_std_before_mm: float
+    median_u_mm: float
+    outliers: tuple[ReadingOutlier, ...]
+    remarks: tuple[str, ...]
+
+    def save(self, path: str | Path) -> None:
+        """Write the model to a file (see `load_model`)."""
+        save_model(self.model, path)
+
+    def summary(self) -> str:
+        """The answer in one sentence: the uncertainty in the new set-up."""
+        of = f"{self.n_used} of {len(self.session)}" if self.n_used < len(self.session) else f"{self.n_used}"
+        return (
+            f"Standard uncertainty of a coordinate {format_mm(self.median_u_mm)} in the new set-up (median; "
+            f"{' and '.join(self.model.free_)} of {self.model.arm.name} from {of} readings)."
+        )
+
+    def blocks(self) -> Iterator[str]:
+        """See `Record.blocks`."""
+        yield self.summary()
+        now, before = self.model.residual_std_, self.residual_std_before_mm
+        line = f"residual standard deviation: {format_fixed(now)} mm of a coordinate, unexplained by the model"
+        if now > before:
+            yield f"{line}; {format_fixed(before)} mm before: the new readings scatter more"
+        else:
+            yield f"{line}, as before"
+        yield from listed("outlier", self.outliers, "readings")
+        yield from self.remarks
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record.to_dict`."""
+        plain: dict[str, Any] = to_plain(
+            {
+                "summary": self.summary(),
+                "free": self.model.free_,
+                "n_used": self.n_used,
+                "n_readings": len(self.session),
+                "fit_seconds": self.model.fit_seconds_,
+                "residual_std_mm": self.model.residual_std_,
+                "residual_std_before_mm": self.residual_std_before_mm,
+                "median_u_mm": self.median_u_mm,
+                "outliers": [asdict(outlier) for outlier in self.outliers],
+                "remarks": self.remarks,
+            }
+        )
+        return plain
