@@ -18,6 +18,7 @@ _HOMES = {
     "truearm.readings": ("Lengths", "Session", "read_lengths", "read_session"),
     "truearm.workflows.evaluate": ("Evaluation", "evaluate"),
     "truearm.workflows.fit": ("FitResult", "fit"),
+    "truearm.workflows.predict": ("Prediction", "predict"),
     "truearm.workflows.refit": ("RefitResult", "refit"),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}

@@ -18,6 +18,8 @@ from truearm.workflows.evaluate import Evaluation as Evaluation
 from truearm.workflows.evaluate import evaluate as evaluate
 from truearm.workflows.fit import FitResult as FitResult
 from truearm.workflows.fit import fit as fit
+from truearm.workflows.predict import Prediction as Prediction
+from truearm.workflows.predict import predict as predict
 from truearm.workflows.refit import RefitResult as RefitResult
 from truearm.workflows.refit import refit as refit
 

@@ -116,9 +116,12 @@ def _same(checks: Sequence[InterimCheck], new: InterimCheck) -> str:
 
 
 def _readings(model: Path, session: Path) -> tuple[Compensator, Session]:
-    from truearm.cli.predict import load_for
+    from truearm.workflows.inputs import check_angles_fit, to_model, to_session
 
-    fitted, readings = load_for(model, session)
+    fitted = to_model(model)
+    readings = to_session(session, n_joints=fitted.arm.n_joints)
+    for remark in check_angles_fit(readings, fitted.arm):
+        print_status(remark)
     if fitted.is_trained_on(readings):
         raise readings.error(
             "these are the readings that the model learned from, and they agree with it whatever the arm does",
@@ -146,12 +149,14 @@ def _values(fitted: Compensator, readings: Session, lengths: Path | None) -> tup
     """The test values of the points that the model makes of the readings."""
     import numpy as np
 
-    from truearm.cli.fit import lengths_of
     from truearm.errors import InputError
     from truearm.readings import check_sessions
     from truearm.verification.monitor.interim import interim_values
+    from truearm.workflows.inputs import session_lengths
 
-    known = None if lengths is None else lengths_of(lengths, readings)
+    known, remarks = session_lengths(lengths, readings)
+    for remark in remarks:
+        print_status(remark)
     _note_lone(readings, known)
     check_sessions(readings, known, own_frame="base" not in fitted.free)
     # What the model does not explain: the other part of its uncertainty is the same in every check.

@@ -8,19 +8,26 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from truearm.workflows.outputs import check_output_is_not_input as check_output_is_not_input
 from truearm.workflows.outputs import check_page_path as check_page_path
 from truearm.workflows.outputs import version_row as version_row
+from truearm.workflows.record import Record
 
+# Options and arguments that several commands have in common.
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON for machines.")]
 ArmOption = Annotated[str, typer.Option("--arm", help="A name from `truearm arms`, or an arm (.toml) or URDF file.")]
-
-
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")]
 SessionFile = Annotated[Path, typer.Argument(metavar="SESSION", help="Session file, .csv or .parquet.")]
+LengthsFile = Annotated[
+    Path | None, typer.Option("--lengths", help="File of known lengths between the session's seats, .csv.")
+]
+LimitsOption = Annotated[
+    Literal["skip", "ignore"], typer.Option("--limits", help="Readings beyond a joint limit: skip them, or use them.")
+]
 
 
 def print_line(text: str) -> None:
@@ -48,6 +55,26 @@ def print_json(result: Mapping[str, Any]) -> None:
     typer.echo(json.dumps(result, indent=2, allow_nan=False))
 
 
+def print_record(record: Record, *, as_json: bool = False, **files: Path) -> None:
+    """Print the result of a verb and the names of the files that were written, each with what it is.
+
+    Parameters
+    ----------
+    record : Record
+    as_json : bool
+        As JSON: its `to_dict`, with the files before it.
+    **files : Path
+        By what they hold, such as ``model`` or ``session``; JSON has the first as ``file``.
+    """
+    if as_json:
+        names = {"file" if i == 0 else f"{what}_file": str(path) for i, (what, path) in enumerate(files.items())}
+        print_json({**names, **record.to_dict()})
+        return
+    print_line(str(record))
+    for what, path in files.items():
+        print_line(f"{what.replace('_', ' ')} written to {path}")
+
+
 def print_table(columns: list[str], rows: list[list[str]], *, left_aligned: tuple[int, ...] = (0,)) -> None:
     """Print rows under column heads: the columns numbered in `left_aligned` to the left, the others to the right."""
     widths = [max(len(row[i]) for row in [columns, *rows]) for i in range(len(columns))]
@@ -57,6 +84,22 @@ def print_table(columns: list[str], rows: list[list[str]], *, left_aligned: tupl
             for i, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
         print_line("  ".join(cells).rstrip())
+
+
+def free_parts(text: str) -> tuple[str, ...]:
+    """The free parts that --free names.
+
+    Raises
+    ------
+    InputError
+        If one of them is neither base nor tip.
+    """
+    from truearm.errors import InputError
+
+    parts = () if text.strip() == "none" else tuple(part.strip() for part in text.split(","))
+    if not set(parts) <= {"base", "tip"}:
+        raise InputError(f"--free expects base, tip, base,tip or none, got {text!r}", hint="--free base,tip")
+    return parts
 
 
 @contextmanager

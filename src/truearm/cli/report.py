@@ -41,11 +41,18 @@ def report(
     """
     from zipfile import is_zipfile
 
-    from truearm.cli.fit import as_measured, lengths_of
-    from truearm.cli.predict import load_with_reference, without_served
     from truearm.compensation.models.model_file import load_model
     from truearm.errors import InputError
     from truearm.pages.html import write_page
+    from truearm.workflows.inputs import (
+        check_angles_fit,
+        expanded_lengths,
+        session_lengths,
+        to_model,
+        to_session,
+        with_reference,
+        without_refit_readings,
+    )
 
     *paths, session = files
     if paths and all(is_zipfile(path) for path in files):
@@ -60,21 +67,25 @@ def report(
         )
     check_page_path(out, *files, *([] if lengths is None else [lengths]))
     with progress("drawing the report"):
-        first, readings = load_with_reference(paths[0], session, purpose="compare with")
+        first = to_model(paths[0])
+        readings = to_session(session, n_joints=first.arm.n_joints)
+        notes = check_angles_fit(readings, first.arm)
+        readings, _, remarks_ = with_reference(readings, first.arm, purpose="compare with")
         # The others are of the same arm, or `compared` refuses them: the readings are checked once for all.
         models = dict(zip(_names(paths), [first, *map(load_model, paths[1:])], strict=True))
         whole = readings
-        readings, n_served = without_served(list(models.values()), whole)
+        readings, _, refit_notes = without_refit_readings(whole, *models.values())
         if lengths is not None and readings.points is not None:
             raise InputError(
                 "expected lengths with a session without reference points, and this one has them",
                 file=lengths,
                 hint="truearm evaluate MODEL SESSION --lengths LENGTHS",
             )
-        known = as_measured(None if lengths is None else lengths_of(lengths, whole, readings), readings)
+        known, length_notes = session_lengths(lengths, whole, readings)
+        known = expanded_lengths(known, readings)
         write_page(_page(models, readings, known, session, title), out)
-    if n_served:
-        print_line(f"{n_served} readings served to refit a model and are left out")
+    for note in (*notes, *remarks_, *refit_notes, *length_notes):
+        print_line(note)
     print_line(f"{out}: {len(models)} model{'s' * (len(models) > 1)} compared on {len(readings)} readings")
 
 

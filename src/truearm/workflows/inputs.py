@@ -130,6 +130,21 @@ def within_limits(session: Session, arm: Arm, limits: Limits = "skip") -> Checke
     return CheckedSession(session, np.arange(len(session)), ())
 
 
+def check_angles_fit(session: Session, arm: Arm) -> tuple[str, ...]:
+    """Check that the angles can be of the arm; readings beyond a joint limit are named in a remark.
+
+    Raises
+    ------
+    InputError
+        As `within_limits`.
+    """
+    rows = within_limits(session, arm).rows
+    if len(rows) == len(session):
+        return ()
+    beyond = np.setdiff1d(np.arange(len(session)), rows).tolist()
+    return (f"{len(beyond)} of {len(session)} readings are beyond a joint limit: {join_labels(session, beyond)}.",)
+
+
 def join_labels(session: Session, rows: list[int]) -> str:
     """Name readings by their lines, the first `MAX_NAMED` of them."""
     more = f" and {len(rows) - MAX_NAMED} more" if len(rows) > MAX_NAMED else ""
@@ -171,6 +186,26 @@ def check_has_reference(session: Session, arm: Arm, *, purpose: str) -> None:
             f"expected reference points or seats to {purpose}, the session has none", hint="predict needs none"
         )
     check_reach(session, reach=arm.chain.reach)
+
+
+def with_reference(session: Session, arm: Arm, *, purpose: str) -> CheckedSession:
+    """Select the readings with reference points; if there are none, those in seats.
+
+    Raises
+    ------
+    InputError
+        As `check_has_reference`.
+    """
+    check_has_reference(session, arm, purpose=purpose)
+    useful, lack = session.has_point, "have no reference point"
+    if not useful.any():
+        assert session.seat is not None  # checked above
+        useful, lack = session.seat != "", "are in no seat"
+    rows = np.flatnonzero(useful)
+    if useful.all():
+        return CheckedSession(session, rows, ())
+    remark = f"{int((~useful).sum())} of {len(session)} readings {lack} and are skipped."
+    return CheckedSession(session.rows(rows), rows, (remark,))
 
 
 def has_repeated_seat(session: Session) -> bool:

@@ -115,7 +115,7 @@ def _remarks(new: IdentifiedModel, free: tuple[str, ...], n_used: int, n_given: 
     if "base" in free and "base" not in new.free_:
         yield "The base stays where it was: only reference points determine it."
     if n_used < n_given:
-        yield "evaluate skips these readings in this session and tests on the others."
+        yield f"evaluate skips these {n_used} readings and tests on the others of this session."
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,0 +1,192 @@
+"""Predict: corrected coordinates of the tip with their uncertainty, from joint angles alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from truearm.compensation.models import Compensator, NetworkModel, PhysicalModel
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file
+from truearm.readings import Session
+from truearm.readings.session import NAMED
+from truearm.typing import BoolArray, FloatArray
+from truearm.workflows.inputs import ModelLike, SessionLike, check_angles_fit, to_model, to_session
+from truearm.workflows.record import Record, format_fixed, to_plain
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def predict(model: ModelLike, session: SessionLike) -> Prediction:
+    """Compensate: corrected coordinates of the tip from joint angles.
+
+    Temperatures, loads and directions of movement are used where the session states them.
+
+    Parameters
+    ----------
+    model : Compensator, str or Path
+        A fitted model or its file.
+    session : Session, DataFrame, str or Path
+        Readings; reference points are not needed.
+
+    Returns
+    -------
+    Prediction
+
+    Raises
+    ------
+    InputError
+        If the session is of another arm, or more than half of its readings are beyond a joint limit.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=40, seed=1).session
+    >>> prediction = ta.predict(ta.fit("ur10", session, model="kinematic").model, session)
+    >>> list(prediction.to_frame())[:6]
+    ['x_mm', 'y_mm', 'z_mm', 'sx_mm', 'sy_mm', 'sz_mm']
+    """
+    fitted = to_model(model)
+    readings = to_session(session, n_joints=fitted.arm.n_joints)
+    remarks = check_angles_fit(readings, fitted.arm)
+    points, covariances = fitted.predict_readings(readings, return_cov=True)
+    unstated = fitted.unstated_input_covariances(readings) if isinstance(fitted, IdentifiedModel) else {}
+    return Prediction(
+        model=fitted,
+        session=readings,
+        points=points,
+        covariances=covariances,
+        outside_training=fitted.outside_training(readings.angles),
+        unstated_u_mm={
+            name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in unstated.items()
+        },
+        remarks=remarks,
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction(Record):
+    """Predicted points of the readings of a session.
+
+    Attributes
+    ----------
+    model : Compensator
+    session : Session
+    points : (n, 3) array
+        Tip [mm], in the frame of the reference; after a fit to several sessions in that of the reading's session.
+    covariances : (n, 3, 3) array
+        Their covariances [mm^2].
+    outside_training : (n,) array of bool
+        Whether a reading is outside the trained range.
+    unstated_u_mm : dict of str to float
+        Standard uncertainty due to each input that the session does not state at all readings [mm].
+    remarks : tuple of str
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=40, seed=1).session
+    >>> prediction = ta.predict(ta.fit("ur10", session, model="nominal").model, session)
+    >>> prediction.points.shape, prediction.covariances.shape
+    ((40, 3), (40, 3, 3))
+    """
+
+    model: Compensator
+    session: Session
+    points: FloatArray
+    covariances: FloatArray
+    outside_training: BoolArray
+    unstated_u_mm: Mapping[str, float]
+    remarks: tuple[str, ...]
+
+    @property
+    def u_mm(self) -> FloatArray:
+        """(n, 3) standard uncertainties of the coordinates [mm]."""
+        std: FloatArray = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2))
+        return std
+
+    def to_frame(self) -> pd.DataFrame:
+        """A DataFrame: x_mm, y_mm, z_mm, their standard uncertainties sx_mm .. sz_mm, outside_training, names."""
+        import pandas as pd
+
+        columns: dict[str, object] = {f"{axis}_mm": self.points[:, i] for i, axis in enumerate("xyz")}
+        columns |= {f"s{axis}_mm": self.u_mm[:, i] for i, axis in enumerate("xyz")}
+        columns["outside_training"] = self.outside_training.astype(int)
+        columns |= {name: names for name in NAMED if (names := getattr(self.session, name)) is not None}
+        return pd.DataFrame(columns)
+
+    def save(self, path: str | Path) -> None:
+        """Write the table of `to_frame` as CSV, to the nanometre.
+
+        Raises
+        ------
+        InputError
+            If the name does not end in ``.csv`` or cannot be written.
+        """
+        check_table_path(path)
+        with atomic_file(path) as beside:
+            self.to_frame().to_csv(beside, index=False, float_format="%.6f", lineterminator="\n")
+
+    def summary(self) -> str:
+        """The answer in one sentence: the number of points and their uncertainty."""
+        return (
+            f"{len(self.points)} points, standard uncertainty of a coordinate {format_fixed(np.median(self.u_mm))} mm "
+            "(median)."
+        )
+
+    def blocks(self) -> Iterator[str]:
+        """See `Record.blocks`."""
+        yield self.summary()
+        if self.unstated_u_mm:
+            sizes = ", ".join(f"{name} ({format_fixed(size)} mm)" for name, size in self.unstated_u_mm.items())
+            yield (f"Missing in some readings: {sizes}; truearm uses the training mean and includes its uncertainty.")
+        if n := self._in_unknown_session.sum():
+            first = next(iter(self.model.session_frames_))
+            yield f"{n} readings are in no session that the model knows: their points are in the frame of {first}."
+        if n := int(self.outside_training.sum()):
+            yield f"{n} of {len(self.points)} readings have a joint outside the trained range{self._advice()}."
+        yield from self.remarks
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record.to_dict`: the summary; `to_frame` has the points."""
+        outside = self.outside_training
+        plain: dict[str, Any] = to_plain(
+            {
+                "summary": self.summary(),
+                "n_readings": len(self.points),
+                "median_u_mm": float(np.median(self.u_mm)),
+                "unstated_u_mm": self.unstated_u_mm,
+                "n_outside_training": int(outside.sum()),
+                "median_u_outside_training_mm": float(np.median(self.u_mm[outside])) if outside.any() else None,
+                "n_in_unknown_session": int(self._in_unknown_session.sum()),
+                "remarks": self.remarks,
+            }
+        )
+        return plain
+
+    @property
+    def _in_unknown_session(self) -> BoolArray:
+        """(n,) Whether a reading is in a session without a frame, where the model has frames of several."""
+        if not self.model.session_frames_:
+            return np.zeros(len(self.points), bool)
+        named = np.full(len(self.points), "") if self.session.session is None else self.session.session
+        return ~np.isin(named, list(self.model.session_frames_))
+
+    def _advice(self) -> str:
+        if isinstance(self.model, NetworkModel):
+            return ": do not rely on their points"
+        if isinstance(self.model, PhysicalModel):
+            return f"; the uncertainty there is {format_fixed(np.median(self.u_mm[self.outside_training]))} mm"
+        return ": their errors may be larger than stated"
+
+
+def check_table_path(path: str | Path) -> None:
+    """Check that a table has a name that ends in ``.csv``."""
+    if Path(path).suffix != ".csv":
+        raise InputError(f"expected a file name that ends in .csv, got {Path(path).name!r}", file=path)
