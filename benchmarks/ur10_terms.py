@@ -23,7 +23,7 @@ from truearm.identification.estimation.effects import effects
 from truearm.identification.estimation.joint_errors import JointError, joint_error
 from truearm.identification.estimation.outliers import outliers
 from truearm.identification.terms import GravityTorque
-from truearm.pages.figures import save_png
+from truearm.pages.plotting import save_png
 from truearm.readings import Session
 
 ARCSEC = np.degrees(1.0) * 3600

@@ -306,7 +306,10 @@ BROKEN = {
     "convention": (changed('"dh"', '"hayati"'), "convention: expected 'dh' or 'mdh', got 'hayati'"),
     "no joints": ('name = "x"\nconvention = "dh"\n', "the key joints is missing"),
     "empty joints": ('name = "x"\nconvention = "dh"\njoints = []\n', "joints: expected 1 entries or more"),
-    "unknown key": (changed("convention", 'colour = "red"\nconvention'), "unknown key colour. Try: use one of name, title"),
+    "unknown key": (
+        changed("convention", 'colour = "red"\nconvention'),
+        "unknown key colour. Try: use one of name, title",
+    ),
     "unknown unit": (changed("a_mm = 400", "a_inch = 15.7"), r"unknown key joints\[1\].a_inch.* a_mm, a_m,"),
     "no unit": (changed("alpha_deg = 0", "alpha = 0"), r"unknown key joints\[2\].alpha"),
     "two units": (

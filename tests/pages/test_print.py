@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
 
-import pytest
-from test_report_browser import ALONE, BROWSER
-from test_report_page import made_up_page
+from test_html import made_up_page
 
-from truearm.pages.html import render, write_page
+from browser import printed
+from truearm.pages.html import render
 from truearm.pages.page import Column, Page, Section, Table
 
 
@@ -32,20 +29,6 @@ def test_every_page_brings_its_rules_for_paper():
     assert "print-color-adjust: exact" in rules
     assert "overflow: visible" in rules  # a table is not cut where a screen would scroll
     assert "nav { display: none; }" in rules  # links into the page lead nowhere on paper
-
-
-def printed(page, folder):
-    """The text of each sheet that a browser prints."""
-    if BROWSER is None or shutil.which("pdftotext") is None:
-        pytest.skip("no chromium or no pdftotext here (on Debian: apt-get install chromium poppler-utils)")
-    write_page(page, folder / "page.html")
-    out = folder / "page.pdf"
-    asked = [f"--user-data-dir={folder / 'profile'}", "--no-pdf-header-footer", f"--print-to-pdf={out}"]
-    subprocess.run(
-        [BROWSER, *ALONE, *asked, (folder / "page.html").as_uri()], capture_output=True, timeout=120, check=True
-    )
-    text = subprocess.run(["pdftotext", "-layout", out, "-"], capture_output=True, text=True, timeout=60, check=True)
-    return text.stdout.split("\f")[:-1]
 
 
 def test_a_long_table_goes_over_pages_with_its_head_and_loses_no_row(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.errors import InputError
-from truearm.pages import phrases
+from truearm.papers.gao2017 import phrases
 from truearm.papers.gao2017.final_test import poses_outside
 from truearm.papers.gao2017.reproduction import GOAL_MET, USED_TO_FIX_BOX, _same, reproduce, verdict
 from truearm.papers.gao2017.reproduction_file import read_reproduction

@@ -32,10 +32,11 @@ def demo(
 
     import numpy as np
 
+    from truearm.compensation.models.error_figures import before_after
     from truearm.errors import InputError
     from truearm.files.atomic_write import atomic_file
-    from truearm.pages.figures import before_after, save_png
     from truearm.pages.html import render
+    from truearm.pages.plotting import save_png
     from truearm.papers.gao2017.experiment import PAPER_SETTINGS, QUICK_SETTINGS, experiment
 
     if out.exists() and not out.is_dir():

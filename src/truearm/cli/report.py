@@ -203,7 +203,7 @@ def found_by(models: dict[str, Compensator], readings: Session) -> list[Section]
     from truearm.compensation.models.uncertainty import uncertainty_budget
     from truearm.identification.estimation.effects import effects
     from truearm.identification.estimation.identifiability import identifiability
-    from truearm.pages.figures import styles_of
+    from truearm.pages.plotting import styles_of
 
     found = {
         name: model

@@ -43,8 +43,8 @@ def reproduce(
 
     from truearm.errors import InputError
     from truearm.files.atomic_write import atomic_file, check_writable
-    from truearm.pages.figures import save_png
     from truearm.pages.html import render
+    from truearm.pages.plotting import save_png
     from truearm.papers.gao2017.reproduction import reproduce as reproduced
     from truearm.papers.gao2017.reproduction_page import reproduction_page
     from truearm.papers.gao2017.training_plan import FULL_EFFORT, PARTS, QUICK_EFFORT
@@ -74,7 +74,7 @@ def reproduce(
         page = reproduction_page(found)
         html = render(page)
     for picture in (picture for section in page.sections for picture in section.figures if figure):
-        if picture.number == figure:
+        if picture.caption.startswith(f"Figure {figure} "):
             save_png(picture, files[2])
     for file, text in zip(files, (json.dumps(found, indent=1, allow_nan=False) + "\n", html), strict=False):
         with atomic_file(file) as beside:

@@ -1,8 +1,10 @@
-"""A page as HTML that needs nothing but itself: no script, no file beside it, no network."""
+"""A page as one HTML document without scripts, other files or network access."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -12,17 +14,16 @@ from markupsafe import Markup
 from matplotlib.figure import Figure as Drawing
 
 from truearm.files.atomic_write import atomic_file
-from truearm.pages.cells import EMPTY_CELL, format_cell, grid_of_rows, grid_of_table
-from truearm.pages.number_format import format_exact, format_uncertainty
-from truearm.pages.page import Page
+from truearm.pages.number_format import RoundedNumber, format_exact, format_number, format_uncertainty
+from truearm.pages.page import Cell, Column, LabelledValue, Page, Table
 from truearm.pages.plotting import svg_element
 
 
 def render(page: Page) -> str:
-    """Give the page as one HTML document. The same page gives the same bytes."""
+    """The page as one HTML document. The same page gives the same bytes."""
     style = Markup(_package_text("page.css"))  # noqa: S704, our own file
     html = _template().render(page=page, style=style)
-    # Neither a NUL nor half a surrogate pair, which a name may bring along, can stand in a page.
+    # HTML permits neither NUL nor half a surrogate pair, and a name may contain them.
     return html.replace("\x00", "\ufffd").encode("utf-8", "replace").decode("utf-8")
 
 
@@ -40,10 +41,106 @@ def write_page(page: Page, path: str | Path) -> None:
 
 
 def paragraphs(text: str) -> list[str]:
-    """Part a text at its empty lines."""
-    # Not split(): it would part at the spaces that keep a number and its unit on one line.
+    """Split a text at its empty lines."""
+    # Not split(): it would split at the spaces that keep a number and its unit on one line.
     parts = text.replace("\r\n", "\n").split("\n\n")
     return [re.sub(r"[ \t\n]+", " ", part.strip()) for part in parts if part.strip()]
+
+
+# Cells ---------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FormattedCell:
+    """A cell as the page shows it; a number is split at its decimal point."""
+
+    text: str
+    whole: str = ""
+    fraction: str = ""
+
+    @property
+    def is_number(self) -> bool:
+        """Whether the cell is aligned with the numbers of its column."""
+        return bool(self.whole)
+
+
+EMPTY_CELL = FormattedCell("\u2013")
+
+
+@dataclass(frozen=True)
+class FormattedTable:
+    """Cells in rows under their column heads."""
+
+    heads: tuple[Column, ...]
+    rows: tuple[tuple[FormattedCell, ...], ...]
+    caption: str = ""
+    fillable: bool = False
+
+    @property
+    def numeric(self) -> tuple[bool, ...]:
+        """For each column, whether it has a number."""
+        return tuple(any(row[k].is_number for row in self.rows) for k in range(len(self.heads)))
+
+    @property
+    def groups(self) -> tuple[tuple[Column, int], ...]:
+        """Heads in a row, each with the number of columns below it."""
+        heads: list[tuple[Column, int]] = []
+        for head in self.heads:
+            if heads and head.group and heads[-1][0].group == head.group:
+                heads[-1] = (heads[-1][0], heads[-1][1] + 1)
+            else:
+                heads.append((head, 1))
+        return tuple(heads)
+
+    @property
+    def decimal_widths(self) -> tuple[int, ...]:
+        """For each column, the room right of the decimal point, in characters."""
+        return tuple(max((len(row[k].fraction) for row in self.rows), default=0) for k in range(len(self.heads)))
+
+
+def format_cell(value: Cell, *, uncertainty: float | None = None, digits: int = 3) -> FormattedCell:
+    """A cell as the page shows it; an empty one is a dash."""
+    if value is None:
+        return EMPTY_CELL
+    if isinstance(value, str):
+        return FormattedCell(value)
+    if isinstance(value, RoundedNumber):
+        uncertainty, value = value.uncertainty, value.value
+    return _split(format_number(value, uncertainty=uncertainty, digits=digits))
+
+
+def grid_of_table(table: Table) -> FormattedTable:
+    """Format the cells of a table, each with the digits of its column."""
+    rows = tuple(
+        tuple(format_cell(cell, digits=column.digits) for column, cell in zip(table.columns, row, strict=True))
+        for row in table.rows
+    )
+    return FormattedTable(table.columns, rows, table.caption, table.fillable)
+
+
+def grid_of_rows(rows: Sequence[LabelledValue]) -> FormattedTable:
+    """Format rows as a table: quantity, value, uncertainty and limit if any row has one, unit."""
+    columns = {
+        "quantity": [FormattedCell(row.label) for row in rows],
+        "value": [format_cell(row.value, uncertainty=row.uncertainty) for row in rows],
+        "standard uncertainty": [
+            EMPTY_CELL if row.uncertainty is None else _split(format_uncertainty(row.uncertainty)) for row in rows
+        ],
+        "limit": [EMPTY_CELL if row.limit is None else _split(format_exact(row.limit)) for row in rows],
+        "unit": [FormattedCell(row.unit or "") for row in rows],
+    }
+    for optional in ("standard uncertainty", "limit"):
+        if all(cell == EMPTY_CELL for cell in columns[optional]):
+            del columns[optional]
+    return FormattedTable(tuple(map(Column, columns)), tuple(zip(*columns.values(), strict=True)))
+
+
+def _split(number: str) -> FormattedCell:
+    whole, point, fraction = number.partition(".")
+    return FormattedCell(number, whole, point + fraction)
+
+
+# The template --------------------------------------------------------------------------------------------------------
 
 
 def _picture(drawing: Drawing, prefix: str) -> Markup:
@@ -56,15 +153,17 @@ def _package_text(name: str) -> str:
 
 @cache
 def _template() -> jinja2.Template:
-    house = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    house.globals.update(
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.globals.update(
         picture=_picture,
         paragraphs=paragraphs,
         format_cell=format_cell,
-        nothing=EMPTY_CELL,
-        given=format_exact,
+        empty=EMPTY_CELL,
+        exact=format_exact,
         uncertainty=format_uncertainty,
         grid_of_table=grid_of_table,
         grid_of_rows=grid_of_rows,
     )
-    return house.from_string(_package_text("page.html.j2"))
+    return environment.from_string(_package_text("page.html.j2"))

@@ -1,4 +1,4 @@
-"""Numbers as metrology writes them: no more digits than their uncertainty supports, and a unit beside each."""
+"""Numbers as metrology writes them: no more digits than their uncertainty supports; a zero has no sign."""
 
 from __future__ import annotations
 
@@ -24,31 +24,24 @@ class RoundedNumber:
     ----------
     value : float
     uncertainty : float
-        Standard or expanded; 0 where there is none, and the number is then shown as one without uncertainty.
+        Standard or expanded; 0 if it is not known, and the number is then shown as one without uncertainty.
     """
 
     value: float
     uncertainty: float
 
 
-def format_quantity(value: float, *, unit: str = "", uncertainty: float | None = None, digits: int = 3) -> str:
-    """Give a number with its unit and, where known, its standard uncertainty.
+def format_number(value: float, *, uncertainty: float | None = None, digits: int = 3) -> str:
+    """A number to the decimal that its standard uncertainty supports, else to `digits` significant digits.
 
     Parameters
     ----------
     value : float or int
-        The value, in `unit`. An int is a count and is given in full.
-    unit : str
-        The unit of `value` and `uncertainty`; empty for a pure number.
+        An int is a count and is given in full.
     uncertainty : float, optional
-        Standard uncertainty, in `unit`. It is given to two significant digits, and the value to the same decimal.
+        Standard uncertainty in the unit of `value`.
     digits : int
-        Significant digits of a value without uncertainty.
-
-    Returns
-    -------
-    str
-        For example ``12.345 mm, u = 0.012 mm``.
+        Significant digits of a value without uncertainty. Digits before the decimal point are never rounded away.
 
     Raises
     ------
@@ -58,17 +51,7 @@ def format_quantity(value: float, *, unit: str = "", uncertainty: float | None =
     Notes
     -----
     Digits after JCGM 100:2008 (GUM), 7.2.6: two digits of the uncertainty are enough, and the value is rounded
-    to be consistent with it. Thousands are parted by a thin space from five digits on, ISO 80000-1, 7.3.1.
-    """
-    after = f"{THIN_SPACE}{unit}" if unit else ""
-    text = f"{format_number(value, uncertainty=uncertainty, digits=digits)}{after}"
-    return f"{text}, u = {format_uncertainty(uncertainty)}{after}" if uncertainty else text
-
-
-def format_number(value: float, *, uncertainty: float | None = None, digits: int = 3) -> str:
-    """Give a number alone, to the decimal its standard uncertainty supports, else to `digits` significant digits.
-
-    Digits before the decimal point are rounded away only if the uncertainty asks for it.
+    to be consistent with it. A thin space separates thousands from five digits on, ISO 80000-1, 7.3.1.
     """
     value = _finite(value)
     if isinstance(value, int):
@@ -84,9 +67,9 @@ def format_number(value: float, *, uncertainty: float | None = None, digits: int
 
 
 def format_in_text(value: float, *, unit: str = "", digits: int = 3) -> str:
-    """Give a number as a sentence has it: to `digits` significant digits, but a whole one without decimals.
+    """A number as a sentence has it: to `digits` significant digits, but a whole number without decimals.
 
-    The unit is never parted from it at the end of a line.
+    No line break separates it from its unit.
     """
     value = float(value)
     text = format_number(value, digits=digits)
@@ -95,18 +78,38 @@ def format_in_text(value: float, *, unit: str = "", digits: int = 3) -> str:
     return f"{text}{THIN_SPACE}{unit}" if unit else text
 
 
+def format_mm(value: float) -> str:
+    """A length [mm] in a sentence."""
+    return format_in_text(value, unit="mm")
+
+
+def format_percent(share: float) -> str:
+    """A share of one in a sentence, in percent to a tenth."""
+    return format_in_text(round(100 * share, 1), unit="%")
+
+
 def format_uncertainty(uncertainty: float) -> str:
-    """Give a standard uncertainty to two significant digits."""
+    """A standard uncertainty to two significant digits."""
     uncertainty = _not_negative(uncertainty)
     return _fixed(uncertainty, 1 - _exponent(uncertainty, 2)) if uncertainty else "0"
 
 
 def format_exact(value: float) -> str:
-    """Give a number that somebody chose, such as a limit, as it was chosen: 0.05 stays 0.05."""
+    """A number that somebody chose, such as a limit, as it was chosen: 0.05 stays 0.05."""
     value = _finite(value)
     size = abs(value)
     text = str(size) if isinstance(size, int) else np.format_float_positional(size, trim="-")
     return _grouped(text, negative=value < 0)
+
+
+def format_count(n: int, noun: str) -> str:
+    """A number of things: 1 row, 2 rows."""
+    return f"{format_number(n)} {noun}{'s' * (n != 1)}"
+
+
+def capitalize(text: str) -> str:
+    """A sentence with a capital; the rest stays as it is."""
+    return text[:1].upper() + text[1:]
 
 
 def _exponent(value: float, digits: int) -> int:
@@ -116,8 +119,7 @@ def _exponent(value: float, digits: int) -> int:
 
 def _fixed(value: float, decimals: int) -> str:
     rounded = round(value, decimals)
-    text = f"{abs(rounded):.{max(decimals, 0)}f}"
-    return _grouped(text, negative=rounded < 0)
+    return _grouped(f"{abs(rounded):.{max(decimals, 0)}f}", negative=rounded < 0)
 
 
 def _scientific(value: float, digits: int) -> str:
@@ -139,7 +141,7 @@ def _finite(value: object) -> int | float:
             return int(value)
         if isinstance(value, float | np.floating) and math.isfinite(value):
             return float(value)
-    raise InputError(f"expected a finite number, got {value!r}", hint="None where there is no value")
+    raise InputError(f"expected a finite number, got {value!r}", hint="use None for no value")
 
 
 def _not_negative(uncertainty: object) -> float:

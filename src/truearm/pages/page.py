@@ -1,4 +1,4 @@
-"""What a page holds: title, key numbers, sections of text, rows, figures and tables, and what it rests on."""
+"""The parts of a page: title, key numbers, sections of text, rows, figures and tables, and its data and settings."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ class LabelledValue:
     Parameters
     ----------
     label : str
-        What was measured or computed.
+        The quantity.
     value : float, int or str
-        An int is a count, a str stands as it is.
+        An int is a count; a str is shown unchanged.
     unit : str
         The unit of value, uncertainty and limit.
     uncertainty : float, optional
-        Standard uncertainty; it settles how many digits of the value are shown.
+        Standard uncertainty; it determines how many digits of the value are shown.
     limit : float, optional
-        The largest permitted value. It is shown; to judge by it is the task of a test by a standard.
+        The largest permitted value. It is only shown; the page makes no decision.
     """
 
     label: str
@@ -41,9 +41,9 @@ class LabelledValue:
     def __post_init__(self) -> None:
         if not self.label.strip():
             raise InputError("expected a label for every row, got an empty one")
-        _checked(self.value, f"row {self.label!r}")
-        _checked(self.uncertainty, f"uncertainty of row {self.label!r}")
-        _checked(self.limit, f"limit of row {self.label!r}")
+        _check(self.value, f"row {self.label!r}")
+        _check(self.uncertainty, f"uncertainty of row {self.label!r}")
+        _check(self.limit, f"limit of row {self.label!r}")
         if self.uncertainty is not None and self.uncertainty < 0:
             raise InputError(f"expected an uncertainty of zero or more in row {self.label!r}, got {self.uncertainty}")
 
@@ -52,7 +52,7 @@ class LabelledValue:
 class Column:
     """The head of a column: its heading, its unit, and the significant digits of its numbers.
 
-    Neighbouring columns of one `group` stand under it as a common head, which then has their unit.
+    Neighbouring columns of one `group` have a common head, which then shows their unit.
     """
 
     heading: str
@@ -63,10 +63,10 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; every row has one cell a column: text, a number, a count (int), or None where there is nothing.
+    """A table; every row has one cell a column: text, a number, a count (int), or None for an empty cell.
 
-    A `RoundedNumber` number is shown to the decimal of its uncertainty, whatever the digits of its column are. A
-    `fillable` table has room to write by hand.
+    A `RoundedNumber` is shown to the decimal of its uncertainty, whatever the digits of its column are. A `fillable`
+    table has room to write by hand.
     """
 
     columns: tuple[Column, ...]
@@ -83,34 +83,38 @@ class Table:
                     f"expected {len(self.columns)} cells in row {number} of the table {self.caption!r}, got {len(row)}"
                 )
             for column, cell in zip(self.columns, row, strict=True):
-                _checked(cell, f"row {number} of the table {self.caption!r}", column=column.heading)
+                _check(cell, f"row {number} of the table {self.caption!r}", column=column.heading)
 
 
 @dataclass(frozen=True)
 class Section:
-    """A chapter of the page. An empty line in `text` starts a new paragraph."""
+    """A chapter of the page. An empty line in `text` starts a new paragraph.
+
+    A `folded` section shows its title only, until a reader opens it; on paper it is open.
+    """
 
     title: str
     text: str = ""
     rows: tuple[LabelledValue, ...] = ()
     figures: tuple[Figure, ...] = ()
     tables: tuple[Table, ...] = ()
+    folded: bool = False
 
 
 @dataclass(frozen=True)
 class Page:
-    """The whole report.
+    """The whole page.
 
     Parameters
     ----------
     title, subtitle : str
-        What it is about.
-    summary : tuple of Row
-        The few numbers a reader takes away, shown large.
+        The subject.
+    summary : tuple of LabelledValue
+        The few numbers that answer the reader's question, shown large at the top.
     sections : tuple of Section
         In reading order.
     facts : tuple of (str, str)
-        What the page rests on: versions, fingerprint of the data, settings.
+        Data and settings behind the page: versions, fingerprint of the data.
     """
 
     title: str
@@ -120,14 +124,14 @@ class Page:
     facts: tuple[tuple[str, str], ...] = ()
 
 
-def _checked(cell: object, place: str, *, column: str | None = None) -> None:
+def _check(cell: object, place: str, *, column: str | None = None) -> None:
     if isinstance(cell, RoundedNumber):
-        _checked(cell.uncertainty, place, column=column)
+        _check(cell.uncertainty, place, column=column)
         cell = cell.value
     if cell is None or isinstance(cell, str | int | np.integer):
         return
     if isinstance(cell, float | np.floating) and math.isfinite(cell):
         return
     raise InputError(
-        f"expected a finite number or text in {place}, got {cell!r}", column=column, hint="None for no value"
+        f"expected a finite number or text in {place}, got {cell!r}", column=column, hint="use None for no value"
     )

@@ -1,7 +1,7 @@
-"""Paper and pens of every figure: sizes, palette, and the way from a drawing to SVG and PNG.
+"""Style and size of every figure, and its conversion to SVG and PNG.
 
 A figure is a row of small panels, not one wide picture: the page sets them side by side on a screen or on paper and
-one below the other on a telephone, and their lettering stays readable on each.
+one below the other on a telephone, and the lettering stays readable on each.
 """
 
 from __future__ import annotations
@@ -29,11 +29,10 @@ from matplotlib.transforms import blended_transform_factory
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.pages.number_format import format_number
 
 INK, FAINT, LIMIT = "#1a1a1a", "#d9dce0", "#8a9099"
 LEFT_IN = 0.68  # room for a label and for numbers such as -0.0005
-RASTER_FROM = 1000  # from so many dots on, a layer of dots is a picture and not one element a dot
+RASTER_FROM = 1000  # number of dots from which a layer is a bitmap instead of one element a dot
 _RASTER_DPI = 160  # sharp at the width the page shows a panel, also on paper
 _LINES = {"axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6, "lines.linewidth": 1.2}
 _COLOURS = {"axes.edgecolor": LIMIT, "axes.labelcolor": INK, "text.color": INK, "grid.color": FAINT}
@@ -65,25 +64,22 @@ _STYLE: Any = {
 
 @dataclass(frozen=True)
 class Figure:
-    """Panels that are seen together, with a caption that says what to see.
+    """Panels that are seen together, with a caption.
 
     Parameters
     ----------
     panels : tuple of matplotlib.figure.Figure
         At least one.
     caption, alt : str
-        Below the figure; and in its place for those who do not see it.
+        Text below the figure; and text in its place for readers who do not see it.
     columns : int
         Panels side by side on a wide page, 1 to 3.
-    number : int, optional
-        Of the paper's figure that this one stands for.
     """
 
     panels: tuple[Drawing, ...]
     caption: str
     alt: str
     columns: int = 1
-    number: int | None = None
 
     def __post_init__(self) -> None:
         if not self.panels:
@@ -96,7 +92,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Style:
-    """How one model is drawn in every figure; marker and dash tell it apart in black and white."""
+    """How one series is drawn in every figure; marker and dash distinguish it in black and white."""
 
     colour: str
     marker: str
@@ -115,33 +111,33 @@ _PENS = (
 
 
 def styles_of(names: Iterable[str], styles: Mapping[str, Style] | None = None) -> dict[str, Style]:
-    """Give each model its pen, in the order of `names`; one already in `styles` keeps it.
+    """Assign a style to each series, in the order of `names`; one that is in `styles` keeps it.
 
-    Call it once with all models of a report and hand the result to every figure: a model then has one colour
-    throughout, also in figures that leave another out.
+    Call it once with all series of a page and pass the result to every figure: a series then has one colour
+    throughout, also in figures that show only some of them.
     """
     names = list(names)
     if styles is not None:
         missing = [name for name in names if name not in styles]
         if missing:
-            raise InputError(f"expected a style for every model, got none for {missing[0]!r}")
+            raise InputError(f"expected a style for every series, got none for {missing[0]!r}")
         return {name: styles[name] for name in names}
     return dict(zip(names, cycle(_PENS), strict=False))
 
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Draw by the rules of the report, whatever the user's own matplotlib settings are."""
+    """Draw in the style of the pages, whatever the user's own matplotlib settings are."""
     with mpl.rc_context(), warnings.catch_warnings():
         mpl.rcdefaults()
         mpl.rcParams.update(_STYLE)
-        # A name may hold letters the font has not got; in an SVG the reader's own font shows them.
+        # A name may have letters that the font lacks; in an SVG the reader's own font shows them.
         warnings.filterwarnings("ignore", message=r"Glyph \d+ .* missing from font")
         yield
 
 
 def make_panel(width_in: float, height_in: float, *, rows: int = 1, top_in: float = 0.26) -> tuple[Drawing, list[Axes]]:
-    """Make a panel with `rows` axes one above the other, on margins that are the same in every panel."""
+    """Panel with `rows` axes one above the other; the margins are the same in every panel."""
     drawing = Drawing(figsize=(width_in, height_in))
     FigureCanvasAgg(drawing)
     axes = drawing.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
@@ -153,7 +149,7 @@ def make_panel(width_in: float, height_in: float, *, rows: int = 1, top_in: floa
         hspace=0.16,
     )
     for each in axes:
-        # At a fixed place, so that the labels of neighbouring panels stand in line however long the numbers are.
+        # At a fixed place, so that the labels of neighbouring panels are aligned however long the numbers are.
         each.yaxis.set_label_coords(
             0.11, 0.5, transform=blended_transform_factory(drawing.dpi_scale_trans, each.transAxes)
         )
@@ -161,7 +157,7 @@ def make_panel(width_in: float, height_in: float, *, rows: int = 1, top_in: floa
 
 
 def set_log_scale(axes: Axes, which: str, low: float, high: float) -> None:
-    """Give an axis ("x" or "y") a logarithmic scale from `low` to `high`, labelled with plain numbers."""
+    """Set a logarithmic scale from `low` to `high` on an axis ("x" or "y"), labelled with plain numbers."""
     getattr(axes, f"set_{which}scale")("log")
     axis = getattr(axes, f"{which}axis")
     axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 400 * low else (1,), numticks=20))
@@ -171,25 +167,20 @@ def set_log_scale(axes: Axes, which: str, low: float, high: float) -> None:
 
 
 def shorten(name: object, *, longest: int = 26) -> str:
-    """Give a name fit for a figure: one line, printable, not too long."""
+    """A name for a figure: one line, printable, at most `longest` letters."""
     text = "".join(sign if sign.isprintable() else "\ufffd" for sign in str(name)) or "(no name)"
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
-def join_phrases(told: Iterable[str], *, most: int = 4) -> str:
-    """Join what is told of each model; of a long list the first ones."""
-    told = list(told)
-    more = f"; and {len(told) - most} more" if len(told) > most else ""
-    return "; ".join(told[:most]) + more
-
-
-def reading_count(count: int) -> str:
-    """Give a number of readings in words fit for a caption."""
-    return f"{format_number(count)} reading{'' if count == 1 else 's'}"
+def join_phrases(phrases: Iterable[str], *, most: int = 4) -> str:
+    """Join phrases with semicolons; of a long list the first ones."""
+    phrases = list(phrases)
+    more = f"; and {len(phrases) - most} more" if len(phrases) > most else ""
+    return "; ".join(phrases[:most]) + more
 
 
 def svg_element(drawing: Drawing, prefix: str) -> str:
-    """Give a drawing as an SVG element for the inside of a page; every id in it starts with `prefix`."""
+    """A drawing as an SVG element of a page; every id in it starts with `prefix`."""
     buffer = io.BytesIO()
     no_date: Any = {"Date": None}
     with figure_style():
@@ -215,7 +206,7 @@ _URL = re.compile(r"url\(#([^)]+)\)")
 
 
 def _for_html(root: ElementTree.Element, prefix: str) -> None:
-    """Bring matplotlib's SVG into the form HTML wants: no namespaces, no metadata, ids that are used and unique."""
+    """Convert matplotlib's SVG for HTML: no namespaces, no metadata, unique ids and only those that are used."""
     for parent in root.iter():
         for child in [c for c in parent if c.tag in (f"{_SVG}metadata", f"{_SVG}style") or not isinstance(c.tag, str)]:
             parent.remove(child)
@@ -234,7 +225,7 @@ def _for_html(root: ElementTree.Element, prefix: str) -> None:
 
 
 def _style_once(group: ElementTree.Element) -> None:
-    """Say once for all dots of a layer what matplotlib says for each one; it halves the page."""
+    """Move the style that all dots of a layer share to the layer; it halves the size of the page."""
     dots = [child for child in group if child.tag == f"{_SVG}use"]
     styles = {dot.get("style") for dot in dots}
     if len(dots) > 1 and len(dots) == len(group) and len(styles) == 1 and "style" not in group.attrib:
@@ -276,7 +267,7 @@ def _pixels(drawing: Drawing, dpi: int) -> npt.NDArray[np.uint8]:
 
 
 def _stacked(pictures: list[npt.NDArray[np.uint8]], *, axis: int) -> npt.NDArray[np.uint8]:
-    """Join pictures along an axis, smaller ones filled up with white."""
+    """Join pictures along an axis; smaller ones are padded with white."""
     across = max(picture.shape[1 - axis] for picture in pictures)
     filled = []
     for picture in pictures:

@@ -7,8 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truearm.pages import figures
+from truearm.compensation.models.error_figures import (
+    before_after,
+    coordinates_by_reading,
+    error_against_joint,
+    error_distribution,
+    errors_by_reading,
+    joint_ranges,
+)
+from truearm.compensation.models.workspace_figures import error_in_workspace, workspace
 from truearm.pages.page import Column, LabelledValue, Page, Section, Table
+from truearm.pages.plotting import styles_of
 from truearm.typing import FloatArray
 
 ERROR_COLUMNS = (
@@ -144,7 +153,7 @@ def _result(compared: ModelComparison, remarks: Sequence[str], floor: Mapping[st
         {**compared.errors, **({} if floor is None else {"noise floor": floor})},
         caption="Errors on the readings of this page",
     )
-    styles = figures.styles_of(distances)
+    styles = styles_of(distances)
     return Section(
         "Error before and after",
         "\n\n".join(remarks)
@@ -152,7 +161,7 @@ def _result(compared: ModelComparison, remarks: Sequence[str], floor: Mapping[st
         + "Every reading has a point by the reference and one by each model; an error is what lies between them. "
         "Distances are in space, a coordinate is one of x, y, z. Removed is the share of the nominal arm's mean "
         "absolute coordinate error that is gone.",
-        figures=(figures.before_after(distances, styles=styles), figures.error_distribution(distances, styles=styles)),
+        figures=(before_after(distances, styles=styles), error_distribution(distances, styles=styles)),
         tables=(table,),
     )
 
@@ -162,26 +171,26 @@ def _measured(compared: ModelComparison) -> Section:
         "What was measured",
         "Where the joints and the tip were. A model holds where readings like these have taught it.",
         figures=(
-            figures.joint_ranges(
+            joint_ranges(
                 compared.angles,
                 names=compared.joint_names,
                 lower=compared.lower,
                 upper=compared.upper,
                 sliding=compared.sliding,
             ),
-            figures.workspace(compared.points),
+            workspace(compared.points),
         ),
     )
 
 
 def _by_coordinate(compared: ModelComparison) -> Section:
     errors = {name: points - compared.points for name, points in compared.predicted.items()}
-    styles = figures.styles_of(errors)
+    styles = styles_of(errors)
     return Section(
         "Coordinate by coordinate",
         figures=(
-            figures.errors_by_reading(errors, styles=styles),
-            figures.coordinates_by_reading(compared.points, compared.predicted, styles=styles),
+            errors_by_reading(errors, styles=styles),
+            coordinates_by_reading(compared.points, compared.predicted, styles=styles),
         ),
     )
 
@@ -193,13 +202,13 @@ def _by_cause(compared: ModelComparison) -> Section:
         "Where the error comes from",
         "Which joints and places the errors go with. Distances have no sign: a wave shows twice as often.",
         figures=(
-            figures.error_against_joint(
+            error_against_joint(
                 compared.angles,
                 distances,
                 names=compared.joint_names,
                 sliding=compared.sliding,
-                styles=figures.styles_of(distances),
+                styles=styles_of(distances),
             ),
-            figures.error_in_workspace(compared.points, distances[best], name=best),
+            error_in_workspace(compared.points, distances[best], name=best),
         ),
     )

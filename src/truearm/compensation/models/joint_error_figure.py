@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
+from truearm.compensation.models.error_figures import joint_matrix, joint_names
 from truearm.errors import InputError
 from truearm.identification.estimation.joint_errors import JointError
-from truearm.pages.arrays import joint_matrix, joint_names
 from truearm.pages.number_format import format_number
 from truearm.pages.plotting import (
     LIMIT,
@@ -49,7 +49,7 @@ def joint_error_figure(
     angles : (n, joints) array
         Of readings, to show where there were some [rad].
     names : sequence of str, optional
-        A name a joint; q1, q2, ... where left out.
+        Of the joints; J1, J2, ... by default.
     styles : mapping of str to Style, optional
         From `styles_of`.
 

@@ -8,9 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from truearm.pages import figures
+from truearm.compensation.models.error_figures import (
+    before_after,
+    error_against_joint,
+    error_distribution,
+    joint_ranges,
+)
+from truearm.compensation.models.workspace_figures import workspace
+from truearm.pages.number_format import format_count, format_mm
 from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
-from truearm.pages.phrases import format_count, format_mm
+from truearm.pages.plotting import Style, styles_of
 from truearm.typing import FloatArray
 
 
@@ -66,7 +73,7 @@ def seats_page(
     """
     distances = {name: _from_mean(points, seated.seat) for name, points in seated.predicted.items()}
     best = min(distances, key=lambda name: float(distances[name].mean()))
-    styles = figures.styles_of(distances)
+    styles = styles_of(distances)
     return Page(
         title=title,
         subtitle=subtitle,
@@ -79,21 +86,21 @@ def seats_page(
                 "What was measured",
                 "Where the joints and the tip were. A model holds where readings like these have taught it.",
                 figures=(
-                    figures.joint_ranges(
+                    joint_ranges(
                         seated.angles,
                         names=seated.joint_names,
                         lower=seated.lower,
                         upper=seated.upper,
                         sliding=seated.sliding,
                     ),
-                    figures.workspace(seated.predicted[best]),
+                    workspace(seated.predicted[best]),
                 ),
             ),
             Section(
                 "Where the error comes from",
                 "Which joints the errors go with. Distances have no sign: a wave shows twice as often.",
                 figures=(
-                    figures.error_against_joint(
+                    error_against_joint(
                         seated.angles, distances, names=seated.joint_names, sliding=seated.sliding, styles=styles
                     ),
                 ),
@@ -129,7 +136,7 @@ def _agreement(
     seated: SeatComparison,
     distances: Mapping[str, FloatArray],
     remarks: Sequence[str],
-    styles: Mapping[str, figures.Style],
+    styles: Mapping[str, Style],
 ) -> Section:
     names, index, counts = np.unique(seated.seat, return_inverse=True, return_counts=True)
     of_models = Table(
@@ -162,8 +169,8 @@ def _agreement(
         ),
         "Seat by seat",
     )
-    clouds = figures.before_after(distances, styles=styles)
-    spread = figures.error_distribution(distances, styles=styles)
+    clouds = before_after(distances, styles=styles)
+    spread = error_distribution(distances, styles=styles)
     return Section(
         "Agreement in the seats",
         "\n\n".join(remarks)

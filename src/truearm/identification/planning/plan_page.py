@@ -15,10 +15,9 @@ from truearm.identification.planning.limitations import limitations
 from truearm.identification.planning.proposal import CalibrationPlan, Proposal, Strategy
 from truearm.identification.planning.sampling.workspace import joint_origins, stance
 from truearm.identification.planning.template import bars, notes, place_names
-from truearm.pages.joint_figures import joint_ranges
-from truearm.pages.number_format import format_number
+from truearm.pages.figures import range_figure
+from truearm.pages.number_format import capitalize, format_count, format_mm, format_number
 from truearm.pages.page import Column, LabelledValue, Page, Section, Table
-from truearm.pages.phrases import capitalize, format_count, format_mm
 from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, make_panel, set_log_scale, styles_of
 from truearm.typing import FloatArray
 
@@ -193,9 +192,18 @@ def _places_table(poses: Candidates) -> Table:
 
 def _how(plan: CalibrationPlan, poses: Candidates) -> Section:
     arm = plan.arm
-    lower, upper = arm.limits.T
-    slides = arm.chain.is_prismatic.tolist()
-    ranges = joint_ranges(poses.angles, names=arm.joint_names, lower=lower, upper=upper, sliding=slides)
+    slides = arm.chain.is_prismatic
+    scale = np.where(slides, 1.0, np.degrees(1.0))
+    lower, upper = arm.limits.T * scale
+    ranges = range_figure(
+        poses.angles * scale,
+        names=arm.joint_names,
+        units=["mm" if slide else "deg" for slide in slides],
+        lower=lower,
+        upper=upper,
+        label="joint position",
+        caption=f"Range of each joint over {format_count(len(poses.angles), 'pose')}.",
+    )
     return Section(
         "Poses",
         "Go near each pose; some degrees do not matter, but what is written down is what the encoders read. The "

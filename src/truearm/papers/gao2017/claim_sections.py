@@ -6,18 +6,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from truearm.pages.number_format import format_exact, format_in_text
-from truearm.pages.page import Section
-from truearm.pages.phrases import (
-    USED_TO_FIX_BOX,
-    MissingPart,
+from truearm.pages.number_format import (
     capitalize,
     format_count,
-    format_degrees,
+    format_exact,
+    format_in_text,
     format_mm,
     format_percent,
-    format_row_numbers,
 )
+from truearm.pages.page import Section
 from truearm.pages.plotting import Style
 from truearm.papers.gao2017.claim_figures import (
     crossings,
@@ -26,6 +23,7 @@ from truearm.papers.gao2017.claim_figures import (
     error_outside,
     scatter_of_starts,
 )
+from truearm.papers.gao2017.phrases import USED_TO_FIX_BOX, MissingPart, format_degrees, format_row_numbers
 from truearm.papers.gao2017.reproduction_file import ReproductionResult, TableRow
 
 

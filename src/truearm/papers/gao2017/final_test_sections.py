@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from statistics import median
 
-from truearm.pages.number_format import format_in_text
+from truearm.compensation.models.error_figures import coordinates_by_reading, errors_by_reading
+from truearm.pages.number_format import format_count, format_in_text, format_mm, format_percent
 from truearm.pages.page import Cell, Column, Section, Table
-from truearm.pages.phrases import (
+from truearm.pages.plotting import Figure, Style, join_phrases
+from truearm.papers.gao2017.claim_figures import share_removed
+from truearm.papers.gao2017.phrases import (
     TRAINING_SHARES_NOTE,
     MissingPart,
     as_count,
-    format_count,
-    format_mm,
-    format_percent,
     median_and_range,
     with_figure_number,
 )
-from truearm.pages.plotting import Figure, Style, join_phrases
-from truearm.pages.reading_figures import coordinates_by_reading, errors_by_reading
-from truearm.papers.gao2017.claim_figures import share_removed
 from truearm.papers.gao2017.reproduction_file import FinalTest, ReproductionResult
 
 

@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from truearm.pages.arm_drawing import arm_figure, denavit_hartenberg, frame_figure
-from truearm.pages.number_format import format_in_text
+from truearm.pages.number_format import format_count, format_in_text
 from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
-from truearm.pages.phrases import COMMAND, MissingPart, as_count, format_count, format_degrees, with_figure_number
 from truearm.pages.plotting import Style, styles_of
-from truearm.pages.prediction_figure import predictions_by_pose
+from truearm.papers.gao2017.arm_drawing import arm_figure, denavit_hartenberg, frame_figure
 from truearm.papers.gao2017.claim_sections import (
     joint_ranges_section,
     learning_rate_section,
@@ -24,6 +22,8 @@ from truearm.papers.gao2017.claim_sections import (
 )
 from truearm.papers.gao2017.final_test_sections import final_test_section, share_section
 from truearm.papers.gao2017.network_drawing import network_layers
+from truearm.papers.gao2017.phrases import COMMAND, MissingPart, as_count, format_degrees, with_figure_number
+from truearm.papers.gao2017.prediction_figure import predictions_by_pose
 from truearm.papers.gao2017.reproduction_file import ArmFrames, ReproductionResult, read_reproduction
 from truearm.papers.gao2017.table_figure import PAPER_STYLE
 from truearm.papers.gao2017.table_sections import count_verdicts, describe_accuracy, speedups, table_section

@@ -7,18 +7,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from truearm.pages.number_format import format_exact, format_in_text, format_number
+from truearm.pages.number_format import capitalize, format_count, format_exact, format_in_text, format_number
 from truearm.pages.page import Cell, Column, Section, Table
-from truearm.pages.phrases import (
+from truearm.pages.plotting import Style, join_phrases
+from truearm.papers.gao2017.phrases import (
     TRAINING_SHARES_NOTE,
     USED_TO_FIX_BOX,
     MissingPart,
-    capitalize,
-    format_count,
     format_row_numbers,
     range_cell,
 )
-from truearm.pages.plotting import Style, join_phrases
 from truearm.papers.gao2017.reproduction_file import TableRow, TrainerSummary
 from truearm.papers.gao2017.table_figure import TableFigureRow, reaches_paper_error, table_figure
 

@@ -109,7 +109,7 @@ class Training:
     activations : tuple of str
         Of the hidden layers.
     trainer : str
-        ``"lm"``, or MATLAB's ``"trainlm"``, ``"traingd"``, ``"traingdx"``.
+        ``"varpro"``, or MATLAB's ``"trainlm"``, ``"traingd"``, ``"traingdx"``.
     epochs : int
         At most so many.
     goal : float
@@ -328,7 +328,7 @@ def _run(
     watch: Callable[[Epoch], None],
     checkpoint: Checkpoint,
 ) -> tuple[FloatArray, TrainingRecord]:
-    trainers = {"lm": train_varpro, "trainlm": trainlm, **GRADIENT_TRAINERS}
+    trainers = {"varpro": train_varpro, "trainlm": trainlm, **GRADIENT_TRAINERS}
     return trainers[training.trainer](
         fit,
         nguyen_widrow(training.network, seed=training.seed),

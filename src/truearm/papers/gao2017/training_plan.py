@@ -110,7 +110,7 @@ def training_of(table: int, row: PaperRow, side: Method, effort: Effort, *, seed
         n_train=row.n_train,
         hidden=row.hidden,
         activations=activations_of(table, row, side),
-        trainer=row.trainer if faithful else "lm",
+        trainer=row.trainer if faithful else "varpro",
         epochs=effort.epochs if faithful else effort.lm_epochs[table],
         goal=served[0].goal if faithful else 0.0,
         set_aside=0.15 if faithful else 0.0,

@@ -9,9 +9,8 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
-from truearm.pages.number_format import RoundedNumber
+from truearm.pages.number_format import RoundedNumber, capitalize, format_count
 from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
-from truearm.pages.phrases import capitalize, format_count
 from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, join_phrases, make_panel, shorten
 from truearm.readings.thermal_expansion import ARTEFACT_U_K
 from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS, ControlChart

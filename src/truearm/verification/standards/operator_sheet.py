@@ -12,9 +12,8 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Circle
 
 from truearm import __version__
-from truearm.pages.number_format import format_number
+from truearm.pages.number_format import capitalize, format_count, format_number
 from truearm.pages.page import Cell, Column, Page, Section, Table
-from truearm.pages.phrases import capitalize, format_count
 from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, shorten
 from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Artefacts

@@ -13,9 +13,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Rectangle
 
-from truearm.pages.number_format import RoundedNumber, format_exact, format_in_text, format_number
+from truearm.pages.number_format import (
+    RoundedNumber,
+    capitalize,
+    format_count,
+    format_exact,
+    format_in_text,
+    format_number,
+    format_percent,
+)
 from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
-from truearm.pages.phrases import capitalize, format_count, format_percent
 from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, join_phrases, shorten
 from truearm.verification.standards import decision
 from truearm.verification.standards.artefacts import CalibratedBar, CalibratedSphere

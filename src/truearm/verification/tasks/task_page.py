@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure as Drawing
 
-from truearm.pages.number_format import RoundedNumber
+from truearm.pages.number_format import RoundedNumber, capitalize, format_count, format_mm
 from truearm.pages.page import Column, LabelledValue, Page, Section, Table
-from truearm.pages.phrases import capitalize, format_count, format_mm
 from truearm.pages.plotting import LIMIT, Figure, figure_style, make_panel
 from truearm.verification.tasks.task import Estimate, Fitness, TaskResult, advice, describe_fitness
 

@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 import pytest
-from test_print import printed
 
+from browser import printed
 from truearm.pages.html import render
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.example_artefacts import example_artefacts

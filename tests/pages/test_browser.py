@@ -1,25 +1,15 @@
 """The page in a real browser, without a network: it shows its figures and complains of nothing."""
 
-import shutil
 import subprocess
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from test_report_page import Outline, made_up_page
+from test_html import made_up_page
 
+from browser import BROWSER, QUIET
+from html_outline import Outline
 from truearm.pages.html import write_page
-
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-ALONE = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-dev-shm-usage",
-    "--hide-scrollbars",
-    "--no-first-run",
-)
-QUIET = (*ALONE, "--disable-background-networking", "--disable-quic", "--enable-logging=stderr")
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium here (on Debian: apt-get install chromium)")
 

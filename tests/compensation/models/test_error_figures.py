@@ -8,10 +8,11 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
+from truearm.compensation.models import error_figures as figures
+from truearm.compensation.models.error_figures import running_median
+from truearm.compensation.models.workspace_figures import error_in_workspace, workspace
 from truearm.errors import InputError
-from truearm.pages import figures
-from truearm.pages.joint_figures import running_median
-from truearm.pages.plotting import Style, svg_element
+from truearm.pages.plotting import Figure, Style, save_png, styles_of, svg_element
 
 
 def made_up(readings=60, joints=6, seed=1):
@@ -32,14 +33,14 @@ def all_figures(readings=60, joints=6):
     angles, points, errors, lengths = made_up(readings, joints)
     measured = {name: points + e for name, e in errors.items()}
     return {
-        "workspace": figures.workspace(points),
+        "workspace": workspace(points),
         "joint_ranges": figures.joint_ranges(angles, lower=np.full(joints, -3.0), upper=np.full(joints, 3.0)),
         "errors_by_reading": figures.errors_by_reading(errors),
         "coordinates_by_reading": figures.coordinates_by_reading(points, measured),
         "error_distribution": figures.error_distribution(lengths),
         "error_against_joint": figures.error_against_joint(angles, lengths),
         "before_after": figures.before_after(lengths),
-        "error_in_workspace": figures.error_in_workspace(points, lengths["nominal"], name="nominal"),
+        "error_in_workspace": error_in_workspace(points, lengths["nominal"], name="nominal"),
     }
 
 
@@ -69,7 +70,7 @@ def test_few_readings_and_any_number_of_joints_are_drawn(joints, readings):
     angles, _, _, lengths = made_up(readings, joints)
     figure = figures.error_against_joint(angles, lengths)
     assert len(figure.panels) == joints
-    assert f"q{joints}" in svg_element(figure.panels[-1], "p-")
+    assert f"J{joints}" in svg_element(figure.panels[-1], "p-")
     for other in (drawn or {}).values():
         assert texts_of(other)
 
@@ -83,7 +84,7 @@ def test_errors_of_zero_and_joints_at_rest_are_drawn():
         figures.error_against_joint(still, zero),
         figures.joint_ranges(still),
         figures.errors_by_reading({"a": np.zeros((20, 3)), "b": np.zeros((20, 3))}),
-        figures.error_in_workspace(np.ones((20, 3)), np.zeros(20)),
+        error_in_workspace(np.ones((20, 3)), np.zeros(20)),
     ):
         assert texts_of(figure)
 
@@ -119,9 +120,9 @@ def test_too_few_readings_have_no_running_median():
     assert running_median(np.arange(10.0), np.arange(10.0))[0].size == 0
 
 
-def test_a_model_keeps_its_colour_in_figures_that_leave_others_out():
-    styles = figures.styles_of(["nominal", "network", "kinematic"])
-    only = figures.styles_of(["kinematic"], styles)
+def test_a_model_keeps_its_colour_in_figures_without_the_others():
+    styles = styles_of(["nominal", "network", "kinematic"])
+    only = styles_of(["kinematic"], styles)
     assert only == {"kinematic": styles["kinematic"]}
     _, _, _, lengths = made_up()
     figure = figures.before_after({"kinematic": lengths["kinematic"]}, styles=styles)
@@ -130,7 +131,7 @@ def test_a_model_keeps_its_colour_in_figures_that_leave_others_out():
 
 
 def test_the_pens_differ_in_colour_and_without_it():
-    pens = list(figures.styles_of("abcdef").values())
+    pens = list(styles_of("abcdef").values())
     assert len({pen.colour for pen in pens}) == 6
     assert len({pen.marker for pen in pens}) == 6
     assert all(isinstance(pen, Style) for pen in pens)
@@ -150,9 +151,9 @@ def test_odd_names_are_drawn_as_they_are(name):
     for figure in (
         figures.error_distribution(odd),
         figures.before_after(odd),
-        figures.error_against_joint(angles, odd, names=[name, "q2"]),
+        figures.error_against_joint(angles, odd, names=[name, "J2"]),
         figures.errors_by_reading({name: errors["nominal"], "other": errors["network"]}),
-        figures.joint_ranges(angles, names=[name, "q2"]),
+        figures.joint_ranges(angles, names=[name, "J2"]),
     ):
         assert "<script" not in texts_of(figure)
     assert "<use" in svg_element(figures.before_after(odd).panels[0], "p-")
@@ -167,16 +168,16 @@ def test_more_models_than_pens_are_drawn():
 @pytest.mark.parametrize(
     ("draw", "told"),
     [
-        (lambda: figures.workspace(np.empty((0, 3))), "at least one reading in points, got none"),
-        (lambda: figures.workspace(np.ones((5, 2))), r"points as an array \(n, 3\), got the shape \(5, 2\)"),
-        (lambda: figures.workspace([[1, 2, np.nan]]), "finite numbers in points, got nan in reading 1"),
-        (lambda: figures.workspace("points"), "expected numbers as points, got str"),
-        (lambda: figures.before_after({}), "errors of at least one model, got none"),
-        (lambda: figures.before_after({"m": [1.0, np.inf]}), "errors of 'm', got inf in reading 2"),
-        (lambda: figures.before_after({"m": [1.0, -1.0]}), "errors of 'm' of zero or more, got -1 in reading 2"),
+        (lambda: workspace(np.empty((0, 3))), "at least one value in points, got none"),
+        (lambda: workspace(np.ones((5, 2))), r"points as an array \(n, 3\), got the shape \(5, 2\)"),
+        (lambda: workspace([[1, 2, np.nan]]), "finite numbers in points, got nan as number 1"),
+        (lambda: workspace("points"), "expected numbers as points, got str"),
+        (lambda: figures.before_after({}), "errors under at least one name, got none"),
+        (lambda: figures.before_after({"m": [1.0, np.inf]}), "errors of 'm', got inf as number 2"),
+        (lambda: figures.before_after({"m": [1.0, -1.0]}), "errors of 'm' of zero or more, got -1 as number 2"),
         (
             lambda: figures.errors_by_reading({"a": np.ones((2, 3)), "b": np.ones((3, 3))}),
-            "the same readings for every model, got 'a' 2, 'b' 3",
+            "the same length under every name, got 'a' 2, 'b' 3",
         ),
         (
             lambda: figures.error_against_joint(np.ones((4, 2)), {"a": np.ones(3)}),
@@ -187,21 +188,21 @@ def test_more_models_than_pens_are_drawn():
             r"\(n, joints\), got the shape \(3, 0\)",
         ),
         (lambda: figures.joint_ranges(np.ones((3, 2)), names=["a"]), "2 joint names, got 1"),
-        (lambda: figures.joint_ranges(np.ones((3, 2)), lower=[0.0]), "lower limits of 2 joints"),
+        (lambda: figures.joint_ranges(np.ones((3, 2)), lower=[0.0]), "expected 2 lower limits"),
         (
             lambda: figures.joint_ranges(np.ones((3, 1)), lower=[2.0], upper=[1.0]),
-            "lower limit of joint 1 below the upper",
+            "lower limit 1 is above the upper limit",
         ),
         (lambda: figures.joint_ranges(np.ones((3, 2)), sliding=[True]), "sliding for each of 2 joints, got 1"),
-        (lambda: figures.error_in_workspace(np.ones((3, 3)), np.ones(2)), "got 3 points and 2 errors"),
+        (lambda: error_in_workspace(np.ones((3, 3)), np.ones(2)), "got 3 points and 2 errors"),
         (
             lambda: figures.coordinates_by_reading(np.ones((3, 3)), {"a": np.ones((2, 3))}),
             "the same 3 readings as the truth, got 2",
         ),
-        (lambda: figures.before_after({"m": [1.0]}, styles={}), "a style for every model, got none for 'm'"),
-        (lambda: figures.Figure((), "c", "a"), "at least one panel"),
-        (lambda: figures.Figure((object(),), "c", " "), "caption and an alternative text"),
-        (lambda: figures.Figure((object(),), "c", "a", columns=4), "1, 2 or 3 columns of panels, got 4"),
+        (lambda: figures.before_after({"m": [1.0]}, styles={}), "a style for every series, got none for 'm'"),
+        (lambda: Figure((), "c", "a"), "at least one panel"),
+        (lambda: Figure((object(),), "c", " "), "caption and an alternative text"),
+        (lambda: Figure((object(),), "c", "a", columns=4), "1, 2 or 3 columns of panels, got 4"),
     ],
 )
 def test_bad_arrays_are_refused_with_what_came_and_where(draw, told):
@@ -213,7 +214,7 @@ def test_the_arrays_given_are_left_as_they_were():
     angles, points, _, lengths = made_up()
     before = angles.copy(), points.copy(), lengths["nominal"].copy()
     figures.joint_ranges(angles)
-    figures.error_in_workspace(points, lengths["nominal"])
+    error_in_workspace(points, lengths["nominal"])
     assert all(np.array_equal(a, b) for a, b in zip(before, (angles, points, lengths["nominal"]), strict=True))
 
 
@@ -234,20 +235,20 @@ def test_figures_do_not_wake_pyplot():
 
 def test_a_picture_is_saved_whole_and_alike_each_time(tmp_path):
     _, _, errors, lengths = made_up()
-    figures.save_png(figures.before_after(lengths), tmp_path / "a.png", dpi=80)
-    figures.save_png(figures.before_after(lengths), tmp_path / "b.png", dpi=80)
+    save_png(figures.before_after(lengths), tmp_path / "a.png", dpi=80)
+    save_png(figures.before_after(lengths), tmp_path / "b.png", dpi=80)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    figures.save_png(figures.errors_by_reading(errors), tmp_path / "three.png", dpi=80)
+    save_png(figures.errors_by_reading(errors), tmp_path / "three.png", dpi=80)
     one, three = imread(tmp_path / "a.png"), imread(tmp_path / "three.png")
     assert three.shape[1] == 3 * 3.0 * 80  # three panels of three inches side by side
     assert 0.02 < np.mean(one[..., :3].min(axis=-1) < 0.9) < 0.5  # something is drawn, on much white
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "b.png", "three.png"]
 
 
-def test_a_missing_folder_is_told(tmp_path):
+def test_a_missing_folder_is_named(tmp_path):
     _, _, _, lengths = made_up(5)
     with pytest.raises(InputError, match="does not exist"):
-        figures.save_png(figures.before_after(lengths), tmp_path / "none" / "a.png")
+        save_png(figures.before_after(lengths), tmp_path / "none" / "a.png")
 
 
 def test_a_few_readings_have_a_largest_error_and_no_95th_percentile():
@@ -258,4 +259,4 @@ def test_a_few_readings_have_a_largest_error_and_no_95th_percentile():
 def test_captions_stay_short_with_many_models_and_speak_of_one_reading():
     lengths = {f"m{i}": np.full(30, 0.1 * (i + 1)) for i in range(9)}
     assert "m3 0.40 mm; and 5 more" in figures.before_after(lengths).caption
-    assert "1 reading," in figures.workspace([[1.0, 2.0, 3.0]]).caption
+    assert "1 reading in" in workspace([[1.0, 2.0, 3.0]]).caption

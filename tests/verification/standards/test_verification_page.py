@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_report_page import Outline
 
+from html_outline import Outline
 from truearm.errors import InputError
-from truearm.pages.cells import format_cell, grid_of_table
-from truearm.pages.html import render
+from truearm.pages.html import format_cell, grid_of_table, render
 from truearm.pages.number_format import RoundedNumber
 from truearm.pages.page import Column, Table
 from truearm.verification.standards.artefacts import Artefacts

@@ -6,11 +6,11 @@ import re
 import numpy as np
 import pytest
 from made_up_reproduction import made_up_findings
-from test_report_page import HOSTILE, Outline
 
+from html_outline import HOSTILE, Outline
 from truearm.errors import InputError
 from truearm.pages.html import render
-from truearm.pages.phrases import range_cell
+from truearm.papers.gao2017.phrases import range_cell
 from truearm.papers.gao2017.reproduction_file import read_reproduction
 from truearm.papers.gao2017.reproduction_page import reproduction_page
 

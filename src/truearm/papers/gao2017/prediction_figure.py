@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.errors import InputError
-from truearm.pages.arrays import finite_array, finite_arrays
+from truearm.pages.figures import finite_array, finite_arrays
 from truearm.pages.number_format import format_number
 from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, join_phrases, make_panel, shorten, styles_of
 from truearm.typing import FloatArray

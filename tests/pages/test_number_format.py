@@ -15,7 +15,6 @@ from truearm.pages.number_format import (
     format_exact,
     format_in_text,
     format_number,
-    format_quantity,
     format_uncertainty,
 )
 
@@ -31,12 +30,13 @@ from truearm.pages.number_format import (
         (-0.0003, 0.5, "0.00 g, u = 0.50 g"),  # and zero has no sign
         (1234.5, 120.0, "1230 g, u = 120 g"),  # digits before the point go too
         (-3.14159, 0.02, f"{MINUS}3.142 g, u = 0.020 g"),
-        (5.0, 0.0, "5.00 g"),  # no uncertainty told
+        (5.0, 0.0, "5.00 g"),  # the uncertainty is not known
     ],
 )
 def test_value_ends_at_the_decimal_of_its_uncertainty(value, uncertainty, shown):
-    text = format_quantity(value, unit="g", uncertainty=uncertainty)
-    assert text.replace(THIN_SPACE, " ") == shown
+    assert format_number(value, uncertainty=uncertainty) == shown.partition(" g")[0]
+    if uncertainty:
+        assert format_uncertainty(uncertainty) == shown.partition("u = ")[2].removesuffix(" g")
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_every_finite_number_has_a_short_form(value, digits):
     ("value", "shown"),
     [
         (8.0, "8"),
-        (7.9999, "8.00"),  # measured, and its digits are told
+        (7.9999, "8.00"),  # measured, and its digits count
         (45, "45"),
         (-30.0, f"{MINUS}30"),
         (0.0, "0"),

@@ -47,26 +47,6 @@ TRAINING_SHARES_NOTE = (
 )
 
 
-def format_count(n: int, what: str) -> str:
-    """Give a number of things: 1 row, 2 rows."""
-    return f"{format_number(n)} {what}{'s' * (n != 1)}"
-
-
-def capitalize(text: str) -> str:
-    """Give a sentence its capital."""
-    return text[:1].upper() + text[1:]
-
-
-def format_mm(value: float) -> str:
-    """Give a length [mm] as a sentence has it."""
-    return format_in_text(value, unit="mm")
-
-
-def format_percent(share: float) -> str:
-    """Give a share of one in percent, to a tenth."""
-    return format_in_text(round(100 * share, 1), unit="%")
-
-
 def format_degrees(angle: float) -> str:
     """Give an angle [deg] as a sentence has it."""
     return format_in_text(round(angle, 9) + 0.0, unit="deg")
@@ -91,4 +71,4 @@ def as_count(cell: Cell) -> Cell:
 
 def with_figure_number(number: int, figure: Figure) -> Figure:
     """Say which figure of the paper a figure stands for, also in its caption."""
-    return replace(figure, number=number, caption=f"Figure {number} of the paper, ours. {figure.caption}")
+    return replace(figure, caption=f"Figure {number} of the paper, ours. {figure.caption}")

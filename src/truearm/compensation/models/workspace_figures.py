@@ -1,4 +1,4 @@
-"""Figures of the tip in space: where it was, and where the error is large."""
+"""Figures of tip positions in space: the workspace of the readings, and the error in it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import MaxNLocator
 
 from truearm.errors import InputError
-from truearm.pages.arrays import finite_array, nonnegative_arrays
-from truearm.pages.number_format import format_number
-from truearm.pages.plotting import FAINT, INK, LIMIT, RASTER_FROM, Figure, figure_style, reading_count
+from truearm.pages.figures import finite_array, nonnegative_arrays
+from truearm.pages.number_format import format_count, format_number
+from truearm.pages.plotting import FAINT, INK, LIMIT, RASTER_FROM, Figure, figure_style
 from truearm.typing import FloatArray
 
 _WIDTH_IN, _HEIGHT_IN = 4.6, 3.7
@@ -27,7 +27,7 @@ _HEAT: Colormap = LinearSegmentedColormap.from_list("error", ["#f6d9a8", "#f0a04
 
 
 def workspace(points: npt.ArrayLike) -> Figure:
-    """Draw where the tip was: one view in space, and from the front, the side and above.
+    """Draw the tip positions: one view in space, and from the front, the side and above.
 
     Parameters
     ----------
@@ -44,8 +44,8 @@ def workspace(points: npt.ArrayLike) -> Figure:
         panels = _four_views(points, {"color": _DOT})
     return Figure(
         panels,
-        caption=f"Where the tip was, {reading_count(len(points))}, in the frame of the reference. {_extent(points)}. "
-        "A cross marks the origin where it is in sight. A model is only tested where there are dots.",
+        caption=f"Tip positions of {format_count(len(points), 'reading')} in the frame of the reference. {_extent(points)}. "
+        "A cross marks the origin if it is in view. A model is tested only where there are dots.",
         alt=f"Four scatter plots of {len(points)} tip positions: in space, from the front, the side and above. "
         f"{_extent(points)}.",
         columns=2,
@@ -53,7 +53,7 @@ def workspace(points: npt.ArrayLike) -> Figure:
 
 
 def error_in_workspace(points: npt.ArrayLike, errors: npt.ArrayLike, *, name: str = "") -> Figure:
-    """Draw where in space the error is large.
+    """Draw the tip positions, coloured by the size of the error.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def error_in_workspace(points: npt.ArrayLike, errors: npt.ArrayLike, *, name: st
     worst = points[np.argmax(errors)]
     where = ", ".join(f"{axis} {format_number(round(value))}" for axis, value in zip("xyz", worst, strict=True))
     of_model = f" of {name}" if name else ""
-    told = f"the largest, {format_number(float(errors.max()))} mm, at {where} mm"
+    summary = f"the largest, {format_number(float(errors.max()))} mm, at {where} mm"
     cells = (
         "From the front, side and top, a cell shows the mean of the readings in it. "
         if len(points) > RASTER_FROM
@@ -85,10 +85,10 @@ def error_in_workspace(points: npt.ArrayLike, errors: npt.ArrayLike, *, name: st
     )
     return Figure(
         panels,
-        caption=f"Error{of_model} in space: darker is larger; {told}. "
-        f"{cells}Dark places that keep together tell of a cause the model does not know; "
-        "dark spots strewn everywhere, of noise.",
-        alt=f"Four scatter plots of {len(points)} tip positions, coloured by the error{of_model}; {told}.",
+        caption=f"Error{of_model} in space: darker is larger; {summary}. "
+        f"{cells}Clusters of dark places indicate an error source that the model does not describe; "
+        "scattered dark spots indicate noise.",
+        alt=f"Four scatter plots of {len(points)} tip positions, coloured by the error{of_model}; {summary}.",
         columns=2,
     )
 
@@ -140,7 +140,7 @@ def _plane_view(
 
 
 def _cells(axes: Axes, across: FloatArray, up: FloatArray, pen: dict[str, Any]) -> None:
-    """Draw the mean error in cells: thousands of dots on top of each other would only show the last ones drawn."""
+    """Draw the mean error in cells: of thousands of overlapping dots only the last ones would be visible."""
     ratio = max(float(np.ptp(up)), 1.0) / max(float(np.ptp(across)), 1.0)
     size = (_CELLS, max(1, round(_CELLS * min(ratio, 3.0) / np.sqrt(3))))
     axes.hexbin(
@@ -177,7 +177,7 @@ def _colour_bar(drawing: Drawing, pen: dict[str, Any], *, clipped: bool) -> None
 
 
 def _scale(errors: FloatArray) -> tuple[Normalize, bool]:
-    """Give the scale of colours, and whether single wild readings lie beyond it."""
+    """The colour scale, and whether single outliers lie beyond it."""
     usual, largest = float(np.percentile(errors, 99)), float(errors.max())
     clipped = len(errors) > 20 and largest > 1.5 * usual > 0
     return Normalize(0, usual if clipped else max(largest, 1e-12)), clipped

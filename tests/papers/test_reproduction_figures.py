@@ -11,9 +11,8 @@ from matplotlib.patches import Circle, Rectangle
 from truearm.arm.transforms import screw_x, screw_z
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.errors import InputError
-from truearm.pages.arm_drawing import arm_figure, denavit_hartenberg, frame_figure, project
 from truearm.pages.plotting import figure_style, styles_of, svg_element
-from truearm.pages.prediction_figure import predictions_by_pose
+from truearm.papers.gao2017.arm_drawing import arm_figure, denavit_hartenberg, frame_figure, project
 from truearm.papers.gao2017.claim_figures import (
     crossings,
     error_against_box,
@@ -23,6 +22,7 @@ from truearm.papers.gao2017.claim_figures import (
     share_removed,
 )
 from truearm.papers.gao2017.network_drawing import network_layers
+from truearm.papers.gao2017.prediction_figure import predictions_by_pose
 from truearm.papers.gao2017.table_figure import TableFigureRow, reaches_paper_error, table_figure
 
 PARAMETERS = np.array([[0, 376, -90], [62, 0, -90], [0, 751, -90], [62, 0, -90], [0, 500, -90], [0, 15, 90.0]])
@@ -287,7 +287,7 @@ def test_true_and_predicted_coordinates_and_their_differences_are_drawn():
 @pytest.mark.parametrize(
     ("draw", "told"),
     [
-        (lambda: scatter_of_starts([], [1.0]), "at least one reading in numbers of 'starts'"),
+        (lambda: scatter_of_starts([], [1.0]), "at least one value in numbers of 'starts'"),
         (lambda: scatter_of_starts([1.0], [0.0]), "published errors above zero, got 0 at place 1"),
         (lambda: error_against_rate([1.0, 2.0], [1.0], 1.0), "an error for each of 2 rates, got 1"),
         (lambda: error_against_box([1.0], {"a": [1.0, 2.0]}, {"a": 1.0}, chosen=1), "'a' for 1 half-widths, got 2"),

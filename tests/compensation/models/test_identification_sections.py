@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from test_report_page import Outline
 
+from html_outline import Outline
 from truearm.compensation.models.identification_sections import (
     HeldOutErrors,
     OutlierRow,

@@ -1,47 +1,21 @@
 """The page stands alone, is well formed, escapes what others wrote, and is the same each time."""
 
+import os
 import re
 import subprocess
 import sys
-from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from html_outline import HOSTILE, Outline
+from truearm.compensation.models import error_figures as figures
+from truearm.compensation.models.workspace_figures import error_in_workspace, workspace
 from truearm.errors import InputError
-from truearm.pages import figures
 from truearm.pages.html import paragraphs, render, write_page
 from truearm.pages.page import Column, LabelledValue, Page, Section, Table
-
-VOID = {"meta", "link", "br", "hr", "img", "input"}
-HOSTILE = "<script>alert('x')</script>"
-
-
-class Outline(HTMLParser):
-    """Tags, ids, links and roles of a page; complains of tags left open."""
-
-    def __init__(self, html):
-        super().__init__()
-        self.tags, self.ids, self.links, self.labels, self.open = [], [], [], [], []
-        self.feed(html)
-        self.close()
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        self.handle_startendtag(tag, attrs)
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        found = dict(attrs)
-        self.tags.append(tag)
-        self.ids += [found["id"]] if "id" in found else []
-        self.links += [found[key] for key in ("href", "src", "action", "data", "srcset", "xlink:href") if key in found]
-        self.labels += [found.get("aria-label", "")] if found.get("role") == "img" else []
-        assert not [key for key in found if key.startswith("on")]
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
+from truearm.pages.plotting import styles_of
 
 
 def made_up_page(readings=200, joints=6, seed=5):
@@ -57,7 +31,7 @@ def made_up_page(readings=200, joints=6, seed=5):
         "kinematic": random.normal(0, 0.006, (readings, 3)),
     }
     lengths = {name: np.linalg.norm(e, axis=1) for name, e in errors.items()}
-    styles = figures.styles_of(errors)
+    styles = styles_of(errors)
     table = Table(
         (Column("model"), Column("mean", "mm"), Column("p95", "mm"), Column("removed", "%"), Column("n")),
         tuple(
@@ -78,7 +52,7 @@ def made_up_page(readings=200, joints=6, seed=5):
             Section(
                 "Measured",
                 rows=(LabelledValue("temperature", 20.31, "°C", 0.12), LabelledValue("arm", "virtual")),
-                figures=(figures.joint_ranges(angles), figures.workspace(points)),
+                figures=(figures.joint_ranges(angles), workspace(points)),
             ),
             Section(
                 "Errors",
@@ -89,7 +63,7 @@ def made_up_page(readings=200, joints=6, seed=5):
                     figures.error_against_joint(
                         angles, {name: lengths[name] for name in ("nominal", "kinematic")}, styles=styles
                     ),
-                    figures.error_in_workspace(points, lengths["kinematic"], name="kinematic"),
+                    error_in_workspace(points, lengths["kinematic"], name="kinematic"),
                 ),
             ),
         ),
@@ -167,12 +141,14 @@ def test_the_same_page_has_the_same_bytes(html):
 
 def test_the_same_page_has_the_same_bytes_in_another_process(html, tmp_path):
     # Another process has another seed of hashes, which must not show.
-    code = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import test_report_page as t; "
-        "t.write_page(t.made_up_page(), sys.argv[2])"
+    code = "import sys; import test_html as t; t.write_page(t.made_up_page(), sys.argv[1])"
+    here = Path(__file__).parent
+    path = os.pathsep.join([str(here), str(here.parent), *filter(None, sys.path)])
+    subprocess.run(
+        [sys.executable, "-B", "-c", code, str(tmp_path / "page.html")],
+        check=True,
+        env=os.environ | {"PYTHONPATH": path},
     )
-    here = __file__.rpartition("/")[0]
-    subprocess.run([sys.executable, "-B", "-c", code, here, str(tmp_path / "page.html")], check=True)
     assert (tmp_path / "page.html").read_text(encoding="utf-8") == html
 
 
@@ -195,7 +171,7 @@ def test_what_others_wrote_is_text_and_not_markup():
                 (
                     figures.before_after(lengths),
                     figures.joint_ranges(np.ones((3, 1)), names=[HOSTILE]),
-                    figures.error_in_workspace(np.ones((20, 3)), lengths[HOSTILE], name='" onload="x'),
+                    error_in_workspace(np.ones((20, 3)), lengths[HOSTILE], name='" onload="x'),
                 ),
                 (Table((Column(HOSTILE, HOSTILE),), ((HOSTILE,),), HOSTILE),),
             ),
@@ -229,7 +205,7 @@ def test_paragraphs_part_at_empty_lines():
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda: LabelledValue("x", float("nan")), "row 'x', got nan. Try: None for no value"),
+        (lambda: LabelledValue("x", float("nan")), "row 'x', got nan. Try: use None for no value"),
         (lambda: LabelledValue("x", 1.0, uncertainty=float("inf")), "uncertainty of row 'x', got inf"),
         (lambda: LabelledValue("x", 1.0, uncertainty=-1.0), "uncertainty of zero or more in row 'x'"),
         (lambda: LabelledValue("x", 1.0, limit=float("nan")), "limit of row 'x', got nan"),
