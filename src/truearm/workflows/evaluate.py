@@ -206,7 +206,7 @@ class Evaluation(Record):
 
     def figure(self) -> Figure | None:
         """Distribution of the distances from the reference points."""
-        from truearm.pages.figures import error_distribution
+        from truearm.compensation.models.error_figures import error_distribution
 
         if self.session.points is None:
             return None
