@@ -16,13 +16,15 @@ import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.typing import FloatArray
+from truearm.solve import MarquardtDamping, levenberg_marquardt_by_row
+from truearm.typing import BoolArray, FloatArray
 
 # Rows that go through together: the derivatives by all six motions at all places take 144 bytes a place each.
 _ROWS = 4096
 _LONGEST_STEP = 0.5  # [rad]; sliding joints: that times the length scale [mm]
 _DRAWN = 25  # steps with a pull to the posture, before the steps that only close in
-_STUCK = 1e6  # damping at which a row is given up: its steps no longer bring it closer
+# At the largest damping a row is given up: its steps no longer bring it closer.
+_DAMPING = MarquardtDamping(mu=1e-2, decrease=0.1, increase=10.0, maximum=1e6, minimum=1e-12)
 _PULL = 0.3  # share of the way to the posture that the first of them asks for
 
 
@@ -90,13 +92,15 @@ def solve_inverse_kinematics(
         If shapes do not fit, a number is not finite, an axis is zero, or limits are crossed.
     """
     problem = _problem(chain, tips_in_base, start, probe_axis_in_base, posture, lower, upper)
+    problem = replace(problem, tolerance_mm=tolerance_mm, tolerance_rad=tolerance_rad)
     angles = np.empty_like(problem.start)
     distance, axis_error = np.empty(len(angles)), np.empty(len(angles))
     for first in range(0, len(angles), _ROWS):
         rows = slice(first, first + _ROWS)
         part = problem.rows(rows)
         q = part.start if part.posture is None else _drawn(part)
-        angles[rows], distance[rows], axis_error[rows] = _closed_in(part, q, tolerance_mm, tolerance_rad, max_steps)
+        angles[rows], missing = levenberg_marquardt_by_row(part, q, damping=_DAMPING, max_epochs=max_steps)
+        distance[rows], axis_error[rows] = part.errors(missing)
     reached = (distance <= tolerance_mm) & (axis_error <= tolerance_rad)
     return InverseKinematicsResult(angles, reached, distance, axis_error)
 
@@ -113,6 +117,8 @@ class _Problem:
     lower: FloatArray
     upper: FloatArray
     scale: FloatArray
+    tolerance_mm: float = 0.0
+    tolerance_rad: float = 0.0
 
     @property
     def mm_per_unit(self) -> FloatArray:
@@ -129,7 +135,7 @@ class _Problem:
             scale=self.scale[which],
         )
 
-    def linearised(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def linearise(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Give what is missing (n, 3 or 5) [mm] and how the joints make up for it (n, 3 or 5, n_joints) [mm/mm]."""
         tips, motion_jacobian = self.chain.tip_derivatives(q)
         joints = motion_jacobian[:, 1:-1]
@@ -149,10 +155,16 @@ class _Problem:
         """Distance [mm] and angle between axes [rad]."""
         return np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1) / self.scale
 
-    def moved(
-        self, q: FloatArray, missing: FloatArray, J: FloatArray, damping: FloatArray, pull: FloatArray
+    def has_converged(self, missing: FloatArray) -> BoolArray:
+        """(n,) whether both errors are within the tolerances."""
+        distance, axis_error = self.errors(missing)
+        return np.asarray((distance <= self.tolerance_mm) & (axis_error <= self.tolerance_rad))
+
+    def move(
+        self, q: FloatArray, missing: FloatArray, J: FloatArray, damping: FloatArray, pull: FloatArray | float = 0.0
     ) -> FloatArray:
         """Take one damped step within the limits; `pull` (n, n_joints) [mm] acts where the task leaves freedom."""
+        pull = np.broadcast_to(pull, q.shape)
         free = np.ones(q.shape, dtype=bool)
         for _ in range(3):  # a joint that a limit stops hands its share to the others
             step = _damped_step(missing, J * free[:, None], damping, pull * free)
@@ -177,37 +189,12 @@ def _drawn(problem: _Problem) -> FloatArray:
     assert problem.posture is not None
     q = problem.start
     for k in range(_DRAWN):
-        missing, J = problem.linearised(q)
+        missing, J = problem.linearise(q)
         # The step to a far target is damped more, as its linearisation is worth less (Chan and Lawrence 1988).
         damping = 1e-3 + 0.1 * (missing**2).sum(axis=1) / problem.scale**2
         pull = _PULL * (1 - k / _DRAWN) * (problem.posture - q) * problem.mm_per_unit
-        q = problem.moved(q, missing, J, damping, pull)
+        q = problem.move(q, missing, J, damping, pull)
     return q
-
-
-def _closed_in(
-    problem: _Problem, q: FloatArray, tolerance_mm: float, tolerance_rad: float, max_steps: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Joint angles as near to the targets as they come from `q`, and both errors."""
-    best = q.copy()
-    missing, J = problem.linearised(best)
-    damping = np.full(len(q), 1e-2)
-    distance, axis_error = problem.errors(missing)
-    live = np.arange(len(q))
-    for _ in range(max_steps):
-        done = (distance[live] <= tolerance_mm) & (axis_error[live] <= tolerance_rad)
-        live = live[~done & (damping[live] < _STUCK)]
-        if not live.size:
-            break
-        part = problem.rows(live)
-        tried = part.moved(best[live], missing[live], J[live], damping[live], np.zeros((live.size, q.shape[1])))
-        missing_there, J_there = part.linearised(tried)
-        better = (missing_there**2).sum(axis=1) < (missing[live] ** 2).sum(axis=1)
-        taken = live[better]
-        best[taken], missing[taken], J[taken] = tried[better], missing_there[better], J_there[better]
-        distance[taken], axis_error[taken] = problem.rows(taken).errors(missing[taken])
-        damping[live] = np.where(better, np.maximum(damping[live] / 10, 1e-12), damping[live] * 10)
-    return best, distance, axis_error
 
 
 def _turn_between(axis: FloatArray, target: FloatArray) -> FloatArray:

@@ -1,9 +1,17 @@
-"""Nonlinear least squares, assembled from parts. Knows neither arms nor networks."""
+"""Nonlinear least squares and evidence, assembled from parts; independent of arms and networks."""
 
-from truearm.solve.damping import Damping, MarquardtDamping, NielsenDamping
+from truearm.solve.damping import Damping, MarquardtDamping, NielsenDamping, StepHalving
 from truearm.solve.gradient_descent import DescentState, DifferentiableProblem, LearningRate, gradient_descent
-from truearm.solve.least_squares_problem import NormalEquations, Problem
-from truearm.solve.levenberg_marquardt import LevenbergMarquardtResult, levenberg_marquardt
+from truearm.solve.least_squares import (
+    UNSOLVED,
+    LeastSquaresResult,
+    damped_step,
+    gauss_newton,
+    levenberg_marquardt,
+    levenberg_marquardt_by_row,
+    minimise,
+)
+from truearm.solve.least_squares_problem import DenseProblem, KnownStep, Linearisation, NormalEquations, Problem
 from truearm.solve.stop_criteria import (
     BestPoint,
     CostConverged,
@@ -19,15 +27,19 @@ from truearm.solve.stop_criteria import (
 )
 
 __all__ = [
+    "UNSOLVED",
     "BestPoint",
     "CostConverged",
     "CostGoal",
     "Damping",
     "DampingLimit",
+    "DenseProblem",
     "DescentState",
     "DifferentiableProblem",
+    "KnownStep",
     "LearningRate",
-    "LevenbergMarquardtResult",
+    "LeastSquaresResult",
+    "Linearisation",
     "MarquardtDamping",
     "MaxEpochs",
     "MaxSeconds",
@@ -36,9 +48,14 @@ __all__ = [
     "NormalEquations",
     "OptimizerState",
     "Problem",
+    "StepHalving",
     "StopCriterion",
     "StopReason",
     "ValidationStop",
+    "damped_step",
+    "gauss_newton",
     "gradient_descent",
     "levenberg_marquardt",
+    "levenberg_marquardt_by_row",
+    "minimise",
 ]

@@ -25,6 +25,7 @@ from scipy.linalg import LinAlgError, cholesky, qr
 from scipy.linalg.lapack import dtrtri
 from scipy.special import wrightomega
 
+from truearm.solve.square_roots import unit_diagonal
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Of a matrix of unit diagonal: eigenvalues that are a smaller share of the largest are what rounding left, and squared
@@ -130,23 +131,6 @@ def posterior(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size:
     return Posterior(x, covariance)
 
 
-def covariance_factor(covariance: FloatArray) -> FloatArray:
-    """F with ``F^T F`` the covariance."""
-    if not len(covariance):
-        return covariance
-    scale = np.sqrt(covariance.diagonal())
-    scale[scale == 0] = 1.0
-    matrix = covariance / scale
-    matrix /= scale[:, None]
-    try:
-        factor = cholesky(matrix, lower=False, check_finite=False)
-    except LinAlgError:  # singular to rounding
-        values, vectors = np.linalg.eigh(matrix)
-        factor = (vectors * np.sqrt(np.maximum(values, 0))).T
-    factor *= scale
-    return np.asarray(factor)
-
-
 def _solved(
     gram: FloatArray, right: FloatArray, prior: GroupedPrior, active: IntArray, size: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
@@ -157,10 +141,8 @@ def _solved(
     """
     gram, right, precision = gram[np.ix_(active, active)], right[active], prior.precision[active]
     size = np.maximum(gram.diagonal() if size is None else size[active], 0)
-    scale = 1 / np.sqrt(size + precision)
-    matrix = gram * scale
-    matrix *= scale[:, None]
-    matrix.flat[:: len(matrix) + 1] += precision * scale**2
+    matrix, scale = unit_diagonal(gram, size + precision)
+    matrix.flat[:: len(matrix) + 1] += precision / scale**2
     try:
         lower = cholesky(matrix, lower=True, check_finite=False)
     except LinAlgError:
@@ -168,7 +150,7 @@ def _solved(
     if (lower.diagonal() ** 2).min(initial=1.0) < MIN_PIVOT:
         return _solved_by_orthogonal_factors(gram, right, precision, size)
     # With A = L L^T it is L^-1, which costs a third of A^-1.
-    root = _inverse_triangle(lower, lower=True) * scale
+    root = _inverse_triangle(lower, lower=True) / scale
     return root.T @ (root @ right), root
 
 
@@ -185,13 +167,13 @@ def _solved_by_orthogonal_factors(
     """
     n = len(gram)
     scale = 1 / np.sqrt(precision)
-    unit = 1 / np.sqrt(np.where(size > 0, size, 1.0))
-    values, vectors = np.linalg.eigh(gram * np.outer(unit, unit))
+    matrix, unit = unit_diagonal(gram, size)
+    values, vectors = np.linalg.eigh(matrix)
     told = values > ROUNDING * max(values[-1], 1.0)
     roots, vectors = np.sqrt(values[told]), vectors[:, told]
     stacked = np.zeros((len(roots) + n, n + 1))  # with the right side as the last column
-    stacked[: len(roots), :n] = (vectors * roots).T / unit * scale
-    stacked[: len(roots), n] = vectors.T @ (unit * right) / roots
+    stacked[: len(roots), :n] = (vectors * roots).T * unit * scale
+    stacked[: len(roots), n] = vectors.T @ (right / unit) / roots
     stacked[len(roots) :, :n] = np.diag(np.sqrt(precision) * scale)
     stacked = stacked[np.argsort(-np.abs(stacked[:, :n]).max(axis=1, initial=0.0))]
     turned, triangle, pivots = qr(stacked[:, :n], mode="economic", pivoting=True, check_finite=False)

@@ -1,15 +1,17 @@
-"""Stopping rules: each looks at the state after an epoch and may give a reason to end."""
+"""Stop criteria: each examines the state after an epoch and may return a reason to end the minimisation."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from truearm.solve.damping import Damping
 from truearm.typing import FloatArray
+
+if TYPE_CHECKING:
+    from truearm.solve.damping import Damping
 
 
 @dataclass(frozen=True)
@@ -22,36 +24,39 @@ class StopReason:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OptimizerState:
-    """Where a minimisation stands after an epoch: enough to go on from.
+    """The state of a minimisation after an epoch: enough to resume from.
 
     Attributes
     ----------
     epoch : int
-        Epochs done; 0 is the start.
+        Number of epochs; 0 at the start.
     x : (p,) array
         The parameters.
     cost, previous_cost : float
-        Half the sum of squares, now and an epoch ago (infinite at the start).
+        Half the sum of squares, now and one epoch before (infinite at the start).
     gradient_norm : float
         Euclidean norm of ``J^T r``.
     seconds : float
         Time since the start [s].
     step_accepted : bool
-        Whether the last epoch found a better point.
+        Whether the last epoch reached a better point.
     damping : Damping or None
-        As the next epoch will use it; None for a method that has none.
+        The rule for the next epoch; None for a method without damping.
+    predicted : float
+        The decrease of the cost that the quadratic model predicted for the last step; NaN without one.
     reason : StopReason or None
-        Why the minimisation ends here; None while it goes on.
+        Why the minimisation ends here; None while it continues.
     """
 
     epoch: int
-    x: FloatArray
+    x: Any
     cost: float
     previous_cost: float
     gradient_norm: float
     seconds: float
     step_accepted: bool = True
     damping: Damping | None = None
+    predicted: float = np.nan
     reason: StopReason | None = None
 
     @property
@@ -61,16 +66,16 @@ class OptimizerState:
 
 
 class StopCriterion(Protocol):
-    """A stopping rule."""
+    """A rule that may end a minimisation."""
 
     def __call__(self, state: OptimizerState) -> StopReason | None:
-        """A reason to end at `state`, or None to go on."""
+        """A reason to end at `state`, or None to continue."""
         ...
 
 
 def first_stop_reason(stops: Sequence[StopCriterion], state: OptimizerState) -> StopReason | None:
-    """The first rule's reason to end at `state`, or None to go on."""
-    # Every rule sees every state: one that collects (validation) must not miss any.
+    """The first criterion's reason to end at `state`, or None to continue."""
+    # Every criterion sees every state: one that collects them (validation) must not miss any.
     return next((reason for reason in [stop(state) for stop in stops] if reason is not None), None)
 
 
@@ -81,7 +86,7 @@ class CostGoal:
     cost: float
 
     def __call__(self, state: OptimizerState) -> StopReason | None:
-        """Met when the cost is at or below the goal."""
+        """Stop when the cost is at or below the goal."""
         return StopReason("Performance goal met.", True) if state.cost <= self.cost else None
 
 
@@ -92,7 +97,7 @@ class MaxEpochs:
     maximum: int
 
     def __call__(self, state: OptimizerState) -> StopReason | None:
-        """Reached when so many epochs are done."""
+        """Stop when the number of epochs is reached."""
         return StopReason("Maximum epoch reached.", False) if state.epoch >= self.maximum else None
 
 
@@ -103,7 +108,7 @@ class MaxSeconds:
     maximum: float
 
     def __call__(self, state: OptimizerState) -> StopReason | None:
-        """Reached when so much time has passed."""
+        """Stop when the time has passed."""
         return StopReason("Maximum time elapsed.", False) if state.seconds >= self.maximum else None
 
 
@@ -114,17 +119,17 @@ class MinGradient:
     minimum: float
 
     def __call__(self, state: OptimizerState) -> StopReason | None:
-        """Reached when the gradient is so small."""
+        """Stop when the gradient is as small."""
         return StopReason("Minimum gradient reached.", True) if state.gradient_norm <= self.minimum else None
 
 
 @dataclass(frozen=True)
 class DampingLimit:
-    """Stop when no step, however short, lowers the cost."""
+    """Stop when the damping is at its maximum: no step, however short, lowers the cost."""
 
     def __call__(self, state: OptimizerState) -> StopReason | None:
-        """Reached when the damping is at its limit."""
-        at_limit = state.damping is not None and state.damping.mu >= state.damping.maximum
+        """Stop when the damping is at its maximum."""
+        at_limit = state.mu >= getattr(state.damping, "maximum", np.inf)
         return StopReason("Maximum MU reached.", False) if at_limit else None
 
 
@@ -132,13 +137,13 @@ class DampingLimit:
 class CostConverged:
     """Stop when an epoch lowers the cost by less than `relative` of it.
 
-    One that does not lower it at all ends the minimisation by itself, and tells why.
+    An epoch that does not lower it at all ends the minimisation by itself, with its own reason.
     """
 
     relative: float = 1e-10
 
     def __call__(self, state: OptimizerState) -> StopReason | None:
-        """Settled when the cost has all but stopped falling."""
+        """Stop when the cost has all but stopped falling."""
         if (
             state.epoch == 0
             or not state.step_accepted
@@ -150,18 +155,18 @@ class CostConverged:
 
 @dataclass(frozen=True, eq=False)
 class BestPoint:
-    """The best point so far, as an error judges it. A value: a further point gives a new one.
+    """The point of smallest error so far. A value: each further point returns a new one.
 
     Attributes
     ----------
     epoch : int
-        When it was found.
+        Epoch of the point.
     x : (p,) array
         The point.
     error : float
         Its error.
     failures : int
-        How many points since then were worse.
+        Number of worse points since then.
     """
 
     epoch: int
@@ -178,23 +183,23 @@ class BestPoint:
 
 @dataclass(eq=False)
 class ValidationStop:
-    """Stop when the error on data set aside was worse `max_fail` times than the best; remember the best point.
+    """Stop when the error on held-out data was worse than the best `max_fail` times; remember the best point.
 
-    Made anew for every minimisation: it collects what it saw. One that goes on is given the `best` so far.
+    Create one for every minimisation, as it collects states. A resumed minimisation passes the `best` so far.
 
     Parameters
     ----------
     error : callable
-        Error on the data set aside at parameters (p,).
+        Error on the held-out data at parameters (p,).
     max_fail : float
-        Failures since the best that end the minimisation.
+        Number of failures since the best point that ends the minimisation.
     best : BestPoint, optional
-        The best of earlier epochs.
+        The best point of earlier epochs.
 
     Attributes
     ----------
     last_error : float
-        Error at the last state seen.
+        Error at the last state.
     """
 
     error: Callable[[FloatArray], float]
@@ -203,7 +208,7 @@ class ValidationStop:
     last_error: float = np.nan
 
     def __call__(self, state: OptimizerState) -> StopReason | None:
-        """Reached when the last `max_fail` epochs brought nothing to the data set aside."""
+        """Stop when the last `max_fail` epochs did not lower the error on the held-out data."""
         error = self.last_error = self.error(state.x)
         self.best = (
             BestPoint(state.epoch, state.x, error) if self.best is None else self.best.updated_with(state, error)

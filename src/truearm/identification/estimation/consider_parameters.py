@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ from truearm.identification.estimation.identification import (
     TermGroupResult,
     eliminate_unknowns,
     reference_fits,
+    take_step,
 )
 from truearm.identification.estimation.noise import expected_clipped_square, huber_threshold_squared, huber_weights
 from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
@@ -42,7 +44,9 @@ from truearm.identification.estimation.references import Reference
 from truearm.identification.terms.basis import Constant
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.solve.group_evidence import GroupedPrior, Posterior, covariance_factor, posterior
+from truearm.solve import StepHalving
+from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior
+from truearm.solve.square_roots import covariance_factor
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
@@ -236,19 +240,15 @@ def _near(
         nothing = [np.zeros(r.shape[1]) for r in residuals]
         weighed = _weighed(stated, residuals, typical, nothing, robust=robust)
         left, _ = sought.at(x, weighed, np.zeros((0, problem.perturbed_chain.n_coefficients)))
-        before = _cost(problem, x, weighed, residuals)
-        for halvings in range(12):
-            at = x + left.step / 2**halvings
-            there = problem.residuals(at)
-            if _cost(problem, at, weighed, there) <= before:
-                x, residuals = at, there
-                break
+        x, residuals = take_step(
+            problem, x, residuals, left.step, partial(_cost, problem, weighed), StepHalving(max_halvings=11)
+        )
         if left.size < 1.0:
             break
     return x, residuals
 
 
-def _cost(problem: SmallMotionProblem, x: FloatArray, weighed: _Weighed, residuals: list[FloatArray]) -> float:
+def _cost(problem: SmallMotionProblem, weighed: _Weighed, x: FloatArray, residuals: list[FloatArray]) -> float:
     data = sum(float(((w * r) ** 2).sum()) for w, r in zip(weighed.weights, residuals, strict=True))
     return data / 2 + problem.constraints_cost(x)
 

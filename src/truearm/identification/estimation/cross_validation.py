@@ -38,7 +38,7 @@ from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.references import LinearisedResiduals, Reference
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.terms.state import ArmState
-from truearm.solve.group_evidence import covariance_factor
+from truearm.solve.square_roots import covariance_factor
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from truearm.identification.estimation.identification import IdentificationResult
 from truearm.identification.terms.state import ArmState
+from truearm.solve.square_roots import unit_diagonal
 from truearm.typing import FloatArray, IntArray
 
 
@@ -92,8 +93,7 @@ def _tip_squares(
         own += (moved**2).sum(axis=1)
         cross += flat[free] @ moved.T
         gram += flat[free] @ flat[free].T
-    scale = np.sqrt(gram.diagonal())  # rad and mm side by side
-    scale[scale == 0] = 1.0
+    unit, scale = unit_diagonal(gram)
     cross /= scale[:, None]
-    made_up = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-12, hermitian=True) @ cross
+    made_up = np.linalg.pinv(unit, rcond=1e-12, hermitian=True) @ cross
     return np.asarray(np.maximum(own - (cross * made_up).sum(axis=0), 0.0))

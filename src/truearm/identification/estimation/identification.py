@@ -22,16 +22,17 @@ from truearm.identification.estimation.problem import RELATIVE, PerturbedChain, 
 from truearm.identification.estimation.references import Reference
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
+from truearm.solve import KnownStep, StepHalving, damped_step
 from truearm.solve.arrowhead import Arrowhead, SchurComplement
 from truearm.solve.group_evidence import (
     GroupedPrior,
     Posterior,
-    covariance_factor,
     marginal_posterior,
     posterior,
     prune_groups,
     update_scales,
 )
+from truearm.solve.square_roots import covariance_factor
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
@@ -48,6 +49,9 @@ INVISIBLE, INVISIBLE_IN_ALL = 0.02, 1.0
 # A step is the last when tips move by a smaller share of their uncertainty; the noise is calm when it changes by less.
 SETTLED_STEP = 0.05
 CALM_NOISE = 0.05
+# A step is halved at most so often until the cost does not rise by more than its rounding.
+MAX_HALVINGS = 7
+COST_ROUNDING = 1e-9
 # A group's scale is known beforehand to a factor of five, as arms differ by as much, and is ten at most: a term larger
 # than that is what other, missing terms look like. Harmonics to 16 alone would explain some of a UR10's higher ones by
 # radians that nearly cancel where readings are, and miss others by 20 mm.
@@ -275,7 +279,8 @@ def identify(
         back = float(along @ step_before) < 0
         share = max(share / 2, 0.1) if calm >= 2 and back else min(1.5 * share, 1.0)
         step_before = step
-        x, residuals = _stepped(problem, x, share * step, weights, prior, residuals)
+        cost, halving = _cost(problem, weights, prior), StepHalving(share, MAX_HALVINGS)
+        x, residuals = take_step(problem, x, residuals, step, cost, halving)
         per_kind = left.traces(parts, found.covariance)
         converged = calm >= 2 and moved_by < SETTLED_STEP
         noise_before = noise
@@ -459,29 +464,47 @@ def _evidence(
     return replace(prior, scale=of_kept.scale), found, effective
 
 
-def _stepped(
-    problem: SmallMotionProblem,
-    x: FloatArray,
-    step: FloatArray,
-    weights: list[FloatArray],
-    prior: GroupedPrior,
-    residuals: list[FloatArray],
-) -> tuple[FloatArray, list[FloatArray]]:
-    """`x` after the step, halved until the cost under these weights does not rise, and the residuals there."""
+def _cost(
+    problem: SmallMotionProblem, weights: list[FloatArray], prior: GroupedPrior
+) -> Callable[[FloatArray, list[FloatArray]], float]:
+    """The cost of a round: half the sum of squares under its weights and priors, at parameters and their residuals."""
 
-    def cost(at: FloatArray, residuals: list[FloatArray]) -> float:
-        growth = problem.log_size_ratio(at)
-        data = (growth / SIZE_STD) ** 2 if _size_is_open(problem, at) else 0.0
+    def cost(x: FloatArray, residuals: list[FloatArray]) -> float:
+        growth = problem.log_size_ratio(x)
+        data = (growth / SIZE_STD) ** 2 if _size_is_open(problem, x) else 0.0
         for reference, w, r in zip(problem.references, weights, residuals, strict=True):
             data += float(((w * r) ** 2).sum()) * (np.exp(-2 * growth) if reference.kind in RELATIVE else 1.0)
-        return 0.5 * (
-            data + float((prior.precision[prior.active] * at[prior.active] ** 2).sum())
-        ) + problem.constraints_cost(at)
+        data += float((prior.precision[prior.active] * x[prior.active] ** 2).sum())
+        return 0.5 * data + problem.constraints_cost(x)
 
-    before = cost(x, residuals)
-    for _ in range(8):
-        found = problem.residuals(x + step)
-        if cost(x + step, found) <= before * (1 + 1e-9):
-            return x + step, found
-        step = step / 2
-    return x, residuals
+    return cost
+
+
+class _Residuals:
+    """A cost of the least-squares loop that remembers the residuals of the point where it was evaluated last."""
+
+    def __init__(self, problem: SmallMotionProblem, cost: Callable[[FloatArray, list[FloatArray]], float]) -> None:
+        self._problem, self._cost = problem, cost
+        self.residuals: list[FloatArray] = []
+
+    def cost(self, x: FloatArray) -> float:
+        self.residuals = self._problem.residuals(x)
+        return self._cost(x, self.residuals)
+
+
+def take_step(
+    problem: SmallMotionProblem,
+    x: FloatArray,
+    residuals: list[FloatArray],
+    step: FloatArray,
+    cost: Callable[[FloatArray, list[FloatArray]], float],
+    damping: StepHalving,
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Take a step, halved until the cost of this round does not rise; returns the parameters and their residuals.
+
+    Rounds are no epochs of one minimisation, as weights, noise and priors change between them: each takes one damped
+    step of the least-squares loop.
+    """
+    before, trial = cost(x, residuals), _Residuals(problem, cost)
+    epoch = damped_step(trial, x, KnownStep(before, step, COST_ROUNDING * before), damping)
+    return (x, residuals) if epoch.trial is None else (epoch.trial.x, trial.residuals)

@@ -16,7 +16,7 @@ import numpy as np
 from truearm.identification.estimation.alignment import rigid_motions
 from truearm.identification.estimation.identification import IdentificationResult
 from truearm.identification.terms.state import ArmState
-from truearm.solve.group_evidence import covariance_factor
+from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray
 
 

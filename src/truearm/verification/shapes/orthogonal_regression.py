@@ -12,11 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from truearm import solve
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 
@@ -146,7 +147,7 @@ def gauss_newton(
     most_steps: int = MOST_STEPS,
     arrive: bool = True,
 ) -> tuple[ShapeParameters, LinearisedResiduals]:
-    """Minimise a sum of squares by Gauss-Newton steps, halved until they do not raise it.
+    """Minimise a sum of squares by Gauss-Newton steps (`truearm.solve.gauss_newton`).
 
     Parameters
     ----------
@@ -159,41 +160,55 @@ def gauss_newton(
     size : callable
         The largest length of a state, in spreads of the points.
     shape : str
-        What is fitted, for messages.
+        The name of the shape, for messages.
     most_steps : int
-        After which the search ends.
+        Maximum number of steps.
     arrive : bool
-        Whether it is an error if it has not arrived by then.
+        Whether it is an error if that number does not reach the minimum.
 
     Raises
     ------
     InputError
         If the points do not determine the shape: the sum has no minimum nearby, or a whole line of minima.
     """
-    state, at = start, linearised(start)
-    before = np.inf
-    for _ in range(most_steps):
-        step = _least_squares(at, shape)
-        # Of residuals of that many points, at distances of that size.
-        rounding = 4 * np.finfo(float).eps * np.sqrt(len(at.residuals)) * max(1.0, size(state))
-        norm, promised, share = _norm(at.residuals), _norm(at.jacobian @ step), 1.0
-        while True:
-            there = moved(state, share * step)
-            then = linearised(there)
-            if _norm(then.residuals) <= norm + rounding:
-                break
-            share /= 2
-            if share * promised < rounding:
-                return state, at
-        state, at = there, then
-        if size(state) > FARTHEST:
-            raise undetermined_error(shape)
-        if promised < rounding or (promised < STALLED * max(1.0, size(state)) and promised > 0.9 * before):
-            return state, at
-        before = promised
-    if arrive:
+    n_residuals = len(linearised(start).residuals)
+
+    def rounding(state: ShapeParameters) -> float:
+        """Rounding of the norm of the residuals, for this number of points at distances of this size."""
+        return float(4 * np.finfo(float).eps * np.sqrt(n_residuals) * max(1.0, size(state)))
+
+    result = solve.gauss_newton(
+        solve.DenseProblem(linearised, rounding=rounding),
+        start,
+        move=moved,
+        stops=[_Arrival(size, rounding, shape), solve.MaxEpochs(most_steps)],
+    )
+    if result.reason is solve.UNSOLVED or (arrive and not result.reason.converged and result.epochs >= most_steps):
         raise undetermined_error(shape)
-    return state, at
+    return result.x, LinearisedResiduals(result.equations.residuals, result.equations.jacobian)
+
+
+class _Arrival:
+    """Stop at steps that change the residuals by no more than rounding; refuse a shape that grows beyond bounds."""
+
+    def __init__(self, size: Callable[[Any], float], rounding: Callable[[Any], float], shape: str) -> None:
+        self._size, self._rounding, self._shape = size, rounding, shape
+        self._before = np.inf
+
+    def __call__(self, state: solve.OptimizerState) -> solve.StopReason | None:
+        """A reason to stop, by the change of the residuals that the last step predicted."""
+        if np.isnan(state.predicted):
+            return None
+        size = self._size(state.x)
+        if size > FARTHEST:
+            raise undetermined_error(self._shape)
+        change = float(np.sqrt(max(2 * state.predicted, 0.0)))
+        is_stalled = change < STALLED * max(1.0, size) and change > 0.9 * self._before
+        self._before = change
+        return _ARRIVED if is_stalled or change < self._rounding(state.x) else None
+
+
+_ARRIVED = solve.StopReason("The residuals do not change any more.", True)
 
 
 def undetermined_error(shape: str) -> InputError:
@@ -283,15 +298,3 @@ def circle_start(plane: FloatArray) -> FloatArray:
     A = np.column_stack([2 * plane, np.ones(len(plane))])
     found, *_ = np.linalg.lstsq(A, square, rcond=None)
     return np.asarray(found[:-1])
-
-
-def _norm(vector: FloatArray) -> float:
-    return float(np.sqrt(vector @ vector))
-
-
-def _least_squares(at: LinearisedResiduals, shape: str) -> FloatArray:
-    """The step (p,) that solves ``J step = -r``."""
-    step, _, _, singular = np.linalg.lstsq(at.jacobian, -at.residuals, rcond=None)
-    if singular[-1] <= RANK * singular[0]:
-        raise undetermined_error(shape)
-    return np.asarray(step)

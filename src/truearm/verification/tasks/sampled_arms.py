@@ -27,7 +27,7 @@ from truearm.identification.virtual.presets import Preset
 from truearm.identification.virtual.state import VirtualArmState, at_rest, hand_forces, mean_hand_force
 from truearm.identification.virtual.systematic import ARCSEC
 from truearm.readings.session import Session
-from truearm.solve.group_evidence import covariance_factor
+from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray
 
 # First words of streams, so that what is drawn from one seed shares nothing with an arm's errors of that seed.

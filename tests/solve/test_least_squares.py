@@ -76,7 +76,7 @@ def test_certified_values_of_misra1a(damping, start):
     assert result.reason.converged
     np.testing.assert_allclose(result.x * [1, 1e-3], MISRA1A_B, rtol=1e-7)
     assert 2 * result.cost == pytest.approx(MISRA1A_SQUARES, rel=1e-9)
-    std = np.sqrt(np.diag(result.covariance()) * 2 * result.cost / (14 - 2))
+    std = np.sqrt(np.diag(np.linalg.inv(result.equations.gram)) * 2 * result.cost / (14 - 2))
     np.testing.assert_allclose(std * [1, 1e-3], MISRA1A_STD, rtol=1e-6)
 
 
@@ -121,7 +121,7 @@ def test_it_ends_where_no_step_helps():
     result = levenberg_marquardt(problem, [0.0], damping=MarquardtDamping(), stops=[DampingLimit()])
     assert result.reason.text == "Maximum MU reached."
     without_that_rule = levenberg_marquardt(problem, [0.0], stops=[])
-    assert "derivatives promise it" in without_that_rule.reason.text
+    assert "derivatives predict it" in without_that_rule.reason.text
     assert not without_that_rule.reason.converged
     at_the_minimum = levenberg_marquardt(rosenbrock(), [1.0, 1.0], stops=[])
     assert at_the_minimum.reason.converged
@@ -130,7 +130,7 @@ def test_it_ends_where_no_step_helps():
 def test_derivatives_of_the_wrong_sign_are_no_convergence():
     plain = rosenbrock()
     result = levenberg_marquardt(Residuals(plain.residuals, lambda x: -plain.jacobian(x)), [-1.2, 1.0])
-    assert "derivatives promise it" in result.reason.text
+    assert "derivatives predict it" in result.reason.text
     assert not result.reason.converged
 
 
@@ -178,13 +178,6 @@ def test_a_start_that_is_no_number_is_an_error():
     problem = Residuals(lambda x: np.array([np.nan]), lambda x: np.array([[1.0]]))
     with pytest.raises(TruearmError, match="not a finite number"):
         levenberg_marquardt(problem, [0.0])
-
-
-def test_what_the_data_do_not_tell_has_a_large_variance():
-    problem = Residuals(lambda x: np.array([x[0] + x[1]]), lambda x: np.array([[1.0, 1.0]]))
-    covariance = levenberg_marquardt(problem, [1.0, 0.0]).covariance()
-    assert np.array([1, 1]) @ covariance @ np.array([1, 1]) == pytest.approx(1, rel=1e-3)  # the sum is known
-    assert np.array([1, -1]) @ covariance @ np.array([1, -1]) > 1e10  # the difference is not
 
 
 @pytest.mark.parametrize(
