@@ -21,16 +21,16 @@ from truearm.cli.console import (
 )
 
 if TYPE_CHECKING:
-    import datetime
     from collections.abc import Sequence
 
     from truearm.compensation.models import Compensator
     from truearm.readings import Lengths, Session
     from truearm.typing import BoolArray
+    from truearm.verification.monitor.assessment import Assessment, Trend
     from truearm.verification.monitor.history import OtherModel
-    from truearm.verification.monitor.interim import Assessment, CheckValue, InterimCheck, Trend
+    from truearm.verification.monitor.interim_check import CheckValue, InterimCheck
 
-CODES = {"no": 0, "yes": 1, "check once more": 3, "not enough checks yet": 3}
+CODES = {"no": 0, "yes": 1, "inconclusive": 3, "not enough checks yet": 3}
 
 
 def check(
@@ -65,54 +65,47 @@ def check(
     """
     from truearm.compensation.models.compensator import fingerprint
     from truearm.verification.monitor.history import History
-    from truearm.verification.monitor.interim import InterimCheck, assess
+    from truearm.verification.monitor.interim_check import InterimCheck
+    from truearm.verification.monitor.recorded_check import record_check
+    from truearm.verification.standards.dates import now, parse_moment
     from truearm.verification.standards.specification import read_specification
 
     files = [model, session, *(path for path in (lengths, mpe) if path is not None)]
     check_output_is_not_input(history, *files)
     if report is not None:
         check_page_path(report, *files, history)
-    day = _date(date)
+    day = now() if date is None else parse_moment(date)
     specification = None if mpe is None else read_specification(mpe)
     kept = History(history)
     with progress(f"checking {session.name}"):
         fitted, readings = _readings(model, session)
-        values, whose, name = _values(fitted, readings, lengths), _fingerprint(model), fitted.arm.name
-        new = InterimCheck(day, whose, fingerprint(readings), _temperature(readings), values)
-        others = kept.other_models(whose, arm=name)
-        n_before, checks = len(kept.checks(whose)), kept.with_check(new)
-        gone = retired or []
-        found = assess(checks, specification, retired=_gone(gone, checks, others))  # what it refuses is not added
-        before = [(one, one.assess(specification, retired=gone)) for one in others]
-        added = kept.append(new, name=model.name, arm=name)
-        completed = added and len(checks) == n_before
-        changed = _of_other_models(before, checks)
+        values, name = _values(fitted, readings, lengths), fitted.arm.name
+        new = InterimCheck(day, _fingerprint(model), fingerprint(readings), _temperature(readings), values)
+        record = record_check(
+            kept, new, specification=specification, retired=retired or (), name=model.name, arm=name
+        )
+        checks, assessment = record.checks, record.assessment
         if report is not None:
             from truearm.pages.html import write_page
             from truearm.verification.monitor.interim_check_page import drift_page
 
             facts = _facts(fitted, model, history)
-            write_page(drift_page(checks, found, arm=name, remarks=changed, facts=facts), report)
+            write_page(drift_page(checks, assessment, arm=name, remarks=record.remarks, facts=facts), report)
     if as_json:
-        told = {"added": added and not completed, "completed": completed, **_for_machines(checks, found)}
-        print_json({**told, "other_models": [_of_another(*one) for one in before]})
+        entries = {"added": record.added, "completed": record.completed, **_for_machines(checks, assessment)}
+        print_json({**entries, "other_models": [_of_another(*one) for one in record.other_models]})
     else:
-        if completed:
+        if record.completed:
             print_line("this session is in the history already and is completed")
-        elif not added:
-            print_line(f"{_same(checks, new)}, and is not added again; what follows is of the last check")
-        _tell(checks, found, changed, model=model, outside=fitted.outside_training(readings.angles))
+        elif not record.added:
+            print_line(
+                f"this session is check {record.number} of {_when(checks[record.number - 1])} in the history already, "
+                "and is not added again; the results are those of the last check"
+            )
+        _tell(checks, assessment, record.remarks, model=model, outside=fitted.outside_training(readings.angles))
         if report is not None:
             print_line(f"{report}: the trend charts")
-    raise typer.Exit(CODES[found.recalibrate.value])
-
-
-def _same(checks: Sequence[InterimCheck], new: InterimCheck) -> str:
-    """Which check a session already is."""
-    from truearm.verification.monitor.interim import format_date
-
-    number = [one.session for one in checks].index(new.session)
-    return f"this session is check {number + 1} of {format_date(checks[number].date)} in the history already"
+    raise typer.Exit(CODES[assessment.recalibrate.value])
 
 
 def _readings(model: Path, session: Path) -> tuple[Compensator, Session]:
@@ -151,7 +144,7 @@ def _values(fitted: Compensator, readings: Session, lengths: Path | None) -> tup
 
     from truearm.errors import InputError
     from truearm.readings import check_sessions
-    from truearm.verification.monitor.interim import interim_values
+    from truearm.verification.monitor.interim_check import interim_values
     from truearm.workflows.inputs import session_lengths
 
     known, remarks = session_lengths(lengths, readings)
@@ -187,52 +180,16 @@ def _fingerprint(model: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _date(given: str | None) -> datetime.datetime:
-    """When the check was made, local time to the second."""
-    import datetime
-
-    from truearm.errors import InputError
-    from truearm.verification.standards.dates import check_past, now
-
-    if given is None:
-        return now()
-    try:
-        day = datetime.datetime.fromisoformat(given)
-        if day.tzinfo is not None:
-            day = day.astimezone().replace(tzinfo=None)  # may lead before year 1 or after 9999
-    except (ValueError, OverflowError):
-        raise InputError(f"expected a date, got {given!r:.80}", hint="--date 2026-11-03 or 2026-11-03T08:30") from None
-    check_past(day)
-    return day.replace(microsecond=0)
-
-
-def _gone(retired: list[str], checks: tuple[InterimCheck, ...], others: tuple[OtherModel, ...]) -> list[str]:
-    """Artefacts that are retired, but for those that only checks of other models have: retired before this one."""
-    from truearm.verification.monitor.interim import has_measured
-
-    elsewhere = [check for one in others for check in one.checks]
-    return [name for name in retired if has_measured(name, checks) or not has_measured(name, elsewhere)]
-
-
-def _of_other_models(others: list[tuple[OtherModel, Assessment]], checks: tuple[InterimCheck, ...]) -> list[str]:
-    """What other models' checks say, while this one is new or after checks with another one."""
-    from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS
-
-    if not others or (len(checks) > MIN_BASELINE_CHECKS and checks[-2].date > others[0][0].checks[-1].date):
-        return []
-    return [f"{'a new model: ' if len(checks) == 1 else ''}{one.describe(found)}" for one, found in others]
-
-
 def _when(one: InterimCheck) -> str:
-    from truearm.verification.monitor.interim import format_date
+    from truearm.verification.standards.dates import format_date
 
     return format_date(one.date)
 
 
 def _tell(
-    checks: tuple[InterimCheck, ...], found: Assessment, changed: list[str], *, model: Path, outside: BoolArray
+    checks: tuple[InterimCheck, ...], found: Assessment, changed: Sequence[str], *, model: Path, outside: BoolArray
 ) -> None:
-    from truearm.verification.monitor.interim import describe_assessment
+    from truearm.verification.monitor.assessment import describe_assessment
 
     last = checks[-1]
     warm = "" if last.temperature_degC is None else f", {last.temperature_degC:.1f} degC"

@@ -118,11 +118,11 @@ def parse_toml(content: bytes, model: type[M]) -> M:
         raise InputError("expected UTF-8 text", line=line, hint="save the file as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         message, line = str(error), None
-        if found := re.search(r" \(at line (\d+), column \d+\)$", message):
-            message, line = message[: found.start()], int(found[1])
+        if at := re.search(r" \(at line (\d+), column \d+\)$", message):
+            message, line = message[: at.start()], int(at[1])
         # "Cannot overwrite a value": the key is there already.
-        hint = "remove the second of the two entries" if message.startswith("Cannot") else AS_TOML
-        raise InputError(f"not valid TOML: {message}", line=line, hint=hint) from None
+        remedy = "remove the second of the two entries" if message.startswith("Cannot") else AS_TOML
+        raise InputError(f"not valid TOML: {message}", line=line, hint=remedy) from None
     except RecursionError:
         raise InputError("the values are nested too deeply", hint="remove the inner brackets") from None
     except ValidationError as error:
@@ -138,8 +138,8 @@ def _input_error(error: ValidationError, model: type[BaseModel]) -> InputError:
     first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     if first["type"] == "extra_forbidden":
         known = _model_at(model, first["loc"][:-1])
-        hint = f"use one of {', '.join(known.model_fields)}" if known else "remove the key"
-        return InputError(f"unknown key {_path(first):.80}", hint=hint)
+        remedy = f"use one of {', '.join(known.model_fields)}" if known else "remove the key"
+        return InputError(f"unknown key {_path(first):.80}", hint=remedy)
     if first["type"] == "missing":
         return InputError(f"the key {_path(first)} is missing", hint="add the key")
     problem, hint = _describe(first, model)
@@ -155,7 +155,8 @@ def _describe(error: ErrorDetails, model: type[BaseModel]) -> tuple[str, str | N
     if kind == "value_error":
         inner = context["error"]
         return (inner.problem, inner.hint) if isinstance(inner, InputError) else (str(inner), None)
-    hint = "remove the quotes" if kind in _NOT_QUOTED and isinstance(value, str) else _REMEDIES.get(kind)
+    quoted = kind in _NOT_QUOTED and isinstance(value, str)
+    hint = "remove the quotes" if quoted else _REMEDIES.get(kind)
     if kind.startswith("date_"):
         expected = _DATE
     elif kind == "model_type":

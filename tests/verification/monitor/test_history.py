@@ -1,8 +1,10 @@
-"""The history of checks: what went in comes out, whole or not at all, and no other file is taken for one."""
+"""The history of checks: it returns what was stored, whole or not at all, and refuses damaged and foreign files."""
 
 from __future__ import annotations
 
 import datetime
+import hashlib
+import json
 import os
 import sqlite3
 import subprocess
@@ -13,11 +15,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-import truearm.verification.monitor.history
 from truearm.errors import InputError, TruearmError
+from truearm.verification.monitor.assessment import RecalibrationAdvice
+from truearm.verification.monitor.history import _TABLE as TABLE
 from truearm.verification.monitor.history import APPLICATION_ID, VERSION, History
-from truearm.verification.monitor.interim import CheckValue, InterimCheck, RecalibrationAdvice
+from truearm.verification.monitor.interim_check import CheckValue, InterimCheck
 from truearm.verification.standards.specification import Specification
 
 MODEL, OTHER = "a" * 64, "b" * 64
@@ -52,7 +57,7 @@ def execute(path, *statements):
         database.commit()
 
 
-def test_what_went_in_comes_out(path):
+def test_a_stored_check_is_read_back_unchanged(path):
     history = History(path)
     assert history.checks(MODEL) == ()
     assert not path.exists()  # nothing is made before there is something to keep
@@ -60,7 +65,7 @@ def test_what_went_in_comes_out(path):
     assert History(path).checks(MODEL) == (check(temperature_degC=None),)
 
 
-def test_the_file_says_what_it_is(filled):
+def test_the_file_identifies_itself(filled):
     with closing(sqlite3.connect(filled)) as database:
         assert database.execute("PRAGMA application_id").fetchone() == (APPLICATION_ID,)
         assert database.execute("PRAGMA user_version").fetchone() == (VERSION,)
@@ -68,7 +73,7 @@ def test_the_file_says_what_it_is(filled):
     assert [p.name for p in filled.parent.iterdir()] == [filled.name]
 
 
-def test_a_session_counts_once_and_a_model_has_its_own_checks(filled):
+def test_a_session_counts_once_for_each_model(filled):
     history, before = History(filled), filled.read_bytes()
     assert not history.append(check(2))
     assert filled.read_bytes() == before
@@ -77,65 +82,56 @@ def test_a_session_counts_once_and_a_model_has_its_own_checks(filled):
     assert [one.date.day for one in history.checks(OTHER)] == [1]
 
 
-def test_checks_are_added_in_their_order(filled):
+def test_checks_are_added_in_the_order_of_their_dates(filled):
     with pytest.raises(InputError, match="before the last one of 2026-01-03 08:30"):
         History(filled).append(check(2, session="c" * 64))
     assert History(filled).append(check(3, session="c" * 64))  # the same minute is no earlier
     assert [one.session[-1] for one in History(filled).checks(MODEL)] == ["1", "2", "3", "c"]
 
 
-def test_a_check_is_added_whole_or_not_at_all(filled):
-    twice = check(4, values=(*VALUES, VALUES[0]))
-    with pytest.raises(TruearmError):
-        History(filled).append(twice)
-    assert len(History(filled).checks(MODEL)) == 3
-    assert History(filled).append(check(4))
-
-
-def test_a_program_that_is_killed_while_it_adds_leaves_what_was_there(filled):
-    """Its journal is left beside; the next one that opens the history takes the half check back."""
-    script = """
+KILLED = """
 import os, sqlite3, sys
 database = sqlite3.connect(sys.argv[1], isolation_level=None)
 database.execute("PRAGMA cache_size = 1")
 database.execute("BEGIN IMMEDIATE")
+{}
 for i in range(2000):
-    database.execute("INSERT INTO checks (date, model, session) VALUES ('x', 'y', ?)", (str(i) * 50,))
+    database.execute("INSERT INTO checks (record, sha256) VALUES ('x', ?)", (str(i) * 50,))
 os._exit(9)
 """
+
+
+def test_a_killed_program_leaves_the_history_unchanged(filled):
+    """Its journal stays beside; the next program that opens the history removes both it and the half check."""
     before = History(filled).checks(MODEL)
-    ran = subprocess.run([sys.executable, "-c", script, str(filled)])
+    ran = subprocess.run([sys.executable, "-c", KILLED.format(""), str(filled)])
     assert ran.returncode == 9
     assert Path(f"{filled}-journal").exists()
     assert History(filled).checks(MODEL) == before
     assert History(filled).append(check(4))
+    assert [file.name for file in filled.parent.iterdir()] == [filled.name]
 
 
-def test_the_first_checks_of_two_programs_are_both_kept(path, monkeypatch):
-    """The other one makes the file while this one does."""
-    made = truearm.verification.monitor.history._create
+@pytest.mark.parametrize("created", ["", f"database.execute({TABLE!r})"])
+def test_a_program_killed_during_the_first_check_leaves_nothing_behind(path, created):
+    """Before it has created the table, or after: the next check takes the file and removes the journal."""
+    script = KILLED.format(created) if created else KILLED.partition("{}")[0] + "os._exit(9)"
+    ran = subprocess.run([sys.executable, "-c", script, str(path)])
+    assert ran.returncode == 9
+    assert History(path).checks(MODEL) == ()
+    assert History(path).append(check(1))
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
 
-    def meanwhile(beside):
-        made(beside)
-        monkeypatch.setattr(truearm.verification.monitor.history, "_create", made)
-        assert History(path).append(check(1))
 
-    monkeypatch.setattr(truearm.verification.monitor.history, "_create", meanwhile)
-    assert History(path).append(check(2))
+def test_the_first_checks_of_two_programs_are_both_stored(path):
+    first, second = History(path), History(path)
+    assert first.append(check(1))
+    assert second.append(check(2))
     assert [one.date.day for one in History(path).checks(MODEL)] == [1, 2]
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
-def test_a_file_system_without_links_has_histories_too(path, monkeypatch):
-    def refused(*_):
-        raise OSError("no links here")
-
-    monkeypatch.setattr(os, "link", refused)
-    assert History(path).append(check(1))
-    assert History(path).checks(MODEL) == (check(1),)
-
-
-def test_the_last_check_is_completed_by_what_was_left_out(filled):
+def test_missing_values_complete_the_last_check(filled):
     history, day = History(filled), datetime.datetime(2026, 2, 1)
     part = check(4, values=VALUES[:1])
     assert history.append(part)
@@ -145,31 +141,35 @@ def test_the_last_check_is_completed_by_what_was_left_out(filled):
     assert not history.append(part)  # nothing is taken out
     assert not history.append(check(3, values=(*VALUES, replace(VALUES[0], artefact="more"))))  # nor an earlier changed
     assert [one.date.day for one in history.checks(MODEL)] == [1, 2, 3, 4]
-    with closing(sqlite3.connect(filled)) as database:
-        assert database.execute("SELECT count(*) FROM test_values").fetchone() == (8,)
 
 
 @pytest.mark.parametrize(
-    "changed",
+    ("number", "changed"),
     [
-        {"values": ()},
-        {"values": (replace(VALUES[0], artefact="x" * 1001),)},
-        {"values": (replace(VALUES[0], value_mm=float("inf")),)},
-        {"values": (replace(VALUES[0], value_mm=-1.0),)},
-        {"values": (replace(VALUES[0], n=0),)},
-        {"values": (replace(VALUES[1], length_mm=float("nan")),)},
-        {"values": (replace(VALUES[0], quantity="weight"),)},
-        {"temperature_degC": float("nan")},
+        (0, {"artefact": "x" * 1001}),
+        (0, {"value_mm": float("inf")}),
+        (0, {"value_mm": -1.0}),
+        (0, {"value_mm": "1"}),
+        (0, {"u_mm": -0.001}),
+        (0, {"n": 0}),
+        (0, {"n": 1.5}),
+        (1, {"length_mm": float("nan")}),
+        (0, {"quantity": "weight"}),
+        (0, {"quantity": ["form"]}),
     ],
 )
-def test_what_could_not_be_read_again_is_not_written(filled, changed):
-    before = filled.read_bytes()
-    with pytest.raises(InputError, match="cannot be kept"):
-        History(filled).append(check(4, **changed))
-    assert filled.read_bytes() == before
+def test_a_value_that_could_not_be_read_again_cannot_be_made(number, changed):
+    with pytest.raises(InputError):
+        replace(VALUES[number], **changed)
 
 
-def test_other_models_are_named_and_what_their_charts_said(filled):
+@pytest.mark.parametrize("changed", [{"values": ()}, {"values": 2 * VALUES}, {"temperature_degC": float("nan")}])
+def test_a_check_that_could_not_be_read_again_cannot_be_made(changed):
+    with pytest.raises(InputError):
+        check(4, **changed)
+
+
+def test_other_models_are_named_with_their_last_result(filled):
     history = History(filled)
     assert history.other_models(MODEL, arm="gao2017") == ()
     assert history.append(check(4, model=OTHER), name="new.truearm", arm="gao2017")
@@ -177,17 +177,15 @@ def test_other_models_are_named_and_what_their_charts_said(filled):
     (other,) = history.other_models(MODEL, arm="gao2017")
     assert (other.name, other.arm, [one.date.day for one in other.checks]) == ("new.truearm", "gao2017", [4, 5])
     words = other.describe(other.assess())
-    assert words.startswith("2 checks of new.truearm in this history, not compared; the charts of the last one")
-    assert words.endswith(
-        '2026-01-05 08:30, say "recalibrate: not enough checks yet, 1 before this one, 10 are needed"'
-    )
+    assert words.startswith("2 checks of new.truearm in this history, not compared; result of the last one, ")
+    assert words.endswith('2026-01-05 08:30: "recalibrate: not enough checks yet; 1 before this one, 10 are needed"')
     (unnamed,) = history.other_models(OTHER, arm="gao2017")  # its checks were added without names
     assert unnamed.describe(unnamed.assess()).startswith("3 checks of another model (SHA-256 aaaaaaaaaaaa..)")
     assert history.append(check(6, model="c" * 64), name="un\nprintable", arm="gao2017")
     assert [one.name for one in history.other_models(MODEL, arm="gao2017")] == ["", "new.truearm"]  # the last one first
 
 
-def test_another_models_charts_are_told_without_what_was_retired_and_with_the_specification(path):
+def test_another_model_is_assessed_without_retired_artefacts_and_with_the_specification(path):
     """A cone whose scatter rose tenfold at check 12 and was replaced; ten checks with the cone that was not."""
     history, steady = History(path), 0.01 + 0.0005 * np.resize([1.0, -1.0, 0.5, -0.5], 16)
     for day in range(1, 16):
@@ -195,9 +193,9 @@ def test_another_models_charts_are_told_without_what_was_retired_and_with_the_sp
         worn = replace(good, artefact="cone", value_mm=steady[day] if day < 12 else 0.1)
         history.append(check(day, model=OTHER, values=(good, worn)[: 2 if day < 14 else 1]))
     (other,) = history.other_models(MODEL, arm="gao2017")
-    assert other.describe(other.assess()).endswith('say "recalibrate: yes, since check 12 of 2026-01-12 08:30"')
+    assert other.describe(other.assess()).endswith('"recalibrate: yes, since check 12 of 2026-01-12 08:30"')
     known = ["cone", "nowhere", "second cone"]  # the last one is in its last check
-    assert other.describe(other.assess(retired=known)).endswith('say "recalibrate: no"')
+    assert other.describe(other.assess(retired=known)).endswith('"recalibrate: no"')
     strict = Specification(name="arm", source="sheet", measuring_range_mm=2000, limits={"SPAT.2s": {"B_um": 1}})
     assert other.assess(strict, retired=["cone"]).recalibrate is RecalibrationAdvice.YES
 
@@ -209,91 +207,17 @@ def test_a_model_of_another_arm_is_refused(path):
         history.other_models(MODEL, arm="measuring7")
 
 
-def test_of_two_arms_that_begin_a_history_at_once_one_has_it(path, monkeypatch):
-    """The other one makes the file while this one does; what it added stays, and can be read."""
-    made = truearm.verification.monitor.history._create
-
-    def meanwhile(beside):
-        made(beside)
-        monkeypatch.setattr(truearm.verification.monitor.history, "_create", made)
-        assert History(path).append(check(1, model=OTHER), arm="gao2017")
-
-    monkeypatch.setattr(truearm.verification.monitor.history, "_create", meanwhile)
-    history = History(path)
+def test_of_two_arms_that_begin_a_history_at_once_one_keeps_it(path):
+    history, other = History(path), History(path)
     assert history.other_models(MODEL, arm="measuring7") == ()
+    assert other.append(check(1, model=OTHER), arm="gao2017")
     with pytest.raises(InputError, match="are of arm 'gao2017', the model is of arm 'measuring7'"):
         history.append(check(2), arm="measuring7")
     assert history.checks(MODEL) == ()
-    assert history.other_models(OTHER, arm="gao2017") == ()
     assert history.append(check(2, model=OTHER), arm="gao2017")
 
 
-def test_a_history_of_version_1_with_two_arms_is_of_both(path):
-    """Such a file permitted it: both go on, and each with a new model; a third arm is refused once all are named."""
-    history = History(path)
-    assert history.append(check(1))
-    assert history.append(check(2, model=OTHER))
-    execute(path, "DROP TABLE models", "PRAGMA user_version = 1")
-    for day, model, arm in ((3, MODEL, "gao2017"), (4, OTHER, "measuring7"), (5, "c" * 64, "gao2017")):
-        history.other_models(model, arm=arm)
-        assert history.append(check(day, model=model), arm=arm)
-    for refused in (lambda: history.other_models("d" * 64, arm="ur5"), lambda: history.append(check(6), arm="ur5")):
-        with pytest.raises(InputError, match="are of arm 'gao2017', 'measuring7', the model is of arm 'ur5'"):
-            refused()
-
-
-def test_a_history_of_version_1_is_read_and_becomes_one_of_version_2_with_its_next_check(filled):
-    execute(filled, "DROP TABLE models", "PRAGMA user_version = 1")
-    history = History(filled)
-    assert len(history.checks(MODEL)) == 3
-    assert history.other_models(OTHER, arm="gao2017")[0].name == ""
-    assert not history.append(check(3))
-    assert history.append(check(4), name="arm.truearm", arm="gao2017")
-    with closing(sqlite3.connect(filled)) as database:
-        assert database.execute("PRAGMA user_version").fetchone() == (VERSION,)
-    (other,) = History(filled).other_models(OTHER, arm="gao2017")
-    assert (other.name, len(other.checks)) == ("arm.truearm", 4)
-
-
-def test_a_history_of_version_1_with_two_models_goes_on(filled):
-    """Of the model that has no check since, no name is known, and of the other one its next check tells."""
-    assert History(filled).append(check(4, model=OTHER))
-    execute(filled, "DROP TABLE models", "PRAGMA user_version = 1")
-    assert History(filled).append(check(5, model=OTHER), name="new.truearm", arm="gao2017")
-    (old,) = History(filled).other_models(OTHER, arm="gao2017")
-    assert (old.name, old.arm, len(old.checks)) == ("", "", 3)
-    assert History(filled).append(check(6, model=OTHER), name="new.truearm", arm="gao2017")
-    assert History(filled).append(check(7), name="old.truearm", arm="gao2017")
-    (old,) = History(filled).other_models(OTHER, arm="gao2017")
-    assert (old.name, old.arm, len(old.checks)) == ("old.truearm", "gao2017", 4)
-
-
-@pytest.mark.parametrize(
-    "statement",
-    ["UPDATE models SET name = zeroblob(9)", "UPDATE models SET arm = char(27) || '[2J'"],
-)
-def test_names_that_no_model_has_are_refused(filled, statement):
-    execute(filled, statement)
-    with pytest.raises(InputError, match="damaged"):
-        History(filled).other_models(OTHER, arm="gao2017")
-
-
-def test_a_folder_in_which_nothing_can_be_made_is_named(path, monkeypatch):
-    """The superuser may write everywhere, the system refuses all the same; no name of a file in between."""
-
-    def refused(*_, **__):
-        raise PermissionError(13, "Permission denied", str(path.with_name(".history-x8r")))
-
-    history = History(path)
-    monkeypatch.setattr(truearm.verification.monitor.history.tempfile, "mkdtemp", refused)
-    with pytest.raises(TruearmError) as raised:
-        history.append(check())
-    where = f"no file can be written in the folder {path.parent.resolve()} (Permission denied)"
-    assert str(raised.value) == f"{path}: the history cannot be made: {where}"
-    assert not path.exists()
-
-
-def test_a_folder_that_may_not_be_written_is_refused_before_any_work(path, filled, monkeypatch):
+def test_a_folder_without_write_permission_is_refused_first(path, filled, monkeypatch):
     monkeypatch.setattr(os, "access", lambda where, mode: mode != os.W_OK)
     with pytest.raises(InputError, match="no permission to write in the folder"):
         History(path.with_name("new.sqlite"))
@@ -303,7 +227,7 @@ def test_a_folder_that_may_not_be_written_is_refused_before_any_work(path, fille
         history.append(check(4))
 
 
-def test_statistics_of_a_databases_tools_do_no_harm(filled):
+def test_statistics_of_database_tools_do_no_harm(filled):
     execute(filled, "ANALYZE")
     assert len(History(filled).checks(MODEL)) == 3
     assert History(filled).append(check(4))
@@ -312,13 +236,12 @@ def test_statistics_of_a_databases_tools_do_no_harm(filled):
 # Files that are no history -------------------------------------------------------------------------------------------
 
 
-def test_other_files_are_refused_and_left_alone(path, filled):
+def test_other_files_are_refused_and_not_changed(path, filled):
     with closing(sqlite3.connect(path.with_name("other.sqlite"))) as other:
         other.execute("CREATE TABLE checks (id INTEGER)")
     for name, content, phrase in (
         ("text.csv", b"q1_deg,q2_deg\n1,2\n", "got something else"),
-        ("empty.sqlite", b"", "got an empty file"),
-        ("other.sqlite", path.with_name("other.sqlite").read_bytes(), "another program's"),
+        ("other.sqlite", path.with_name("other.sqlite").read_bytes(), "SQLite file of another program"),
         ("short.sqlite", filled.read_bytes()[:3000], "damaged"),
         ("mixed.sqlite", filled.read_bytes()[:4096] + b"\xff" * (len(filled.read_bytes()) - 4096), "damaged"),
     ):
@@ -337,11 +260,10 @@ def test_other_files_are_refused_and_left_alone(path, filled):
 @pytest.mark.parametrize(
     ("statement", "phrase"),
     [
-        ("PRAGMA user_version = 99", "version 2 or older, got version 99"),
-        ("PRAGMA user_version = 1", "tables are not those"),
+        ("PRAGMA user_version = 99", "version 1, got version 99"),
         ("PRAGMA user_version = 0", "tables are not those"),
-        ("PRAGMA application_id = 0", "another program's"),
-        ("DROP TABLE test_values", "tables are not those"),
+        ("PRAGMA application_id = 0", "SQLite file of another program"),
+        ("DROP TABLE checks", "tables are not those"),
         ("CREATE TRIGGER t AFTER INSERT ON checks BEGIN DELETE FROM checks; END", "tables are not those"),
         ("CREATE VIEW v AS SELECT 1", "tables are not those"),
     ],
@@ -352,61 +274,136 @@ def test_a_newer_or_changed_file_is_refused(filled, statement, phrase):
         History(filled)
 
 
+def flip(content, bit):
+    return content[: bit // 8] + bytes([content[bit // 8] ^ (1 << bit % 8)]) + content[bit // 8 + 1 :]
+
+
+def test_a_flipped_bit_in_a_stored_value_is_refused(path):
+    """Every bit of the values, the date and the temperature, and every seventh of the fingerprints and the checksum."""
+    history = History(path)
+    assert history.append(check(1, values=VALUES[1:]), name="new.truearm", arm="gao2017")
+    content = path.read_bytes()
+    with closing(sqlite3.connect(path)) as database:
+        ((record, checksum),) = database.execute("SELECT record, sha256 FROM checks")
+    prints, values = record.partition('"model"')[2].partition('"temperature_degC"')[::2]
+    date = record.partition('"model"')[0]
+    for part, step in ((date, 1), (values, 1), (prints, 7), (checksum, 7)):
+        first = 8 * content.index(part.encode())
+        for bit in range(first, first + 8 * len(part), step):
+            path.write_bytes(flip(content, bit))
+            with pytest.raises(InputError, match="the history is damaged") as raised:
+                history.checks(MODEL)
+            assert "restore the file from a backup" in raised.value.hint
+
+
+@pytest.fixture(scope="module")
+def content(tmp_path_factory):
+    path = tmp_path_factory.mktemp("history") / "arm.sqlite"
+    for day in (1, 2, 3):
+        assert History(path).append(check(day))
+    return path.read_bytes()
+
+
+@settings(max_examples=300, deadline=None)
+@given(bit=st.integers(0, 8 * 2 * 4096 - 1))
+def test_a_flipped_bit_anywhere_is_refused_or_changes_no_number(content, tmp_path_factory, bit):
+    path = tmp_path_factory.getbasetemp() / "flipped.sqlite"
+    path.write_bytes(flip(content, bit))
+    try:
+        read = History(path).checks(MODEL)
+    except TruearmError:
+        return
+    assert read == tuple(check(day) for day in (1, 2, 3))
+
+
+def records_of(path):
+    with closing(sqlite3.connect(path)) as database:
+        return [json.loads(text) for (text,) in database.execute("SELECT record FROM checks ORDER BY id")]
+
+
+def write_records(path, records):
+    """Store texts with a chain of checksums that matches them, as a forger would."""
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("DELETE FROM checks")
+        checksum = ""
+        for number, text in enumerate(records, start=1):
+            checksum = hashlib.sha256(f"{checksum}\n{text}".encode()).hexdigest()
+            database.execute("INSERT INTO checks VALUES (?, ?, ?)", (number, text, checksum))
+        database.commit()
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"date": "yesterday"},
+        {"date": 5},
+        {"date": "2026-01-02 08:30:00+01:00"},
+        {"session": "short"},
+        {"model": None},
+        {"temperature_degC": 9e999},
+        {"temperature_degC": "warm"},
+        {"values": []},
+        {"values": 7},
+        {"values": [{"quantity": "SPAT.2s"}]},
+        {"values": [{}]},
+        {"name": 9},
+        {"arm": "\x1b[2J"},
+        {"more": 1},
+    ],
+)
+def test_a_record_that_is_no_check_is_refused_though_its_checksum_matches(filled, changed):
+    records = records_of(filled)
+    write_records(filled, [json.dumps(one) for one in records])
+    assert len(History(filled).checks(MODEL)) == 3
+    records[1] |= changed
+    write_records(filled, [json.dumps(one) for one in records])
+    with pytest.raises(InputError, match="damaged"):
+        History(filled).checks(MODEL)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "9" * 10_000, "[" * 100_000])
+def test_a_record_that_is_no_json_object_is_refused(filled, text):
+    write_records(filled, [text])
+    with pytest.raises(InputError, match="damaged"):
+        History(filled)
+
+
 @pytest.mark.parametrize(
     "statement",
     [
-        "UPDATE checks SET date = 'yesterday' WHERE id = 2",
-        "UPDATE checks SET date = '2026-01-02 08:30:00+01:00' WHERE id = 2",
-        "UPDATE checks SET session = 'short' WHERE id = 2",
-        "UPDATE checks SET temperature_degC = 9e999 WHERE id = 2",
-        "UPDATE checks SET temperature_degC = 'warm' WHERE id = 2",
-        "DELETE FROM test_values WHERE check_id = 2",
-        "UPDATE test_values SET quantity = 'colour' WHERE check_id = 2 AND number = 0",
-        "UPDATE test_values SET artefact = zeroblob(9) WHERE check_id = 2 AND number = 0",
-        "UPDATE test_values SET value_mm = 9e999 WHERE check_id = 2",
-        "UPDATE test_values SET value_mm = -1.0 WHERE check_id = 2",
-        "UPDATE test_values SET u_mm = 'little' WHERE check_id = 2",
-        "UPDATE test_values SET u_mm = -0.001 WHERE check_id = 2",
-        "UPDATE test_values SET n = 0 WHERE check_id = 2",
-        "UPDATE test_values SET n = 1.5 WHERE check_id = 2",
+        "DELETE FROM checks WHERE id = 1",
+        "DELETE FROM checks WHERE id = 2",
+        "UPDATE checks SET id = 4 WHERE id = 2",
+        "UPDATE checks SET (record, sha256) = (SELECT record, sha256 FROM checks WHERE id = 1) WHERE id = 2",
+        "UPDATE checks SET record = CAST(record AS BLOB) WHERE id = 2",
     ],
 )
-def test_values_that_no_check_can_have_are_refused(filled, statement):
+def test_a_row_that_is_missing_or_moved_breaks_the_chain(filled, statement):
     execute(filled, statement)
     with pytest.raises(InputError, match="damaged"):
-        History(filled).checks(MODEL)
+        History(filled)
 
 
 @pytest.mark.parametrize(
     ("text", "changed"),
     [
         (b"CREATE TABLE checks", b"CREATE TABLE\xff\xfehecks"),
-        (b"UNIQUE (model", b"UNIQUE \xff\xfeodel"),
+        (b"record TEXT", b"\xff\xfecord TEXT"),
         (b"tablechecks", b"table\xffhecks"),
         (b"2026-01-02", b"2026-01-\xff2"),
-        (b"DROP TABLE", b"DROP\xffTABLE"),
-        (b"new.truearm", b"new\xfftruearm"),
     ],
 )
-def test_text_that_is_no_utf_8_is_damage(path, text, changed):
-    """Of the tables' statements, which SQLite's messages quote, and of values."""
-    history = History(path)
-    for day in (1, 2):
-        assert history.append(check(day), name="new.truearm", arm="gao2017")
-    whole = path.read_bytes()
+def test_text_that_is_not_utf_8_is_damage(filled, text, changed):
+    """In the tables' statements, which SQLite's messages quote, and in records."""
+    whole = filled.read_bytes()
     assert text in whole
-    path.write_bytes(whole.replace(text, changed))
-
-    def read():
-        found = History(path)
-        return found.checks(MODEL), found.other_models(OTHER, arm="gao2017")
-
+    filled.write_bytes(whole.replace(text, changed))
     with pytest.raises(InputError, match="the history is damaged") as raised:
-        read()
-    assert raised.value.file == path
+        History(filled)
+    assert raised.value.file == filled
 
 
-def test_a_history_that_may_not_be_written_is_still_read(filled):
+def test_a_history_without_write_permission_can_be_read(filled):
     filled.chmod(0o444)
     history = History(filled)
     assert len(history.checks(MODEL)) == 3

@@ -1,78 +1,44 @@
-"""The history of an arm's interim checks: one SQLite file, to which checks are added and from which none is taken.
+"""The history of an arm's interim checks: an append-only SQLite file with a chain of checksums.
 
-Only the last one of a model may still be completed, by values that were left out of its session. A history is of one
-arm; checks of other models of it are kept beside and not compared, since each model has its own errors.
+Each row of the table `checks` stores one check as JSON text, with the SHA-256 checksum of the row before and of that
+text. Reading verifies the whole chain, so that no stored value can change unnoticed. A row that repeats the session of
+an earlier one completes it. The file identifies itself by its application id and version (``PRAGMA application_id``,
+``PRAGMA user_version``; https://www.sqlite.org/pragma.html). SQLite adds a row whole or not at all, also when the
+program is killed, and creates no file but its journal, which the next program that opens the history removes.
 
-The file says what it is: its application id and its version stand in its header (``PRAGMA application_id``,
-``PRAGMA user_version``; https://www.sqlite.org/pragma.html). A check and its values are added in one transaction.
-Version 2 added the names of models and their arms; a file of version 1 becomes one of version 2 with its next check.
+A history belongs to one arm. Checks of other models of that arm are stored too and not compared, since each model has
+its own errors.
 """
 
 from __future__ import annotations
 
 import datetime
-import math
-import os
+import json
 import re
 import sqlite3
-import tempfile
-from collections.abc import Collection, Iterator
-from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import check_writable
-from truearm.verification.monitor.interim import (
-    CHECK_QUANTITIES,
-    Assessment,
-    CheckValue,
-    InterimCheck,
-    assess,
-    describe_assessment,
-    format_date,
-    has_measured,
-)
+from truearm.verification.monitor.assessment import Assessment, assess, describe_assessment, is_measured
+from truearm.verification.monitor.interim_check import CheckValue, InterimCheck
+from truearm.verification.standards.dates import format_date
 from truearm.verification.standards.specification import Specification
 
 # "tArm", as the four bytes of SQLite's header have it.
 APPLICATION_ID = int.from_bytes(b"tArm", "big")
-VERSION = 2
-# A check has some ten values of a hundred bytes: room for ten years of a check an hour.
+VERSION = 1
+# A check takes some two kilobytes: room for ten years with a check an hour.
 MAX_BYTES = 256 * 2**20
 MOST_NAME = 1000
 
-_TABLES = (
-    """CREATE TABLE checks (
-    id INTEGER PRIMARY KEY,
-    date TEXT NOT NULL,
-    model TEXT NOT NULL,
-    session TEXT NOT NULL,
-    temperature_degC REAL,
-    UNIQUE (model, session)
-)""",
-    """CREATE TABLE test_values (
-    check_id INTEGER NOT NULL REFERENCES checks (id),
-    number INTEGER NOT NULL,
-    quantity TEXT NOT NULL,
-    artefact TEXT NOT NULL,
-    value_mm REAL NOT NULL,
-    u_mm REAL NOT NULL,
-    u_artefact_mm REAL NOT NULL,
-    n INTEGER NOT NULL,
-    length_mm REAL,
-    PRIMARY KEY (check_id, number),
-    UNIQUE (check_id, quantity, artefact)
-)""",
-    """CREATE TABLE models (
-    model TEXT PRIMARY KEY,
-    name TEXT NOT NULL,
-    arm TEXT NOT NULL
-)""",
-)
-_TABLES_OF_VERSION_1 = _TABLES[:2]
-# What ANALYZE of a database's tools adds.
+_TABLE = "CREATE TABLE checks (id INTEGER PRIMARY KEY, record TEXT NOT NULL, sha256 TEXT NOT NULL)"
+# Tables that ANALYZE, run by a database tool, adds.
 _STATISTICS = {
     "CREATE TABLE sqlite_stat1(tbl,idx,stat)",
     "CREATE TABLE sqlite_stat4(tbl,idx,neq,nlt,ndlt,sample)",
@@ -82,16 +48,16 @@ _FINGERPRINT = re.compile("[0-9a-f]{64}")
 
 @dataclass(frozen=True)
 class OtherModel:
-    """A model of which a history has checks that are not compared.
+    """A model with checks in a history that are not compared.
 
     Attributes
     ----------
     model : str
         Its fingerprint.
     name, arm : str
-        Of its file and of its arm; empty where the history does not say.
+        Names of its file and of its arm; empty where the history does not contain them.
     checks : tuple of InterimCheck
-        One or more, in their order.
+        One or more, in the order of their dates.
     """
 
     model: str
@@ -100,20 +66,29 @@ class OtherModel:
     checks: tuple[InterimCheck, ...]
 
     def assess(self, specification: Specification | None = None, *, retired: Collection[str] = ()) -> Assessment:
-        """What its charts say, as `assess`; of the artefacts that are retired, without those that it had left out."""
-        gone = [
-            name for name in retired if has_measured(name, self.checks) and not has_measured(name, self.checks[-1:])
+        """Assess its checks; of the retired artefacts, those are ignored that its last check no longer contains."""
+        ignored = [
+            name for name in retired if is_measured(name, self.checks) and not is_measured(name, self.checks[-1:])
         ]
-        return assess(self.checks, specification, retired=gone)
+        return assess(self.checks, specification, retired=ignored)
 
-    def describe(self, found: Assessment) -> str:
-        """How many checks it has, and what their charts say, in words."""
+    def describe(self, assessment: Assessment) -> str:
+        """The number of its checks and the result of the last one, in one sentence."""
         n, last = len(self.checks), self.checks[-1]
         name = self.name or f"another model (SHA-256 {self.model[:12]}..)"
         return (
-            f"{n} {'check' if n == 1 else 'checks'} of {name} in this history, not compared; "
-            f'the charts of the last one, of {format_date(last.date)}, say "{describe_assessment(found, self.checks)}"'
+            f"{n} {'check' if n == 1 else 'checks'} of {name} in this history, not compared; result of the last one, "
+            f'{format_date(last.date)}: "{describe_assessment(assessment, self.checks)}"'
         )
+
+
+@dataclass(frozen=True)
+class _Record:
+    """A row of the file."""
+
+    check: InterimCheck
+    name: str
+    arm: str
 
 
 class History:
@@ -122,25 +97,23 @@ class History:
     Parameters
     ----------
     path : path
-        The file; it is made by the first check that is added.
+        The file; the first check creates it.
 
     Raises
     ------
     InputError
-        If there is something that is no history, a damaged one, or one of a newer version.
+        If the file is not a history, is damaged, or has a newer version.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         if self.path.exists():
-            self._check_size()
-            with self._opened():
-                pass
+            self._records()
         else:
             check_writable(self.path)
 
     def checks(self, model: str) -> tuple[InterimCheck, ...]:
-        """The checks of a model, in the order of their dates, and as they were added where these are the same.
+        """Return the checks of a model in the order of their dates; of the same date, in the order of addition.
 
         Parameters
         ----------
@@ -152,13 +125,10 @@ class History:
         InputError
             If the file is damaged.
         """
-        if not self.path.exists():
-            return ()
-        with self._opened() as database:
-            return self._read(database, model)
+        return _checks_of(model, self._records())
 
     def other_models(self, model: str, *, arm: str) -> tuple[OtherModel, ...]:
-        """Other models than this that the history has checks of, the one that was used last first.
+        """Return the other models with checks in the history, the last used one first.
 
         Parameters
         ----------
@@ -170,30 +140,26 @@ class History:
         Raises
         ------
         InputError
-            If all checks of the history are of models of other arms, or the file is damaged.
+            If all checks of the history belong to models of other arms, or the file is damaged.
         """
-        if not self.path.exists():
-            return ()
-        with self._opened() as database:
-            self._check_arm(database, arm)
-            return tuple(
-                OtherModel(other, *self._names(database, other), self._read(database, other))
-                for (other,) in database.execute(
-                    "SELECT model FROM checks WHERE model != ? GROUP BY model ORDER BY max(id) DESC", (model,)
-                ).fetchall()
-            )
+        records = self._records()
+        self._check_arm(records, arm)
+        first = {one.check.model: one for one in reversed(records)}
+        last_used = dict.fromkeys(one.check.model for one in reversed(records) if one.check.model != model)
+        return tuple(
+            OtherModel(other, first[other].name, first[other].arm, _checks_of(other, records)) for other in last_used
+        )
 
     def with_check(self, check: InterimCheck) -> tuple[InterimCheck, ...]:
-        """The checks of its model as they are once a check is added; the history stays as it is.
+        """Return the checks of a model with one more; the file does not change.
 
-        These are the same as before if it is there already. If it is of the same session as the last one, and has what
-        that has and more, it takes its place and its date.
+        They are the same if the check is in the history already. If it has the session of the last one and more values
+        than that, it replaces the last one and keeps its date.
 
         Raises
         ------
         InputError
-            If the check is older than the last one of its model, or is none: a name without end, a number that is not
-            finite.
+            If the check is older than the last one of its model, or cannot be stored.
         """
         return self._with(self.checks(check.model), check)
 
@@ -204,95 +170,44 @@ class History:
         ----------
         check : InterimCheck
         name, arm : str
-            Of the model's file and of its arm: kept with the first check of a model. A name that cannot be printed is
-            left out. With the name of an arm, the check is refused by a history of another one.
+            Names of the model's file and of its arm; those of a model's first check count. A name that cannot be
+            printed is stored as an empty one. With the name of an arm, a history of another arm refuses the check.
 
         Returns
         -------
         bool
-            False if the history has this model's check of this session already; nothing is written then.
+            False if the history contains this check already; nothing is written then.
 
         Raises
         ------
         InputError
-            As `with_check`, if the history is of another arm, or if the file cannot be written.
+            As `with_check`; if the history belongs to another arm, or the file cannot be written.
         """
         known = self.checks(check.model)
         if self._with(known, check) == known:
             return False
         check_writable(self.path)
-        if not self.path.exists():
-            self._make()
-        with self._opened() as database:
+        with self._opened("rwc") as database:
             database.execute("BEGIN IMMEDIATE")
             with database:  # commits, or takes everything back
-                known = self._read(database, check.model)  # another program may have added one meanwhile
-                found = self._with(known, check)
-                if found == known:
+                _create_table(database)
+                records, checksum = self._read(database)  # another program may have added one meanwhile
+                known = _checks_of(check.model, records)
+                checks = self._with(known, check)
+                if checks == known:
                     return False
                 if arm:
-                    self._check_arm(database, arm)
-                if len(found) == len(known):
-                    which = (check.model, check.session)
-                    database.execute(
-                        "DELETE FROM test_values WHERE check_id = "
-                        "(SELECT id FROM checks WHERE model = ? AND session = ?)",
-                        which,
-                    )
-                    database.execute("DELETE FROM checks WHERE model = ? AND session = ?", which)
-                if _pragma(database, "user_version") == 1:
-                    database.execute(_TABLES[-1])
-                    database.execute(f"PRAGMA user_version = {VERSION}")
-                names = (text if _is_name(text) else "" for text in (name, arm))
-                database.execute("INSERT OR IGNORE INTO models VALUES (?, ?, ?)", (check.model, *names))
-                _insert(database, found[-1])
+                    self._check_arm(records, arm)
+                name, arm = (text if _is_name(text) else "" for text in (name, arm))
+                _insert(database, _encode(_Record(checks[-1], name, arm)), checksum)
         return True
 
-    def _check_arm(self, database: sqlite3.Connection, arm: str) -> None:
-        """Refuse an arm that the history is not of; where it does not say so of every model, it may be of that one."""
-        models = database.execute("SELECT DISTINCT model FROM checks").fetchall()
-        arms = {self._names(database, model)[1] for (model,) in models}
-        if arms and arms.isdisjoint(("", arm)):
-            raise InputError(
-                f"the checks in this history are of arm {', '.join(map(repr, sorted(arms)))}, "
-                f"the model is of arm {arm!r}",
-                file=self.path,
-                hint="the model file; or --history with another name: checks of two arms are never compared",
-            )
-
-    def _names(self, database: sqlite3.Connection, model: str) -> tuple[str, str]:
-        """Names of a model's file and arm; empty where they are not known: all its checks are of version 1."""
-        if _pragma(database, "user_version") == 1:
-            return "", ""
-        row = database.execute("SELECT name, arm FROM models WHERE model = ?", (model,)).fetchone()
-        if row is None:
-            return "", ""
-        if not all(map(_is_name, row)):
-            raise self._damaged(f"a model is not as truearm writes it: {row!r:.200}")
-        return row[0], row[1]
-
-    def _read(self, database: sqlite3.Connection, model: str) -> tuple[InterimCheck, ...]:
-        rows = database.execute(
-            "SELECT id, date, session, temperature_degC FROM checks WHERE model = ? ORDER BY date, id", (model,)
-        ).fetchall()
-        found = database.execute(
-            "SELECT check_id, quantity, artefact, value_mm, u_mm, u_artefact_mm, n, length_mm FROM test_values "
-            "WHERE check_id IN (SELECT id FROM checks WHERE model = ?) ORDER BY check_id, number",
-            (model,),
-        ).fetchall()
-        values: dict[int, list[CheckValue]] = {}
-        for number, *row in found:
-            values.setdefault(number, []).append(CheckValue(*row))
-        return tuple(self._check(row, model, tuple(values.get(row[0], ()))) for row in rows)
-
     def _with(self, known: tuple[InterimCheck, ...], check: InterimCheck) -> tuple[InterimCheck, ...]:
-        """`known` and a check, as `with_check` has it."""
-        if fault := _fault(check):
-            raise InputError(f"the check cannot be kept: {fault}", file=self.path)
+        """`known` and a check, see `with_check`."""
         for one in known:
             if one.session == check.session:
                 before, now = ({value.key for value in each.values} for each in (one, check))
-                # A length that can now be corrected to 20 degC is more than it was.
+                # A length that can now be corrected to 20 degC is more than before.
                 names_before, names_now = ({key[:2] for key in keys} for keys in (before, now))
                 if one is known[-1] and names_before <= names_now and before != now:
                     return (*known[:-1], replace(check, date=one.date))
@@ -301,151 +216,138 @@ class History:
             raise InputError(
                 f"the check is of {format_date(check.date)}, before the last one of {format_date(known[-1].date)}",
                 file=self.path,
-                hint="add checks in the order in which they were made, with --date",
+                hint="add checks in the order of their dates; --date states the date of a check",
             )
         return (*known, check)
 
-    def _make(self) -> None:
-        """Make the file, without checks; if another program has made it meanwhile, that one stays."""
-        target = Path(os.path.realpath(self.path))
-        try:
-            with tempfile.TemporaryDirectory(prefix=".history-", dir=target.parent) as folder:
-                made = Path(folder) / target.name
-                _create(made)
-                try:
-                    os.link(made, target)
-                except FileExistsError:
-                    pass
-                except OSError:  # a file system without links
-                    with suppress(FileExistsError), target.open("xb") as file:
-                        file.write(made.read_bytes())
-        except (OSError, sqlite3.Error) as error:
-            why = getattr(error, "strerror", None) or error
-            raise TruearmError(
-                f"{self.path}: the history cannot be made: no file can be written in the folder {target.parent} ({why})"
-            ) from error
+    def _check_arm(self, records: Sequence[_Record], arm: str) -> None:
+        """Refuse another arm; a model without the name of an arm may belong to any."""
+        first = {one.check.model: one.arm for one in reversed(records)}
+        arms = set(first.values())
+        if arms and arms.isdisjoint(("", arm)):
+            raise InputError(
+                f"the checks in this history are of arm {', '.join(map(repr, sorted(arms)))}, "
+                f"the model is of arm {arm!r}",
+                file=self.path,
+                hint="check the model file, or name another file with --history: checks of two arms are never compared",
+            )
 
-    def _check_size(self) -> None:
+    def _records(self) -> list[_Record]:
+        if not self.path.exists():
+            return []
         if self.path.is_dir():
-            raise InputError("expected a history, got a folder", file=self.path)
+            raise InputError("expected a history, got a folder", file=self.path, hint="name a file, .sqlite")
         size = self.path.stat().st_size
         if size > MAX_BYTES:
-            raise self._foreign(f"a file of {size >> 20} MiB, larger than one can be")
-        with self.path.open("rb") as file:
-            if file.read(16) != b"SQLite format 3\0":
-                raise self._foreign("an empty file" if not size else "something else")
+            raise self._foreign(f"a file of {size >> 20} MiB, larger than a history can be")
+        if not Path(f"{self.path}-journal").exists():  # else SQLite first restores the file from that
+            with self.path.open("rb") as file:
+                if file.read(16) not in (b"", b"SQLite format 3\0"):
+                    raise self._foreign("something else")
+        with self._opened("rw") as database:
+            return self._read(database)[0]
 
     @contextmanager
-    def _opened(self) -> Iterator[sqlite3.Connection]:
-        """A connection to the file, checked to be a history of a version that is known, and sound."""
+    def _opened(self, mode: str) -> Iterator[sqlite3.Connection]:
+        """A connection; `mode` is that of SQLite's URIs, "rw" or "rwc" to create the file."""
         try:
-            # mode=rw: a file that is gone meanwhile is not made anew, empty.
-            where = f"{self.path.resolve().as_uri()}?mode=rw"
+            where = f"{self.path.resolve().as_uri()}?mode={mode}"
             with closing(sqlite3.connect(where, uri=True, isolation_level=None)) as database:
-                database.text_factory = bytes.decode  # its own calls it an operational error where text is no UTF-8
+                database.text_factory = bytes.decode  # the default calls text that is not UTF-8 an operational error
                 database.execute("PRAGMA trusted_schema = OFF")
-                self._check_header(database)
                 yield database
         except sqlite3.OperationalError as error:
             raise TruearmError(f"{self.path}: the history cannot be read or written ({error})") from error
         except sqlite3.DatabaseError as error:
             raise self._damaged(str(error)) from None
-        except UnicodeDecodeError:  # also of SQLite's messages, which quote the file
-            raise self._damaged("text that is no UTF-8") from None
+        except UnicodeDecodeError:  # also in SQLite's messages, which quote the file
+            raise self._damaged("text that is not UTF-8") from None
 
-    def _check_header(self, database: sqlite3.Connection) -> None:
+    def _read(self, database: sqlite3.Connection) -> tuple[list[_Record], str]:
+        """All records and the last checksum; refuses anything but an undamaged history."""
+        # SQLite would execute triggers and views of the file along with our statements.
+        made = {row[0] for row in database.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")}
         identity, version = (_pragma(database, name) for name in ("application_id", "user_version"))
+        if not made and identity == version == 0:
+            return [], ""  # an empty file, left by a program that was stopped before its first check
         if identity != APPLICATION_ID:
-            raise self._foreign("another program's SQLite file")
+            raise self._foreign("an SQLite file of another program")
         if version > VERSION:
             raise InputError(
-                f"expected a history of version {VERSION} or older, got version {version}",
+                f"expected a history of version {VERSION}, got version {version}",
                 file=self.path,
                 hint="update truearm to read it",
             )
-        # Statements that the file brings along (triggers, views) would be run with ours.
-        made = {row[0] for row in database.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")}
-        if version < 1 or made - _STATISTICS != set(_TABLES_OF_VERSION_1 if version == 1 else _TABLES):
+        if version != VERSION or made - _STATISTICS != {_TABLE}:
             raise self._damaged("its tables are not those of a history")
-        sound = _pragma(database, "quick_check(1)")
-        if sound != "ok":
-            raise self._damaged(str(sound))
-
-    def _check(self, row: Any, model: str, values: tuple[CheckValue, ...]) -> InterimCheck:
-        _, date, session, degC = row
-        try:
-            day = datetime.datetime.fromisoformat(date)
-        except (TypeError, ValueError):
-            raise self._damaged(f"expected a date, got {date!r:.80}") from None
-        prints = all(isinstance(one, str) and _FINGERPRINT.fullmatch(one) for one in (model, session))
-        if day.tzinfo is not None or not prints:
-            raise self._damaged(f"the check of {date!r:.80} is not as truearm writes it")
-        found = InterimCheck(day, model, session, degC, values)
-        if fault := _fault(found):
-            raise self._damaged(fault)
-        return found
+        if (state := _pragma(database, "quick_check(1)")) != "ok":
+            raise self._damaged(str(state))
+        records, checksum = [], ""
+        for number, (row, text, stored) in enumerate(
+            database.execute("SELECT id, record, sha256 FROM checks ORDER BY id"), start=1
+        ):
+            if row != number or not isinstance(text, str) or stored != (checksum := _checksum(checksum, text)):
+                raise self._damaged(f"the checksum of row {number} does not match its content")
+            try:
+                records.append(_decode(text))
+            except (ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError) as error:
+                raise self._damaged(f"row {number} is not a check: {error!s:.200}") from None
+        return records, checksum
 
     def _foreign(self, what: str) -> InputError:
         return InputError(
-            f"expected a history of checks, got {what}", file=self.path, hint="another name: the first check makes it"
+            f"expected a history of checks, got {what}",
+            file=self.path,
+            hint="name another file: the first check creates it",
         )
 
     def _damaged(self, why: str) -> InputError:
-        return InputError(f"the history is damaged ({why})", file=self.path, hint="a copy of it that is whole")
+        return InputError(
+            f"the history is damaged ({why})",
+            file=self.path,
+            hint="restore the file from a backup, or name a new file to start a new history",
+        )
 
 
-def _fault(check: InterimCheck) -> str:
-    """What keeps a check from being one, as it is to be written or was read; empty if nothing does."""
-    if check.temperature_degC is not None and not _is_number(check.temperature_degC):
-        return f"expected a temperature, got {check.temperature_degC!r:.80}"
-    if not check.values:
-        return f"the check of {format_date(check.date)} has no values"
-    for one in check.values:
-        if one.quantity not in CHECK_QUANTITIES or not isinstance(one.artefact, str) or len(one.artefact) > MOST_NAME:
-            return f"a value is not as truearm writes it: {one!r:.200}"
-        numbers = (one.value_mm, one.u_mm, one.u_artefact_mm, *(() if one.length_mm is None else (one.length_mm,)))
-        if not all(map(_is_number, numbers)) or type(one.n) is not int:
-            return f"a value is not as truearm writes it: {one!r:.200}"
-        if (
-            one.n < 1
-            or min(one.u_mm, one.u_artefact_mm) < 0
-            or (CHECK_QUANTITIES[one.quantity].scale and one.value_mm < 0)
-        ):
-            return f"a value cannot be: {one!r:.200}"
-    names = [(one.quantity, one.artefact) for one in check.values]
-    return "" if len(set(names)) == len(names) else "it has a value twice"
+def _checks_of(model: str, records: Sequence[_Record]) -> tuple[InterimCheck, ...]:
+    """A model's checks; a later record of the same session replaces the earlier one."""
+    checks = {one.check.session: one.check for one in records if one.check.model == model}
+    return tuple(sorted(checks.values(), key=lambda check: check.date))
 
 
-def _insert(database: sqlite3.Connection, check: InterimCheck) -> None:
-    added = database.execute(
-        "INSERT INTO checks (date, model, session, temperature_degC) VALUES (?, ?, ?, ?)",
-        (check.date.isoformat(sep=" "), check.model, check.session, check.temperature_degC),
-    )
-    database.executemany(
-        "INSERT INTO test_values VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        [
-            (
-                added.lastrowid,
-                number,
-                one.quantity,
-                one.artefact,
-                float(one.value_mm),
-                float(one.u_mm),
-                float(one.u_artefact_mm),
-                int(one.n),
-                one.length_mm,
-            )
-            for number, one in enumerate(check.values)
-        ],
-    )
+def _encode(record: _Record) -> str:
+    check = {**asdict(record.check), "date": record.check.date.isoformat(sep=" ")}
+    return json.dumps({"name": record.name, "arm": record.arm, **check}, allow_nan=False)
 
 
-def _create(path: Path) -> None:
-    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+def _decode(text: str) -> _Record:
+    """The record of a JSON text; raises what `History._read` catches."""
+    fields = json.loads(text)
+    name, arm = fields.pop("name"), fields.pop("arm")
+    date = datetime.datetime.fromisoformat(fields.pop("date"))
+    values = tuple(CheckValue(**value) for value in fields.pop("values"))
+    check = InterimCheck(date=date, values=values, **fields)
+    if date.tzinfo is not None or not all(map(_FINGERPRINT.fullmatch, (check.model, check.session))):
+        raise ValueError("expected a local date and SHA-256 fingerprints")
+    if not (_is_name(name) and _is_name(arm)):
+        raise ValueError("expected printable names")
+    return _Record(check, name, arm)
+
+
+def _checksum(before: str, text: str) -> str:
+    return sha256(f"{before}\n{text}".encode()).hexdigest()
+
+
+def _insert(database: sqlite3.Connection, text: str, checksum: str) -> None:
+    database.execute("INSERT INTO checks (record, sha256) VALUES (?, ?)", (text, _checksum(checksum, text)))
+
+
+def _create_table(database: sqlite3.Connection) -> None:
+    """Create the table in an empty file, within the transaction of the first check."""
+    if _pragma(database, "application_id") == _pragma(database, "schema_version") == 0:
         database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         database.execute(f"PRAGMA user_version = {VERSION}")
-        for table in _TABLES:
-            database.execute(table)
+        database.execute(_TABLE)
 
 
 def _pragma(database: sqlite3.Connection, name: str) -> Any:
@@ -454,7 +356,3 @@ def _pragma(database: sqlite3.Connection, name: str) -> Any:
 
 def _is_name(value: object) -> bool:
     return isinstance(value, str) and len(value) <= MOST_NAME and value.isprintable()
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, float | int) and math.isfinite(value)

@@ -1,4 +1,4 @@
-"""The page of an arm's interim checks: trend charts with their limits, and whether it is time to recalibrate."""
+"""The page of an arm's interim checks: whether to recalibrate, and the trend charts with their limits."""
 
 from __future__ import annotations
 
@@ -13,42 +13,44 @@ from truearm.pages.number_format import RoundedNumber, capitalize, format_count
 from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
 from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, join_phrases, make_panel, shorten
 from truearm.readings.thermal_expansion import ARTEFACT_U_K
+from truearm.verification.monitor.assessment import INCONCLUSIVE_TEXT, Assessment, RecalibrationAdvice, Trend
 from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS, ControlChart
-from truearm.verification.monitor.interim import Assessment, InterimCheck, RecalibrationAdvice, Trend, format_date
+from truearm.verification.monitor.interim_check import InterimCheck
+from truearm.verification.standards.dates import format_date
 
 _NAVY, _ORANGE = "#12407a", "#d9730d"
-# Limits from fewer values before are too wide to be drawn.
+# Limits from fewer earlier values are too wide to draw.
 _FEW = 5
 _MOST_ROWS = 60
 
 
 def drift_page(
     checks: Sequence[InterimCheck],
-    found: Assessment,
+    assessment: Assessment,
     *,
     arm: str,
     remarks: Sequence[str] = (),
     facts: Sequence[tuple[str, str]] = (),
 ) -> Page:
-    """Lay out what a history says of an arm.
+    """Lay out the page of an arm's interim checks.
 
     Parameters
     ----------
     checks : sequence of InterimCheck
-        All of one model, in their order; one or more.
-    found : Assessment
+        All of one model in the order of their dates; one or more.
+    assessment : Assessment
         Of these checks.
     arm : str
         Its name.
     remarks : sequence of str
-        On checks with other models.
+        On checks of other models.
     facts : sequence of (str, str)
-        What the page rests on.
+        Model, arm, history and versions.
     """
     first, last = format_date(checks[0].date), format_date(checks[-1].date)
-    rows = [LabelledValue("recalibrate", found.recalibrate.value)]
-    if found.since is not None:
-        rows += [LabelledValue("changed since", format_date(checks[found.since].date))]
+    rows = [LabelledValue("recalibrate", assessment.recalibrate.value)]
+    if assessment.since is not None:
+        rows += [LabelledValue("changed since", format_date(checks[assessment.since].date))]
     rows.append(LabelledValue("checks with this model", len(checks)))
     return Page(
         title=f"{arm}: interim checks",
@@ -56,42 +58,45 @@ def drift_page(
         if len(checks) > 1
         else f"One check, {first}.",
         summary=tuple(rows),
-        sections=drift_sections(checks, found, remarks),
+        sections=drift_sections(checks, assessment, remarks),
         facts=tuple(facts),
     )
 
 
 def drift_sections(
-    checks: Sequence[InterimCheck], found: Assessment, remarks: Sequence[str] = ()
+    checks: Sequence[InterimCheck], assessment: Assessment, remarks: Sequence[str] = ()
 ) -> tuple[Section, ...]:
-    """Sections: the answer with the last check's values, the charts, how it is judged, and the checks one by one."""
+    """Sections: the answer with the last check's values, the charts, all checks, and the method."""
     return (
         Section(
             "Is it time to recalibrate?",
-            _answer(checks, found, remarks),
-            tables=(_last_table([trend for trend in found.trends if trend.current]),),
+            _answer(checks, assessment, remarks),
+            tables=(_last_table([trend for trend in assessment.trends if trend.current]),),
         ),
-        *([Section("Trends", figures=figures)] if (figures := _figures(checks, found)) else []),
-        Section("How it is judged", _JUDGED),
-        Section("The checks", tables=(_checks_table(checks, found.trends),)),
+        *([Section("Trends", figures=figures)] if (figures := _figures(checks, assessment)) else []),
+        Section("The checks", tables=(_checks_table(checks, assessment.trends),)),
+        Section("Method", _METHOD),
     )
 
 
-_JUDGED = (
-    "Each value is compared with those of the checks before it, since the arm was identified: their mean and their "
-    "scatter are all that is known of how it repeats. The limits become narrower as checks are added.\n\n"
-    "A length is compared with the specification at 20 degC only. It is corrected to that where the artefact's "
-    f"expansion and the temperature are known, the temperature to {ARTEFACT_U_K:g} K (standard uncertainty). What was "
-    "found on an artefact stands while it is left out, unless it is retired.\n\n"
-    "A value beyond its limits tells of a large change, a cumulative sum above its line of a small or slow one; "
-    "when it began is where a jump or a drift fits the values best, and of a slow drift known only roughly. Limits and "
-    "sums are set by the number of charts that the history has at each check, so that, of an arm that has not changed, "
-    "one check in 370 is beyond the limits of some chart, and some sum comes above its line once in 370 checks.\n\n"
-    "A value that is beyond its limits, or over that of the specification, in one check alone may be dirt in a seat, "
-    "and asks for one more check; two in a row on the same side say to recalibrate, as a sum above its line does.\n\n"
-    f"With fewer than {MIN_BASELINE_CHECKS} checks before, values are taken to scatter at least as the model expects, and that "
-    "nothing has changed is not said. These checks take fewer points than the tests of the standards and replace none "
-    "of them."
+_METHOD = (
+    "Each value is compared with the values of the earlier checks since the arm was identified: their mean and their "
+    "scatter show how well it repeats. The limits become narrower with every check.\n\n"
+    "Lengths are compared with the "
+    "specification at 20 degC only. A length is corrected to 20 degC where the artefact's expansion and the "
+    f"temperature are known, the temperature to {ARTEFACT_U_K:g} K (standard uncertainty). The result of an artefact "
+    "remains until the artefact is measured again or retired.\n\n"
+    "A value beyond its limits shows a large change, a "
+    "cumulative sum above the decision interval a small or slow one. The beginning of the change is where a step or a "
+    "drift fits the values best; for a slow drift it is uncertain. The limits and the decision interval depend on the "
+    "number of charts in the history: for an arm that has not changed, one check in 370 has a value beyond its "
+    "limits, and one in 370 a cumulative sum above the decision interval.\n\n"
+    "One value beyond its limits, or over the "
+    "limit of the specification, may be caused by dirt in a seat: repeat the check. Recalibrate after two in a row on "
+    f"the same side, or when a cumulative sum exceeds the decision interval.\n\n"
+    f"With fewer than {MIN_BASELINE_CHECKS} "
+    "earlier checks, the scatter is at least that which the model expects, and the answer is never “no”. Interim "
+    "checks take fewer points than the tests of the standards and do not replace them."
 )
 
 
@@ -109,10 +114,9 @@ def trend_figure(trends: Sequence[Trend]) -> Figure:
     ends = join_phrases(f"{trend.latest.label} {trend.latest.value_mm:.4f} mm" for trend, _ in charted)
     return Figure(
         panels,
-        caption="Above: the values, check by check; grey: the limits for each and the mean, from the checks before it; "
-        "orange: beyond the limits; dotted: the limit of the specification. Below: cumulative sums of the deviations "
-        "upwards and downwards, in standard deviations, with the line above which they tell of a change. Orange line: "
-        "when the change began.",
+        caption="Above: the value of each check; grey: its limits and the mean, from the earlier checks; orange: beyond "
+        "the limits; dotted: the limit of the specification. Below: cumulative sums of the deviations upwards and "
+        "downwards, in standard deviations, with the decision interval. Orange line: the beginning of the change.",
         alt=f"Control charts of {format_count(len(charted), 'value')} over the checks. Their last values: {ends}.",
         columns=2,
     )
@@ -130,37 +134,37 @@ def temperature_figure(checks: Sequence[InterimCheck]) -> Figure:
         _checks_axis(axes, len(checks))
     return Figure(
         (drawing,),
-        caption="Mean temperature of the readings of each check. A trend that goes with it is not the arm's alone.",
+        caption="Mean temperature of the readings of each check. A trend that follows it is not due to the arm alone.",
         alt=f"Temperature of the checks, {min(degC):.1f} to {max(degC):.1f} degC.",
         columns=2,
     )
 
 
-def _answer(checks: Sequence[InterimCheck], found: Assessment, remarks: Sequence[str]) -> str:
-    if found.recalibrate is RecalibrationAdvice.NO:
-        head = "No. Nothing that the last check measured has changed since the first checks by more than they scatter."
-    elif found.recalibrate is RecalibrationAdvice.NOT_ENOUGH:
-        head = f"Not enough checks yet to say: {found.n_before} before the last one, and each value needs {MIN_BASELINE_CHECKS}."
-    elif found.recalibrate is RecalibrationAdvice.AGAIN:
+def _answer(checks: Sequence[InterimCheck], assessment: Assessment, remarks: Sequence[str]) -> str:
+    if assessment.recalibrate is RecalibrationAdvice.NO:
+        head = "No. No value of the last check has changed since the first checks by more than their scatter."
+    elif assessment.recalibrate is RecalibrationAdvice.NOT_ENOUGH:
         head = (
-            "Not by one check alone: it may have been made with dirt in a seat. Clean the artefacts, see that they are "
-            "tight, and check once more."
+            f"Not enough checks yet: {assessment.n_before} before the last one; each value needs {MIN_BASELINE_CHECKS}."
         )
-    elif found.since is None:
-        head = "Yes: a value is over its limit in the specification, and was at the check before."
+    elif assessment.recalibrate is RecalibrationAdvice.INCONCLUSIVE:
+        head = INCONCLUSIVE_TEXT
+    elif assessment.since is None:
+        head = "Yes. A value exceeds its limit in the specification, in the check before too."
     else:
-        head = f"Yes. Something has changed since check {found.since + 1} of {format_date(checks[found.since].date)}."
-    said = [f"{capitalize(phrase)}." for phrase in (*found.reasons, *found.remarks, *remarks)]
-    return "\n\n".join([head, *said])
+        since = f"check {assessment.since + 1} of {format_date(checks[assessment.since].date)}"
+        head = f"Yes. A value has changed since {since}."
+    sentences = [f"{capitalize(phrase)}." for phrase in (*assessment.reasons, *assessment.remarks, *remarks)]
+    return "\n\n".join([head, *sentences])
 
 
 def _last_table(trends: Sequence[Trend]) -> Table:
     with_limit = any(trend.limit_mm is not None for trend in trends)
     columns = [
         Column("value"),
-        Column("found", "mm"),
+        Column("measured", "mm"),
         Column("readings"),
-        Column("mean before", "mm"),
+        Column("mean of earlier checks", "mm"),
         Column("lower limit", "mm"),
         Column("upper limit", "mm"),
         Column("cumulative sum"),
@@ -181,24 +185,24 @@ def _last_table(trends: Sequence[Trend]) -> Table:
         if with_limit:
             cells.append(None if trend.limit_mm is None else RoundedNumber(trend.limit_mm, u))
         rows.append((*cells, _verdict(trend)))
-    return Table(tuple(columns), tuple(rows), "The last check beside those before it.")
+    return Table(tuple(columns), tuple(rows), "The last check and the earlier ones.")
 
 
 def _verdict(trend: Trend) -> str:
     chart = trend.chart
-    said = ["over the limit of the specification"] if trend.over_limit else []
+    states = ["exceeds the limit of the specification"] if trend.over_limit else []
     if chart is not None:
-        said += ["drift"] if chart.signal_index is not None else []
-        said += ["beyond its limits"] if chart.out_of_limits[-1] else []
-        if not said:
-            said = ["unchanged"] if chart.enough else ["too few checks"]
-    return ", ".join(said)
+        states += ["drift"] if chart.signal_index is not None else []
+        states += ["beyond its limits"] if chart.out_of_limits[-1] else []
+        if not states:
+            states = ["unchanged"] if chart.enough else ["too few checks"]
+    return ", ".join(states)
 
 
-def _figures(checks: Sequence[InterimCheck], found: Assessment) -> tuple[Figure, ...]:
+def _figures(checks: Sequence[InterimCheck], assessment: Assessment) -> tuple[Figure, ...]:
     figures = []
-    if len(checks) > 1 and any(trend.chart is not None for trend in found.trends):
-        figures.append(trend_figure(found.trends))
+    if len(checks) > 1 and any(trend.chart is not None for trend in assessment.trends):
+        figures.append(trend_figure(assessment.trends))
     if sum(check.temperature_degC is not None for check in checks) > 1:
         figures.append(temperature_figure(checks))
     return tuple(figures)

@@ -439,8 +439,8 @@ class _Evaluation:
             same = (which == counts.argmax()).ravel()
             first, *rest = (f"line {line}" for line, one in zip(group.lines, same, strict=True) if one)
             raise self.measured.error(
-                f"test {name!r}, {group.where}: the point of {first} stands in {join_names(rest)} too, to the last digit: "
-                "copies, or a program that went on sending an old one",
+                f"test {name!r}, {group.where}: the point of {first} stands in {join_names(rest)} too, to the last "
+                "digit: copies, or a program that went on sending an old one",
                 group,
                 hint="measure the position again; if the coordinates are rounded, write them with more digits",
             )

@@ -13,16 +13,10 @@ from hypothesis import strategies as st
 from truearm.errors import InputError
 from truearm.readings import Lengths
 from truearm.readings.thermal_expansion import ARTEFACT_U_K
+from truearm.verification.monitor.assessment import RecalibrationAdvice, assess, describe_assessment
 from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS
-from truearm.verification.monitor.interim import (
-    CheckValue,
-    InterimCheck,
-    RecalibrationAdvice,
-    assess,
-    describe_assessment,
-    format_date,
-    interim_values,
-)
+from truearm.verification.monitor.interim_check import CheckValue, InterimCheck, interim_values
+from truearm.verification.standards.dates import format_date
 from truearm.verification.standards.specification import Specification
 
 POLES = np.concatenate([np.eye(3), -np.eye(3)])
@@ -49,7 +43,7 @@ def test_scatter_in_a_seat_is_that_of_the_single_point_test():
     assert found["SPAT.2s", "cone"].n == 6
 
 
-def test_a_length_is_that_between_the_means_less_the_known_one():
+def test_a_length_error_is_the_distance_of_the_means_less_the_known_length():
     points = np.array([[0.0, 0.01, 0.0], [0.0, -0.01, 0.0], [100.05, 0.0, 0.0]])
     found = values_of(points, seat=["A", "A", "B"], lengths=bar())
     one = found["length error", "A to B"]
@@ -74,7 +68,7 @@ def test_a_bar_that_is_warm_is_corrected_with_its_uncertainty(degC):
     assert (one.length_mm, one.u_artefact_mm) == (None, 0.001)  # at which temperature, nobody knows
 
 
-def test_a_length_that_is_not_at_20_degC_has_no_limit_and_a_chart_of_its_own():
+def test_a_length_that_is_not_at_20_degC_has_no_limit_and_its_own_chart():
     check = checks_of([-0.0125])[0]
     as_measured = replace(check, values=(replace(check.values[0], length_mm=None),))
     limits = limited(E_Uni=10)
@@ -83,7 +77,7 @@ def test_a_length_that_is_not_at_20_degC_has_no_limit_and_a_chart_of_its_own():
     assert "length A to B, length error as measured: not compared" in found.remarks[0]
     assert assess([as_measured]).remarks == ()
     as_they_are = limits.model_copy(update={"corrected_to_20_degC": False})
-    assert "hold for lengths that are not corrected" in assess([check], as_they_are).remarks[0]
+    assert "apply to lengths that are not corrected" in assess([check], as_they_are).remarks[0]
     assert [len(trend.checks) for trend in assess([check, as_measured]).trends] == [1, 1]
 
 
@@ -96,7 +90,7 @@ def test_a_sphere_has_form_and_the_diameter_of_the_tips_centre():
     assert values_of(points, sphere=["ball"] * 6)["form", "ball"].value_mm > 0.01
 
 
-def test_expected_scatters_are_those_of_many_checks(rng):
+def test_expected_scatters_agree_with_those_of_many_checks(rng):
     """300 checks with a known scatter: their deviations are known to 4 %; that of a form is a bound."""
     truth = np.concatenate([np.zeros((8, 3)), np.tile([100.0, 0, 0], (2, 1)), 12.5 * POLES])
     seat, sphere = ["A"] * 8 + ["B"] * 2 + [""] * 6, [""] * 10 + ["ball"] * 6
@@ -115,7 +109,7 @@ def test_expected_scatters_are_those_of_many_checks(rng):
         assert bound or found >= 0.85 * stated, key
 
 
-def test_points_of_nothing_are_left_out_and_order_is_that_of_the_session():
+def test_points_without_an_artefact_are_ignored_and_artefacts_keep_the_order_of_the_session():
     points = np.concatenate([0.01 * POLES, [[9e3, 0, 0]], 0.01 * POLES + 50.0])
     found = values_of(points, seat=["second"] * 6 + [""] + ["first"] * 6)
     assert [artefact for _, artefact in found] == ["second", "second", "first", "first"]
@@ -126,18 +120,18 @@ def test_points_of_nothing_are_left_out_and_order_is_that_of_the_session():
     [
         (POLES, {}, "in a seat"),
         (POLES, {"seat": list("abcdef")}, "two or more"),
-        (30 * POLES, {"seat": ["A"] * 6}, "not be of one seat"),
-        (np.array([[0.0, 0, 0], [130.0, 0, 0]]), {"seat": ["A", "B"], "lengths": bar()}, "another length"),
+        (30 * POLES, {"seat": ["A"] * 6}, "too far for one seat"),
+        (np.array([[0.0, 0, 0], [130.0, 0, 0]]), {"seat": ["A", "B"], "lengths": bar()}, "two different lengths"),
         (np.zeros((2, 3)), {"seat": ["A", "C"], "lengths": bar()}, "no seat 'B'"),
         (POLES[:4], {"sphere": ["ball"] * 4}, "5 readings or more"),
         (POLES * [1, 1, 0], {"sphere": ["ball"] * 6}, "sphere 'ball'"),
-        (POLES * [1, 1, 1.4], {"sphere": ["ball"] * 6}, "not of one sphere"),
+        (POLES * [1, 1, 1.4], {"sphere": ["ball"] * 6}, "too far for one sphere"),
         (POLES, {"seat": ["A"] * 5}, "a name for each"),
         (POLES * np.nan, {"seat": ["A"] * 6}, "finite"),
         (POLES[:, :2], {"seat": ["A"] * 6}, "shapes"),
     ],
 )
-def test_what_cannot_be_a_check_is_refused(points, named, phrase):
+def test_points_that_are_no_check_are_refused(points, named, phrase):
     with pytest.raises(InputError, match=phrase):
         values_of(points, **named)
 
@@ -164,7 +158,7 @@ def limited(**limits):
     )
 
 
-def test_it_takes_ten_checks_to_say_no(rng):
+def test_the_answer_no_needs_ten_earlier_checks(rng):
     checks = checks_of(0.001 * rng.standard_normal(MIN_BASELINE_CHECKS + 1))
     found = assess(checks[:MIN_BASELINE_CHECKS])
     assert found.recalibrate is RecalibrationAdvice.NOT_ENOUGH
@@ -175,13 +169,13 @@ def test_it_takes_ten_checks_to_say_no(rng):
         assess([])
 
 
-def test_a_blow_is_seen_though_there_are_few_checks_and_one_more_is_asked_for(rng):
+def test_a_large_step_is_inconclusive_in_one_check_and_certain_in_two(rng):
     steady = 0.001 * rng.standard_normal(6)
     checks = checks_of(np.r_[steady, 0.2])
     found = assess(checks)
-    assert (found.recalibrate, found.since) == (RecalibrationAdvice.AGAIN, None)
-    assert found.reasons == ("length A to B, length error: beyond the limits of its chart in check 7 alone",)
-    assert "check once more" in describe_assessment(found, checks)
+    assert (found.recalibrate, found.since) == (RecalibrationAdvice.INCONCLUSIVE, None)
+    assert found.reasons == ("length A to B, length error: beyond the limits of its chart in check 7 only",)
+    assert "Inconclusive: repeat the check" in describe_assessment(found, checks)
     checks = checks_of(np.r_[steady, 0.2, 0.21])
     found = assess(checks)
     assert (found.recalibrate, found.since) == (RecalibrationAdvice.YES, 6)
@@ -197,11 +191,11 @@ def test_a_single_value_beyond_its_limits_does_not_date_a_change_of_another_char
     scatters = 0.02 + np.where(np.arange(30) < 29, steady, 0.1)
     found = assess(checks_of(np.where(np.arange(30) < 15, steady, steady + 0.02), scatters))
     assert (found.recalibrate, found.since) == (RecalibrationAdvice.YES, 15)
-    assert found.reasons[1].endswith("beyond the limits of its chart in check 30 alone")
+    assert found.reasons[1].endswith("beyond the limits of its chart in check 30 only")
     left_out = [*checks_of(steady, scatters), checks_of([0.0])[0]]
     found = assess(left_out)
-    assert found.recalibrate is RecalibrationAdvice.AGAIN
-    assert found.reasons[0].endswith("in check 30 alone, measured last in check 30")
+    assert found.recalibrate is RecalibrationAdvice.INCONCLUSIVE
+    assert found.reasons[0].endswith("in check 30 only, last measured in check 30")
 
 
 def test_since_is_the_first_check_of_the_earliest_change(rng):
@@ -213,7 +207,7 @@ def test_since_is_the_first_check_of_the_earliest_change(rng):
     assert found.recalibrate is RecalibrationAdvice.YES
     assert abs(found.since - 25) <= 2
     assert len(found.reasons) == 2
-    assert "length A to B, length error: a jump at about check" in found.reasons[0]
+    assert "length A to B, length error: step at about check" in found.reasons[0]
     assert [trend.latest.quantity for trend in found.trends] == ["length error", "SPAT.2s", "SPAT.Max"]
     assert found.trends[2].chart is None
 
@@ -228,7 +222,7 @@ def test_checks_without_a_value_do_not_count_in_its_series(rng):
     np.testing.assert_array_equal(found.trends[1].checks, np.arange(0, 59, 2))
 
 
-def test_a_change_that_was_found_stands_until_its_artefact_is_retired(rng):
+def test_a_change_remains_until_its_artefact_is_retired(rng):
     """A bar that tells of a jump and is left in its box then, or mended and renamed."""
     errors = 0.001 * rng.standard_normal(30)
     errors[15:] += 0.02
@@ -236,7 +230,7 @@ def test_a_change_that_was_found_stands_until_its_artefact_is_retired(rng):
     seat_only = [*checks, replace(checks[-1], values=checks[-1].values[1:])]
     for history in (checks, seat_only):
         assert (assess(history).recalibrate, assess(history).since) == (RecalibrationAdvice.YES, 15)
-    assert assess(seat_only).reasons[0].endswith(", measured last in check 30")
+    assert assess(seat_only).reasons[0].endswith(", last measured in check 30")
     assert not assess(seat_only).trends[-1].current
     assert assess(seat_only, retired=["B"]).recalibrate is RecalibrationAdvice.NO
     over = [*checks_of([0.05, 0.05], [0.02, 0.02]), replace(checks[1], values=checks[1].values[1:])]
@@ -246,11 +240,11 @@ def test_a_change_that_was_found_stands_until_its_artefact_is_retired(rng):
     assert assess(renamed, retired=["A", "B"]).recalibrate is RecalibrationAdvice.NOT_ENOUGH
     with pytest.raises(InputError, match="is in the last check"):
         assess(renamed, retired=["A2"])
-    with pytest.raises(InputError, match="no check has the retired 'A3'"):
+    with pytest.raises(InputError, match="no check contains the retired artefact 'A3'"):
         assess(renamed, retired=["A3"])
 
 
-def test_an_artefact_that_was_unchanged_is_remarked_when_it_is_left_out():
+def test_an_unchanged_artefact_that_is_missing_today_is_remarked():
     steady = 0.001 * np.resize([1, -1, 0.5, -0.5], 20)
     checks = checks_of(steady, 0.02 + steady)
     found = assess([*checks, replace(checks[-1], values=checks[-1].values[:1])])
@@ -258,14 +252,16 @@ def test_an_artefact_that_was_unchanged_is_remarked_when_it_is_left_out():
     assert found.remarks == ("seat cone, SPAT.2s: not in this check; unchanged in check 20",)
 
 
-def test_no_is_not_said_of_what_was_never_charted(rng):
+def test_a_new_artefact_has_no_answer_though_others_have_enough_checks(rng):
     """A seat of twenty checks does not vouch for a bar that is 0.2 mm off at its first."""
     seats = [
         replace(check, values=check.values[1:]) for check in checks_of(np.zeros(20), 0.02 + 0.001 * rng.random(20))
     ]
     found = assess([*seats, replace(checks_of([0.2], [0.0205])[0], session="f" * 64)])
     assert (found.recalibrate, found.n_before) == (RecalibrationAdvice.NOT_ENOUGH, 0)
-    assert found.remarks == (f"length A to B, length error: not judged yet, 0 of {MIN_BASELINE_CHECKS} checks before",)
+    assert found.remarks == (
+        f"length A to B, length error: not assessed yet, 0 of {MIN_BASELINE_CHECKS} earlier checks",
+    )
 
 
 @settings(max_examples=40, deadline=None)
@@ -275,7 +271,7 @@ def test_no_is_not_said_of_what_was_never_charted(rng):
     measured=st.lists(st.booleans(), min_size=25, max_size=25),
     jump=st.floats(0, 0.006),
 )
-def test_what_was_said_of_a_check_does_not_change_with_those_after_it(seed, n, measured, jump):
+def test_later_checks_do_not_change_the_result_of_an_earlier_one(seed, n, measured, jump):
     """Whatever later checks measure, or leave out."""
     rng = np.random.default_rng(seed)
     errors, scatters = 0.001 * rng.standard_normal((2, 25))
@@ -284,7 +280,7 @@ def test_what_was_said_of_a_check_does_not_change_with_those_after_it(seed, n, m
     for key, trend in ((trend.latest.key, trend) for trend in assess(checks[:n]).trends if trend.chart is not None):
         later = next(one for one in assess(checks).trends if one.latest.key == key)
         m = len(trend.checks)
-        for name in ("scores", "upper", "beyond", "drift"):
+        for name in ("scores", "upper", "out_of_limits", "cusum"):
             np.testing.assert_array_equal(getattr(trend.chart, name), getattr(later.chart, name)[..., :m])
         if trend.chart.signal_index is not None:
             assert (later.chart.signal_index, later.chart.change_index) == (
@@ -293,40 +289,40 @@ def test_what_was_said_of_a_check_does_not_change_with_those_after_it(seed, n, m
             )
 
 
-def test_a_value_over_its_limit_beyond_the_artefacts_uncertainty_says_yes_the_second_time():
+def test_two_values_over_their_limit_by_more_than_u_ask_for_recalibration():
     """ISO 14253-1: 0.0125 mm with U = 2 x 0.001 mm is over 0.010, but not proved over 0.011."""
     checks = checks_of([-0.0125])
     over = assess(checks, limited(E_Uni=10))
-    assert (over.recalibrate, over.since) == (RecalibrationAdvice.AGAIN, None)
-    assert over.reasons[0].endswith("-0.0125 mm is over the limit of 0.0100 mm in check 1 alone")
+    assert (over.recalibrate, over.since) == (RecalibrationAdvice.INCONCLUSIVE, None)
+    assert over.reasons[0].endswith("-0.0125 mm exceeds the limit of 0.0100 mm in check 1 only")
     twice = assess(checks_of([-0.0125, -0.0126]), limited(E_Uni=10))
     assert (twice.recalibrate, twice.since) == (RecalibrationAdvice.YES, None)
-    assert twice.reasons[0].endswith("-0.0126 mm is over the limit of 0.0100 mm")
+    assert twice.reasons[0].endswith("-0.0126 mm exceeds the limit of 0.0100 mm")
     assert assess(checks_of([-0.0125, 0.0]), limited(E_Uni=10)).recalibrate is RecalibrationAdvice.NOT_ENOUGH
     scatter = assess(checks_of([0.0], [0.02]), limited(**{"SPAT.Max": 10})).reasons[0]
-    assert scatter.startswith("seat cone, SPAT.Max: 0.0200 mm is over")  # no sign: it is never negative
+    assert scatter.startswith("seat cone, SPAT.Max: 0.0200 mm exceeds")  # no sign: it is never negative
     assert assess(checks, limited(E_Uni=11)).recalibrate is RecalibrationAdvice.NOT_ENOUGH
     stricter = {"E_Uni": 30, "Volumetric.Max": 10}
     assert assess(checks, limited(**stricter)).trends[0].limit_mm == 0.010
     assert assess(checks, limited(**{"SPAT.2s": 1})).trends[0].limit_mm is None
 
 
-def test_an_error_that_is_too_large_and_then_too_small_is_no_change(rng):
+def test_two_values_beyond_opposite_limits_are_no_confirmed_change(rng):
     """Of the chart and of the specification; a scatter has one side."""
     steady = 0.001 * rng.standard_normal(15)
     checks = checks_of(np.r_[steady, 0.05, -0.05])
     found = assess(checks)
-    assert (found.recalibrate, found.since) == (RecalibrationAdvice.AGAIN, None)
-    assert found.reasons[0].endswith("in check 17 alone")
+    assert (found.recalibrate, found.since) == (RecalibrationAdvice.INCONCLUSIVE, None)
+    assert found.reasons[0].endswith("in check 17 only")
     back = assess(checks_of(np.r_[steady, 0.05, -0.05, -0.05]))
     assert (back.recalibrate, back.since) == (RecalibrationAdvice.YES, 16)
     limits = limited(**{"E_Uni": 10, "SPAT.Max": 10})
     over = assess(checks_of([0.0125, -0.0125]), limits)
-    assert over.recalibrate is RecalibrationAdvice.AGAIN
-    assert over.reasons[0].endswith("in check 2 alone")
+    assert over.recalibrate is RecalibrationAdvice.INCONCLUSIVE
+    assert over.reasons[0].endswith("in check 2 only")
     assert assess(checks_of([0.0, 0.0], [0.02, 0.02]), limits).recalibrate is RecalibrationAdvice.YES
 
 
-def test_days_are_told_with_their_time_where_there_is_one():
+def test_dates_are_formatted_with_their_time_unless_it_is_midnight():
     assert format_date(datetime.datetime(2026, 1, 2)) == "2026-01-02"
     assert format_date(datetime.datetime(2026, 1, 2, 8, 30)) == "2026-01-02 08:30"

@@ -1,0 +1,320 @@
+"""The assessment of an arm's interim checks: whether the arm has changed since the first of them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.typing import IntArray
+from truearm.verification.monitor.control_chart import (
+    MIN_BASELINE_CHECKS,
+    ControlChart,
+    ControlRules,
+    control_chart,
+    control_rules,
+)
+from truearm.verification.monitor.interim_check import CHECK_QUANTITIES, CheckValue, InterimCheck
+from truearm.verification.standards.dates import format_date
+from truearm.verification.standards.decision import Verdict, decide
+from truearm.verification.standards.specification import Specification
+
+INCONCLUSIVE_TEXT = (
+    "Inconclusive: repeat the check before you recalibrate. Clean the artefacts first, and check that they are fixed."
+)
+
+
+class RecalibrationAdvice(StrEnum):
+    """Whether to recalibrate."""
+
+    YES = "yes"
+    NO = "no"
+    INCONCLUSIVE = "inconclusive"
+    NOT_ENOUGH = "not enough checks yet"
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """A series of a history with its chart.
+
+    Attributes
+    ----------
+    latest : CheckValue
+        The latest value of the series.
+    current : bool
+        Whether that belongs to the last check.
+    checks : (n,) int array
+        The checks that contain the value, counted from 0.
+    chart : ControlChart or None
+        None where the quantity has no chart.
+    limit_mm : float or None
+        The limit of the specification; None where it states none.
+    over_limit : bool
+        Whether the latest value exceeds that limit by more than its uncertainty.
+    over_before : bool
+        Whether the value before did too, with the same sign.
+    """
+
+    latest: CheckValue
+    current: bool
+    checks: IntArray
+    chart: ControlChart | None
+    limit_mm: float | None
+    over_limit: bool
+    over_before: bool
+
+    @property
+    def since(self) -> int | None:
+        """The first check of the present change; None where nothing has changed."""
+        changed = None if self.chart is None else self.chart.since
+        return None if changed is None else int(self.checks[changed])
+
+    @property
+    def single_value_out_of_limits(self) -> bool:
+        """Whether only the latest value is beyond the limits of its chart: dirt in a seat may be the cause."""
+        return self.chart is not None and self.chart.change_index is None and self.since == int(self.checks[-1])
+
+    @property
+    def alarm(self) -> bool:
+        """Whether it asks for recalibration or for another check."""
+        return self.since is not None or self.over_limit
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the alarm rests on more than the latest value."""
+        return (self.since is not None and not self.single_value_out_of_limits) or (
+            self.over_limit and self.over_before
+        )
+
+    @property
+    def enough(self) -> bool:
+        """Whether it has enough checks for the statement that nothing has changed."""
+        return self.chart is not None and self.chart.enough
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """The result of the control charts at the last check.
+
+    Attributes
+    ----------
+    recalibrate : RecalibrationAdvice
+    since : int or None
+        The first check of the change, counted from 0; None where there is none, or none that is confirmed.
+    reasons : tuple of str
+        Why to recalibrate or to repeat the check.
+    remarks : tuple of str
+        What could not be assessed.
+    n_before : int
+        Number of earlier checks of that chart of the last check which has fewest.
+    trends : tuple of Trend
+        Those of the values of the last check in their order, then those of earlier checks.
+    """
+
+    recalibrate: RecalibrationAdvice
+    since: int | None
+    reasons: tuple[str, ...]
+    remarks: tuple[str, ...]
+    n_before: int
+    trends: tuple[Trend, ...]
+
+
+def assess(
+    checks: Sequence[InterimCheck], specification: Specification | None = None, *, retired: Collection[str] = ()
+) -> Assessment:
+    """Assess whether the arm has changed since the first checks.
+
+    Yes: a chart signals a change (see `control_chart`), by its cumulative sum or by two or more values in a row beyond
+    the same limit; or the latest two values have the same sign and exceed their limit in the
+    specification by more than the uncertainty of the artefact (ISO 14253-1). Quantities that the last check does not
+    contain count with their latest values. Inconclusive: that is true of the latest value only, for which dirt in a
+    seat may be the cause. No: neither, and every chart of the last check has enough earlier checks.
+
+    Parameters
+    ----------
+    checks : sequence of InterimCheck
+        All of one model, in the order of their dates.
+    specification : Specification, optional
+    retired : collection of str, optional
+        Artefacts that were repaired or replaced, and are no longer assessed; for a length, one of its seats.
+
+    Raises
+    ------
+    InputError
+        If there is no check, or a retired artefact is in the last check or in none.
+
+    Notes
+    -----
+    The rate of false alarms is shared among the charts that existed at each check, so that later checks do not change
+    the result of an earlier one.
+    """
+    if not checks:
+        raise InputError("expected one check or more, got none")
+    series: dict[tuple[str, str, bool], list[int]] = {}
+    rules = []
+    for i, check in enumerate(checks):
+        for value in check.values:
+            series.setdefault(value.key, []).append(i)
+        charted = [CHECK_QUANTITIES[name] for name, *_ in series if CHECK_QUANTITIES[name].charted]
+        rules.append(control_rules(max(1, sum(quantity.n_sides for quantity in charted))))
+    _check_retired(retired, checks)
+    by_key = [{value.key: value for value in check.values} for check in checks]
+    trends = tuple(
+        _trend([by_key[i][key] for i in series[key]], series[key], rules, specification)
+        for key in dict.fromkeys((*by_key[-1], *series))
+        if not any(by_key[series[key][-1]][key].uses(name) for name in retired)
+    )
+    current = [trend for trend in trends if trend.current and trend.chart is not None]
+    first_checks = [trend.since for trend in trends if trend.since is not None and not trend.single_value_out_of_limits]
+    if any(trend.confirmed for trend in trends):
+        advice = RecalibrationAdvice.YES
+    elif any(trend.alarm for trend in trends):
+        advice = RecalibrationAdvice.INCONCLUSIVE
+    elif current and all(trend.enough for trend in current):
+        advice = RecalibrationAdvice.NO
+    else:
+        advice = RecalibrationAdvice.NOT_ENOUGH
+    reasons = [_reason(trend, trend.since) for trend in trends if trend.since is not None]
+    reasons += [_over(trend) for trend in trends if trend.over_limit]
+    n_before = min((int(trend.chart.n_before[-1]) for trend in current if trend.chart is not None), default=0)
+    remarks = (*_remarks(trends), *_not_compared(trends, specification))
+    return Assessment(advice, min(first_checks, default=None), tuple(reasons), remarks, n_before, trends)
+
+
+def describe_assessment(assessment: Assessment, checks: Sequence[InterimCheck]) -> str:
+    """The advice in one line."""
+    if assessment.recalibrate is RecalibrationAdvice.YES:
+        since = (
+            ""
+            if assessment.since is None
+            else f", since check {assessment.since + 1} of {format_date(checks[assessment.since].date)}"
+        )
+        return f"recalibrate: yes{since}"
+    if assessment.recalibrate is RecalibrationAdvice.INCONCLUSIVE:
+        return INCONCLUSIVE_TEXT
+    if assessment.recalibrate is RecalibrationAdvice.NO:
+        return "recalibrate: no"
+    return (
+        f"recalibrate: not enough checks yet; {assessment.n_before} before this one, {MIN_BASELINE_CHECKS} are needed"
+    )
+
+
+def is_measured(artefact: str, checks: Sequence[InterimCheck]) -> bool:
+    """Whether a check has a value of an artefact; for a length, of one of its seats."""
+    return any(value.uses(artefact) for check in checks for value in check.values)
+
+
+def _check_retired(retired: Collection[str], checks: Sequence[InterimCheck]) -> None:
+    for name in retired:
+        if is_measured(name, checks[-1:]):
+            raise InputError(
+                f"{name!r} is retired but is in the last check",
+                hint="give a repaired or replaced artefact a new name in the session",
+            )
+        if not is_measured(name, checks):
+            known = dict.fromkeys(value.artefact for check in checks for value in check.values)
+            raise InputError(
+                f"no check contains the retired artefact {name!r:.80}", hint=f"use one of {', '.join(known)}"[:200]
+            )
+
+
+def _trend(
+    values: Sequence[CheckValue], at: Sequence[int], rules: Sequence[ControlRules], specification: Specification | None
+) -> Trend:
+    """The series `values` of the checks `at`; `rules` has those of every check."""
+    latest = values[-1]
+    quantity = CHECK_QUANTITIES[latest.quantity]
+    chart = None
+    if quantity.charted:
+        chart = control_chart(
+            [one.value_mm for one in values],
+            u=[one.u_mm for one in values],
+            rules=[rules[i] for i in at],
+            scale=quantity.scale,
+            upper_only=quantity.scale,
+        )
+    limit, over = _compare(latest, specification)
+    over_before = (
+        len(values) > 1 and _compare(values[-2], specification)[1] and values[-2].value_mm * latest.value_mm > 0
+    )
+    return Trend(latest, at[-1] == len(rules) - 1, np.array(at), chart, limit, over, over_before)
+
+
+def _compare(value: CheckValue, specification: Specification | None) -> tuple[float | None, bool]:
+    """The limit of the specification [mm], and whether a value exceeds it by more than its uncertainty."""
+    if specification is None or not _comparable(value, specification):
+        return None, False
+    stated = [specification.limit(symbol, value.length_mm) for symbol in CHECK_QUANTITIES[value.quantity].symbols]
+    limit = min((one for one in stated if one is not None), default=None)
+    # k = 2
+    over = limit is not None and decide(value.value_mm, 2 * value.u_artefact_mm, limit) is Verdict.NOT_CONFORM
+    return limit, over
+
+
+def _comparable(value: CheckValue, specification: Specification) -> bool:
+    """Whether the limits of the specification apply to a value: to lengths, only at 20 degC."""
+    if CHECK_QUANTITIES[value.quantity].artefact != "length":
+        return True
+    return value.length_mm is not None and specification.corrected_to_20_degC
+
+
+def _reason(trend: Trend, since: int) -> str:
+    assert trend.chart is not None
+    if trend.single_value_out_of_limits:
+        return f"{trend.latest.label}: beyond the limits of its chart in check {since + 1} only{_when_last(trend)}"
+    if trend.chart.change_index is None:
+        what = "beyond the limits of its chart since"
+    elif trend.chart.gradual:
+        what = "drift since about"
+    else:
+        what = "step at about"
+    return f"{trend.latest.label}: {what} check {since + 1}{_when_last(trend)}"
+
+
+def _over(trend: Trend) -> str:
+    sign = "" if CHECK_QUANTITIES[trend.latest.quantity].scale else "+"
+    only = "" if trend.over_before else f" in check {trend.checks[-1] + 1} only"
+    return (
+        f"{trend.latest.label}: {trend.latest.value_mm:{sign}.4f} mm exceeds the limit of {trend.limit_mm:.4f} mm"
+        f"{only}{_when_last(trend)}"
+    )
+
+
+def _when_last(trend: Trend) -> str:
+    return "" if trend.current else f", last measured in check {trend.checks[-1] + 1}"
+
+
+def _remarks(trends: Sequence[Trend]) -> tuple[str, ...]:
+    """Charts with too few checks beside others with enough, and charts without a value in the last check."""
+    remarks = []
+    some_enough = any(trend.enough for trend in trends)
+    for trend in trends:
+        if trend.chart is None or trend.alarm:
+            continue
+        n = f"{trend.chart.n_before[-1]} of {MIN_BASELINE_CHECKS} earlier checks"
+        if not trend.current:
+            then = "unchanged" if trend.enough else f"not assessed, {n},"
+            remarks.append(f"{trend.latest.label}: not in this check; {then} in check {trend.checks[-1] + 1}")
+        elif some_enough and not trend.enough:
+            remarks.append(f"{trend.latest.label}: not assessed yet, {n}")
+    return tuple(remarks)
+
+
+def _not_compared(trends: Sequence[Trend], specification: Specification | None) -> tuple[str, ...]:
+    """Lengths of the last check to which the limits of the specification do not apply."""
+    if specification is None:
+        return ()
+    if not specification.corrected_to_20_degC:
+        why = "its limits apply to lengths that are not corrected to 20 degC"
+    else:
+        why = "lengths are compared at 20 degC, and the expansion or the session's temperature is not known"
+    return tuple(
+        f"{trend.latest.label}: not compared with the specification: {why}"
+        for trend in trends
+        if trend.current
+        and not _comparable(trend.latest, specification)
+        and any(symbol in specification.limits for symbol in CHECK_QUANTITIES[trend.latest.quantity].symbols)
+    )
