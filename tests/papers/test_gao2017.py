@@ -71,7 +71,7 @@ def test_the_same_seed_gives_the_same_numbers_and_another_seed_another_arm(small
     again, other = experiment(seed=3, settings=SMALL), experiment(seed=4, settings=SMALL)
     for name, points in small.predicted("box").items():
         np.testing.assert_array_equal(again.predicted("box")[name], points)
-    assert not np.allclose(other.arm.systematic.constants, small.arm.systematic.constants)
+    assert not np.allclose(other.arm.systematic.geometry, small.arm.systematic.geometry)
 
 
 def test_progress_tells_every_epoch():

@@ -47,7 +47,7 @@ def test_planted_hysteresis_is_found_within_its_stated_uncertainty(measured, mod
             found.append(fit.coefficients[start])
             std.append(np.sqrt(fit.covariance[start, start]))
         start += term.n_coefficients
-    planted = virtual.systematic.hysteresis
+    planted = virtual.systematic.of_group("hysteresis")
     assert len(found) == 6
     # Joint 5 has a lever of some 50 mm, joint 6 none: the tip lies on its axis.
     assert max(std[:4]) < 3e-6 < max(std[:5]) < 3e-5

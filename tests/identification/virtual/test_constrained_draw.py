@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from truearm.arm.catalogue import load_arm
-from truearm.identification.virtual import PRESETS, VirtualArm, VirtualArmState
+from truearm.identification.virtual import PRESETS, VirtualArm
 from truearm.identification.virtual.constrained import TESTS, _test_of, box_sample, to_mean
-from truearm.identification.virtual.motions import MotionFunctions, motions
-from truearm.identification.virtual.systematic import draw_constants, draw_systematic_errors, geometry_stream
+from truearm.identification.virtual.error_model import draw_geometry, geometry_stream
 
 RESEARCH = PRESETS["research"]
 
@@ -27,10 +26,10 @@ def errors_of_nominal(arm: VirtualArm) -> np.ndarray:
 @pytest.mark.parametrize(("name", "seed"), [("gao2017", 0), ("measuring7", 7)])
 def test_the_draw_kept_is_one_of_the_stream_at_the_scale_that_a_root_finder_gives(name, seed):
     arm = VirtualArm.draw(load_arm(name), RESEARCH, seed=seed)
-    kept = arm.systematic.constants
+    kept = arm.systematic.geometry
     stream = geometry_stream(seed)
     for _ in range(1000):
-        drawn = draw_constants(arm.nominal.chain, RESEARCH, stream)
+        drawn = draw_geometry(arm.nominal.chain, RESEARCH, stream)
         scale = (drawn * kept).sum() / (drawn * drawn).sum()
         if np.abs(kept - scale * drawn).max() < 1e-12:
             break
@@ -38,7 +37,7 @@ def test_the_draw_kept_is_one_of_the_stream_at_the_scale_that_a_root_finder_give
         pytest.fail("none of 1000 draws")
 
     def excess(scale: float) -> float:
-        scaled = VirtualArm(arm.nominal, RESEARCH, arm.systematic.with_constants(scale * drawn), seed)
+        scaled = VirtualArm(arm.nominal, RESEARCH, arm.systematic.with_geometry(scale * drawn), seed)
         return float(np.abs(errors_of_nominal(scaled)).mean()) - RESEARCH.nominal_mean_mm
 
     # Three digits a round, from three: 1e-9, and some for arms that bend the errors more.
@@ -52,11 +51,11 @@ def test_an_arm_is_that_of_its_seed_whatever_was_drawn_before():
     arm, warm = load_arm("gao2017"), replace(RESEARCH, temperature_degC=RESEARCH.temperature_degC + 10)
     draws = [(arm, RESEARCH, 1), (arm, RESEARCH, 2), (arm, RESEARCH, 1), (arm, warm, 1), (load_arm("ur5"), warm, 1)]
     _test_of.cache_clear()
-    kept = [VirtualArm.draw(nominal, preset, seed=seed).systematic.constants for nominal, preset, seed in draws]
+    kept = [VirtualArm.draw(nominal, preset, seed=seed).systematic.geometry for nominal, preset, seed in draws]
     assert (_test_of.cache_info().hits, _test_of.cache_info().misses) == (2, 3)
     for (nominal, preset, seed), constants in zip(draws, kept, strict=True):
         _test_of.cache_clear()
-        np.testing.assert_array_equal(VirtualArm.draw(nominal, preset, seed=seed).systematic.constants, constants)
+        np.testing.assert_array_equal(VirtualArm.draw(nominal, preset, seed=seed).systematic.geometry, constants)
     assert (kept[1] != kept[0]).any()
     assert (kept[3] != kept[0]).any()
 
@@ -78,30 +77,3 @@ def test_errors_that_are_too_large_without_geometry_leave_numbers_all_the_same()
     scale, errors = to_mean(2.0 + rng.random(40), rng.standard_normal((3, 40)), 1.0)
     assert np.isfinite(scale).all()
     assert np.isfinite(errors).all()
-
-
-def test_arms_that_share_functions_move_as_each_alone():
-    arm, rng = load_arm("measuring7"), np.random.default_rng(5)
-    angles = rng.uniform(-2, 2, (40, arm.n_joints))
-    state = VirtualArmState(
-        rng.choice([-1.0, 1.0], angles.shape),
-        20 + rng.standard_normal((40, arm.n_joints + 1)),
-        rng.standard_normal((40, 3)),
-        rng.uniform(0, 6, arm.n_joints),
-    )
-    drawn = [
-        draw_systematic_errors(arm, PRESETS[name], seed=seed)
-        for name, seed in (("shop", 0), ("perfect", 0), ("shop", 1))
-    ]
-    first = drawn[0]
-    functions = MotionFunctions(
-        chain=arm.chain,
-        angles=angles,
-        state=state,
-        masses=first.masses,
-        gravity_in_base=first.gravity_in_base,
-        cage_ratio=first.cage_ratio,
-    )
-    for one in drawn:
-        assert (functions.motions(one) == motions(arm.chain, one, angles, state)).all()
-    assert (functions.motions(drawn[0]) != functions.motions(drawn[2])).any()

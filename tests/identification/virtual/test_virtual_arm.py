@@ -10,8 +10,9 @@ from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.virtual import PRESETS, Preset, VirtualArm, load_preset, magnitudes
-from truearm.identification.virtual.state import at_rest, hand_forces, link_temperatures, mean_hand_force
-from truearm.identification.virtual.systematic import ARCSEC, beam, eccentric_reading
+from truearm.identification.virtual.bases import beam
+from truearm.identification.virtual.error_model import ARCSEC, eccentric_reading
+from truearm.identification.virtual.state import hand_forces, link_temperatures, mean_hand_force
 
 WORKING_DEG = (0, -60, 0, 60, 0, 60)
 
@@ -77,8 +78,10 @@ def test_another_seed_gives_another_arm():
 def test_an_arm_and_a_session_of_one_seed_share_no_randomness():
     # The arm's lag and the session's air come from streams of like names: their draws must differ.
     arm = VirtualArm.draw(paper_arm(), Preset(cage_tilt_std_arcsec=1.0), seed=5)
-    phase = arm.state(box(arm.nominal, 3, 0), seed=5).cage_phase
-    assert np.abs(np.corrcoef(arm.systematic.cage[:, 0, 0], phase)[0, 1]) < 0.999
+    columns = arm.state(box(arm.nominal, 3, 0), seed=5).columns
+    phase = [columns[f"cage_phase_{joint}_rad"][0] for joint in range(1, 7)]
+    tilt = arm.systematic.of_group("ball cages").reshape(6, 2, 2)[:, 0, 0]
+    assert np.abs(np.corrcoef(tilt, phase)[0, 1]) < 0.999
 
 
 def test_changing_one_class_leaves_the_draws_of_the_others():
@@ -87,9 +90,10 @@ def test_changing_one_class_leaves_the_draws_of_the_others():
     other = VirtualArm.draw(
         paper_arm(), replace(shop, bearing_tilt_std_arcsec=9.0, length_std_mm=1.0), seed=0
     ).systematic
-    for name in ("encoder", "load_to_motion", "expansion_per_K", "lag_s", "hysteresis", "cage"):
-        assert (getattr(plain, name) == getattr(other, name)).all(), name
-    assert not (plain.bearing == other.bearing).all()
+    for group in ("encoders", "compliance", "thermal growth", "hysteresis", "ball cages"):
+        assert (plain.of_group(group) == other.of_group(group)).all(), group
+    assert (plain.lag_s == other.lag_s).all()
+    assert not (plain.of_group("bearings") == other.of_group("bearings")).all()
 
 
 def test_noise_magnitudes_do_not_move_each_others_draws(research):
@@ -143,7 +147,7 @@ def test_encoder_turns_the_joint_by_its_harmonics():
     error = np.angle((tips[:, 0] + 1j * tips[:, 1]) * np.exp(-1j * q))
     spectrum = np.fft.rfft(error) / 32
     assert np.flatnonzero(np.abs(spectrum) > 1e-12).tolist() == [1, 2, 4]
-    coefficients = arm.systematic.encoder[0]
+    coefficients = arm.systematic.of_group("encoders").reshape(3, 2)
     assert spectrum[[1, 2, 4]].real == pytest.approx(coefficients[:, 0], abs=1e-14)
     assert -spectrum[[1, 2, 4]].imag == pytest.approx(coefficients[:, 1], abs=1e-14)
 
@@ -152,7 +156,9 @@ def test_encoder_magnitudes_are_those_of_the_preset():
     preset = Preset(
         eccentricity_std_um=5.0, grating_diameter_mm=50.0, encoder_order2_std_arcsec=2.0, encoder_order4_std_arcsec=1.0
     )
-    drawn = np.array([VirtualArm.draw(one_hinge(), preset, seed=s).systematic.encoder[0] for s in range(400)])
+    drawn = np.array(
+        [VirtualArm.draw(one_hinge(), preset, seed=s).systematic.of_group("encoders").reshape(3, 2) for s in range(400)]
+    )
     # 800 draws: their standard deviation is known to 2.5 %; 3.5 sigma.
     assert drawn.std(axis=(0, 2)) / ARCSEC == pytest.approx([412.5 * 5 / 50, 2.0, 1.0], rel=0.09)
 
@@ -274,7 +280,7 @@ def test_hysteresis_separates_the_two_directions_by_twice_its_size():
     arm = VirtualArm.draw(one_hinge(), Preset(hysteresis_std_arcsec=1.0), seed=0)
     tips = arm.measure([[-0.1], [0.0], [0.1], [0.0]], seed=0).true_tips
     gap = tips[1, 1] - tips[3, 1]
-    assert gap == pytest.approx(2 * arm.systematic.hysteresis[0] * 1000, rel=1e-6)
+    assert gap == pytest.approx(2 * arm.systematic.of_group("hysteresis")[0] * 1000, rel=1e-6)
     assert gap != 0
 
 
@@ -331,7 +337,7 @@ def test_a_session_in_seats_has_its_tips_there_but_for_the_seats_scatter(researc
 
 
 def test_a_seat_out_of_reach_is_refused(research):
-    with pytest.raises(InputError, match=r"pose 1 does not settle.*mm away"):
+    with pytest.raises(InputError, match=r"pose 1 does not reach its seat.*mm away"):
         research.settle([research.nominal.working], [[9000.0, 0, 0]])
 
 
@@ -346,7 +352,7 @@ def test_a_seat_out_of_reach_is_refused(research):
         (lambda a: a.measure(np.full((3, 6), np.nan), seed=0), "finite angles"),
         (lambda a: a.measure(np.zeros((3, 6)), seed=-1), "seed"),
         (lambda a: a.measure(np.zeros((3, 6)), seed=0, temperature_degC=[20, 21]), "one temperature or 3"),
-        (lambda a: a.true_tip(np.zeros((3, 6)), at_rest(a.nominal.chain, 2)), "state of 3 readings"),
+        (lambda a: a.true_tip(np.zeros((3, 6)), a.resting(np.zeros((2, 6)))), "state of 3 readings"),
         (lambda a: a.settle(np.zeros((3, 6)), np.zeros((2, 3))), "a seat's point for each of 3"),
         (lambda a: a.noise_floor(a.measure(np.zeros((3, 6)), seed=0, reference=False)), "needs reference points"),
         (lambda a: VirtualArm.draw(a.nominal, a.preset, seed=-3), "seed"),
@@ -367,5 +373,5 @@ def test_what_does_not_fit_is_refused(research, call, says):
 
 def test_sliding_joints_are_refused():
     slider = Arm("gantry", Chain(np.tile(np.eye(4), (2, 1, 1)), [0, 0, 0], np.array([True])))
-    with pytest.raises(InputError, match=r"J1 of arm 'gantry' slides"):
+    with pytest.raises(InputError, match=r"J1 of arm 'gantry' is prismatic"):
         VirtualArm.draw(slider, Preset(), seed=0)

@@ -38,22 +38,22 @@ def test_the_noise_floor_of_research_is_6_8_um(arm):
 def test_a_perfect_model_of_linear_terms_comes_within_3_per_cent_of_the_floor(arm):
     """It knows all but hysteresis, ball cages and lag, and takes the air's temperature for that of the links."""
     taken = arm.measure(box(arm, 3000, 0), seed=1)
-    perfect = replace(arm, systematic=replace(arm.systematic, hysteresis=np.zeros(6), cage=np.zeros((6, 2, 6))))
-    state = arm.resting(3000)
+    perfect = replace(arm, systematic=arm.systematic.scaled({"hysteresis": 0.0, "ball cages": 0.0}))
     air = np.repeat(taken.readings.temperature_degC[:, None], 7, axis=1)
-    tips = perfect.true_tip(taken.readings.angles, replace(state, link_temperature_degC=air))
+    state = replace(arm.resting(taken.readings.angles), temperature_degC=air)
+    tips = perfect.true_tip(taken.readings.angles, state)
     error = point_errors(tips, taken.readings.points)["mean_abs_coordinate_mm"]
     floor = arm.noise_floor(taken)["mean_abs_coordinate_mm"]
     assert floor < error < 1.03 * floor
     # What it misses is real: at the true angles, some tenths of um, below 2 um.
-    missed = perfect.true_tip(taken.true_angles, replace(taken.state, link_temperature_degC=air)) - taken.true_tips
+    missed = perfect.true_tip(taken.true_angles, replace(taken.state, temperature_degC=air)) - taken.true_tips
     assert 0.0001 < np.abs(missed).mean() < 0.002
 
 
 def test_geometry_is_the_largest_class_and_of_the_size_of_identified_arms(arm):
     # Gao et al. 2018: identified minus nominal of the like arm, 0.1 to 0.7 mm and 0.03 deg. The draw is scaled to the
     # paper's error, so single arms may lie a factor apart.
-    constants = arm.systematic.constants[:-1]
+    constants = arm.systematic.geometry[:-1]
     assert 0.02 < constants[:, 3:].std() < 0.7
     assert 0.002 < np.degrees(constants[:, :3].std()) < 0.07
 

@@ -78,7 +78,7 @@ def table_row(preset, geometry, poses, seed):
     for trial, here in enumerate(poses):
         drawn = PresetDistribution(ARM, preset).draw(seed + trial)
         if geometry is not None:
-            systematic = drawn.virtual.systematic.with_constants(dh_errors(geometry, rng))
+            systematic = drawn.virtual.systematic.with_geometry(dh_errors(geometry, rng))
             drawn = replace(drawn, virtual=replace(drawn.virtual, systematic=systematic))
         angles = here.reshape(-1, 6)
         errors = (drawn.systematic(angles) + drawn.random(angles, rng)).reshape(SEATS, POSES, 3)

@@ -17,7 +17,8 @@ from truearm.errors import InputError
 from truearm.identification.terms.gravity import (
     STANDARD_GRAVITY,
     STANDARD_GRAVITY_IN_BASE,
-    gravity_torques,
+    GravityLoads,
+    gravity_loads,
     uniform_links,
 )
 from truearm.typing import FloatArray
@@ -113,11 +114,16 @@ class ArmState:
             None if self.session is None else self.session[which],
         )
 
-    @cached_property
+    @property
     def gravity_torques(self) -> FloatArray:
         """(n, n_joints, 3) torque of the weight at every joint, along the axes of its place [N m]."""
+        return self.gravity_loads.torque_in_joint
+
+    @cached_property
+    def gravity_loads(self) -> GravityLoads:
+        """Torque and force of the weight at every joint."""
         links = uniform_links(self.chain, kg_per_m=1.0) if self.links is None else self.links
-        return gravity_torques(self.chain, self.angles, links, gravity_in_base=self.gravity_in_base)
+        return gravity_loads(self.chain, self.angles, links, gravity_in_base=self.gravity_in_base)
 
 
 def _fitting(value: npt.ArrayLike, what: str, shapes: tuple[tuple[int, ...], ...]) -> FloatArray:

@@ -1,7 +1,6 @@
-"""Virtual arms: nominal arms with drawn errors, whose truth is known."""
+"""Virtual arms: nominal arms with drawn errors, whose true tip positions are known."""
 
 from truearm.identification.virtual.arm import Measurement, VirtualArm
 from truearm.identification.virtual.presets import PRESETS, Preset, load_preset, magnitudes
-from truearm.identification.virtual.state import VirtualArmState
 
-__all__ = ["PRESETS", "Measurement", "Preset", "VirtualArm", "VirtualArmState", "load_preset", "magnitudes"]
+__all__ = ["PRESETS", "Measurement", "Preset", "VirtualArm", "load_preset", "magnitudes"]

@@ -1,4 +1,4 @@
-"""A virtual arm: a nominal arm with drawn errors, which can be measured with as often as one likes."""
+"""A virtual arm: a nominal arm with drawn errors, whose true tip positions are known."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.terms import directions
+from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.terms import ArmState, directions
 from truearm.identification.virtual.constrained import constrain_geometry
-from truearm.identification.virtual.motions import motions, true_tips
-from truearm.identification.virtual.presets import Preset
+from truearm.identification.virtual.error_model import ARCSEC
+from truearm.identification.virtual.presets import Preset, load_preset
 from truearm.identification.virtual.state import (
-    VirtualArmState,
     air_temperatures,
-    at_rest,
     given_temperatures,
     hand_forces,
     link_temperatures,
     mean_hand_force,
+    random_stream,
+    virtual_state,
+    with_force,
 )
-from truearm.identification.virtual.systematic import ARCSEC, RANDOM, SystematicErrors, draw_systematic_errors
+from truearm.identification.virtual.systematic_errors import SystematicErrors, draw_systematic_errors
 from truearm.readings.point_errors import PointErrors, point_errors
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
@@ -33,25 +35,25 @@ SETTLED_MM = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Readings of a virtual arm and what nobody can know of a real one.
+    """A session measured with a virtual arm, and the true values, which no real arm reveals.
 
     Attributes
     ----------
     readings : Session
         What a user gets: angles with noise and in encoder steps, reference points with noise, air temperature, and
-        from which side each joint came.
+        the direction of each joint's last movement.
     true_angles : (n, n_joints) array
-        The angles before noise and quantisation [rad]; the encoders' systematic errors are in them.
+        Angles before noise and quantisation [rad]; they include the encoders' systematic errors.
     true_tips : (n, 3) array
-        Where the tip was, in the base frame [mm].
-    state : VirtualArmState
-        Direction of movement, link temperatures and force at each reading.
+        True tip positions in the base frame [mm].
+    state : ArmState
+        Directions of movement, link temperatures and force at each reading.
     """
 
     readings: Session
     true_angles: FloatArray
     true_tips: FloatArray
-    state: VirtualArmState
+    state: ArmState
 
     def __len__(self) -> int:
         return len(self.true_angles)
@@ -59,22 +61,22 @@ class Measurement:
 
 @dataclass(frozen=True, eq=False)
 class VirtualArm:
-    """An arm that differs from its drawing in known ways.
+    """An arm that differs from its nominal model by known errors.
 
-    Its *true function* takes the angles that its encoders show, noise and steps apart, and composes a finite motion at
-    every place of the nominal chain. Errors drawn once belong to the arm (`systematic`); `measure` draws the others
-    anew for each reading.
+    The true tip is the exact composition of the finite motions of all terms (`SystematicErrors`) with the nominal
+    chain, at the angles that the encoders show without noise and steps. Systematic errors are drawn once per arm;
+    `measure` draws the random ones for each reading.
 
     Parameters
     ----------
     nominal : Arm
-        The drawing.
+        Nominal model; rotary joints only.
     preset : Preset
         Magnitudes of errors and noise.
     systematic : SystematicErrors
         The errors drawn for this arm.
     seed : int
-        They were drawn from it.
+        Seed of the draw.
     """
 
     nominal: Arm
@@ -83,42 +85,58 @@ class VirtualArm:
     seed: int
 
     @classmethod
-    def draw(cls, nominal: Arm, preset: Preset, *, seed: int) -> VirtualArm:
+    def draw(cls, nominal: Arm, preset: Preset | str, *, seed: int) -> VirtualArm:
         """Draw an arm's systematic errors; the same seed gives the same arm.
+
+        Parameters
+        ----------
+        nominal : Arm
+        preset : Preset or str
+            Magnitudes, or the name of a preset of the package (`PRESETS`).
+        seed : int
 
         Raises
         ------
         InputError
-            If the arm has sliding joints, or the preset's constraint cannot be met (see `Preset.nominal_mean_mm`).
+            If the arm has prismatic joints, the preset's name is unknown, or its constraint cannot be met (see
+            `Preset.nominal_mean_mm`).
         """
-        assert nominal.chain.prismatic is not None  # set in Chain
-        if nominal.chain.prismatic.any():
-            joint = nominal.joint_names[int(np.argmax(nominal.chain.prismatic))]
-            raise InputError(f"a virtual arm has turning joints only, but {joint} of arm {nominal.name!r} slides")
+        preset = load_preset(preset) if isinstance(preset, str) else preset
+        if nominal.chain.is_prismatic.any():
+            joint = int(np.argmax(nominal.chain.is_prismatic)) + 1
+            raise InputError(
+                f"joint J{joint} of arm {nominal.name!r} is prismatic; virtual arms have rotary joints only"
+            )
         systematic = draw_systematic_errors(nominal, preset, seed=_checked_seed(seed))
         if preset.nominal_mean_mm > 0:
             systematic = constrain_geometry(nominal, systematic, preset, seed=seed)
         return cls(nominal, preset, systematic, seed)
 
-    def true_tip(self, angles: npt.ArrayLike, state: VirtualArmState | None = None) -> FloatArray:
-        """Where the tip is, (n, 3) [mm], at noiseless angles (n, n_joints) [rad]; `state` is `resting` by default."""
-        angles = self._checked(angles)
-        return true_tips(self.nominal.chain, self.systematic, angles, self._checked_state(state, len(angles)))
+    @property
+    def perturbed_chain(self) -> PerturbedChain:
+        """The nominal chain with the terms of the errors."""
+        return self.systematic.model.perturbed_chain
 
-    def motions(self, angles: npt.ArrayLike, state: VirtualArmState | None = None) -> FloatArray:
-        """Give the motions (n, n_places, 6) [rad, mm] that turn the nominal chain into this arm."""
-        angles = self._checked(angles)
-        return motions(self.nominal.chain, self.systematic, angles, self._checked_state(state, len(angles)))
+    def true_tip(self, angles: npt.ArrayLike, state: ArmState | None = None) -> FloatArray:
+        """Return true tips (n, 3) [mm] at noiseless angles (n, n_joints) [rad].
 
-    def resting(self, n: int) -> VirtualArmState:
-        """State of n readings with the mean force, at the preset's mean temperature, between the two directions."""
-        state = at_rest(self.nominal.chain, n, temperature_degC=self.preset.temperature_degC)
-        return state.with_force(mean_hand_force(self.preset))
+        The other inputs are those of `state`, by default `resting`.
+        """
+        return self.perturbed_chain.tips(self._state_at(angles, state), self.systematic.coefficients)
 
-    def state(
-        self, angles: npt.ArrayLike, *, seed: int, temperature_degC: npt.ArrayLike | None = None
-    ) -> VirtualArmState:
-        """State at each of a sequence of readings, as `measure` with the same seed meets it."""
+    def motions(self, angles: npt.ArrayLike, state: ArmState | None = None) -> FloatArray:
+        """Return the motions (n, n_places, 6) [rad, mm] that turn the nominal chain into this arm."""
+        state = self._state_at(angles, state)
+        chain = self.perturbed_chain
+        motions = chain.motions(self.systematic.coefficients, chain.values(state))
+        return np.broadcast_to(motions, (*motions.shape[:2], len(state))).transpose(2, 0, 1).copy()
+
+    def resting(self, angles: npt.ArrayLike) -> ArmState:
+        """State with mean force, at the preset's mean temperature, half way between the directions of movement."""
+        return virtual_state(self.nominal, self.preset, self._checked(angles))
+
+    def state(self, angles: npt.ArrayLike, *, seed: int, temperature_degC: npt.ArrayLike | None = None) -> ArmState:
+        """State at each reading of a session, equal to that of `measure` with the same seed."""
         return self._session(self._checked(angles), seed, temperature_degC)[1]
 
     def measure(
@@ -132,58 +150,57 @@ class VirtualArm:
         session: str | None = None,
         reference: bool = True,
     ) -> Measurement:
-        """Take readings, one at each row of `angles` and in their order.
+        """Measure a session: one reading at each row of `angles`, in their order.
 
         Parameters
         ----------
         angles : (n, n_joints) array
             Angles before noise and quantisation [rad].
         seed : int
-            Of everything random in this session. The arm's own errors do not depend on it.
+            Seed of everything random in this session. The arm's own errors do not depend on it.
         temperature_degC : float or (n,) array, optional
-            Air at the readings [degC]; by default the preset's slow swing.
+            Air temperature at the readings [degC]; by default the preset's slow swing.
         seat : (n,) array of str, optional
             Name of the seat that holds the tip.
         seat_points : (n, 3) array, optional
-            Where those seats are [mm]. If given, the angles are first settled (see `settle`), so that the tip is in its
-            seat but for the seat's own scatter.
+            Positions of those seats [mm]. The angles are then settled (see `settle`): the tip is in its seat up to the
+            scatter of the seat.
         session : str, optional
             Name of this session in the readings.
         reference : bool
-            Whether a reference instrument saw the tip: readings with or without points.
+            Whether a reference instrument measures the tip: readings with or without points.
         """
         angles = self._checked(angles)
         air, state = self._session(angles, seed, temperature_degC)
         if seat_points is not None:
-            scatter = self.preset.seat_std_mm * _stream(seed, "seat").standard_normal((len(angles), 3))
+            scatter = self.preset.seat_std_mm * random_stream("session", seed, "seat").standard_normal((len(angles), 3))
             angles = self.settle(angles, np.asarray(seat_points, dtype=float) + scatter, state=state)
+            state = replace(state, angles=angles)
         tips = self.true_tip(angles, state)
         readings = Session(
-            self._read(angles, _stream(seed, "encoder noise")),
+            self._read(angles, random_stream("session", seed, "encoder noise")),
             seat=None if seat is None else np.asarray(seat, dtype=np.str_),
             session=None if session is None else np.full(len(angles), session),
             temperature_degC=air,
-            directions=state.direction,
+            directions=state.directions,
         )
         if reference:
-            readings = self._referenced(readings, tips, _stream(seed, "reference"))
+            readings = self._with_reference(readings, tips, random_stream("session", seed, "reference"))
         return Measurement(readings, angles, tips, state)
 
-    def settle(
-        self, angles: npt.ArrayLike, seat_points: npt.ArrayLike, *, state: VirtualArmState | None = None
-    ) -> FloatArray:
-        """Move the joints as little as needed for the true tip to lie in its seat.
+    def settle(self, angles: npt.ArrayLike, seat_points: npt.ArrayLike, *, state: ArmState | None = None) -> FloatArray:
+        """Move the joints as little as possible until the true tip lies in its seat.
 
-        Gauss-Newton with the nominal derivatives: they err by less than a per mil, so each step gains three digits.
-        Joint limits are not watched, since a drawing's errors move a joint by a few mrad.
+        Gauss-Newton with the nominal derivatives, whose relative error is below 1e-3: each step gains three digits.
+        Joint limits are ignored, since the errors of an arm move a joint by a few mrad only.
 
         Parameters
         ----------
         angles : (n, n_joints) array
-            Near the seats [rad].
+            Start, near the seats [rad].
         seat_points : (n, 3) array
-            [mm] in the base frame.
-        state : VirtualArmState, optional
+            Positions of the seats in the base frame [mm].
+        state : ArmState, optional
             `resting` by default.
 
         Returns
@@ -200,24 +217,24 @@ class VirtualArm:
         seats = np.asarray(seat_points, dtype=float)
         if seats.shape != (len(angles), 3):
             raise InputError(f"expected a seat's point for each of {len(angles)} poses, got shape {seats.shape}")
-        state = self._checked_state(state, len(angles))
+        state = self._state_at(angles, state)
         for _ in range(SETTLING_STEPS):
             gap = seats - self.true_tip(angles, state)
             if np.abs(gap).max(initial=0.0) < SETTLED_MM:
                 return angles
             own_axes = self.nominal.chain.tip_derivatives(angles).motion_jacobian[:, 1:-1, 2]
             angles += (np.linalg.pinv(own_axes.transpose(0, 2, 1), rcond=1e-6) @ gap[:, :, None])[:, :, 0]
-        far = np.linalg.norm(gap, axis=1)
-        worst = int(np.argmax(far))
+        distance = np.linalg.norm(gap, axis=1)
+        worst = int(np.argmax(distance))
         raise InputError(
-            f"pose {worst + 1} does not settle in its seat: the tip stays {far[worst]:.3g} mm away",
-            hint="a pose whose nominal tip is nearer to the seat, and not with the arm stretched out",
+            f"pose {worst + 1} does not reach its seat: the tip stays {distance[worst]:.3g} mm away",
+            hint="start from a pose whose nominal tip is nearer to the seat, with the arm not stretched out",
         )
 
     def noise_floor(self, measurement: Measurement) -> PointErrors:
-        """Give what no model can beat: the true function at the measured angles against the reference points.
+        """Errors that no model can reduce: true tips at the measured angles against the reference points.
 
-        The true function knows how each joint came and how warm each link was, and takes the mean force.
+        The directions of movement and the link temperatures are the true ones; the force is its mean.
 
         Raises
         ------
@@ -226,43 +243,46 @@ class VirtualArm:
         """
         readings = measurement.readings
         if readings.points is None:
-            raise InputError(
-                "the noise floor needs reference points, and these readings have none", hint="reference=True"
-            )
-        expected = measurement.state.with_force(mean_hand_force(self.preset))
+            raise InputError("the noise floor needs reference points; these readings have none", hint="reference=True")
+        expected = with_force(measurement.state, mean_hand_force(self.preset))
         return point_errors(self.true_tip(readings.angles, expected), readings.points)
 
     def nominal_error(self, measurement: Measurement) -> PointErrors:
-        """Error of the nominal model at the measured angles against the true tips."""
+        """Errors of the nominal model at the measured angles against the true tips."""
         tips = self.nominal.chain.tip_in_base(measurement.readings.angles)
         return point_errors(tips, measurement.true_tips)
 
     def _session(
         self, angles: FloatArray, seed: int, temperature_degC: npt.ArrayLike | None
-    ) -> tuple[FloatArray, VirtualArmState]:
-        n, chain, preset = len(angles), self.nominal.chain, self.preset
+    ) -> tuple[FloatArray, ArmState]:
+        """Air temperature (n,) and state of a session."""
+        n, preset = len(angles), self.preset
         if n == 0:
             raise InputError("expected at least one pose to measure, got none")
         _checked_seed(seed)
         if temperature_degC is None:
-            air = air_temperatures(n, preset, _stream(seed, "air"))
+            air = air_temperatures(n, preset, random_stream("session", seed, "air"))
         else:
             air = given_temperatures(temperature_degC, n)
-        return air, VirtualArmState(
-            direction=directions(angles),
+        return air, virtual_state(
+            self.nominal,
+            preset,
+            angles,
+            directions=directions(angles),
             link_temperature_degC=link_temperatures(air, self.systematic.lag_s, interval_s=preset.reading_interval_s),
-            force_in_flange_N=hand_forces(preset, n, _stream(seed, "force")),
-            cage_phase=_stream(seed, "cage").uniform(0, 2 * np.pi, chain.n_joints),
+            force_in_flange_N=hand_forces(preset, n, random_stream("session", seed, "force")),
+            cage_phase=random_stream("session", seed, "cage").uniform(0, 2 * np.pi, self.nominal.n_joints),
         )
 
     def _read(self, angles: FloatArray, stream: np.random.Generator) -> FloatArray:
+        """Angles as the encoders show them, with noise and in steps."""
         noisy = angles + self.preset.encoder_noise_arcsec * ARCSEC * stream.standard_normal(angles.shape)
         if self.preset.encoder_counts == 0:
             return noisy
         step = 2 * np.pi / self.preset.encoder_counts
         return np.round(noisy / step) * step
 
-    def _referenced(self, readings: Session, tips: FloatArray, stream: np.random.Generator) -> Session:
+    def _with_reference(self, readings: Session, tips: FloatArray, stream: np.random.Generator) -> Session:
         std = self.preset.reference_std_mm
         points = tips + std * stream.standard_normal(tips.shape)
         return replace(readings, points=points, point_std=np.full(tips.shape, std) if std > 0 else None)
@@ -273,20 +293,16 @@ class VirtualArm:
             raise InputError(f"expected finite angles of shape (n, {self.nominal.n_joints}), got shape {angles.shape}")
         return angles
 
-    def _checked_state(self, state: VirtualArmState | None, n: int) -> VirtualArmState:
+    def _state_at(self, angles: npt.ArrayLike, state: ArmState | None) -> ArmState:
+        angles = self._checked(angles)
         if state is None:
-            return self.resting(n)
-        if len(state) != n:
-            raise InputError(f"expected the state of {n} readings, got that of {len(state)}")
-        return state
+            return self.resting(angles)
+        if len(state) != len(angles):
+            raise InputError(f"expected the state of {len(angles)} readings, got that of {len(state)}")
+        return state if state.angles is angles else replace(state, angles=angles)
 
 
 def _checked_seed(seed: int) -> int:
     if seed < 0:
         raise InputError(f"a seed must be a whole number >= 0, got {seed}")
     return seed
-
-
-def _stream(seed: int, what: str) -> np.random.Generator:
-    """Give a stream of its own to every kind of randomness, so that one changed leaves the others as they were."""
-    return np.random.default_rng([RANDOM, seed, *what.encode()])

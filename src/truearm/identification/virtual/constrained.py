@@ -13,16 +13,10 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.virtual.motions import MotionFunctions
+from truearm.identification.virtual.error_model import draw_geometry, error_model, geometry_stream
 from truearm.identification.virtual.presets import Preset
-from truearm.identification.virtual.state import at_rest, mean_hand_force
-from truearm.identification.virtual.systematic import (
-    SystematicErrors,
-    draw_constants,
-    geometry_stream,
-    gravity_of,
-    masses_of,
-)
+from truearm.identification.virtual.state import virtual_state
+from truearm.identification.virtual.systematic_errors import SystematicErrors
 from truearm.typing import FloatArray
 
 TESTS = 30  # the maximum over 200 random poses scatters by some per cent: so many tests must agree
@@ -33,13 +27,19 @@ ROUNDS = 100  # four, mostly
 
 @dataclass(frozen=True, eq=False)
 class _Test:
-    """The nominal model's test: poses, and what does not depend on the draw of an arm."""
+    """The nominal model's test: poses, and what all arms of a preset share."""
 
     arm: Arm
     angles: FloatArray
-    functions: MotionFunctions
+    values: list[FloatArray]  # of the basis functions of the error model at the poses
     nominal_tips: FloatArray  # (m, 3) [mm]
     by_constant: FloatArray  # (6 n_places, 3 m): errors by geometry, to first order
+
+    def other_motions(self, systematic: SystematicErrors) -> FloatArray:
+        """Motions (m, n_places, 6) of all errors but those of the geometry."""
+        without = systematic.with_geometry(np.zeros((self.arm.chain.n_places, 6)))
+        motions = without.model.perturbed_chain.motions(without.coefficients, self.values)
+        return np.broadcast_to(motions, (*motions.shape[:2], len(self.angles))).transpose(2, 0, 1)
 
     def errors(self, motions: FloatArray) -> FloatArray:
         """Errors of the nominal model, (3 m,) [mm], with exact motions (m, n_places, 6)."""
@@ -59,7 +59,7 @@ def constrain_geometry(arm: Arm, systematic: SystematicErrors, preset: Preset, *
     """
     test = _test_of(arm, preset)
     stream = geometry_stream(seed)
-    motions = test.functions.motions(systematic.with_constants(np.zeros_like(systematic.constants)))
+    motions = test.other_motions(systematic)
     others = test.errors(motions)
     other_mean = np.abs(others).mean()
     if other_mean >= preset.nominal_mean_mm:
@@ -69,13 +69,13 @@ def constrain_geometry(arm: Arm, systematic: SystematicErrors, preset: Preset, *
             hint="smaller magnitudes of the other classes, or a larger nominal_mean_mm",
         )
     for _ in range(TRIES // BATCH):
-        batch = np.stack([draw_constants(arm.chain, preset, stream) for _ in range(BATCH)])
+        batch = np.stack([draw_geometry(arm.chain, preset, stream) for _ in range(BATCH)])
         for few in (3, TESTS):  # most draws fail in the first tests
             batch = _likely(test, others, batch, preset, n_tests=few)
         for constants in batch:
             scaled, off = _scaled(test, motions, others, constants, preset)
             if off <= preset.nominal_max_tolerance_mm:
-                return systematic.with_constants(scaled)
+                return systematic.with_geometry(scaled)
     raise InputError(
         f"none of {TRIES} draws of arm {arm.name!r} errs by {preset.nominal_mean_mm} mm on average and "
         f"{preset.nominal_max_mm} mm at most, as preset {preset.name!r} asks",
@@ -94,17 +94,10 @@ def box_sample(arm: Arm, n: int, *, half_width_rad: float) -> FloatArray:
 def _test_of(arm: Arm, preset: Preset) -> _Test:
     n = TESTS * preset.constraint_poses
     angles = box_sample(arm, n, half_width_rad=np.radians(preset.constraint_half_width_deg))
-    functions = MotionFunctions(
-        chain=arm.chain,
-        angles=angles,
-        state=at_rest(arm.chain, n, temperature_degC=preset.temperature_degC).with_force(mean_hand_force(preset)),
-        masses=masses_of(arm, preset),
-        gravity_in_base=gravity_of(arm),
-        cage_ratio=preset.cage_ratio,
-    )
+    values = error_model(arm, preset).perturbed_chain.values(virtual_state(arm, preset, angles))
     small = arm.chain.tip_derivatives(angles)
     by_constant = np.ascontiguousarray(small.motion_jacobian.transpose(1, 2, 0, 3)).reshape(-1, 3 * n)
-    return _Test(arm, angles, functions, small.tip_in_base, by_constant)
+    return _Test(arm, angles, values, small.tip_in_base, by_constant)
 
 
 def _likely(test: _Test, others: FloatArray, batch: FloatArray, preset: Preset, *, n_tests: int) -> FloatArray:

@@ -1,77 +1,109 @@
-"""What a reading depends on besides its angles: where joints came from, how warm links are, how the hand presses."""
+"""What a reading of a virtual arm depends on besides its angles: directions, link temperatures, force, ball cages."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
 from scipy.special import dawsn
 
-from truearm.arm.chain import Chain
+from truearm.arm.arm import Arm
+from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
+from truearm.identification.terms import ArmState, uniform_links
+from truearm.identification.terms.basis import AXES
 from truearm.identification.virtual.presets import Preset
-from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 
+# First words of the families of streams: an arm and a session of the same seed share no random numbers.
+_FAMILIES = {"arm": 1, "session": 2}
 
-@dataclass(frozen=True, eq=False)
-class VirtualArmState:
-    """State of an arm at n readings.
 
-    Attributes
-    ----------
-    direction : (n, n_joints) array
-        Sign of each joint's last movement; 0 is half way between the two.
-    link_temperature_degC : (n, n_joints + 1) array
-        Of the stand and the links.
-    force_in_flange_N : (n, 3) array
-        On the tip, along the flange's axes.
-    cage_phase : (n_joints,) array
-        Where the ball cages stand at angle zero in this session [rad].
+def random_stream(family: str, seed: int, what: str) -> np.random.Generator:
+    """Return the random numbers of one quantity of an arm or a session.
+
+    Every quantity has a stream of its own, so that a change of one leaves the draws of the others.
     """
-
-    direction: FloatArray
-    link_temperature_degC: FloatArray
-    force_in_flange_N: FloatArray
-    cage_phase: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.direction)
-
-    def rows(self, which: slice) -> VirtualArmState:
-        """Select the readings that `which` says."""
-        return VirtualArmState(
-            self.direction[which], self.link_temperature_degC[which], self.force_in_flange_N[which], self.cage_phase
-        )
-
-    def with_force(self, force_in_flange_N: FloatArray) -> VirtualArmState:
-        """Give the same under another force."""
-        return replace(self, force_in_flange_N=np.broadcast_to(force_in_flange_N, self.force_in_flange_N.shape))
+    return np.random.default_rng([_FAMILIES[family], seed, *what.encode()])
 
 
-def at_rest(chain: Chain, n: int, *, temperature_degC: float = REFERENCE_DEGC) -> VirtualArmState:
-    """State of n readings with no force, no direction of movement and links of one temperature."""
-    return VirtualArmState(
-        np.zeros((n, chain.n_joints)),
-        np.full((n, chain.n_joints + 1), float(temperature_degC)),
-        np.zeros((n, 3)),
-        np.zeros(chain.n_joints),
+def link_masses(arm: Arm, preset: Preset) -> LinkMasses:
+    """Return the arm's own masses if they are known, else straight links of the preset's mass per length."""
+    return uniform_links(arm.chain, kg_per_m=preset.link_kg_per_m) if arm.masses is None else arm.masses
+
+
+def virtual_state(
+    arm: Arm,
+    preset: Preset,
+    angles: FloatArray,
+    *,
+    directions: npt.ArrayLike = 0.0,
+    link_temperature_degC: npt.ArrayLike | None = None,
+    force_in_flange_N: npt.ArrayLike | None = None,
+    cage_phase: npt.ArrayLike = 0.0,
+) -> ArmState:
+    """State of a virtual arm at n readings.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal.
+    preset : Preset
+        Its masses, mean temperature and mean force are the defaults.
+    angles : (n, n_joints) array
+        [rad].
+    directions : (n, n_joints) array
+        Sign of each joint's last movement; 0 is half way between the two.
+    link_temperature_degC : (n, n_joints + 1) array, optional
+        Of the stand and the links.
+    force_in_flange_N : (n, 3) array, optional
+        On the tip, along the axes of the flange.
+    cage_phase : (n_joints,) array
+        Angles of the ball cages at joint angle zero in this session [rad].
+    """
+    n, n_joints = angles.shape
+    temperature = preset.temperature_degC if link_temperature_degC is None else link_temperature_degC
+    phases = np.broadcast_to(cage_phase, n_joints)
+    state = ArmState.of(
+        arm,
+        angles,
+        directions=np.broadcast_to(directions, angles.shape),
+        temperature_degC=np.broadcast_to(temperature, (n, n_joints + 1)),
+        columns={cage_phase_column(joint): np.full(n, phases[joint - 1]) for joint in range(1, n_joints + 1)},
     )
+    state = replace(state, links=link_masses(arm, preset))
+    return with_force(state, mean_hand_force(preset) if force_in_flange_N is None else force_in_flange_N)
+
+
+def with_force(state: ArmState, force_in_flange_N: npt.ArrayLike) -> ArmState:
+    """Replace the force on the tip, (3,) or (n, 3) [N]."""
+    force = np.broadcast_to(force_in_flange_N, (len(state), 3))
+    return replace(state, columns={**state.columns, **{force_column(axis): force[:, axis] for axis in range(3)}})
+
+
+def force_column(axis: int) -> str:
+    """Name of the column of `ArmState` with the force on the tip along an axis of the flange [N]."""
+    return f"tip_force_{AXES[axis]}_N"
+
+
+def cage_phase_column(joint: int) -> str:
+    """Name of the column of `ArmState` with the phase of a joint's ball cage [rad]."""
+    return f"cage_phase_{joint}_rad"
 
 
 def link_temperatures(air_degC: FloatArray, lag_s: npt.ArrayLike, *, interval_s: float) -> FloatArray:
-    """Temperatures that follow the air with first-order lags, from balance at the first reading.
+    """Temperatures that follow the air with first-order lags, starting in equilibrium.
 
     Parameters
     ----------
     air_degC : (n,) array
         Air at each reading [degC].
     lag_s : (n_links,) array
-        Time constants [s]; 0 follows at once.
+        Time constants [s]; 0: no lag.
     interval_s : float
-        Between readings [s].
+        Time between readings [s].
 
     Returns
     -------
@@ -80,14 +112,14 @@ def link_temperatures(air_degC: FloatArray, lag_s: npt.ArrayLike, *, interval_s:
     """
     out = np.empty((len(air_degC), len(np.asarray(lag_s))))
     for link, lag in enumerate(np.asarray(lag_s, dtype=float)):
-        kept = float(np.exp(-interval_s / lag)) if lag > 0 else 0.0
-        # T_k = kept T_{k-1} + (1 - kept) air_k, counted from the first reading's air.
-        out[:, link] = air_degC[0] + lfilter([1 - kept], [1, -kept], air_degC - air_degC[0])
+        memory = float(np.exp(-interval_s / lag)) if lag > 0 else 0.0
+        # T_k = memory T_{k-1} + (1 - memory) air_k, relative to the air at the first reading.
+        out[:, link] = air_degC[0] + lfilter([1 - memory], [1, -memory], air_degC - air_degC[0])
     return out
 
 
 def air_temperatures(n: int, preset: Preset, stream: np.random.Generator) -> FloatArray:
-    """Air of a session: a slow swing about the preset's mean from a random phase, (n,) [degC]."""
+    """Draw the air temperature of a session: a slow swing about the preset's mean, of random phase, (n,) [degC]."""
     time_s = np.arange(n) * preset.reading_interval_s
     phase = stream.uniform(0, 2 * np.pi)
     swing = np.sin(2 * np.pi * time_s / preset.temperature_period_s + phase)
@@ -96,7 +128,7 @@ def air_temperatures(n: int, preset: Preset, stream: np.random.Generator) -> Flo
 
 
 def given_temperatures(temperature_degC: npt.ArrayLike, n: int) -> FloatArray:
-    """Air as the caller states it: one number or one a reading, (n,) [degC]."""
+    """Air temperature from one number or one per reading, (n,) [degC]."""
     air = np.asarray(temperature_degC, dtype=float)
     if air.shape not in ((), (n,)) or not np.isfinite(air).all():
         raise InputError(f"expected one temperature or {n} finite ones in degC, got shape {air.shape}")
@@ -104,7 +136,7 @@ def given_temperatures(temperature_degC: npt.ArrayLike, n: int) -> FloatArray:
 
 
 def hand_forces(preset: Preset, n: int, stream: np.random.Generator) -> FloatArray:
-    """Draw forces of the part on the tip, (n, 3) [N]: back along the stylus (the flange's z axis), tilted."""
+    """Draw forces of the part on the tip, (n, 3) [N]: against the stylus (the z axis of the flange), tilted."""
     size = np.maximum(0.0, preset.force_mean_N + preset.force_std_N * stream.standard_normal(n))
     tilt = np.radians(preset.force_tilt_deg) * stream.standard_normal((n, 2))
     angle = np.linalg.norm(tilt, axis=1)
@@ -114,7 +146,7 @@ def hand_forces(preset: Preset, n: int, stream: np.random.Generator) -> FloatArr
 
 
 def mean_hand_force(preset: Preset) -> FloatArray:
-    """Mean of `hand_forces`, (3,) [N]; forces below zero, which it cuts off, are taken as rare.
+    """Mean of `hand_forces`, (3,) [N]; forces below zero, which it cuts off, are assumed to be rare.
 
     The tilt's angle has a Rayleigh distribution, whose mean cosine is ``1 - sqrt(2) s D(s / sqrt(2))`` with Dawson's
     integral D.

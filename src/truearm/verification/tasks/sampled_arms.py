@@ -23,9 +23,9 @@ from truearm.errors import InputError
 from truearm.identification.estimation.propagation import direction_effects
 from truearm.identification.terms.state import ArmState
 from truearm.identification.virtual.arm import VirtualArm
+from truearm.identification.virtual.error_model import ARCSEC, tip_compliance
 from truearm.identification.virtual.presets import Preset
-from truearm.identification.virtual.state import VirtualArmState, at_rest, hand_forces, mean_hand_force
-from truearm.identification.virtual.systematic import ARCSEC
+from truearm.identification.virtual.state import hand_forces, mean_hand_force, virtual_state
 from truearm.readings.session import Session
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray
@@ -97,7 +97,14 @@ class PresetDistribution:
         InputError
             As `VirtualArm.draw`.
         """
-        return PresetSample(VirtualArm.draw(self.arm, self.preset, seed=seed), _session(self.arm, self.preset, seed))
+        virtual = VirtualArm.draw(self.arm, self.preset, seed=seed)
+        rng = np.random.default_rng([_SESSION, seed])
+        # A link follows a swing of the air with a smaller amplitude and a phase lag (first order, as
+        # `link_temperatures`). Within a session of minutes, a room that warms and cools over hours is constant.
+        w_lag = 2 * np.pi / self.preset.temperature_period_s * self.preset.lag_s
+        swing = np.sin(rng.uniform(0, 2 * np.pi) - np.arctan(w_lag)) / np.hypot(1, w_lag)
+        temperature = self.preset.temperature_degC + self.preset.temperature_swing_K * swing
+        return PresetSample(virtual, float(temperature), rng.uniform(0, 2 * np.pi, self.arm.n_joints))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,67 +114,59 @@ class PresetSample:
     Parameters
     ----------
     virtual : VirtualArm
-    session : VirtualArmState
-        Of one reading: temperatures of the links, mean force, phases of the ball cages.
+    temperature_degC : float
+        Of all links in the session.
+    cage_phase : (n_joints,) array
+        Of the ball cages in the session [rad].
     """
 
     virtual: VirtualArm
-    session: VirtualArmState
+    temperature_degC: float
+    cage_phase: FloatArray
 
     @cached_property
     def _shown(self) -> Chain:
         """The chain of the maker's program, its stylus qualified under the mean force."""
-        chain = self.virtual.nominal.chain
-        deflection = self.virtual.systematic.tip_mm_per_N * mean_hand_force(self.virtual.preset)
-        return chain.with_tip(chain.tip_in_flange + deflection)
+        chain, preset = self.virtual.nominal.chain, self.virtual.preset
+        return chain.with_tip(chain.tip_in_flange + tip_compliance(preset) * mean_hand_force(preset))
+
+    @cached_property
+    def _hysteresis(self) -> FloatArray:
+        """(n_joints,) rotation of each joint by the direction of its last movement [rad]."""
+        coefficients = self.virtual.systematic.of_group("hysteresis")
+        return coefficients if len(coefficients) else np.zeros(self.virtual.nominal.n_joints)
 
     def systematic(self, angles: FloatArray) -> FloatArray:
         """See `ArmSample`."""
-        n = len(angles)
-        state = VirtualArmState(
-            np.zeros(angles.shape),
-            np.broadcast_to(self.session.link_temperature_degC, (n, angles.shape[1] + 1)),
-            np.broadcast_to(self.session.force_in_flange_N, (n, 3)),
-            self.session.cage_phase,
+        state = virtual_state(
+            self.virtual.nominal,
+            self.virtual.preset,
+            angles,
+            link_temperature_degC=self.temperature_degC,
+            cage_phase=self.cage_phase,
         )
         return self._shown.tip_in_base(angles) - self.virtual.true_tip(angles, state)
 
     def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
         """See `ArmSample`; to first order in the errors, which turn joints by microradians.
 
-        A hand never takes a pose to an encoder's step, so what the steps leave out is even over one of them.
+        No hand places a joint to an encoder step, so the error of quantisation is uniform over one step.
         """
         preset, n = self.virtual.preset, len(angles)
         motion_jacobian = self._shown.tip_derivatives(angles).motion_jacobian
         read = preset.encoder_noise_arcsec * ARCSEC * rng.standard_normal(angles.shape)
         if preset.encoder_counts > 0:
             read += 2 * np.pi / preset.encoder_counts * rng.uniform(-0.5, 0.5, angles.shape)
-        came_from = np.where(rng.random(angles.shape) < 0.5, -1.0, 1.0)
-        read -= self.virtual.systematic.hysteresis * came_from
-        force = hand_forces(preset, n, rng) - mean_hand_force(preset)
-        pushed = self.virtual.systematic.tip_mm_per_N * force
+        direction = np.where(rng.random(angles.shape) < 0.5, -1.0, 1.0)
+        read -= self._hysteresis * direction
+        deflection = tip_compliance(preset) * (hand_forces(preset, n, rng) - mean_hand_force(preset))
         contact = preset.seat_std_mm * rng.standard_normal((n, 3))
         errors: FloatArray = (
             np.einsum("njc,nj->nc", motion_jacobian[:, 1:-1, 2], read)
-            - np.einsum("nkc,nk->nc", motion_jacobian[:, -1, 3:], pushed)
+            - np.einsum("nkc,nk->nc", motion_jacobian[:, -1, 3:], deflection)
             - contact
         )
         return errors
-
-
-def _session(arm: Arm, preset: Preset, seed: int) -> VirtualArmState:
-    """State of a session of minutes, in which a room that warms and cools over hours stands still."""
-    rng = np.random.default_rng([_SESSION, seed])
-    rest = at_rest(arm.chain, 1, temperature_degC=preset.temperature_degC)
-    # A link follows a swing of the air with less amplitude and later (first-order lag, as `link_temperatures`).
-    w_lag = 2 * np.pi / preset.temperature_period_s * preset.lag_s
-    swing = np.sin(rng.uniform(0, 2 * np.pi) - np.arctan(w_lag)) / np.hypot(1, w_lag)
-    return VirtualArmState(
-        rest.direction,
-        rest.link_temperature_degC + preset.temperature_swing_K * swing,
-        np.broadcast_to(mean_hand_force(preset), (1, 3)),
-        rng.uniform(0, 2 * np.pi, arm.n_joints),
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,6 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,11 +37,17 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.workspace import stance
-from truearm.identification.virtual.motions import MotionFunctions
+from truearm.identification.virtual.error_model import (
+    BEARINGS,
+    CAGES,
+    COMPLIANCE,
+    DEFLECTION,
+    ENCODERS,
+    GEOMETRY,
+    GROWTH,
+    HYSTERESIS,
+)
 from truearm.identification.virtual.presets import SHOP, Preset
-from truearm.identification.virtual.state import at_rest, mean_hand_force
-from truearm.identification.virtual.systematic import gravity_of, masses_of
-from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
 from truearm.verification.standards.artefacts import Artefacts
@@ -58,15 +63,16 @@ Judge = Callable[[FloatArray], dict[str, float]]
 BEST_SHARE, LEAST_SHARE = 0.5, 0.2
 SPREAD = 5.0
 TRIES = 20
-CLASSES: Mapping[str, tuple[str, ...]] = {
-    "geometry": ("length_std_mm", "angle_std_deg"),
-    "encoders": ("eccentricity_std_um", "encoder_order2_std_arcsec", "encoder_order4_std_arcsec"),
-    "bearings": ("bearing_runout_std_um", "bearing_tilt_std_arcsec"),
-    "weight": ("joint_tilt_arcsec_per_Nm", "link_bending_stiffness_Nm2", "link_torsion_stiffness_Nm2"),
-    "temperature": ("expansion_per_K", "expansion_spread_per_K"),
-    "what depends on the past": ("hysteresis_std_arcsec", "cage_tilt_std_arcsec", "cage_runout_std_um"),
-    "noise": ("encoder_noise_arcsec",),
-    "hand and contact": ("tip_compliance_um_per_N", "seat_std_mm"),
+# Classes of errors: groups of the virtual arm's terms, and magnitudes of the preset that are drawn at each point.
+CLASSES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "geometry": ((GEOMETRY,), ()),
+    "encoders": ((ENCODERS,), ()),
+    "bearings": ((BEARINGS,), ()),
+    "compliance": ((COMPLIANCE,), ()),
+    "thermal growth": ((GROWTH,), ()),
+    "hysteresis and ball cages": ((HYSTERESIS, CAGES), ()),
+    "encoder noise": ((), ("encoder_noise_arcsec",)),
+    "hand and contact": ((DEFLECTION,), ("tip_compliance_um_per_N", "seat_std_mm")),
 }
 _TESTS = {
     "P_Size.Sph.1x25": ("iso10360-12", "probing"),
@@ -143,8 +149,8 @@ class SpecificationDistribution:
         share = BEST_SHARE ** rng.random()
         nearest: tuple[float, PresetSample, dict[str, float]] | None = None
         for _ in range(TRIES):
-            drawn = PresetDistribution(self.arm, _drawn_preset(rng)).draw(int(rng.integers(2**62)))
-            found = self.results(self._at_tests.systematic(drawn) + drawn.random(self.posed.angles, rng))
+            drawn = self._draw_arm(rng)
+            found = self.results(drawn.systematic(self.posed.angles) + drawn.random(self.posed.angles, rng))
             even = min(found.values()) / max(found.values())
             if nearest is None or even > nearest[0]:
                 nearest = even, drawn, found
@@ -155,9 +161,18 @@ class SpecificationDistribution:
         factor = share / max(found.values())
         return SpecificationSample(drawn, factor, {symbol: factor * ratio for symbol, ratio in found.items()})
 
-    @cached_property
-    def _at_tests(self) -> _AtTests:
-        return _AtTests.of(self.arm, self.posed.angles)
+    def _draw_arm(self, rng: np.random.Generator) -> PresetSample:
+        """An arm of the shop preset with each class of errors larger or smaller."""
+        groups: dict[str, float] = {}
+        magnitudes: dict[str, float] = {}
+        for in_class, at_points in CLASSES.values():
+            factor = SPREAD ** rng.uniform(-1, 1)
+            groups |= dict.fromkeys(in_class, factor)
+            magnitudes |= {name: factor * getattr(SHOP, name) for name in at_points}
+        sample = PresetDistribution(self.arm, SHOP).draw(int(rng.integers(2**62)))
+        virtual = sample.virtual
+        preset: Preset = replace(SHOP, name="shop, scaled", **magnitudes)  # type: ignore[arg-type]
+        return replace(sample, virtual=replace(virtual, preset=preset, systematic=virtual.systematic.scaled(groups)))
 
     @cached_property
     def _judges(self) -> list[Judge]:
@@ -285,57 +300,6 @@ def share_of_limit(drawn: ArmSample) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _AtTests:
-    """What all drawn arms share at the poses of the tests: most of the work of their systematic errors.
-
-    They differ from the preset ``shop`` in none of what the functions depend on (`CLASSES`). The functions are those of
-    an arm a kelvin above the reference temperature, with its ball cages at zero.
-
-    Attributes
-    ----------
-    arm : Arm
-    functions : MotionFunctions
-    tips : (n, 3) array
-        Of the nominal arm [mm].
-    by_tip : (n, 3) array
-        Their derivatives by `force_N` times the compliance of the tip [N].
-    """
-
-    arm: Arm
-    functions: MotionFunctions
-    tips: FloatArray
-    by_tip: FloatArray
-
-    @classmethod
-    def of(cls, arm: Arm, angles: FloatArray) -> _AtTests:
-        force_N = mean_hand_force(SHOP)
-        functions = MotionFunctions(
-            chain=arm.chain,
-            angles=angles,
-            state=at_rest(arm.chain, len(angles), temperature_degC=REFERENCE_DEGC + 1).with_force(force_N),
-            masses=masses_of(arm, SHOP),
-            gravity_in_base=gravity_of(arm),
-            cage_ratio=SHOP.cage_ratio,
-        )
-        small = arm.chain.tip_derivatives(angles)
-        return cls(arm, functions, small.tip_in_base, np.einsum("nkc,k->nc", small.motion_jacobian[:, -1, 3:], force_N))
-
-    def systematic(self, drawn: PresetSample) -> FloatArray:
-        """Errors (n, 3) [mm] as `PresetSample.systematic` has them, to rounding."""
-        own, session = drawn.virtual.systematic, drawn.session
-        cosine, sine = np.cos(session.cage_phase)[:, None], np.sin(session.cage_phase)[:, None]
-        at_cos, at_sin = own.cage[:, 0], own.cage[:, 1]
-        in_session = replace(
-            own,
-            expansion_per_K=own.expansion_per_K * (session.link_temperature_degC[0] - REFERENCE_DEGC),
-            # a cos(x + p) + b sin(x + p), sorted by cos x and sin x
-            cage=np.stack([cosine * at_cos + sine * at_sin, cosine * at_sin - sine * at_cos], axis=1),
-        )
-        true = self.arm.chain.tip_in_base(self.functions.angles, self.functions.motions(in_session))
-        return self.tips + own.tip_mm_per_N * self.by_tip - true
-
-
-@dataclass(frozen=True, eq=False)
 class _SphereErrors:
     """A least-squares sphere to first order: errors along the normals are ``n . dc + dr`` and residuals.
 
@@ -403,17 +367,6 @@ class _Bars:
         """Measured less true lengths (m,) [mm]."""
         found: FloatArray = np.einsum("mc,mc->m", self.along, errors[self.ends[:, 1]] - errors[self.ends[:, 0]])
         return found
-
-
-def _drawn_preset(rng: np.random.Generator) -> Preset:
-    """The shop preset with each class of error larger or smaller."""
-    changed: dict[str, Any] = {}
-    for names in CLASSES.values():
-        factor = SPREAD ** rng.uniform(-1, 1)
-        for name in names:
-            value = getattr(SHOP, name)
-            changed[name] = value / factor if name.endswith("stiffness_Nm2") else value * factor
-    return replace(SHOP, name="drawn", **changed)
 
 
 def _required(plan: VerificationPlan, wanted: set[tuple[str, str]]) -> VerificationPlan:

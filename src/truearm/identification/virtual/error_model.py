@@ -1,0 +1,261 @@
+"""The terms by which virtual arms of a preset differ from their nominal arm, and the draw of their coefficients.
+
+The terms are those that identification fits (`truearm.identification.terms`), and a few that it never offers: ball
+cages, deflection by the measuring force, bending of links by the weight that they carry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.terms import Column, GravityTorque, Harmonics, Term, link_vectors
+from truearm.identification.terms.basis import AXES
+from truearm.identification.terms.catalogue import constants, gravity, hysteresis, thermal, wobble
+from truearm.identification.virtual.bases import CageHarmonics, GravityForce, beam
+from truearm.identification.virtual.presets import Preset
+from truearm.identification.virtual.state import force_column, link_masses, random_stream
+from truearm.typing import FloatArray, IntArray
+
+ARCSEC = np.pi / 180 / 3600
+"""One arc second [rad]."""
+
+_OWN_AXIS = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # rotation about z
+
+GEOMETRY, ENCODERS, BEARINGS, COMPLIANCE, GROWTH, DEFLECTION, HYSTERESIS, CAGES = GROUPS = (
+    "geometry",
+    "encoders",
+    "bearings",
+    "compliance",
+    "thermal growth",
+    "tip deflection",
+    "hysteresis",
+    "ball cages",
+)
+"""Groups of the terms: each can be larger or smaller and leaves the others as they are."""
+
+
+class DrawnTerm(NamedTuple):
+    """A term, which numbers of a stream its coefficients take, and their mean and standard deviation."""
+
+    term: Term
+    numbers: tuple[int, ...]
+    mean: float = 0.0
+    std: float | None = None  # by default the term's
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorClass:
+    """Terms whose coefficients take the normal random numbers z of one stream: ``(mean + std z) exp(log_std z)``."""
+
+    stream: str
+    rows: tuple[DrawnTerm, ...]
+    n_numbers: int
+    log_std: float = 0.0
+
+    def draw(self, seed: int) -> FloatArray:
+        """Draw the coefficients of all terms."""
+        if not self.rows:
+            return np.zeros(0)
+        z = random_stream("arm", seed, self.stream).standard_normal(self.n_numbers)[self._index]
+        coefficients: FloatArray = (self._mean + self._std * z) * np.exp(self.log_std * z)
+        return coefficients
+
+    @cached_property
+    def _index(self) -> IntArray:
+        return np.concatenate([row.numbers for row in self.rows]).astype(np.intp)
+
+    @cached_property
+    def _mean(self) -> FloatArray:
+        return np.concatenate([np.full(len(row.numbers), row.mean) for row in self.rows])
+
+    @cached_property
+    def _std(self) -> FloatArray:
+        stds = [row.term.prior_std if row.std is None else row.std for row in self.rows]
+        return np.concatenate([np.full(len(row.numbers), std) for row, std in zip(self.rows, stds, strict=True)])
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    """A preset as terms of an arm, with the preset's magnitudes as standard deviations.
+
+    Terms of magnitude zero are omitted.
+
+    Attributes
+    ----------
+    perturbed_chain : PerturbedChain
+        The nominal chain with the terms.
+    classes : tuple of ErrorClass
+        The same terms by the random numbers that their coefficients take.
+    """
+
+    perturbed_chain: PerturbedChain
+    classes: tuple[ErrorClass, ...]
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """All terms."""
+        return self.perturbed_chain.terms
+
+    def draw(self, seed: int) -> FloatArray:
+        """Draw the coefficients of all terms, each class from a stream of its own."""
+        return np.concatenate([np.zeros(0), *(one.draw(seed) for one in self.classes)])
+
+    @cached_property
+    def groups(self) -> npt.NDArray[np.str_]:
+        """Group of each coefficient."""
+        return np.array([term.group for term in self.terms for _ in range(term.n_coefficients)], dtype=np.str_)
+
+
+@lru_cache(maxsize=2)  # many arms of one preset are drawn in a row
+def error_model(arm: Arm, preset: Preset) -> ErrorModel:
+    """Return the terms by which virtual arms of a preset differ from a nominal arm."""
+    chain, n = arm.chain, arm.n_joints
+    classes = (
+        ErrorClass("geometry", tuple(_geometry(chain, preset)), 6 * chain.n_places),
+        ErrorClass("encoder", tuple(_encoder(n, preset)), 6 * n),
+        ErrorClass("bearing 1", tuple(_bearing(chain, preset, 1)), 12 * n),
+        ErrorClass("bearing 2", tuple(_bearing(chain, preset, 2)), 12 * n),
+        ErrorClass("stiffness", tuple(_compliance(arm, preset)), 2 * n, preset.stiffness_spread),
+        ErrorClass("temperature", tuple(_growth(chain, preset)), n + 1),
+        ErrorClass("tip", tuple(_deflection(chain, preset)), 1),
+        ErrorClass("hysteresis", tuple(_hysteresis(chain, preset)), n),
+        ErrorClass("cage", tuple(_cage(chain, preset)), 12 * n),
+    )
+    return ErrorModel(PerturbedChain(chain, tuple(row.term for one in classes for row in one.rows)), classes)
+
+
+def draw_geometry(chain: Chain, preset: Preset, stream: np.random.Generator) -> FloatArray:
+    """Draw a constant motion at every place, (n_places, 6) [rad, mm]. The tip only shifts."""
+    motions = stream.standard_normal((chain.n_places, 6))
+    motions[:, :3] *= np.radians(preset.angle_std_deg)
+    motions[:, 3:] *= preset.length_std_mm
+    motions[-1, :3] = 0.0
+    return motions
+
+
+def geometry_stream(seed: int) -> np.random.Generator:
+    """Return the stream that an arm's geometry is drawn from."""
+    return random_stream("arm", seed, "geometry")
+
+
+def component_of(term: Term) -> int:
+    """Which component of a motion a term with a unit direction moves."""
+    return term.direction.index(1.0)
+
+
+# The classes: each yields its terms of magnitudes above zero.
+
+
+def _geometry(chain: Chain, preset: Preset) -> Iterator[DrawnTerm]:
+    angle_std, length_std = np.radians(preset.angle_std_deg), preset.length_std_mm
+    for term in constants(chain, free=(), angle_std=angle_std, length_std=length_std):
+        yield DrawnTerm(replace(term, group=GEOMETRY), (6 * term.place + component_of(term),))
+
+
+def _encoder(n_joints: int, preset: Preset) -> Iterator[DrawnTerm]:
+    stds = {
+        1: float(eccentric_reading(preset.eccentricity_std_um, diameter_mm=preset.grating_diameter_mm)),
+        2: preset.encoder_order2_std_arcsec * ARCSEC,
+        4: preset.encoder_order4_std_arcsec * ARCSEC,
+    }
+    first = 0
+    for joint in range(1, n_joints + 1):
+        for order, std in stds.items():
+            if std > 0:
+                name = f"J{joint} encoder, order {order}"
+                yield DrawnTerm(
+                    Term(name, joint, _OWN_AXIS, Harmonics(joint, (order,)), ENCODERS, std), (first, first + 1)
+                )
+            first += 2
+
+
+def _bearing(chain: Chain, preset: Preset, order: int) -> Iterator[DrawnTerm]:
+    share = 1.0 if order == 1 else preset.bearing_order2_ratio
+    tilt, runout = share * preset.bearing_tilt_std_arcsec * ARCSEC, share * preset.bearing_runout_std_um * 1e-3
+    for row in _wobble(chain, (order,), tilt_std=tilt, runout_std=runout):
+        yield row._replace(term=replace(row.term, group=BEARINGS))
+
+
+def _cage(chain: Chain, preset: Preset) -> Iterator[DrawnTerm]:
+    tilt, runout = preset.cage_tilt_std_arcsec * ARCSEC, preset.cage_runout_std_um * 1e-3
+    for row in _wobble(chain, (1,), tilt_std=tilt, runout_std=runout):
+        basis = CageHarmonics(row.term.place, preset.cage_ratio)
+        name = row.term.name.replace("wobble", "ball cage")
+        yield row._replace(term=replace(row.term, name=name, basis=basis, group=CAGES))
+
+
+def _wobble(chain: Chain, orders: tuple[int, ...], *, tilt_std: float, runout_std: float) -> Iterator[DrawnTerm]:
+    """Motions of all axes but the joint's own; numbers by joint, cosine and sine, and component."""
+    for joint in range(1, chain.n_joints + 1):
+        for term in wobble(chain, joint, orders):
+            component = component_of(term)
+            cosine = 12 * (joint - 1) + component
+            if (std := tilt_std if component < 3 else runout_std) > 0:
+                yield DrawnTerm(replace(term, prior_std=std), (cosine, cosine + 6))
+
+
+def _compliance(arm: Arm, preset: Preset) -> Iterator[DrawnTerm]:
+    """Compliance of each joint, and of the link after it as a beam held at the joint."""
+    chain, masses = arm.chain, link_masses(arm, preset)
+    tilt, drive = preset.joint_tilt_arcsec_per_Nm * ARCSEC, preset.joint_drive_arcsec_per_Nm * ARCSEC
+    for joint, link_mm in enumerate(link_vectors(chain)[1:], start=1):
+        about_same_axis = gravity(chain, joint, links=masses)[::4]  # as the torque
+        for term, size in zip(about_same_axis, (tilt, tilt, drive), strict=True):
+            if size > 0:
+                yield DrawnTerm(replace(term, group=COMPLIANCE, prior_std=size), (2 * joint - 2,), size, 0.0)
+        outward_kg = masses.mass_kg[joint - 1 :].sum()
+        own_share = float(masses.mass_kg[joint - 1] / outward_kg) if outward_kg > 0 else 0.0
+        for what, of_one in (("bending", (1.0, np.inf)), ("torsion", (np.inf, 1.0))):
+            size = 1 / getattr(preset, f"link_{what}_stiffness_Nm2")
+            by_load = beam(
+                link_mm, own_share=own_share, bending_stiffness_Nm2=of_one[0], torsion_stiffness_Nm2=of_one[1]
+            )
+            for load, motion in enumerate(by_load.T):
+                if motion.any() and size > 0:
+                    basis = GravityTorque(joint, load) if load < 3 else GravityForce(joint, load - 3)
+                    name = f"link {joint} {what} by {basis.labels()[0]}"
+                    term = Term(name, joint, tuple(motion.tolist()), basis, COMPLIANCE, size)
+                    yield DrawnTerm(term, (2 * joint - 1,), size, 0.0)
+
+
+def _growth(chain: Chain, preset: Preset) -> Iterator[DrawnTerm]:
+    mean, spread = preset.expansion_per_K, preset.expansion_spread_per_K
+    for term in thermal(chain):
+        if mean > 0 or spread > 0:
+            term = replace(term, group=GROWTH, prior_std=float(np.hypot(mean, spread)))
+            yield DrawnTerm(term, (term.place,), mean, spread)
+
+
+def _deflection(chain: Chain, preset: Preset) -> Iterator[DrawnTerm]:
+    mm_per_N = tip_compliance(preset)
+    for axis in range(3 if mm_per_N > 0 else 0):
+        direction = tuple(float(component == 3 + axis) for component in range(6))
+        name = f"tip deflection along {AXES[axis]}"
+        term = Term(name, chain.n_places - 1, direction, Column(force_column(axis)), DEFLECTION, mm_per_N)
+        yield DrawnTerm(term, (0,), mm_per_N, 0.0)
+
+
+def _hysteresis(chain: Chain, preset: Preset) -> Iterator[DrawnTerm]:
+    std = preset.hysteresis_std_arcsec * ARCSEC
+    for joint in range(1, chain.n_joints + 1 if std > 0 else 1):
+        (term,) = hysteresis(chain, joint)
+        yield DrawnTerm(replace(term, group=HYSTERESIS, prior_std=std), (joint - 1,))
+
+
+def tip_compliance(preset: Preset) -> float:
+    """Deflection of the tip by the measuring force [mm/N]."""
+    return preset.tip_compliance_um_per_N * 1e-3
+
+
+def eccentric_reading(eccentricity_um: npt.ArrayLike, *, diameter_mm: float) -> FloatArray:
+    """Error of one read head on an eccentric grating [rad]: ``2 e / D``, or 412.5 e[um]/D[mm] arcsec."""
+    return 2e-3 * np.asarray(eccentricity_um, dtype=float) / diameter_mm

@@ -1,0 +1,86 @@
+"""The systematic errors of one virtual arm: the terms of a preset with drawn coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.identification.virtual.error_model import GEOMETRY, ErrorModel, component_of, error_model
+from truearm.identification.virtual.presets import Preset
+from truearm.identification.virtual.state import random_stream
+from truearm.typing import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class SystematicErrors:
+    """The errors that belong to one arm, the same in every reading.
+
+    Attributes
+    ----------
+    model : ErrorModel
+        Terms of the errors.
+    coefficients : (n_coefficients,) array
+        Of all terms [rad or mm per unit of the basis].
+    lag_s : (n_joints + 1,) array
+        Time constants of the temperatures of the stand and the links [s].
+    """
+
+    model: ErrorModel
+    coefficients: FloatArray
+    lag_s: FloatArray
+
+    def of_group(self, group: str) -> FloatArray:
+        """Coefficients of the terms of a group, in their order."""
+        return self.coefficients[self.model.groups == group]
+
+    def scaled(self, factors: Mapping[str, float]) -> SystematicErrors:
+        """Multiply the coefficients of groups by factors."""
+        coefficients = self.coefficients.copy()
+        for group, factor in factors.items():
+            coefficients[self.model.groups == group] *= factor
+        return replace(self, coefficients=coefficients)
+
+    @property
+    def geometry(self) -> FloatArray:
+        """Constant motions at every place, (n_places, 6) [rad, mm]."""
+        motions = np.zeros((self.model.perturbed_chain.chain.n_places, 6))
+        motions[self._places, self._components] = self.of_group(GEOMETRY)
+        return motions
+
+    def with_geometry(self, motions: FloatArray) -> SystematicErrors:
+        """Replace the geometry by motions (n_places, 6) [rad, mm].
+
+        Raises
+        ------
+        InputError
+            If the preset has no terms for some of them.
+        """
+        coefficients = self.coefficients.copy()
+        coefficients[self.model.groups == GEOMETRY] = motions[self._places, self._components]
+        changed = replace(self, coefficients=coefficients)
+        if (changed.geometry != motions).any():
+            raise InputError("the preset has no terms for some motions of this geometry")
+        return changed
+
+    @property
+    def _places(self) -> list[int]:
+        return [term.place for term in self.model.terms if term.group == GEOMETRY]
+
+    @property
+    def _components(self) -> list[int]:
+        return [component_of(term) for term in self.model.terms if term.group == GEOMETRY]
+
+
+def draw_systematic_errors(arm: Arm, preset: Preset, *, seed: int) -> SystematicErrors:
+    """Draw an arm's systematic errors.
+
+    Each class of errors has its own stream of random numbers: changing the magnitude of one class leaves the others.
+    """
+    model = error_model(arm, preset)
+    temperature = random_stream("arm", seed, "temperature")
+    temperature.standard_normal(arm.n_joints + 1)  # the coefficients of thermal growth
+    return SystematicErrors(model, model.draw(seed), preset.lag_s * temperature.uniform(0.5, 1.5, arm.n_joints + 1))
