@@ -6,7 +6,7 @@ import numpy as np
 
 from truearm.identification.planning import candidates, exchange
 
-PAGE = Path(__file__).parents[2] / "docs" / "planning.md"
+PAGE = Path(__file__).parents[3] / "docs" / "planning.md"
 
 
 def test_its_example_runs_and_more_places_of_the_bar_leave_less():

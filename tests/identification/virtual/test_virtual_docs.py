@@ -7,7 +7,7 @@ import pytest
 from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.virtual import PRESETS, magnitudes
 
-PAGE = Path(__file__).parents[2] / "docs" / "virtual-arm.md"
+PAGE = Path(__file__).parents[3] / "docs" / "virtual-arm.md"
 
 
 def test_the_table_of_magnitudes_is_that_of_the_presets():

@@ -1,16 +1,26 @@
 """Arms that keep a specification sheet: they do, their worst result near its limit; all goes with the sheet's size."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
+from truearm.identification.virtual import VirtualArm
+from truearm.identification.virtual.error_model import GROUPS
+from truearm.identification.virtual.presets import SHOP
 from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
 from truearm.verification.shapes.sphere import fit_sphere
 from truearm.verification.standards.specification import Specification
 from truearm.verification.tasks import features
 from truearm.verification.tasks.feature_postures import middle_of
-from truearm.verification.tasks.specification_sheet import BEST_SHARE, SpecificationDistribution, share_of_limit
+from truearm.verification.tasks.specification_sheet import (
+    BEST_SHARE,
+    SPREAD,
+    SpecificationDistribution,
+    share_of_limit,
+)
 from truearm.verification.tasks.task import simulate_measurements
 
 ARM = load_arm("measuring7")
@@ -53,13 +63,17 @@ def test_the_worst_result_of_a_drawn_arm_is_near_its_limit(both):
     assert both.draw(3).factor == drawn[3].factor
 
 
-def test_what_drawn_arms_share_leaves_their_errors_as_they_are(both):
-    """Expansion, session, cages and tip of each draw are its own: rounding of coordinates of a metre, 1e-12 mm."""
-    for seed in range(8):
-        drawn = both.draw(seed).drawn
-        expected = drawn.systematic(both.posed.angles)
-        assert np.abs(expected).max() > 1e-3
-        assert np.abs(both._at_tests.systematic(drawn) - expected).max() < 1e-11
+def test_an_arm_with_classes_scaled_is_the_arm_of_the_scaled_preset(both):
+    drawn = both.draw(2).drawn
+    scaled, shop = drawn.virtual.systematic, VirtualArm.draw(both.arm, SHOP, seed=drawn.virtual.seed).systematic
+    factors = {group: float((scaled.of_group(group) / shop.of_group(group))[0]) for group in GROUPS}
+    tilt_arcsec = factors["bearings"] * SHOP.bearing_tilt_std_arcsec
+    preset = replace(SHOP, bearing_runout_std_um=0.0, bearing_tilt_std_arcsec=tilt_arcsec)
+    other = VirtualArm.draw(both.arm, preset, seed=drawn.virtual.seed).systematic
+    # Rounding of the product of a magnitude, a factor and a random number.
+    rotations = scaled.of_group("bearings").reshape(2, -1, 5, 2)[:, :, :2]
+    np.testing.assert_allclose(other.of_group("bearings").reshape(rotations.shape), rotations, rtol=1e-12)
+    assert all(1 / SPREAD <= factor <= SPREAD for factor in factors.values())
 
 
 def test_test_results_to_first_order_are_those_of_the_shapes(both):

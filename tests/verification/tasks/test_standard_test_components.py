@@ -33,6 +33,8 @@ ARM = Arm(
 EACH = 1 / np.sqrt(2)
 ECCENTRICITY_UM = 60 / 412.5  # of one arcsec at a grating of 60 mm
 
+GEOMETRY = Preset(length_std_mm=1.0, angle_std_deg=1.0)  # the table's geometry replaces what is drawn
+
 # Error: preset and, of geometry, standard deviations of a and d [mm] and of alpha and theta [deg]; then the largest
 # deviation in a seat, 2 s in a seat, lengths: root mean square, 95 % [um].
 ROWS = {
@@ -41,8 +43,8 @@ ROWS = {
     "1st harmonic 5 arcsec": (Preset(eccentricity_std_um=5 * EACH * ECCENTRICITY_UM), None, (28, 38, 14, 27)),
     "2nd harmonic 3 arcsec": (Preset(encoder_order2_std_arcsec=3 * EACH), None, (16, 21, 9, 18)),
     "1st harmonic 50 arcsec": (Preset(eccentricity_std_um=50 * EACH * ECCENTRICITY_UM), None, (268, 357, 182, 364)),
-    "geometry 0.05 mm, 0.005 deg": (Preset(), (0.05, 0.005), (305, 419, 208, 509)),
-    "geometry 0.5 mm, 0.1 deg": (Preset(), (0.5, 0.1), (4800, 6800, 2400, 4600)),
+    "geometry 0.05 mm, 0.005 deg": (GEOMETRY, (0.05, 0.005), (305, 419, 208, 509)),
+    "geometry 0.5 mm, 0.1 deg": (GEOMETRY, (0.5, 0.1), (4800, 6800, 2400, 4600)),
     "contact 5 um": (Preset(seat_std_mm=0.005), None, (13, 17, 7, 14)),
 }
 

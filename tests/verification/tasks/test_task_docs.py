@@ -8,7 +8,7 @@ import typer
 
 from truearm.cli.task import task
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[3] / "docs"
 
 
 def masked(text):

@@ -35,7 +35,8 @@ class SystematicErrors:
 
     def of_group(self, group: str) -> FloatArray:
         """Coefficients of the terms of a group, in their order."""
-        return self.coefficients[self.model.groups == group]
+        selected: FloatArray = self.coefficients[self.model.groups == group]
+        return selected
 
     def scaled(self, factors: Mapping[str, float]) -> SystematicErrors:
         """Multiply the coefficients of groups by factors."""
