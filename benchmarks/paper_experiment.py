@@ -16,8 +16,8 @@ from typing import Any
 
 from machine import Target, arguments_of, print_json, print_table, say_machine, say_targets
 from truearm.compensation.models import NetworkModel
-from truearm.papers.gao2017.experiment import PAPER_NETWORK_MM, PAPER_NOMINAL_MM, PAPER_SETTINGS, Experiment, experiment
 from truearm.readings import point_errors
+from truearm.workflows.demo import PAPER_NETWORK_MM, PAPER_NOMINAL_MM, PAPER_SETTINGS, Experiment, experiment
 
 PAPER_REMOVED_PERCENT, PAPER_SECONDS = 97, 404
 MEAN, MAX = "mean_abs_coordinate_mm", "max_abs_coordinate_mm"

@@ -322,13 +322,9 @@ def test_a_real_arm_goes_the_whole_path(truearm, tmp_path):
 
 def test_the_demo_writes_a_page_and_a_summary(truearm, tmp_path, monkeypatch):
     """The demo with a small network: seconds, where --quick takes ten."""
-    from truearm.papers.gao2017.experiment import experiment as gao2017_experiment
+    from truearm.workflows import demo
 
-    monkeypatch.setattr(
-        gao2017_experiment,
-        "QUICK_SETTINGS",
-        gao2017_experiment.Settings(n_train=300, n_test=50, hidden=(8,), epochs=15),
-    )
+    monkeypatch.setattr(demo, "QUICK_SETTINGS", demo.Settings(n_train=300, n_test=50, hidden=(8,), epochs=15))
     out = tmp_path / "new" / "demo"
     ran = truearm("demo", "--quick", "--seed", 3, "--out", out)
     assert (ran.code, ran.err) == (0, "")

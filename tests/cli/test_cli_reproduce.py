@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from truearm.papers.gao2017.experiment import training_plan as gao2017_training_plan
+from truearm.papers.gao2017 import training_plan as gao2017_training_plan
 from truearm.papers.gao2017.tables import TABLES
 
 
@@ -81,7 +81,7 @@ def test_a_figure_is_drawn(truearm, tmp_path, number):
 
 
 def test_stopped_it_says_that_it_goes_on(truearm, small, tmp_path, monkeypatch):
-    from truearm.papers.gao2017.experiment import training as gao2017_training
+    from truearm.papers.gao2017 import training as gao2017_training
 
     calls, train = [], gao2017_training._train
 

@@ -7,8 +7,8 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.arm.denavit_hartenberg import chain_from_dh
-from truearm.papers.gao2017.experiment import PAPER_NETWORK_MM, PAPER_NOMINAL_MM
 from truearm.papers.gao2017.tables import FINAL_TEST, N_TEST, TABLE_1, TABLES, TIP_MM
+from truearm.workflows.demo import PAPER_NETWORK_MM, PAPER_NOMINAL_MM
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from truearm.cli.console import Json, print_json, print_line, print_table, progr
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
-    from truearm.papers.gao2017.experiment import Experiment
+    from truearm.workflows.demo import Experiment
 
 
 def demo(
@@ -37,7 +37,7 @@ def demo(
     from truearm.files.atomic_write import atomic_file
     from truearm.pages.html import render
     from truearm.pages.plotting import save_png
-    from truearm.papers.gao2017.experiment import PAPER_SETTINGS, QUICK_SETTINGS, experiment
+    from truearm.workflows.demo import PAPER_SETTINGS, QUICK_SETTINGS, experiment
 
     if out.exists() and not out.is_dir():
         raise InputError("expected a folder to write to, got a file", file=out)
@@ -78,7 +78,7 @@ def _check_folder(out: Path) -> None:
 
 
 def _say(summary: dict[str, Any], out: Path) -> None:
-    from truearm.papers.gao2017.experiment import PAPER_NETWORK_MM
+    from truearm.workflows.demo import PAPER_NETWORK_MM
 
     floor = summary["noise_floor"]
     rows = [

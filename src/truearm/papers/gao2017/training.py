@@ -44,7 +44,7 @@ ARM = "gao2017"
 N_EVALUATION_POSES = 2000
 """Further poses that an error is judged by, beside the few that the paper tested on."""
 TRAINING_STREAM, TEST_STREAM, EVALUATION_STREAM, OUTSIDE_STREAM, FINAL_TEST_STREAM = 0, 1, 3, 4, 5
-"""Streams of poses and noise of one seed; `gao2017.experiment` has 0 to 2."""
+"""Streams of poses and noise of one seed; `truearm.workflows.demo` has 0 to 2."""
 RECIPE = 1
 """Raised whenever the course of a training changes, so that no result of an older course is taken for one of it."""
 LARGEST_FILE = 20_000_000  # bytes: a network of the paper takes less than one
@@ -85,7 +85,7 @@ class Source:
 
 
 def _own(seed: int, stream: int) -> int:
-    # Streams of one seed are neighbours, those of the next begin after them, as in `gao2017.experiment`.
+    # Streams of one seed are neighbours, those of the next begin after them, as in `truearm.workflows.demo`.
     return 10 * seed + stream
 
 

@@ -1,9 +1,9 @@
-"""The experiment of the founding paper, on a virtual arm.
+"""Error of an arm before and after compensation, shown on a virtual arm: the experiment of ``truearm demo``.
 
-Gao, Zhang, San, Wu, Wang, "Modeling and Error Compensation of Robotic Articulated Arm Coordinate Measuring Machines
-Using BP Neural Network", Complexity 2017, article 5156264, section 4: 3000 poses train a network of 30 and 30
-neurons, 200 further poses test it. The paper's arm is not described beyond its nominal parameters (Table 1) and the
-error of its nominal model; the virtual arm ``research`` errs as much.
+The sizes are those of Gao, Zhang, San, Wu, Wang, "Modeling and Error Compensation of Robotic Articulated Arm Coordinate
+Measuring Machines Using BP Neural Network", Complexity 2017, article 5156264, section 4: 3000 poses train a network of
+30 and 30 units, 200 further poses test it. The paper describes its arm only by the nominal parameters (Table 1) and the
+error of the nominal model; the virtual arm of the preset ``research`` has errors of that size.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
 from truearm.readings import ErrorComparison, compare_errors
 
-# Mean and maximum absolute error of a coordinate [mm]: nominal parameters, and the network of setting 4 on 200
-# further poses.
+# Mean and maximum absolute error of a coordinate [mm] in the paper: nominal parameters, and the network of row 4 of
+# Table 4, on 200 further poses.
 PAPER_NOMINAL_MM = (0.4492, 0.8978)
 PAPER_NETWORK_MM = (0.0136, 0.0873)
 
@@ -30,16 +30,16 @@ AnyArray = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class Settings:
-    """How large the experiment is.
+    """Size of the experiment.
 
     Attributes
     ----------
     n_train, n_test : int
         Poses.
     hidden : tuple of int
-        Units of the network's hidden layers.
+        Units of the hidden layers of the network.
     epochs : int
-        Of its training. On ten virtual arms the mean error after them is 0.0083 to 0.0091 mm, the largest of 200
+        Of the training. On ten virtual arms the mean error after them is 0.0083 to 0.0091 mm, the largest of 200
         poses 0.039 to 0.080 mm (the paper's network: 0.0136 and 0.0873 mm).
     """
 
@@ -55,15 +55,15 @@ QUICK_SETTINGS = Settings(n_train=1500, hidden=(20, 20), epochs=120)
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """What was measured and what the models made of it.
+    """Readings of a virtual arm and the models fitted to them.
 
     Attributes
     ----------
     arm : VirtualArm
     training : Measurement
-        Poses of the box.
+        Readings in the box of joint angles.
     tests : dict of str to Measurement
-        ``"box"``: further poses of the same box; ``"measuring"``: poses of a technician's work, far outside it.
+        ``"box"``: further poses in the same box; ``"measuring"``: poses of everyday measuring, far outside it.
     models : dict of str to Compensator
         Fitted to `training`: nominal, network, kinematic.
     """
@@ -92,7 +92,7 @@ class Experiment:
         return {name: compare_errors(points, nominal, readings.points) for name, points in self.predicted(test).items()}
 
     def summary(self) -> dict[str, Any]:
-        """The experiment's figures, as ``summary.json`` holds them."""
+        """The results as ``summary.json`` has them."""
         outside = self.errors("measuring")
         return {
             "arm": self.arm.nominal.name,
@@ -113,18 +113,18 @@ class Experiment:
 def experiment(
     *, seed: int, settings: Settings = PAPER_SETTINGS, progress: Callable[[int, str], None] | None = None
 ) -> Experiment:
-    """Measure with a virtual arm, fit three models, keep test readings.
+    """Measure with a virtual arm, fit three models, and measure test readings.
 
-    The reference sees points in the arm's own base frame, as the paper's gauge does: nothing is fitted to the nominal
+    The reference measures points in the base frame of the arm, as in the paper, so that nothing is fitted to the nominal
     model.
 
     Parameters
     ----------
     seed : int
-        Of the arm's errors, the poses, the noise and the network's start; each draws from a stream of its own.
+        Of the errors of the arm, the poses, the noise and the start weights; each has a random stream of its own.
     settings : Settings
     progress : callable, optional
-        Told the network's epoch and how it stands.
+        Called with each epoch of the network's training and its error in words.
     """
     nominal = load_arm("gao2017")
     arm = VirtualArm.draw(nominal, load_preset("research"), seed=seed)

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from truearm.papers.gao2017.experiment import PAPER_NOMINAL_MM, QUICK_SETTINGS, Settings, experiment
+from truearm.workflows.demo import PAPER_NOMINAL_MM, QUICK_SETTINGS, Settings, experiment
 
 SMALL = Settings(n_train=400, n_test=200, hidden=(8, 8), epochs=30)
 
