@@ -1,0 +1,10 @@
+"""Print pip constraints that pin every dependency of the package to the lowest version it allows."""
+
+import re
+import tomllib
+from pathlib import Path
+
+project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+for requirement in [*project["dependencies"], *project["optional-dependencies"]["parquet"]]:
+    if bounded := re.fullmatch(r"([\w-]+)>=([\w.]+)", requirement):
+        print(f"{bounded[1]}=={bounded[2]}")
