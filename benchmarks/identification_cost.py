@@ -20,7 +20,7 @@ from identification_row import Row
 from machine import Target
 from truearm.arm import load_arm
 from truearm.identification.estimation.identification import identify
-from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.references import Points
 from truearm.identification.terms import ArmState, Term, candidate_terms
 

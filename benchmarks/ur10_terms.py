@@ -19,8 +19,7 @@ from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.joint_error_figure import joint_error_figure
 from truearm.compensation.models.reading_references import state_of
-from truearm.identification.estimation.effects import effects
-from truearm.identification.estimation.joint_errors import JointError, joint_error
+from truearm.identification.estimation.diagnostics import JointError, effects, joint_error
 from truearm.identification.estimation.outliers import outliers
 from truearm.identification.terms import GravityTorque
 from truearm.pages.plotting import save_png

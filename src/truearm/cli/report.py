@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from truearm.compensation.models.identified_model import IdentifiedModel
     from truearm.compensation.models.seat_page import SeatComparison
     from truearm.compensation.models.uncertainty import PredictionOutlier
-    from truearm.identification.estimation.joint_errors import JointError
+    from truearm.identification.estimation.diagnostics import JointError
     from truearm.pages.page import Page, Section
     from truearm.readings import Lengths, Session
 
@@ -201,8 +201,7 @@ def found_by(models: dict[str, Compensator], readings: Session) -> list[Section]
     from truearm.compensation.models import NominalModel, identification_sections
     from truearm.compensation.models.identified_model import IdentifiedModel
     from truearm.compensation.models.uncertainty import uncertainty_budget
-    from truearm.identification.estimation.effects import effects
-    from truearm.identification.estimation.identifiability import identifiability
+    from truearm.identification.estimation.diagnostics import effects, identifiability
     from truearm.pages.plotting import styles_of
 
     found = {
@@ -261,7 +260,7 @@ def _joint_errors(model: IdentifiedModel, readings: Session) -> list[JointError]
     """The own errors of the joints that turn, over the angles the model learned from."""
     import numpy as np
 
-    from truearm.identification.estimation.joint_errors import joint_error
+    from truearm.identification.estimation.diagnostics import joint_error
 
     found = []
     for joint in (np.flatnonzero(~model.arm.chain.is_prismatic) + 1).tolist():

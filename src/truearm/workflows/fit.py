@@ -19,7 +19,7 @@ from truearm.compensation.models.reading_references import (
 from truearm.compensation.models.selection import ModelScore, select_model
 from truearm.compensation.models.session_frames import to_first_session_frame
 from truearm.errors import InputError
-from truearm.identification.estimation.identifiability import identifiability
+from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.estimation.outliers import LengthOutlier, length_outliers, outliers
 from truearm.readings import Lengths, Session, compare_errors, seat_errors
 from truearm.typing import IntArray

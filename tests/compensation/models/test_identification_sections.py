@@ -17,8 +17,7 @@ from truearm.compensation.models.joint_error_figure import joint_error_figure
 from truearm.compensation.models.seat_page import SeatComparison, seats_page
 from truearm.compensation.models.uncertainty import UncertaintyBudget
 from truearm.errors import InputError
-from truearm.identification.estimation.effects import Effect
-from truearm.identification.estimation.joint_errors import JointError
+from truearm.identification.estimation.diagnostics import Effect, JointError
 from truearm.pages.html import render
 from truearm.pages.page import Page
 from truearm.pages.plotting import svg_element

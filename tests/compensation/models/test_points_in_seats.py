@@ -8,7 +8,7 @@ import pytest
 from truearm.arm import load_arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.compensation.models import KinematicModel
-from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import constants
 from truearm.readings import Lengths, Session
 

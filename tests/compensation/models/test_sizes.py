@@ -12,7 +12,7 @@ from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.compensation.models.reading_references import MAX_SIZE_ERROR
 from truearm.errors import InputError
-from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import constants
 from truearm.readings import Lengths, Session
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from truearm.arm import Arm, Chain
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
-from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.references import Points, Reference, seats_of
 from truearm.identification.estimation.surfaces import lines_of, planes_of, spheres_of
 from truearm.identification.terms import ArmState, Term

@@ -12,7 +12,7 @@ from truearm.arm.chain import Chain
 from truearm.identification.estimation.alignment import align
 from truearm.identification.estimation.consider_parameters import consider_update
 from truearm.identification.estimation.identification import identify
-from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.references import Points, seats_of
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import own_axis

@@ -10,7 +10,8 @@ import pytest
 from truearm.arm import load_arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.identification.estimation.identification import eliminate_unknowns, grouped_prior, identify
-from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.references import Length, Points, Seats
 from truearm.identification.estimation.surfaces import planes_of, spheres_of
 from truearm.identification.terms import ArmState, candidate_terms, constants

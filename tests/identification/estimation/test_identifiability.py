@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
-from truearm.identification.estimation.identifiability import MOST_PARTNERS, identifiability
+from truearm.identification.estimation.diagnostics import MOST_PARTNERS, identifiability
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.references import Points
 from truearm.identification.terms import ArmState, constants

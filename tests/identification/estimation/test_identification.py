@@ -16,7 +16,7 @@ from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
 from truearm.identification.estimation.identification import MOST_SCALE, IdentificationResult, identify
 from truearm.identification.estimation.outliers import outliers
-from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.references import Points, Seats, seats_of
 from truearm.identification.terms import ArmState, Constant, Harmonics, Term, candidate_terms, constants
 from truearm.identification.terms.catalogue import own_axis, wobble

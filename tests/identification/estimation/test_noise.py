@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from truearm.identification.estimation.noise import (
+from truearm.identification.estimation.residual_variance import (
     HUBER_STDS,
     SHARE_BEYOND,
     expected_clipped_square,

@@ -17,7 +17,8 @@ from truearm.identification.estimation.orientations import (
     orient_flange_coarsely,
     pose_references,
 )
-from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import tool_rotation
 

@@ -18,7 +18,8 @@ from mixed_session import reached, unit
 
 from truearm.arm import Arm, DHTable
 from truearm.identification.estimation.orientations import Orientations
-from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.references import Points, seats_of
 from truearm.identification.estimation.surfaces import lines_of, planes_of, spheres_of
 from truearm.identification.planning.observability import rank_and_gap

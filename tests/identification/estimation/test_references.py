@@ -13,7 +13,8 @@ from truearm.arm import Chain, load_arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.orientations import Orientations
-from truearm.identification.estimation.problem import PerturbedChain, SmallMotionProblem
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.references import Length, Points, Seats, seats_of
 from truearm.identification.estimation.surfaces import lines_of, planes_of, spheres_of
 from truearm.identification.terms import ArmState, constants

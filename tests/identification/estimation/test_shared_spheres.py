@@ -8,7 +8,7 @@ from mixed_session import reached, unit
 
 from truearm.arm import load_arm
 from truearm.identification.estimation.identification import IdentificationResult, identify
-from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.surfaces import ALIKE, Radius, Spheres, spheres_of
 from truearm.identification.terms import ArmState, constants
 

@@ -7,8 +7,12 @@ from hypothesis import strategies as st
 from scipy.optimize import check_grad
 
 from truearm.errors import InputError
-from truearm.identification.estimation.residual_variance import HeldOutReadings
-from truearm.identification.estimation.variance_function import VarianceFunction, _Deviance, fit_variance_function
+from truearm.identification.estimation.residual_variance import (
+    HeldOutReadings,
+    VarianceFunction,
+    _Deviance,
+    fit_variance_function,
+)
 
 N_JOINTS = 3
 

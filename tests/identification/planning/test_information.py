@@ -5,7 +5,7 @@ import pytest
 
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
-from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.candidates import bar_places, seat_poses, tracker_poses, volume_poses
 from truearm.identification.planning.information import SEAT_STD_MM, design_problem, tip_jacobian
 from truearm.identification.planning.observability import observability

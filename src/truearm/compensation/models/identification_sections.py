@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from truearm.compensation.models.joint_error_figure import ARCSEC, joint_error_figure
 from truearm.compensation.models.uncertainty import COVERAGE_FACTOR, ELLIPSOID_FACTOR, LEVEL, UncertaintyBudget
-from truearm.identification.estimation.effects import Effect
-from truearm.identification.estimation.joint_errors import JointError
+from truearm.identification.estimation.diagnostics import Effect, JointError
 from truearm.pages.number_format import format_count, format_number, format_percent, format_uncertainty
 from truearm.pages.page import Column, LabelledValue, Section, Table
 from truearm.pages.plotting import Style

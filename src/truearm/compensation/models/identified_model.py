@@ -11,11 +11,13 @@ import numpy as np
 
 from truearm.compensation.models.compensator import MIN_ROWS, Compensator
 from truearm.compensation.models.reading_references import references_of, state_of
-from truearm.identification.estimation.birge_ratio import birge_ratio
-from truearm.identification.estimation.cross_validation import cross_validate_by_group
+from truearm.identification.estimation.cross_validation import birge_ratio, cross_validate_by_group
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
-from truearm.identification.estimation.residual_variance import conformal_residual_variance
-from truearm.identification.estimation.variance_function import VarianceFunction, fit_variance_function
+from truearm.identification.estimation.residual_variance import (
+    VarianceFunction,
+    conformal_residual_variance,
+    fit_variance_function,
+)
 from truearm.identification.terms import ArmState, Constant, SkippedTerm, Term
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
@@ -42,7 +44,7 @@ class IdentifiedModel(Compensator):
         What share of its square readings at other angles have.
     birge_ratio_ : float
         By how much standard deviations of the first posterior are to be raised, by the readings held out of it (see
-        `truearm.identification.estimation.birge_ratio`).
+        `truearm.identification.estimation.cross_validation`).
     temperature_degC_, temperature_variance_K2_ : float or None
         Mean temperature of the training readings [degC], and its variance.
     columns_, column_variances_ : dict of str to float

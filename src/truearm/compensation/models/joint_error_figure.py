@@ -12,7 +12,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from truearm.compensation.models.error_figures import joint_matrix, joint_names
 from truearm.errors import InputError
-from truearm.identification.estimation.joint_errors import JointError
+from truearm.identification.estimation.diagnostics import JointError
 from truearm.pages.number_format import format_number
 from truearm.pages.plotting import (
     LIMIT,

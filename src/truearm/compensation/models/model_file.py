@@ -41,11 +41,10 @@ from truearm.compensation.nets.traingdx import AdaptiveRecord
 from truearm.compensation.nets.training import TrainingRecord
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
-from truearm.identification.estimation.birge_ratio import birge_ratio
+from truearm.identification.estimation.cross_validation import birge_ratio
 from truearm.identification.estimation.identification import IdentificationResult, ReferenceFit, TermGroupResult
-from truearm.identification.estimation.problem import PerturbedChain
-from truearm.identification.estimation.residual_variance import HeldOutReadings
-from truearm.identification.estimation.variance_function import VarianceFunction
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.residual_variance import HeldOutReadings, VarianceFunction
 from truearm.identification.terms import Constant, SkippedTerm, Term
 from truearm.typing import FloatArray
 

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.identification.estimation.relative_covariance import relative_covariance
+from truearm.identification.estimation.propagation import relative_covariance
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
 

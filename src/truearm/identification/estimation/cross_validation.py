@@ -14,6 +14,9 @@ several cases at once.
 
 Judged are tips with points, by these, and tips in seats: by the seat's place as other groups' readings of it have it,
 or, of a seat that the group has for itself, by the mean of the tips predicted in it.
+
+The Birge ratio compares the residual variance of held-out readings with the one that the posterior was computed with:
+R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev. 40 (1932) 207.
 """
 
 from __future__ import annotations
@@ -36,7 +39,7 @@ from truearm.identification.estimation.identification import (
 )
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.references import LinearisedResiduals, Reference
-from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
 from truearm.identification.terms.state import ArmState
 from truearm.solve.square_roots import covariance_factor
 from truearm.solve.threads import one_blas_thread
@@ -363,3 +366,35 @@ def _by_unknown(linear: LinearisedResiduals, unknown: IntArray, n: int) -> csr_a
     told = linear.by_unknown != 0
     column = np.broadcast_to(unknown, (k, a, m))
     return csr_array((linear.by_unknown[told], (residual[told], column[told])), shape=(m * k, n))
+
+
+def birge_ratio(references: Sequence[ReferenceFit], rows: IntArray, unexplained_std: float) -> float:
+    """Give by how much the standard deviations of a posterior are to be raised.
+
+    It was found with the variance ``std^2 + noise^2`` of each residual, stated and found. Readings held out
+    show ``std^2 + unexplained^2``. The mean ratio over the residuals that were judged is that of the variances.
+
+    Parameters
+    ----------
+    references : sequence of ReferenceFit
+        Of the identification.
+    rows : (m,) int array
+        Readings that were held out: judged by their points, in seats where they have none.
+    unexplained_std : float
+        What these show [mm].
+
+    Returns
+    -------
+    float
+        1 or more.
+    """
+    ratios = []
+    pointed = np.zeros(0, dtype=np.intp)
+    for kind in ("point", "seat"):
+        for reference in (reference for reference in references if reference.kind == kind):
+            judged = np.isin(reference.rows, rows) & ~np.isin(reference.rows, pointed)
+            if judged.any():
+                stated = reference.std[:, judged].ravel() ** 2 + FLOOR_MM2
+                ratios.append((stated + unexplained_std**2) / (stated + reference.noise_std**2))
+            pointed = reference.rows
+    return max(1.0, float(np.sqrt(np.concatenate(ratios).mean()))) if ratios else 1.0

@@ -17,9 +17,10 @@ import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identification.estimation.noise import huber_weights, paule_mandel_variance
-from truearm.identification.estimation.problem import RELATIVE, PerturbedChain, SmallMotionProblem
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.problem import RELATIVE, SmallMotionProblem
 from truearm.identification.estimation.references import Reference
+from truearm.identification.estimation.residual_variance import huber_weights, paule_mandel_variance
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.solve import KnownStep, StepHalving, damped_step

@@ -1,7 +1,14 @@
-"""What tips are uncertain by where a reading does not state what the terms depend on.
+"""Propagation of uncertainty to tips (JCGM 100:2008, 5.1.2): of unstated inputs, and of tips relative to each other.
 
-A quantity that is not stated has its mean, and its variance goes through its derivative into that of the tip, as by the
-law of propagation of uncertainty (JCGM 100:2008, 5.1.2).
+A quantity that a reading does not state has its mean, and its variance is propagated through its derivative.
+
+An arm that was identified from seats and lengths has a frame of its own. Joint 1 defines it, and it is known no better
+than that joint's axis. This is no error of measurement where coordinates are compared with each other. With the errors
+of all tips ``J e``, e of covariance ``F^T F``, and the rigid motions of all tips as columns of R,
+
+    covariance of a tip = its block of (I - R R^+) J F^T F J^T (I - R R^+)^T,
+
+which remains after a fit of the frame (K. S. Arun and others, IEEE PAMI 9 (1987) 698, to first order).
 """
 
 from __future__ import annotations
@@ -10,9 +17,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from truearm.identification.estimation.alignment import rigid_motions
 from truearm.identification.estimation.identification import IdentificationResult
 from truearm.identification.terms.basis import Constant, GravityTorque, Harmonics, InSession
 from truearm.identification.terms.state import ArmState
+from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray
 
 OF_ANGLES = (Constant, GravityTorque, Harmonics, InSession)
@@ -47,4 +56,34 @@ def direction_effects(fit: IdentificationResult, state: ArmState) -> FloatArray:
         unknown = low[:, joint] == 0
         low[unknown, joint], high[unknown, joint] = -1.0, 1.0
         effect[rows] = half_tip_difference(fit, replace(open_at, directions=low), replace(open_at, directions=high))
+    return out
+
+
+def relative_covariance(fit: IdentificationResult, state: ArmState) -> FloatArray:
+    """Covariance of tips by that of the coefficients, a frame fitted to the tips of the state.
+
+    Parameters
+    ----------
+    fit : IdentificationResult
+    state : ArmState
+        Of tips that are not all on a line.
+
+    Returns
+    -------
+    (n, 3, 3) array
+        [mm^2].
+    """
+    tips = fit.tips(state)
+    root = covariance_factor(fit.covariance)
+    basis = np.linalg.qr(rigid_motions(tips))[0].reshape(len(tips), 3, 6)
+    shared = np.zeros((6, len(root)))
+    for rows, _, columns in fit.perturbed_chain.derivatives(state, fit.coefficients):
+        shared += np.einsum("nia,pin->ap", basis[rows], columns, optimize=True) @ root.T
+    out = np.empty((len(state), 3, 3))
+    for rows, _, columns in fit.perturbed_chain.derivatives(state, fit.coefficients):
+        p, _, n = columns.shape
+        spread = (root @ columns.reshape(p, 3 * n)).reshape(len(root), 3, n) - np.einsum(
+            "nia,ap->pin", basis[rows], shared, optimize=True
+        )
+        out[rows] = np.einsum("pin,pjn->nij", spread, spread, optimize=True)
     return out

@@ -1,18 +1,116 @@
-"""What a model cannot explain, sized so that its stated uncertainty holds what it should on readings it did not see."""
+"""Residual variance: the part of the residuals that neither the terms nor the uncertainty of the references explain.
+
+Three estimates of it. The noise of one kind of reference, by moments (R. C. Paule, J. Mandel), with Huber's weights for
+outliers, while terms are identified. The residual variance of a model, such that its stated uncertainty covers the
+share of held-out readings that it should. A variance function of the joint angles: an arm is less repeatable, and its
+terms describe it less well, in some poses than in others. With z the angles about their mean in units of their scatter,
+a coordinate's residual variance is that of all readings times the share
+
+    exp(sum_j b_j z_j + c_j (z_j^2 - 1)) / its mean over the readings,
+
+a log-linear variance function (R. J. Carroll, D. Ruppert, "Transformation and Weighting in Regression", 1988, chapter
+3) estimated from held-out readings. Evidence gives the size of its coefficients (D. J. C. MacKay, Neural Computation 4
+(1992) 415, eq. 4.8): where readings do not show a dependence on the angles, the function is flat.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cache
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize
 from scipy.stats import chi2
 
+from truearm.errors import InputError
 from truearm.typing import FloatArray
 
+# A residual in space longer than this many standard deviations weighs less: of Gaussian ones, one in 900 is.
+HUBER_STDS = 4.0
+# Whatever its number of residuals, the same share of Gaussian readings weighs less.
+SHARE_BEYOND = float(chi2.sf(HUBER_STDS**2, 3))
+# A nanometre: it keeps weights finite where the data are exact.
+FLOOR_MM2 = 1e-12
+
+
+@cache
+def huber_threshold_squared(k: int) -> float:
+    """Squared whitened length of k residuals from which on a reading weighs less."""
+    return float(chi2.isf(SHARE_BEYOND, k))
+
+
+@cache
+def expected_clipped_square(k: int) -> float:
+    """Mean of the squared length of k Gaussian residuals, cut off there: a hair below k."""
+    cut = huber_threshold_squared(k)
+    return float(k * chi2.cdf(cut, k + 2) + cut * chi2.sf(cut, k))
+
+
+def huber_weights(residuals: FloatArray, variance: FloatArray) -> FloatArray:
+    """Huber's weights on the length of whitened residuals: 1 up to a cut, as one over the length beyond.
+
+    Source: P. J. Huber, Ann. Math. Stat. 35 (1964) 73.
+
+    Parameters
+    ----------
+    residuals, variance : (n, k) array
+        [mm], [mm^2].
+
+    Returns
+    -------
+    (n,) array
+    """
+    lengths = np.sqrt((residuals**2 / variance).sum(axis=1))
+    cut = np.sqrt(huber_threshold_squared(residuals.shape[1]))
+    return np.asarray(cut / np.maximum(lengths, cut))
+
+
+def paule_mandel_variance(
+    residuals: FloatArray, reference_variance: FloatArray, *, n_effective: float, robust: bool
+) -> float:
+    """The variance v of a residual for which the whitened residuals have the size that their freedom says.
+
+    Solves ``sum |r|^2 / (s^2 + v) = k n - n_effective``, whose left side falls with v: moments, not likelihood, which
+    is the same where all s are (R. C. Paule, J. Mandel, "Consensus values and weighting factors", J. Res. Natl. Bur.
+    Stand. 87 (1982) 377). Robustly, squared lengths are cut off as in `huber_weights` and their expectation with them
+    (Huber's proposal 2), so that gross errors hardly raise v.
+
+    Parameters
+    ----------
+    residuals : (n, k) array
+        [mm].
+    reference_variance : (n, k) array
+        Of the references, s^2 [mm^2].
+    n_effective : float
+        Parameters that the residuals, rather than priors, determined.
+    robust : bool
+        Whether gross errors may be among them.
+
+    Returns
+    -------
+    float
+        [mm^2], a nanometre squared where the references explain everything.
+    """
+    n, k = residuals.shape
+    squares = residuals**2
+    per_reading = expected_clipped_square(k) if robust else float(k)
+    # Where parameters are as many as data there is no freedom to learn the noise from: a thousandth of it stands in.
+    freedom: float = max(per_reading * n - n_effective, 1e-3 * n)
+    most = huber_threshold_squared(k) if robust else np.inf
+
+    def excess(log_v: float) -> float:
+        lengths_squared = (squares / (reference_variance + np.exp(log_v))).sum(axis=1)
+        return float(np.minimum(lengths_squared, most).sum()) - freedom
+
+    lowest, highest = np.log(FLOOR_MM2), np.log(1.01 * squares.sum() / freedom + 2 * FLOOR_MM2)
+    if excess(lowest) <= 0:
+        return FLOOR_MM2
+    return float(np.exp(brentq(excess, lowest, highest, xtol=1e-6)))
+
+
 LEVEL = 0.95
-FLOOR_MM2 = 1e-12  # a nanometre squared
 # Where what others know of a reading has, in some direction, so many times its own variance, it says nothing of that.
 MOST_OPEN = 100.0
 
@@ -107,3 +205,171 @@ def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEV
     if excess(lowest) <= 0:
         return FLOOR_MM2
     return float(np.exp(brentq(excess, lowest, highest, xtol=1e-6)))
+
+
+# Prior standard deviation of a coefficient, where evidence begins and its bounds: by that share the variance changes
+# with a standard deviation of a joint. At the lowest the function is flat.
+COEFFICIENT_STD, LEAST_STD, MOST_STD = 0.2, 1e-3, 0.5
+MOST_ROUNDS = 30
+SETTLED = 0.02  # relative change of the prior's precision
+# Angles count as if they were no farther from their mean: the shares of rare poses are not told by common ones.
+FARTHEST = 2.0
+# Farther than so many standard deviations of a joint no reading was: there a share below one is not believed.
+BEYOND = 3.0
+# Deviations are Student's of so many degrees of freedom, so that a few wrong readings do not bend the function.
+STUDENT_FREEDOM = 6.0
+# With fewer groups held out for each coefficient the function is flat: a chance draw would look like one now and then.
+LEAST_GROUPS = 5
+# No coefficient comes near; a larger one is none that was found.
+STEEPEST = 10.0
+# Steps of L-BFGS-B; it needs about twenty.
+MOST_STEPS = 200
+# A joint whose angles scatter by less stood still [rad, or mm].
+LEAST_SCATTER = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class VarianceFunction:
+    """The share of the unexplained variance that angles have, 1 on average over the readings it was found from.
+
+    Parameters
+    ----------
+    centre, spread : (n_joints,) array
+        Mean and standard deviation of the angles [rad, or mm].
+    slope, curvature : (n_joints,) array
+        Of the logarithm, by the angles in units of `spread`.
+    mean : float
+        Of the exponential over the readings.
+    """
+
+    centre: FloatArray
+    spread: FloatArray
+    slope: FloatArray
+    curvature: FloatArray
+    mean: float = 1.0
+
+    def __post_init__(self) -> None:
+        arrays = (self.centre, self.spread, self.slope, self.curvature)
+        shapes = {np.shape(array) for array in arrays}
+        if len(shapes) != 1 or len(next(iter(shapes))) != 1 or not np.isfinite(np.stack(arrays)).all():
+            raise InputError(f"expected four finite numbers a joint of a variance function, got shapes {shapes}")
+        if max(np.abs(self.slope).max(), np.abs(self.curvature).max()) > STEEPEST:
+            raise InputError(f"expected slopes and curvatures of a variance function within {STEEPEST:g}")
+        if not (self.spread > 0).all() or not 0 < self.mean < np.inf:
+            raise InputError("expected a positive spread of every joint and a positive mean of a variance function")
+
+    @classmethod
+    def flat(cls, n_joints: int) -> Self:
+        """The same everywhere."""
+        zeros = np.zeros(n_joints)
+        return cls(zeros, np.ones(n_joints), zeros, zeros)
+
+    def share(self, angles: npt.ArrayLike) -> FloatArray:
+        """(n,) shares at angles (n, n_joints) [rad, or mm]; one or more far from where there were readings."""
+        angles = np.asarray(angles, dtype=float)
+        features = _features(angles, self.centre, self.spread)
+        share = np.exp(features @ np.concatenate([self.slope, self.curvature])) / self.mean
+        beyond = (np.abs(angles - self.centre) > BEYOND * self.spread).any(axis=1)
+        return np.asarray(np.where(beyond, np.maximum(share, 1.0), share))
+
+
+def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> VarianceFunction:
+    """Find where readings held out scatter more, beyond what their covariances make expected.
+
+    Parameters
+    ----------
+    held_out : HeldOutReadings
+    angles : (n, n_joints) array
+        Of all readings [rad, or mm].
+
+    Returns
+    -------
+    VarianceFunction
+        Flat where too few groups were held out.
+    """
+    n_joints = angles.shape[1]
+    if len(np.unique(held_out.group)) < LEAST_GROUPS * 2 * n_joints:
+        return VarianceFunction.flat(n_joints)
+    at = angles[held_out.rows]
+    centre, scatter = at.mean(axis=0), at.std(axis=0)
+    spread = np.where(scatter > LEAST_SCATTER, scatter, 1.0)
+    features = _features(at, centre, spread)
+    features[:, np.tile(scatter <= LEAST_SCATTER, 2)] = 0.0
+    deviance = _Deviance.of(held_out, features)
+    found, precision = np.zeros(1 + 2 * n_joints), COEFFICIENT_STD**-2
+    for _ in range(MOST_ROUNDS):
+        found = minimize(deviance, found, (precision,), jac=True, method="L-BFGS-B", options={"maxiter": MOST_STEPS}).x
+        told = deviance.well_determined(found, precision)
+        before, square = precision, float(found[1:] @ found[1:])
+        precision = float(np.clip(told / max(square, 1e-300), MOST_STD**-2, LEAST_STD**-2))
+        if abs(precision - before) < SETTLED * before:
+            break
+    found = found[1:]
+    mean = float(np.exp(features @ found).mean())
+    return VarianceFunction(centre, spread, found[:n_joints], found[n_joints:], mean)
+
+
+def _features(angles: FloatArray, centre: FloatArray, spread: FloatArray) -> FloatArray:
+    z = np.clip((angles - centre) / spread, -FARTHEST, FARTHEST)
+    return np.hstack([z, z**2 - 1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Deviance:
+    """Negative logarithm of the posterior, by the variance's logarithm and the coefficients, with its gradient.
+
+    Deviations stand along the axes of their covariances: `known` (m, 3) are the variances there, `squares` (m, 3) the
+    deviations squared. Readings of a group err alike and count together as one.
+    """
+
+    squares: FloatArray
+    known: FloatArray
+    freedom: FloatArray
+    features: FloatArray
+    typical: float
+    weight: float
+
+    @classmethod
+    def of(cls, held_out: HeldOutReadings, features: FloatArray) -> Self:
+        """Of readings held out."""
+        known, axes = np.linalg.eigh(held_out.covariance)
+        squares = np.einsum("nij,ni->nj", axes, held_out.deviations) ** 2
+        typical = max(float(np.median(squares.sum(axis=1) / held_out.freedom)) / 3, FLOOR_MM2)
+        weight = len(np.unique(held_out.group)) / len(held_out.rows)
+        return cls(squares, np.maximum(known, 0.0), held_out.freedom[:, None], features, typical, weight)
+
+    def __call__(self, parameters: FloatArray, precision: float) -> tuple[float, FloatArray]:
+        """Value and gradient, under a precision of the coefficients' prior."""
+        coefficients = parameters[1:]
+        own = self._own(parameters)
+        variance = self.known + own
+        n = STUDENT_FREEDOM
+        length = (self.squares / variance).sum(axis=1)
+        value = 0.5 * np.log(variance).sum() + 0.5 * (n + 3) * np.log1p(length / n).sum()
+        pull = ((n + 3) / (n + length))[:, None]
+        by_log = (0.5 * own / variance * (1 - pull * self.squares / variance)).sum(axis=1)
+        prior = precision * coefficients
+        gradient = np.concatenate([[by_log.sum()], self.features.T @ by_log]) * self.weight
+        gradient[1:] += prior
+        return float(self.weight * value + 0.5 * coefficients @ prior), gradient
+
+    def well_determined(self, parameters: FloatArray, precision: float) -> float:
+        """How many coefficients the readings determine, by the expected information of a logarithm of Student's scale.
+
+        Of p coordinates and n degrees of freedom that is p n / 2 (n + p + 2) (K. L. Lange, R. J. A. Little,
+        J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881, section 4); of one whose scale is a share f of the variance
+        f^2 as much.
+        """
+        own = self._own(parameters)
+        share = own / (self.known + own)
+        each = self.weight * (share**2).sum(axis=1) / 2 * STUDENT_FREEDOM / (STUDENT_FREEDOM + 5)
+        design = np.hstack([np.ones((len(own), 1)), self.features])
+        information = design.T @ (each[:, None] * design)
+        information[1:, 1:].flat[:: len(information)] += precision
+        information[0, 0] += 1e-12  # nothing held out beyond what is known
+        left = np.linalg.inv(information).diagonal()[1:]
+        return float(np.clip(1 - precision * left, 0.0, 1.0).sum())
+
+    def _own(self, parameters: FloatArray) -> FloatArray:
+        log_share = np.clip(parameters[0] + self.features @ parameters[1:], -50.0, 50.0)
+        return np.asarray(self.typical * np.exp(log_share)[:, None] * self.freedom)

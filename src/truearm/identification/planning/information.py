@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.exchange import DesignProblem, moment_matrix, project_out, stack_factors
 from truearm.identification.terms.state import ArmState

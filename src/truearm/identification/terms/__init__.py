@@ -15,6 +15,8 @@ from truearm.identification.terms.basis import (
     InSession,
     Temperature,
     basis_from_data,
+    directions,
+    harmonics,
     register_basis,
 )
 from truearm.identification.terms.catalogue import (
@@ -27,7 +29,6 @@ from truearm.identification.terms.catalogue import (
     place_name,
 )
 from truearm.identification.terms.gravity import GravityLoads, gravity_loads, gravity_torques, uniform_links
-from truearm.identification.terms.harmonics import directions, harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.identification.terms.thermal import growth_motions, link_vectors

@@ -250,7 +250,7 @@ class PosteriorDistribution:
 
         It was found with what is stated of the reference and the noise that the model's own readings show. Readings
         held out scatter by more, as terms follow the noise and what is missing repeats; a posterior under their noise
-        is wider by as much (`truearm.identification.estimation.birge_ratio`).
+        is wider by as much (`truearm.identification.estimation.cross_validation`).
         """
         return self._model.birge_ratio_
 

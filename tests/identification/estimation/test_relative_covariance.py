@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from test_joint_errors import identified
 from test_problem import random_chain, random_state
 
-from truearm.identification.estimation.problem import PerturbedChain
-from truearm.identification.estimation.relative_covariance import relative_covariance
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.propagation import relative_covariance
 from truearm.identification.terms import constants
 from truearm.identification.terms.catalogue import own_axis
 

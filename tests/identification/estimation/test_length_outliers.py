@@ -11,7 +11,7 @@ from mixed_session import reached, unit
 from truearm.arm import load_arm
 from truearm.identification.estimation.identification import UNKNOWN_STD, identify, initial_problem
 from truearm.identification.estimation.outliers import MAX_NORMALIZED_RESIDUAL, constraint_residuals, length_outliers
-from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.references import seats_of
 from truearm.identification.estimation.surfaces import spheres_of
 from truearm.identification.terms import ArmState, constants
