@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import ArmState, directions
 from truearm.identification.virtual.constrained import constrain_geometry
 from truearm.identification.virtual.error_model import ARCSEC

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.identification.estimation.problem import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import Column, GravityTorque, Harmonics, Term, link_vectors
 from truearm.identification.terms.basis import AXES
 from truearm.identification.terms.catalogue import constants, gravity, hysteresis, thermal, wobble
