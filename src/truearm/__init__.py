@@ -10,16 +10,18 @@ __version__ = "0.1.0"
 
 # Where each public name is defined.
 _HOMES = {
-    "truearm.arm": ("Arm", "load_arm"),
+    "truearm.arm": ("Arm", "list_arms", "load_arm"),
     "truearm.compensation.models": ("KinematicModel", "NetworkModel", "NominalModel", "PhysicalModel"),
     "truearm.compensation.models.model_file": ("load_model",),
     "truearm.errors": ("InputError",),
     "truearm.identification.virtual": ("VirtualArm",),
-    "truearm.readings": ("Lengths", "Session", "read_lengths", "read_session"),
+    "truearm.readings": ("Lengths", "Session", "import_table", "read_lengths", "read_session"),
     "truearm.workflows.evaluate": ("Evaluation", "evaluate"),
+    "truearm.workflows.fetch": ("PublishedReadings", "fetch"),
     "truearm.workflows.fit": ("FitResult", "fit"),
     "truearm.workflows.predict": ("Prediction", "predict"),
     "truearm.workflows.refit": ("RefitResult", "refit"),
+    "truearm.workflows.simulate": ("SimulationResult", "simulate"),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 

@@ -81,9 +81,7 @@ def check(
         fitted, readings = _readings(model, session)
         values, name = _values(fitted, readings, lengths), fitted.arm.name
         new = InterimCheck(day, _fingerprint(model), fingerprint(readings), _temperature(readings), values)
-        record = record_check(
-            kept, new, specification=specification, retired=retired or (), name=model.name, arm=name
-        )
+        record = record_check(kept, new, specification=specification, retired=retired or (), name=model.name, arm=name)
         checks, assessment = record.checks, record.assessment
         if report is not None:
             from truearm.pages.html import write_page

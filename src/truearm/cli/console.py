@@ -55,7 +55,7 @@ def print_json(result: Mapping[str, Any]) -> None:
     typer.echo(json.dumps(result, indent=2, allow_nan=False))
 
 
-def print_record(record: Record, *, as_json: bool = False, **files: Path) -> None:
+def print_record(record: Record, *, as_json: bool = False, files: Mapping[str, Path] | None = None) -> None:
     """Print the result of a verb and the names of the files that were written, each with what it is.
 
     Parameters
@@ -63,9 +63,10 @@ def print_record(record: Record, *, as_json: bool = False, **files: Path) -> Non
     record : Record
     as_json : bool
         As JSON: its `to_dict`, with the files before it.
-    **files : Path
+    files : mapping of str to Path
         By what they hold, such as ``model`` or ``session``; JSON has the first as ``file``.
     """
+    files = files or {}
     if as_json:
         names = {"file" if i == 0 else f"{what}_file": str(path) for i, (what, path) in enumerate(files.items())}
         print_json({**names, **record.to_dict()})

@@ -85,7 +85,7 @@ def fit(
             arm, session, model=model, lengths=lengths, free=parts, limits=limits, progress=report, **options
         )
         result.save(out)
-    print_record(result, as_json=as_json, model=out)
+    print_record(result, as_json=as_json, files={"model": out})
 
 
 def layer_sizes(text: str) -> tuple[int, ...]:

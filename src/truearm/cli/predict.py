@@ -39,4 +39,4 @@ def predict(
     with progress(f"predicting {session.name}"):
         prediction = predict_points(model, session)
         prediction.save(out)
-    print_record(prediction, as_json=as_json, points=out)
+    print_record(prediction, as_json=as_json, files={"points": out})

@@ -54,4 +54,4 @@ def refit(
             model, session, free=parts, n_readings=rows, seed=seed, lengths=lengths, limits=limits, progress=report
         )
         result.save(out)
-    print_record(result, as_json=as_json, model=out)
+    print_record(result, as_json=as_json, files={"model": out})

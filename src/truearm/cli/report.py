@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truearm.cli.console import check_page_path, print_line, progress, version_row
+from truearm.cli.console import check_page_path, print_line, progress
 
 if TYPE_CHECKING:
     from truearm.compensation.models import Compensator
-    from truearm.compensation.models.comparison_page import ModelComparison
     from truearm.compensation.models.identification_sections import HeldOutErrors, OutlierRow
     from truearm.compensation.models.identified_model import IdentifiedModel
     from truearm.compensation.models.seat_page import SeatComparison
@@ -92,41 +91,18 @@ def report(
 def _page(models: dict[str, Compensator], readings: Session, known: Lengths | None, session: Path, title: str) -> Page:
     from truearm.compensation.models.comparison_page import comparison_page
     from truearm.compensation.models.seat_page import seats_page
+    from truearm.workflows.comparison import compare_models, one_arm, page_facts
 
-    arm = _of_one_arm(models).arm
+    arm = one_arm(models).arm
     told: dict[str, Any] = {
         "title": title or f"{arm.name}: error before and after compensation",
         "subtitle": f"{len(readings)} readings of {session.name}",
-        "facts": facts(models, readings),
+        "facts": page_facts(models, readings),
         "remarks": [f"{name}: {remark}" for name, model in models.items() for remark in remarks(model, readings)],
     }
     if readings.points is None:
         return seats_page(seated(models, readings, known), **told, more=found_by(models, readings))
-    return comparison_page(compared(models, readings), **told, more=found_by(models, readings))
-
-
-def compared(models: dict[str, Compensator], readings: Session) -> ModelComparison:
-    """What the models make of the readings, each beside its own nominal arm; the first one's stands for all."""
-    from truearm.compensation.models import NominalModel
-    from truearm.compensation.models.comparison_page import ModelComparison
-    from truearm.readings import compare_errors
-
-    points = readings.points
-    assert points is not None  # checked by the caller
-    first = _of_one_arm(models)
-    nominal = first.predict_nominal_readings(readings)
-    predicted, errors = {"nominal": nominal}, {"nominal": compare_errors(nominal, nominal, points)}
-    for name, model in models.items():
-        if not isinstance(model, NominalModel):  # it is the first row already
-            predicted[name] = model.predict_readings(readings)
-            errors[name] = compare_errors(predicted[name], model.predict_nominal_readings(readings), points)
-    return ModelComparison(
-        angles=readings.angles,
-        points=points,
-        predicted=predicted,
-        errors={name: dict(e) for name, e in errors.items()},  # type: ignore[arg-type]
-        **_joints(first),
-    )
+    return comparison_page(compare_models(models, readings), **told, more=found_by(models, readings))
 
 
 def seated(models: dict[str, Compensator], readings: Session, known: Lengths | None) -> SeatComparison:
@@ -136,10 +112,11 @@ def seated(models: dict[str, Compensator], readings: Session, known: Lengths | N
     from truearm.compensation.models import NominalModel
     from truearm.compensation.models.seat_page import SeatComparison
     from truearm.readings import check_sessions, length_errors
+    from truearm.workflows.comparison import joint_facts, one_arm
 
     assert readings.seat is not None  # checked by the caller
     check_sessions(readings, known)
-    first = _of_one_arm(models)
+    first = one_arm(models)
     predicted = {"nominal": first.predict_nominal_readings(readings)}
     predicted |= {
         name: model.predict_readings(readings) for name, model in models.items() if not isinstance(model, NominalModel)
@@ -160,40 +137,8 @@ def seated(models: dict[str, Compensator], readings: Session, known: Lengths | N
         predicted={name: points[several] for name, points in predicted.items()},
         lengths=rows,
         length_errors=of_lengths,
-        **_joints(first),
+        **joint_facts(first),
     )
-
-
-def _joints(model: Compensator) -> dict[str, Any]:
-    lower, upper = model.arm.limits.T
-    return {
-        "joint_names": model.arm.joint_names,
-        "lower": lower,
-        "upper": upper,
-        "sliding": model.arm.chain.is_prismatic.tolist(),
-    }
-
-
-def _of_one_arm(models: dict[str, Compensator]) -> Compensator:
-    """The first of the models, which must all be of one arm with the same free parts."""
-    import numpy as np
-
-    from truearm.errors import InputError
-
-    first = next(iter(models.values()))
-    arm = first.arm
-    for name, model in models.items():
-        if model.arm.name != arm.name or not np.array_equal(model.arm.chain.fixed, arm.chain.fixed):
-            raise InputError(
-                f"expected models of one arm, but {name!r} is of {model.arm.name!r}, not the first one's arm"
-            )
-        if tuple(model.free) != tuple(first.free):
-            raise InputError(
-                f"expected models with the same --free, but {name!r} has {list(model.free)}, "
-                f"the first {list(first.free)}",
-                hint="a report for each",
-            )
-    return first
 
 
 def found_by(models: dict[str, Compensator], readings: Session) -> list[Section]:
@@ -316,27 +261,6 @@ def remarks(model: Compensator, readings: Session) -> list[str]:
     if model.is_trained_on(readings):
         said.append("These are the readings it learned from: an honest test needs others (truearm split).")
     return said
-
-
-def facts(models: dict[str, Compensator], readings: Session) -> list[tuple[str, str]]:
-    """What a page about models rests on."""
-    from truearm.compensation.models.compensator import fingerprint
-
-    rows = [
-        (f"model {name}", f"{model.n_train_} training readings, fingerprint {model.data_fingerprint_}")
-        for name, model in models.items()
-    ]
-    rows.append(("readings of this page", f"fingerprint {fingerprint(readings)}"))
-    rows += [
-        (f"lengths of model {name}", f"fingerprint {model.lengths_fingerprint_}")
-        for name, model in models.items()
-        if model.lengths_fingerprint_
-    ]
-    rows.append(("fingerprint", "SHA-256 of all columns but notes, numbers in rad and mm as little-endian doubles"))
-    arm = next(iter(models.values())).arm
-    rows.append(("arm", f"{arm.name}: {arm.title}. {arm.source}"))
-    rows.append(version_row())
-    return rows
 
 
 def _names(paths: list[Path]) -> list[str]:

@@ -13,7 +13,7 @@ from truearm.cli.console import SessionFile, check_output_is_not_input, print_li
 def split(
     session: SessionFile,
     train: Annotated[Path, typer.Option("--train", help="Session file to write the training readings to.")],
-    test: Annotated[Path, typer.Option("--test", help="Session file to write the held out readings to.")],
+    test: Annotated[Path, typer.Option("--test", help="Session file to write the held-out readings to.")],
     by: Annotated[str, typer.Option("--by", help="What stays together: position, seat, session or row.")] = "position",
     share: Annotated[float, typer.Option("--hold-out", help="Share of the groups to hold out.")] = 0.3,
     seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same split.")] = 0,
@@ -36,7 +36,7 @@ def split(
     with progress(f"splitting {session.name}"):
         readings = read_session(session)
         parts = hold_out(readings, by=cast(SplitBy, by), fraction=share, seed=seed)
-        # Both or none: a new training file beside an old test file would hold the same readings.
+        # Both or none: a new training file beside an old test file would share readings with it.
         with atomic_file(train) as new_train, atomic_file(test) as new_test:
             for path, part in zip((new_train, new_test), parts, strict=True):
                 write_session(part, path)

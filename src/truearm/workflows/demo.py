@@ -8,17 +8,37 @@ error of the nominal model; the virtual arm of the preset ``research`` has error
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import numpy.typing as npt
 
 from truearm.arm import load_arm
 from truearm.compensation.models import Compensator, KinematicModel, NetworkModel, NominalModel
+from truearm.compensation.models.comparison_page import comparison_page, error_table
+from truearm.compensation.models.error_figures import before_after
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file, check_writable
 from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
+from truearm.pages.html import render
+from truearm.pages.page import Page, Section
+from truearm.pages.plotting import save_png
 from truearm.readings import ErrorComparison, compare_errors
+from truearm.workflows.comparison import compare_models, page_facts
+from truearm.workflows.record import Record, TextTable, format_fixed
+from truearm.workflows.sentences import compare_with_nominal, format_mm
+
+if TYPE_CHECKING:
+    from truearm.pages.plotting import Figure
+
+# Files of the folder that `DemoResult.save` writes.
+FILES = ("report.html", "summary.json", "before_after.png")
 
 # Mean and maximum absolute error of a coordinate [mm] in the paper: nominal parameters, and the network of row 4 of
 # Table 4, on 200 further poses.
@@ -115,8 +135,7 @@ def experiment(
 ) -> Experiment:
     """Measure with a virtual arm, fit three models, and measure test readings.
 
-    The reference measures points in the base frame of the arm, as in the paper, so that nothing is fitted to the nominal
-    model.
+    The reference measures points in the base frame of the arm, as in the paper: the nominal model has nothing to fit.
 
     Parameters
     ----------
@@ -146,3 +165,162 @@ def experiment(
     for name, model in models.items():
         model.fit_readings(training.readings, progress=progress if name == "network" else None)
     return Experiment(arm, training, tests, models)
+
+
+def demo(*, seed: int = 0, quick: bool = False, progress: Callable[[int, str], None] | None = None) -> DemoResult:
+    """Repeat the founding paper's experiment on a virtual measuring arm.
+
+    3000 poses in a box of joint angles train a network (the paper's 30-30) and identify a kinematic model; both are
+    tested on 200 further poses of the box and on 200 poses of everyday measuring, far outside it.
+
+    Parameters
+    ----------
+    seed : int
+        Another arm, other poses, other noise.
+    quick : bool
+        Half of the poses and a smaller network.
+    progress : callable, optional
+        Called with the network's epoch and a note.
+    """
+    settings = QUICK_SETTINGS if quick else PAPER_SETTINGS
+    return DemoResult(experiment(seed=seed, settings=settings, progress=progress), quick)
+
+
+def demo_epochs(*, quick: bool) -> int:
+    """Number of training epochs, by which progress is counted."""
+    return (QUICK_SETTINGS if quick else PAPER_SETTINGS).epochs
+
+
+def check_demo_folder(folder: str | Path) -> None:
+    """Check, before long work, that `DemoResult.save` can write to a folder, or make it.
+
+    Raises
+    ------
+    InputError
+        If it is a file, or protected.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputError("expected a folder to write to, got a file", file=folder)
+    if folder.is_dir():
+        for name in FILES:
+            check_writable(folder / name)
+        return
+    there = next(parent for parent in folder.absolute().parents if parent.exists())
+    check_writable(there / folder.absolute().relative_to(there).parts[0])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DemoResult(Record):
+    """The paper's experiment on a virtual arm.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        The arm, its readings and the models.
+    quick : bool
+    """
+
+    experiment: Experiment
+    quick: bool
+
+    @cached_property
+    def _numbers(self) -> dict[str, Any]:
+        return self.experiment.summary()
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record.to_dict`."""
+        return self._numbers
+
+    def summary(self) -> str:
+        """The answer in one sentence: the error of the network, and how it compares with the nominal arm."""
+        network, nominal = (self._numbers["models"][name]["mean_abs_coordinate_mm"] for name in ("network", "nominal"))
+        about = f"(virtual arm {self._numbers['arm']}, seed {self._numbers['seed']})"
+        compared = compare_with_nominal(network, nominal)
+        return f"Mean absolute coordinate error {format_mm(network)} with the network{compared} {about}."
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        models = self._numbers["models"]
+        n_train, n = models["network"]["n_train"], models["network"]["n"]
+        yield self.summary()
+        yield f"{n_train} poses to train on; {n} to test on in the same box of joint angles, {n} in everyday measuring outside."
+        yield "Absolute error of a coordinate [mm]:"
+        yield self._table()
+        mean, largest = PAPER_NETWORK_MM
+        yield f"The paper's network, on its own arm: mean {mean}, max {largest}, 97 % removed."
+        yield "The network is valid only inside the box it was trained on; the kinematic model is valid outside it too."
+
+    def _table(self) -> TextTable:
+        rows = []
+        for name, m in self._numbers["models"].items():
+            parts = [m["mean_abs_coordinate_mm"], m["max_abs_coordinate_mm"]]
+            outside = [m["outside"]["mean_abs_coordinate_mm"], m["outside"]["max_abs_coordinate_mm"]]
+            removed = f"{m['removed_percent']:.1f}" if name != "nominal" else ""
+            rows.append(
+                [name, *map(format_fixed, parts), removed, *map(format_fixed, outside), f"{m['fit_seconds']:.1f}"]
+            )
+        floor = self._numbers["noise_floor"]
+        mean, largest = format_fixed(floor["mean_abs_coordinate_mm"]), format_fixed(floor["max_abs_coordinate_mm"])
+        rows.append(["noise floor", mean, largest, "", "", "", ""])
+        return TextTable(["model", "mean", "max", "removed %", "outside mean", "outside max", "fit s"], rows)
+
+    def figure(self) -> Figure | None:
+        """Errors before and after compensation."""
+        return before_after(
+            {name: np.linalg.norm(errors, axis=1) for name, errors in self.experiment.deviations("box").items()}
+        )
+
+    def page(self) -> Page:
+        """The report: the box in full, the poses outside it as a table."""
+        done = self.experiment
+        session = done.tests["box"].readings
+        floor = done.arm.noise_floor(done.tests["box"])
+        outside = Section(
+            "Outside the trained range",
+            "Poses of everyday measuring are far outside the box of joint angles that the models were trained on. "
+            "There the network is not valid. The kinematic model describes the arm itself: its constants are valid "
+            "everywhere; what remains (encoder harmonics, bending) are effects that it has no terms for.",
+            tables=(
+                error_table(
+                    {name: dict(errors) for name, errors in done.errors("measuring").items()},  # type: ignore[arg-type]
+                    caption="Errors on poses of everyday measuring, none of them used for training",
+                ),
+            ),
+        )
+        preset, seed = done.arm.preset.name, done.arm.seed
+        facts = [
+            ("experiment", f"virtual arm, preset {preset}, seed {seed}{', quick' if self.quick else ''}"),
+            (
+                "noise floor",
+                f"{floor['mean_abs_coordinate_mm']:.4f} mm mean absolute coordinate error: no model can be better",
+            ),
+            *page_facts(done.models, session),
+        ]
+        return comparison_page(
+            compare_models(done.models, session),
+            title="A measuring arm before and after compensation",
+            subtitle="The experiment of Gao et al. (Complexity 2017, 5156264) on a virtual arm with such errors",
+            facts=facts,
+            floor=dict(floor),  # type: ignore[arg-type]
+            more=(outside,),
+        )
+
+    def save(self, folder: str | Path) -> None:
+        """Write the report, the numbers and a picture to a folder, which is made where it does not exist."""
+        folder = Path(folder)
+        check_demo_folder(folder)
+        picture, texts = (
+            self.figure(),
+            {
+                "report.html": render(self.page()),
+                "summary.json": json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n",
+            },
+        )
+        assert picture is not None
+        # All that takes time is done: an interruption before this leaves no folder.
+        folder.mkdir(parents=True, exist_ok=True)
+        save_png(picture, folder / "before_after.png")
+        for name, text in texts.items():
+            with atomic_file(folder / name) as beside:
+                beside.write_text(text, encoding="utf-8", newline="\n")

@@ -1,0 +1,82 @@
+"""Models of one arm compared on a session: what pages that show several models have in common."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from truearm.compensation.models import Compensator, NominalModel
+from truearm.compensation.models.comparison_page import ModelComparison
+from truearm.compensation.models.compensator import fingerprint
+from truearm.errors import InputError
+from truearm.readings import Session, compare_errors
+from truearm.workflows.outputs import version_row
+
+
+def compare_models(models: dict[str, Compensator], readings: Session) -> ModelComparison:
+    """Predictions and errors of the models on the readings, and of the nominal arm of the first."""
+    points = readings.points
+    assert points is not None  # checked by the caller
+    first = one_arm(models)
+    nominal = first.predict_nominal_readings(readings)
+    predicted, errors = {"nominal": nominal}, {"nominal": compare_errors(nominal, nominal, points)}
+    for name, model in models.items():
+        if not isinstance(model, NominalModel):  # it is the first row already
+            predicted[name] = model.predict_readings(readings)
+            errors[name] = compare_errors(predicted[name], model.predict_nominal_readings(readings), points)
+    return ModelComparison(
+        angles=readings.angles,
+        points=points,
+        predicted=predicted,
+        errors={name: dict(e) for name, e in errors.items()},  # type: ignore[arg-type]
+        **joint_facts(first),
+    )
+
+
+def joint_facts(model: Compensator) -> dict[str, Any]:
+    """Names, limits and kinds of the joints, as records of comparisons have them."""
+    lower, upper = model.arm.limits.T
+    return {
+        "joint_names": model.arm.joint_names,
+        "lower": lower,
+        "upper": upper,
+        "sliding": model.arm.chain.is_prismatic.tolist(),
+    }
+
+
+def one_arm(models: dict[str, Compensator]) -> Compensator:
+    """The first of the models, which must all be of one arm with the same free parts."""
+    first = next(iter(models.values()))
+    arm = first.arm
+    for name, model in models.items():
+        if model.arm.name != arm.name or not np.array_equal(model.arm.chain.fixed, arm.chain.fixed):
+            raise InputError(
+                f"expected models of one arm, but {name!r} is of {model.arm.name!r}, not the first one's arm"
+            )
+        if tuple(model.free) != tuple(first.free):
+            raise InputError(
+                f"expected models with the same --free, but {name!r} has {list(model.free)}, "
+                f"the first {list(first.free)}",
+                hint="a report for each",
+            )
+    return first
+
+
+def page_facts(models: dict[str, Compensator], readings: Session) -> list[tuple[str, str]]:
+    """Facts at the end of a page: training data of the models, the readings of the page, arm and versions."""
+    rows = [
+        (f"model {name}", f"{model.n_train_} training readings, fingerprint {model.data_fingerprint_}")
+        for name, model in models.items()
+    ]
+    rows.append(("readings of this page", f"fingerprint {fingerprint(readings)}"))
+    rows += [
+        (f"lengths of model {name}", f"fingerprint {model.lengths_fingerprint_}")
+        for name, model in models.items()
+        if model.lengths_fingerprint_
+    ]
+    rows.append(("fingerprint", "SHA-256 of all columns but notes, numbers in rad and mm as little-endian doubles"))
+    arm = next(iter(models.values())).arm
+    rows.append(("arm", f"{arm.name}: {arm.title}. {arm.source}"))
+    rows.append(version_row())
+    return rows
