@@ -244,7 +244,7 @@ class DemoResult(Record):
         models = self._numbers["models"]
         n_train, n = models["network"]["n_train"], models["network"]["n"]
         yield self.summary()
-        yield f"{n_train} poses to train on; {n} to test on in the same box of joint angles, {n} in everyday measuring outside."
+        yield f"{n_train} training poses; {n} test poses in the same box of joint angles, {n} of everyday measuring outside."
         yield "Absolute error of a coordinate [mm]:"
         yield self._table()
         mean, largest = PAPER_NETWORK_MM
