@@ -11,11 +11,11 @@ from truearm.cli.console import check_page_path, print_line, progress
 
 if TYPE_CHECKING:
     from truearm.compensation.models import Compensator
-    from truearm.compensation.models.identification_sections import HeldOutErrors, OutlierRow
+    from truearm.compensation.models.identification_sections import HeldOutErrors
     from truearm.compensation.models.identified_model import IdentifiedModel
     from truearm.compensation.models.seat_page import SeatComparison
-    from truearm.compensation.models.uncertainty import PredictionOutlier
     from truearm.identification.estimation.diagnostics import JointError
+    from truearm.identification.estimation.outliers import Outlier
     from truearm.pages.page import Page, Section
     from truearm.readings import Lengths, Session
 
@@ -181,7 +181,7 @@ def found_by(models: dict[str, Compensator], readings: Session) -> list[Section]
             for name, model in found.items()
         ),
         *(
-            identification_sections.outlier_section(_far_off(model, readings, budgets[name][1]), name=titles[name])
+            identification_sections.outlier_section(_outliers(model, readings, budgets[name][1]), name=titles[name])
             for name, model in found.items()
         ),
     ]
@@ -217,29 +217,14 @@ def _joint_errors(model: IdentifiedModel, readings: Session) -> list[JointError]
     return found
 
 
-def _far_off(
-    model: IdentifiedModel, readings: Session, far: tuple[PredictionOutlier, ...]
-) -> dict[str, list[OutlierRow]]:
-    """Readings far off among those the model learned from, and, where these are others, among those of the page."""
-    from truearm.compensation.models.identification_sections import OutlierRow
+def _outliers(model: IdentifiedModel, readings: Session, found: tuple[Outlier, ...]) -> dict[str, list[Outlier]]:
+    """Outliers among the training readings and, where these are others, among the readings of the page."""
     from truearm.identification.estimation.outliers import outliers
 
-    learned = model.is_trained_on(readings)
-    found = {
-        "the readings it learned from": [
-            OutlierRow(
-                readings.label(outlier.row) if learned else f"reading {outlier.row + 1}",
-                outlier.error_mm,
-                outlier.normalized_residual,
-            )
-            for outlier in outliers(model.fit_)
-        ]
-    }
-    if not learned:
-        found["the readings of this page"] = [
-            OutlierRow(readings.label(one.row), one.error_mm, one.normalized_residual) for one in far
-        ]
-    return found
+    training = outliers(model.fit_)
+    if model.is_trained_on(readings):
+        return {"the training readings": [outlier.located(readings) for outlier in training]}
+    return {"the training readings": training, "the readings of this page": [one.located(readings) for one in found]}
 
 
 def remarks(model: Compensator, readings: Session) -> list[str]:

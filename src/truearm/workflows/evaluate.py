@@ -10,6 +10,7 @@ import numpy as np
 
 from truearm.compensation.models import Compensator, NominalModel
 from truearm.compensation.models.uncertainty import uncertainty_budget
+from truearm.identification.estimation.outliers import Outlier
 from truearm.readings import (
     Lengths,
     Session,
@@ -35,7 +36,7 @@ from truearm.workflows.inputs import (
     without_refit_readings,
 )
 from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
-from truearm.workflows.sentences import ReadingOutlier, compare_with_nominal, format_mm, listed, reading_outliers
+from truearm.workflows.sentences import compare_with_nominal, format_mm, listed
 
 if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
@@ -97,11 +98,11 @@ def evaluate(
             errors[name] |= compare_errors(points, predicted.get("nominal", points), used.points)
         errors[name] |= _seat_and_length_errors(points, used, known)
     coverage: float | None = None
-    outliers: tuple[ReadingOutlier, ...] = ()
+    outliers: tuple[Outlier, ...] = ()
     if used.points is not None:
         budget, far = uncertainty_budget(fitted, used)
         coverage = budget.n_covered / budget.n_points
-        outliers = reading_outliers(far, given, allowed.rows[rows])
+        outliers = tuple(outlier.located(given, allowed.rows[rows]) for outlier in far)
     return Evaluation(
         model=fitted,
         session=used,
@@ -133,7 +134,7 @@ class Evaluation(Record):
         Known lengths at the temperature of the readings.
     coverage : float or None
         Share of the reference points inside the 95 % ellipsoid that the model states; None without points.
-    outliers : tuple of ReadingOutlier
+    outliers : tuple of Outlier
         Readings farther from their reference point than eight stated standard uncertainties.
     n_refit : int
         Readings that were skipped because they were used to refit the model.
@@ -154,7 +155,7 @@ class Evaluation(Record):
     errors: Mapping[str, Mapping[str, Any]]
     lengths: Lengths | None
     coverage: float | None
-    outliers: tuple[ReadingOutlier, ...]
+    outliers: tuple[Outlier, ...]
     n_refit: int
     remarks: tuple[str, ...]
 

@@ -20,7 +20,7 @@ from truearm.compensation.models.selection import ModelScore, select_model
 from truearm.compensation.models.session_frames import to_first_session_frame
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import identifiability
-from truearm.identification.estimation.outliers import LengthOutlier, length_outliers, outliers
+from truearm.identification.estimation.outliers import Outlier, length_outliers, outliers
 from truearm.readings import Lengths, Session, compare_errors, seat_errors
 from truearm.typing import IntArray
 from truearm.workflows.inputs import (
@@ -39,7 +39,7 @@ from truearm.workflows.inputs import (
     within_limits,
 )
 from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
-from truearm.workflows.sentences import ReadingOutlier, compare_with_nominal, format_mm, listed, reading_outliers
+from truearm.workflows.sentences import compare_with_nominal, format_mm, listed
 
 if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
@@ -160,9 +160,9 @@ class FitResult(Record):
         Errors on them: of points, or of the scatter in seats; None without points and seats.
     nominal : NominalModel
         The nominal arm with base and tip fitted to the same readings.
-    outliers : tuple of ReadingOutlier
+    outliers : tuple of Outlier
         Training readings whose residual is too large, the largest first.
-    length_outliers : tuple of LengthOutlier
+    length_outliers : tuple of Outlier
         Known lengths that contradict the other data.
     remarks : tuple of str
         What was skipped or ignored, and warnings.
@@ -180,8 +180,8 @@ class FitResult(Record):
     session: Session
     training: Mapping[str, Any] | None
     nominal: NominalModel
-    outliers: tuple[ReadingOutlier, ...]
-    length_outliers: tuple[LengthOutlier, ...]
+    outliers: tuple[Outlier, ...]
+    length_outliers: tuple[Outlier, ...]
     remarks: tuple[str, ...]
 
     @property
@@ -285,11 +285,15 @@ def _training_errors(model: Compensator, session: Session) -> Mapping[str, Any] 
     return {name: value for name, value in seat_errors(predicted, session.seat).items() if name != "seats"}
 
 
-def _outliers(model: Compensator, session: Session, rows: IntArray) -> tuple[ReadingOutlier, ...]:
-    return reading_outliers(outliers(model.fit_), session, rows) if isinstance(model, IdentifiedModel) else ()
+def _outliers(model: Compensator, session: Session, rows: IntArray) -> tuple[Outlier, ...]:
+    return (
+        tuple(outlier.located(session, rows) for outlier in outliers(model.fit_))
+        if isinstance(model, IdentifiedModel)
+        else ()
+    )
 
 
-def _length_outliers(model: Compensator, session: Session, lengths: Lengths | None) -> tuple[LengthOutlier, ...]:
+def _length_outliers(model: Compensator, session: Session, lengths: Lengths | None) -> tuple[Outlier, ...]:
     if not isinstance(model, IdentifiedModel):
         return ()
     session = to_first_session_frame(session, model.session_frames_)
@@ -377,7 +381,7 @@ def _network_lines(model: NetworkModel) -> Iterator[str]:
         yield f"{who}: {facts['stop'].rstrip('.')} after {facts['epochs']} epochs, best epoch {facts['best_epoch']}"
 
 
-def _describe_length(outlier: LengthOutlier) -> str:
+def _describe_length(outlier: Outlier) -> str:
     than = "exceeds" if outlier.error_mm > 0 else "is smaller than"
     return (
         f"{outlier.name}: certificate value {than} the value implied by the other data by "

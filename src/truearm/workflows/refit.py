@@ -13,7 +13,7 @@ from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.refit import refit as refit_model
 from truearm.errors import InputError
-from truearm.identification.estimation.outliers import outliers
+from truearm.identification.estimation.outliers import Outlier, outliers
 from truearm.readings import Session, stratified_rows
 from truearm.workflows.inputs import (
     LengthsLike,
@@ -29,7 +29,7 @@ from truearm.workflows.inputs import (
     within_limits,
 )
 from truearm.workflows.record import Record, format_fixed, to_plain
-from truearm.workflows.sentences import ReadingOutlier, format_mm, listed, reading_outliers
+from truearm.workflows.sentences import format_mm, listed
 
 
 def refit(
@@ -106,7 +106,7 @@ def refit(
         n_used=len(used),
         residual_std_before_mm=known.residual_std_,
         median_u_mm=float(np.median(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))),
-        outliers=reading_outliers(outliers(new.fit_), given, allowed.rows[rows]),
+        outliers=tuple(outlier.located(given, allowed.rows[rows]) for outlier in outliers(new.fit_)),
         remarks=(*allowed.remarks, *length_remarks, *_remarks(new, parts, len(used), len(given))),
     )
 
@@ -134,7 +134,7 @@ class RefitResult(Record):
         Residual standard deviation of the model before [mm]; the new one is ``model.residual_std_``.
     median_u_mm : float
         Median standard uncertainty of a coordinate over the session [mm].
-    outliers : tuple of ReadingOutlier
+    outliers : tuple of Outlier
         Readings whose residual is too large, the largest first.
     remarks : tuple of str
 
@@ -152,7 +152,7 @@ class RefitResult(Record):
     n_used: int
     residual_std_before_mm: float
     median_u_mm: float
-    outliers: tuple[ReadingOutlier, ...]
+    outliers: tuple[Outlier, ...]
     remarks: tuple[str, ...]
 
     def save(self, path: str | Path) -> None:

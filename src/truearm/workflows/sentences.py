@@ -1,63 +1,12 @@
-"""Sentences that several records share: sizes of errors, comparisons with the nominal arm, outliers."""
+"""Sentences that several records share: sizes of errors, comparisons with the nominal arm."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import floor, log10
-from typing import Protocol
-
-from truearm.readings import Session
-from truearm.typing import IntArray
 
 # Outliers and other details that are printed one by one; `to_dict` has all of them.
 MAX_PRINTED = 6
-
-
-class _Outlier(Protocol):
-    @property
-    def row(self) -> int: ...
-    @property
-    def error_mm(self) -> float: ...
-    @property
-    def normalized_residual(self) -> float: ...
-
-
-@dataclass(frozen=True)
-class ReadingOutlier:
-    """A reading whose residual is too large for the noise.
-
-    Attributes
-    ----------
-    row : int
-        Its row in the session, counted from 0.
-    line : int or None
-        Its line in the session's file, counted from 1; None without a file.
-    error_mm : float
-        Length of its residual [mm].
-    normalized_residual : float
-        That length over the root mean square that the noise makes expected.
-    """
-
-    row: int
-    line: int | None
-    error_mm: float
-    normalized_residual: float
-
-    def __str__(self) -> str:
-        name = f"reading {self.row + 1}" if self.line is None else f"line {self.line}"
-        return f"{name}, error {self.error_mm:.3f} mm, normalized residual {self.normalized_residual:.0f}"
-
-
-def reading_outliers(outliers: Sequence[_Outlier], session: Session, rows: IntArray) -> tuple[ReadingOutlier, ...]:
-    """Outliers among the readings `rows` of a session, with their lines in its file."""
-
-    def located(outlier: _Outlier) -> ReadingOutlier:
-        row = int(rows[outlier.row])
-        line = None if session.first_line is None else session.first_line + row
-        return ReadingOutlier(row, line, outlier.error_mm, outlier.normalized_residual)
-
-    return tuple(map(located, outliers))
 
 
 def listed(label: str, items: Sequence[object], what: str) -> list[str]:

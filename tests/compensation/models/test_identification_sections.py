@@ -6,7 +6,6 @@ import pytest
 from html_outline import Outline
 from truearm.compensation.models.identification_sections import (
     HeldOutErrors,
-    OutlierRow,
     joint_errors_section,
     outlier_section,
     terms_section,
@@ -18,6 +17,7 @@ from truearm.compensation.models.seat_page import SeatComparison, seats_page
 from truearm.compensation.models.uncertainty import UncertaintyBudget
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import Effect, JointError
+from truearm.identification.estimation.outliers import Outlier
 from truearm.pages.html import render
 from truearm.pages.page import Page
 from truearm.pages.plotting import svg_element
@@ -137,7 +137,7 @@ def test_what_is_open_and_what_is_far_off_is_told_with_its_reason():
     assert "as the joints&#39; directions are not known" in words(section)
     assert section.tables[0].rows == (("d1, base z", "only together"), ("zero", "not told"))
     assert unidentifiable_section([], []) is None
-    far = [OutlierRow(f"line {i}", 1.0 / i, 10.0 / i) for i in range(1, 40)]
+    far = [Outlier(f"line {i}", 1.0 / i, 10.0 / i, "point") for i in range(1, 40)]
     section = outlier_section({"the readings of this page": far, "others": []})
     (table,) = section.tables
     assert len(table.rows) == 20

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from truearm.compensation.models.joint_error_figure import ARCSEC, joint_error_figure
 from truearm.compensation.models.uncertainty import COVERAGE_FACTOR, ELLIPSOID_FACTOR, LEVEL, UncertaintyBudget
 from truearm.identification.estimation.diagnostics import Effect, JointError
+from truearm.identification.estimation.outliers import Outlier
 from truearm.pages.number_format import format_count, format_number, format_percent, format_uncertainty
 from truearm.pages.page import Column, LabelledValue, Section, Table
 from truearm.pages.plotting import Style
@@ -40,24 +41,6 @@ class HeldOutErrors:
     standard_error_mm: float
     p95_mm: float
     max_mm: float
-
-
-@dataclass(frozen=True)
-class OutlierRow:
-    """A reading far from where the arm expects it.
-
-    Attributes
-    ----------
-    name : str
-        Its line in the file, or its number.
-    error_mm : float
-    normalized_residual : float
-        The error over what is usual.
-    """
-
-    name: str
-    error_mm: float
-    normalized_residual: float
 
 
 def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | None, *, name: str = "") -> Section:
@@ -225,12 +208,12 @@ def unidentifiable_section(
     )
 
 
-def outlier_section(found: Mapping[str, Sequence[OutlierRow]], *, name: str = "") -> Section | None:
+def outlier_section(found: Mapping[str, Sequence[Outlier]], *, name: str = "") -> Section | None:
     """Readings far off, the farthest first. None where there are none.
 
     Parameters
     ----------
-    found : mapping of str to sequence of OutlierRow
+    found : mapping of str to sequence of Outlier
         Which readings they are among, in words.
     name : str
         Of the model, where there are several.

@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.identification.estimation.outliers import Outlier
 from truearm.identification.estimation.propagation import relative_covariance
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
@@ -64,28 +65,9 @@ class UncertaintyBudget:
         return ELLIPSOID_FACTOR * self.combined_mm
 
 
-@dataclass(frozen=True)
-class PredictionOutlier:
-    """A reading whose point lies where the model does not expect it.
-
-    Attributes
-    ----------
-    row : int
-        Among the readings, counted from 0.
-    error_mm : float
-        Distance of the predicted from the reference point [mm].
-    normalized_residual : float
-        That distance over its root mean square by the stated uncertainty.
-    """
-
-    row: int
-    error_mm: float
-    normalized_residual: float
-
-
 def uncertainty_budget(
     model: Compensator, readings: Session
-) -> tuple[UncertaintyBudget, tuple[PredictionOutlier, ...]]:
+) -> tuple[UncertaintyBudget, tuple[Outlier, ...]]:
     """Put together what a model's uncertainty is at readings, and find the readings that belie it.
 
     Parameters
@@ -98,7 +80,7 @@ def uncertainty_budget(
     Returns
     -------
     budget : UncertaintyBudget
-    far : tuple of PredictionOutlier
+    far : tuple of Outlier
         Those of more than eight standard deviations, the farthest first.
     """
     of_parameters, unexplained = model.covariance_parts(readings)
@@ -126,7 +108,7 @@ def uncertainty_budget(
         n_covered=int((times < ELLIPSOID_FACTOR).sum()),
     )
     far = [
-        PredictionOutlier(int(seen[i]), float(errors[i]), float(times[i] / np.sqrt(3)))
+        Outlier.of_reading(int(seen[i]), float(errors[i]), float(times[i] / np.sqrt(3)), kind="prediction")
         for i in np.argsort(-times)
         if times[i] > FAR_STDS
     ]

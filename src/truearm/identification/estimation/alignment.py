@@ -1,26 +1,30 @@
-"""The rigid motion between two sets of corresponding points, and small ones of one set."""
+"""Rigid motions between two sets of corresponding points, and small rigid motions of one set."""
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
-# With a third of the points wrong a fifth of the triples or more are right: that none of so many is has odds of 2e-8.
+# With a third of the points wrong, at least a fifth of the triples are right: all of 80 triples are wrong with a
+# probability of 2e-8.
 TRIPLES = 80
-# In units of the median distance; of Gaussian points one in ten thousand is farther.
-FARTHEST_OF_MOST = 3.0
+# In units of the median distance; one Gaussian point in ten thousand is farther.
+MAX_DISTANCE = 3.0
 
 
 def align(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
-    """The rigid motion ``T_a_b`` that brings points nearest, in least squares, to where they stand in frame a.
+    """The rigid motion ``T_a_b`` of least squares that maps points in frame b to the same points in frame a.
 
-    Source: K. S. Arun, T. S. Huang, S. D. Blostein, IEEE PAMI 9 (1987) 698; S. Umeyama, IEEE PAMI 13 (1991) 376 (the
-    sign that keeps the result a rotation). Where the points lie on a line the turn about it is arbitrary.
+    Source: K. S. Arun, T. S. Huang, S. D. Blostein, IEEE PAMI 9 (1987) 698. Where the points lie on a line, the
+    rotation about it is arbitrary.
 
     Parameters
     ----------
@@ -33,33 +37,34 @@ def align(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
         Translation in mm.
     """
     centre_b, centre_a = points_in_b.mean(axis=0), points_in_a.mean(axis=0)
-    U, _, Vt = np.linalg.svd((points_in_a - centre_a).T @ (points_in_b - centre_b))
-    U[:, -1] *= np.sign(np.linalg.det(U @ Vt))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Optimal rotation is not uniquely", UserWarning)  # points on a line
+        rotation, _ = Rotation.align_vectors(points_in_a - centre_a, points_in_b - centre_b)
     T = np.eye(4)
-    T[:3, :3] = U @ Vt
+    T[:3, :3] = rotation.as_matrix()
     T[:3, 3] = centre_a - T[:3, :3] @ centre_b
     return T
 
 
 def rigid_motions(points: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
-    """Shifts of points by small rigid motions of all of them, about their mean and of like size.
+    """Displacements of points by small rigid motions of all of them, about their mean and scaled to similar size.
 
     Parameters
     ----------
     points : (n, 3) array
         [mm].
     scale : bool
-        Whether a growth of all distances alike counts as one.
+        Whether to include a common scale of all distances.
 
     Returns
     -------
     (3 n, 6) array, (3 n, 7) with the scale
-        Three shifts, three turns, the growth.
+        Three translations, three rotations, the scale.
 
     Raises
     ------
     InputError
-        If the points are none, not finite or of another shape.
+        If there are no points, or they are not finite or have another shape.
     """
     where = np.asarray(points, dtype=float)
     if where.ndim != 2 or where.shape[1] != 3 or not len(where) or not np.isfinite(where).all():
@@ -72,10 +77,10 @@ def rigid_motions(points: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
 
 
 def align_robust(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
-    """The rigid motion `align` of most of the points, whatever the others do.
+    """The rigid motion `align` of the majority of the points; outliers have no influence.
 
-    Of motions by three points each, drawn at random, the one that leaves the least median distance tells which points
-    go together: those not farther than `FARTHEST_OF_MOST` times that. Source: P. J. Rousseeuw, "Least median of squares
+    Among the motions of random triples of points, the one with the least median distance selects the points: those
+    within `MAX_DISTANCE` times that distance. Source: P. J. Rousseeuw, "Least median of squares
     regression", J. Am. Stat. Assoc. 79 (1984) 871.
 
     Parameters
@@ -96,21 +101,21 @@ def align_robust(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray
         off = np.linalg.norm(points_in_b @ T[:3, :3].T + T[:3, 3] - points_in_a, axis=1)
         if np.median(off) < least:
             least, best = float(np.median(off)), off
-    together = best <= FARTHEST_OF_MOST * least
+    together = best <= MAX_DISTANCE * least
     return align(points_in_b[together], points_in_a[together])
 
 
 def rms_distance_from_line(points: FloatArray) -> float:
     """Root mean square distance of points (n, 3) from the line that fits them best [mm].
 
-    About a line on which all points lie, an alignment may turn as it likes.
+    An alignment of points on a line leaves the rotation about it open.
     """
     values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return float(np.sqrt((values[1:] ** 2).sum() / len(points)))
 
 
 def place_base_coarsely(chain: Chain, readings: Session, free: tuple[str, ...]) -> Chain:
-    """The chain moved as a whole to where its tips come nearest to the readings' points, if its base is free."""
+    """The chain, placed by `align` so that its tips are nearest to the points of the readings, if its base is free."""
     if "base" not in free or readings.points is None:
         return chain
     seen = readings.has_point

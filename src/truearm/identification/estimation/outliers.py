@@ -9,8 +9,8 @@ residuals r of the constraints and their whitened covariance S under the posteri
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -23,9 +23,10 @@ from truearm.identification.estimation.identification import (
 )
 from truearm.identification.estimation.references import Reference
 from truearm.identification.terms.state import ArmState
+from truearm.readings.session import Session
 from truearm.solve.group_evidence import GroupedPrior, posterior
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, IntArray
 
 # A reading that counts less than this has a residual of twice the length from which weights fall.
 LEAST_TRUST = 0.5
@@ -37,24 +38,47 @@ LEAST_LEFT = 1e-8
 
 @dataclass(frozen=True)
 class Outlier:
-    """A reading far off.
+    """A reading, or a known length, whose residual is too large for its uncertainty.
 
     Attributes
     ----------
-    row : int
-        Among the readings it was identified from, counted from 0.
-    kind : str
-        Of its reference.
+    name : str
+        What it is: "line 3777" of a file, "reading 12" without one, "length between seats A and B".
     error_mm : float
-        Length of its residual [mm].
+        Of a reading the length of its residual; of a known length the stated value less the one implied by all other
+        data [mm].
     normalized_residual : float
-        That length over the root mean square that the noise makes expected.
+        The error over its standard deviation; of a reading over the root mean square expected of its residual.
+    kind : str
+        The kind of reference that it contradicts: point, seat, ...; "prediction" for a reading that a model does not
+        fit, "length" for a length.
+    row : int or None
+        Row of the reading, counted from 0; None for a length.
+    line : int or None
+        Line of the reading in its file, counted from 1; None without a file.
     """
 
-    row: int
-    kind: str
+    name: str
     error_mm: float
     normalized_residual: float
+    kind: str
+    row: int | None = None
+    line: int | None = None
+
+    def __str__(self) -> str:
+        return f"{self.name}, error {self.error_mm:.3f} mm, normalized residual {self.normalized_residual:.0f}"
+
+    @classmethod
+    def of_reading(cls, row: int, error_mm: float, normalized_residual: float, *, kind: str) -> Self:
+        """A reading, by its row."""
+        return cls(f"reading {row + 1}", error_mm, normalized_residual, kind, row)
+
+    def located(self, session: Session, rows: IntArray | None = None) -> Outlier:
+        """The same with its line in the file of a session; `rows` are the rows of the session that were used."""
+        assert self.row is not None
+        row = self.row if rows is None else int(rows[self.row])
+        line = None if session.first_line is None else session.first_line + row
+        return replace(self, name=session.label(row), row=row, line=line)
 
 
 def outliers(fit: IdentificationResult) -> list[Outlier]:
@@ -65,9 +89,9 @@ def outliers(fit: IdentificationResult) -> list[Outlier]:
             continue
         variance = reference.std**2 + reference.noise_std**2
         length = np.linalg.norm(reference.residuals, axis=0)
-        times = np.sqrt((reference.residuals**2 / variance).mean(axis=0))
+        normalized = np.sqrt((reference.residuals**2 / variance).mean(axis=0))
         found += [
-            Outlier(int(reference.rows[i]), reference.kind, float(length[i]), float(times[i]))
+            Outlier.of_reading(int(reference.rows[i]), float(length[i]), float(normalized[i]), kind=reference.kind)
             for i in np.flatnonzero(reference.robust_weight < LEAST_TRUST)
         ]
     return sorted(found, key=lambda outlier: -outlier.normalized_residual)
@@ -96,26 +120,7 @@ class ConstraintResiduals(NamedTuple):
     values: FloatArray
 
 
-@dataclass(frozen=True)
-class LengthOutlier:
-    """A known length or distance far from what all else says.
-
-    Attributes
-    ----------
-    name : str
-        What it is of.
-    error_mm : float
-        Stated less found without it [mm].
-    normalized_residual : float
-        That over its standard deviation, of the statement and of what is found.
-    """
-
-    name: str
-    error_mm: float
-    normalized_residual: float
-
-
-def length_outliers(fit: IdentificationResult, state: ArmState, references: Sequence[Reference]) -> list[LengthOutlier]:
+def length_outliers(fit: IdentificationResult, state: ArmState, references: Sequence[Reference]) -> list[Outlier]:
     """Known lengths and distances that miss what is found without them by more than `MAX_NORMALIZED_RESIDUAL`, the worst first.
 
     The worst is left out before the others are judged, as it bends the arm for them too; and so on.
@@ -132,16 +137,16 @@ def length_outliers(fit: IdentificationResult, state: ArmState, references: Sequ
     if told is None:
         return []
     r, S = told.residuals / told.std, told.covariance / np.outer(told.std, told.std)
-    found: list[LengthOutlier] = []
+    found: list[Outlier] = []
     kept = np.arange(len(r))
     while len(kept):
         left = 1 - S.diagonal()
-        times = np.where(left > LEAST_LEFT, np.abs(r) / np.sqrt(np.maximum(left, LEAST_LEFT)), 0.0)
-        worst = int(np.argmax(times))
-        if not times[worst] > MAX_NORMALIZED_RESIDUAL:
+        normalized = np.where(left > LEAST_LEFT, np.abs(r) / np.sqrt(np.maximum(left, LEAST_LEFT)), 0.0)
+        worst = int(np.argmax(normalized))
+        if not normalized[worst] > MAX_NORMALIZED_RESIDUAL:
             break
         error = -float(r[worst] / left[worst] * told.std[kept[worst]])
-        found.append(LengthOutlier(told.names[kept[worst]], error, float(times[worst])))
+        found.append(Outlier(told.names[kept[worst]], error, float(normalized[worst]), "length"))
         others = np.delete(np.arange(len(kept)), worst)
         along = S[others, worst] / left[worst]
         r, S = r[others] + along * r[worst], S[np.ix_(others, others)] + np.outer(along, S[worst, others])
