@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from truearm.arm.catalogue import load_arm
+from truearm.identification.planning.plan import SessionPlan
 from truearm.identification.planning.plan_page import course_figure, places_figure, plan_page, poses_figure
 from truearm.identification.planning.prior import nominal_prior
 from truearm.identification.planning.proposal import Artefact, propose
@@ -26,32 +27,39 @@ def chosen(plan):
     return plan.proposals["i-optimal"].poses
 
 
-def test_a_page_tells_what_where_how_and_what_not(plan):
-    page = plan_page(plan, "i-optimal", chosen(plan), facts=[("seed", "2")])
+def page_of(plan, **options):
+    return plan_page(SessionPlan(plan, "i-optimal", chosen(plan), "the nominal arm"), **options)
+
+
+def test_a_page_states_gain_places_poses_and_limitations_and_folds_the_indices(plan):
+    page = page_of(plan, facts=[("seed", "2")])
     assert [section.title for section in page.sections] == [
-        "What it will bring",
-        "Where",
+        "What these poses bring",
+        "Where the tip is" if plan.artefact.kind == "tracker" else "Where to put the artefact",
         "Poses",
-        "What these poses will not tell",
+        "What this plan cannot determine",
         "Pose by pose",
+        "Observability indices",
     ]
-    assert [len(section.figures) for section in page.sections] == [1, 1, 2, 0, 0]
-    listed = page.sections[-1].tables[0]
+    assert [section.folded for section in page.sections] == [False] * 5 + [True]
+    assert [len(section.figures) for section in page.sections] == [1, 1, 2, 0, 0, 0]
+    listed = page.sections[-2].tables[0]
     assert len(listed.rows) == 9
     # Degrees, rounded.
     assert np.array([row[2:] for row in listed.rows]) == pytest.approx(np.degrees(chosen(plan).angles), abs=0.5001)
     compared = page.sections[0].tables[0]
     assert [row[0] for row in compared.rows] == ["i-optimal", "d-optimal", "technician", "random"]
-    assert page.summary[1].value == pytest.approx(plan.proposals["i-optimal"].rms_mm[-1])
+    assert [row[0] for row in page.sections[-1].tables[0].rows] == [row[0] for row in compared.rows]
+    assert page.summary[0].value == pytest.approx(plan.proposals["i-optimal"].rms_mm[-1])
     html = render(page)
-    assert html == render(plan_page(plan, "i-optimal", chosen(plan), facts=[("seed", "2")]))
+    assert html == render(page_of(plan, facts=[("seed", "2")]))
     assert html.count("<figure") == 4
     assert ("apart from the scale" in html) == (plan.artefact.kind == "seat")
 
 
 def test_seats_and_bars_are_named_and_listed(plan):
     poses = chosen(plan)
-    page = plan_page(plan, "i-optimal", poses)
+    page = page_of(plan)
     if plan.artefact.kind == "tracker":
         assert page.sections[1].tables == ()
         return
@@ -87,11 +95,12 @@ def test_a_course_is_a_line_a_strategy(plan):
 
 def test_names_are_text_whatever_they_hold(plan):
     named = replace(plan, arm=replace(ARM, name="<b>x</b>", joint_names=("<i>", "&", '"', "$q$", "a\u0300", "")))
-    html = render(plan_page(named, "i-optimal", chosen(plan)))
+    html = render(page_of(named))
     assert "<b>x" not in html
     assert "<i>" not in html
 
 
 def test_one_pose_is_a_plan_too():
     plan = propose(ARM, nominal_prior(ARM, terms="constants", noise_mm=0.02), Artefact("tracker"), 1, seed=0)
-    assert "1 pose to take" in render(plan_page(plan, "random", plan.proposals["random"].poses))
+    planned = SessionPlan(plan, "random", plan.proposals["random"].poses, "")
+    assert "1 pose to measure" in render(plan_page(planned))

@@ -1,4 +1,4 @@
-"""What poses will not tell, in words: what is left of the uncertainty, and what no pose among them can show."""
+"""What a plan cannot determine, in sentences: the remaining uncertainty and its sources."""
 
 from __future__ import annotations
 
@@ -11,69 +11,78 @@ from truearm.identification.planning.proposal import CalibrationPlan, Proposal, 
 from truearm.identification.terms.catalogue import LEAST_PHASE
 from truearm.typing import FloatArray
 
-# A share of the mean square that is left from which on a cause is worth a word.
-_WORTH_A_WORD = 0.1
+# Smallest share of the remaining mean square uncertainty that is mentioned.
+_MENTIONED = 0.1
 
 
 def limitations(plan: CalibrationPlan, proposal: Proposal) -> list[str]:
-    """What the poses of a proposal will not tell, a phrase each.
+    """Return what the poses of a proposal cannot determine, a sentence each.
 
     Parameters
     ----------
     plan : CalibrationPlan
     proposal : Proposal
-        One of its.
+        One of the plan's.
     """
     prior = plan.prior
     after = prior.updated(information_rows(prior, proposal.poses))
     tips, jacobian = tip_jacobian(prior.perturbed_chain, prior.state(plan.volume))
-    left = moment_matrix(jacobian, tips) @ after.covariance
-    # With seats, what is left apart from the scale, which is said by itself.
-    cared = moment_matrix(jacobian, tips, scale=plan.artefact.kind == "seat") @ after.covariance
-    said = []
+    remaining = moment_matrix(jacobian, tips) @ after.covariance
+    sentences = []
     if plan.artefact.kind != "tracker":
         scale = _scale_std(tips, jacobian, after.covariance)
-        if scale**2 * ((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean() > _WORTH_A_WORD * left.trace():
-            more = {"bar": "a longer bar tells more", "seat": "one known length between two seats tells it"}
-            said.append(
-                f"the scale: all lengths together stay uncertain by {1000 * scale:.2g} mm in a metre; "
-                f"{more[plan.artefact.kind]}"
+        if scale**2 * ((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean() > _MENTIONED * remaining.trace():
+            remedy = {"bar": "A longer bar reduces it.", "seat": "One known length between two seats determines it."}
+            sentences.append(
+                f"The scale is uncertain: {1000 * scale:.2g} mm per metre, common to all lengths. "
+                f"{remedy[plan.artefact.kind]}"
             )
-        said.append("where the base stands: seats tell how points lie to one another")
-    said += _joints(plan, proposal.poses.angles)
-    named = [f"{name} ({100 * share:.0f} %)" for name, share in _shares(prior, cared) if share >= _WORTH_A_WORD]
-    said.append(f"enough about {', '.join(named)}: most of what is left comes from there")
-    said.append("what no term describes, and growth with temperature unless the session has a column temperature_degC")
-    return said
+        sentences.append("Not identifiable from this plan: the base position. Seats relate points to each other only.")
+    sentences += _joints(plan, proposal.poses.angles)
+    # With seats, the scale has a sentence of its own.
+    without_scale = moment_matrix(jacobian, tips, scale=plan.artefact.kind == "seat") @ after.covariance
+    shares = [f"{name} ({100 * share:.0f} %)" for name, share in _shares(prior, without_scale) if share >= _MENTIONED]
+    sentences.append(f"Main sources of the remaining uncertainty: {', '.join(shares)}.")
+    sentences.append(
+        "Not identifiable from this plan: effects without a term, and thermal growth unless the session has a column "
+        "temperature_degC."
+    )
+    return sentences
 
 
 def _joints(plan: CalibrationPlan, angles: FloatArray) -> list[str]:
-    """Which joints hardly turn, and which of the volume's poses are beyond the angles of the plan."""
-    names, turns = plan.arm.joint_names, ~plan.arm.chain.is_prismatic
-    said = []
-    for joint in np.flatnonzero(turns & (np.ptp(angles, axis=0) < LEAST_PHASE)):
+    """Joints that hardly turn, and the share of the volume's poses outside the joint angles of the plan."""
+    rotary = ~plan.arm.chain.is_prismatic
+    sentences = []
+    for joint in np.flatnonzero(rotary & (np.ptp(angles, axis=0) < LEAST_PHASE)):
         moved = np.degrees(np.ptp(angles[:, joint]))
-        said.append(f"what repeats with each turn of {names[joint]}: it moves by {moved:.0f} deg only")
-    beyond = (plan.volume < angles.min(axis=0)) | (plan.volume > angles.max(axis=0))
-    share = 100 * beyond.any(axis=1).mean()
-    if share >= 100 * _WORTH_A_WORD:
-        often = np.argsort(-beyond.sum(axis=0), kind="stable")[:3]
-        most = ", ".join(names[joint] for joint in often if beyond[:, joint].any())
-        said.append(f"how the arm errs beyond these angles: {share:.0f} % of the volume's poses are, mostly by {most}")
-    return said
+        sentences.append(
+            f"Not identifiable from this plan: errors that repeat with each turn of J{joint + 1}. It moves by "
+            f"{moved:.0f} deg only."
+        )
+    outside = (plan.volume < angles.min(axis=0)) | (plan.volume > angles.max(axis=0))
+    share = outside.any(axis=1).mean()
+    if share >= _MENTIONED:
+        often = np.argsort(-outside.sum(axis=0), kind="stable")[:3]
+        joints = ", ".join(f"J{joint + 1}" for joint in often if outside[:, joint].any())
+        sentences.append(
+            f"{100 * share:.0f} % of the poses in the volume are outside the joint angles of this plan, mostly in "
+            f"{joints}. Errors there are extrapolated."
+        )
+    return sentences
 
 
 def _scale_std(tips: FloatArray, jacobian: FloatArray, covariance: FloatArray) -> float:
-    """Standard uncertainty of the scale of the points in the volume, as a share."""
-    apart = tips - tips.mean(axis=0)
-    by_terms = np.einsum("nc,ncp->p", apart, jacobian) / (apart**2).sum()
+    """Relative standard uncertainty of the scale of the points in the volume."""
+    centred = tips - tips.mean(axis=0)
+    by_terms = np.einsum("nc,ncp->p", centred, jacobian) / (centred**2).sum()
     return float(np.sqrt(by_terms @ covariance @ by_terms))
 
 
-def _shares(prior: Prior, left: FloatArray) -> list[tuple[str, float]]:
-    """Share of every group of terms in the mean square that is left, ``trace(M C)``, the largest first."""
+def _shares(prior: Prior, remaining: FloatArray) -> list[tuple[str, float]]:
+    """Share of every group of terms in the remaining mean square, ``trace(M C)``, the largest first."""
     groups = [term.group for term in prior.perturbed_chain.terms for _ in range(term.n_coefficients)]
     share = dict.fromkeys(groups, 0.0)
-    for name, part in zip(groups, left.diagonal() / left.trace(), strict=True):
+    for name, part in zip(groups, remaining.diagonal() / remaining.trace(), strict=True):
         share[name] += float(part)
     return sorted(share.items(), key=lambda item: -item[1])

@@ -1,4 +1,4 @@
-"""A plan as a page: what it will bring, where the artefact stands, how the joints move, and the poses one by one."""
+"""The page of a plan: predicted uncertainty, places of the artefact, ranges of the joints, limitations, each pose."""
 
 from __future__ import annotations
 
@@ -11,70 +11,62 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 
 from truearm.identification.planning.candidates import Candidates
-from truearm.identification.planning.limitations import limitations
+from truearm.identification.planning.plan import SessionPlan
 from truearm.identification.planning.proposal import CalibrationPlan, Proposal, Strategy
 from truearm.identification.planning.sampling.workspace import joint_origins, stance
 from truearm.identification.planning.template import bars, notes, place_names
 from truearm.pages.figures import range_figure
-from truearm.pages.number_format import capitalize, format_count, format_mm, format_number
+from truearm.pages.number_format import format_count, format_mm, format_number
 from truearm.pages.page import Column, LabelledValue, Page, Section, Table
 from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, make_panel, set_log_scale, styles_of
 from truearm.typing import FloatArray
 
 _WIDTH_IN, _HEIGHT_IN = 4.6, 3.9
 _ORANGE, _NAVY = "#d9730d", "#12407a"
-_MOST_ARMS = 40  # drawn on one another
+_MOST_ARMS = 40  # drawn in one figure
 
-ABOUT = {
-    "i-optimal": "least uncertainty of a point in the volume",
-    "d-optimal": "parameters known best, whatever they are good for",
-    "technician": "poses as of a person who measures parts",
-    "random": "poses drawn",
+CRITERIA = {
+    "i-optimal": "smallest uncertainty of a point in the volume",
+    "d-optimal": "smallest overall parameter uncertainty",
+    "technician": "poses as a person chooses them who measures parts",
+    "random": "random poses",
 }
 
 
-def plan_page(
-    plan: CalibrationPlan, strategy: str, poses: Candidates, *, facts: Sequence[tuple[str, str]] = ()
-) -> Page:
-    """Lay out a plan.
+def plan_page(planned: SessionPlan, *, facts: Sequence[tuple[str, str]] = ()) -> Page:
+    """Lay out the plan of a session.
 
     Parameters
     ----------
-    plan : CalibrationPlan
-    strategy : str
-        The one whose poses are to be taken.
-    poses : Candidates
-        They, with their seats as the session names them.
+    planned : SessionPlan
     facts : sequence of (str, str)
-        What the plan rests on.
+        Inputs of the plan, as label and value.
     """
-    chosen = next(proposal for name, proposal in plan.proposals.items() if name == strategy)
-    artefact = {"tracker": "under a tracker", "seat": "with seats", "bar": "with a bar"}[plan.artefact.kind]
+    plan, poses = planned.plan, planned.poses
+    artefact = {"tracker": "with a tracker", "seat": "in seats", "bar": "with a bar"}[plan.artefact.kind]
     apart = ", apart from the scale" if plan.artefact.kind == "seat" else ""
     return Page(
-        title=f"{plan.arm.name}: {format_count(len(poses), 'pose')} to take {artefact}",
-        subtitle=f"Chosen for {ABOUT[strategy]}.",
+        title=f"{plan.arm.name}: {format_count(len(poses), 'pose')} to measure {artefact}",
+        subtitle=f"{planned.strategy}: {CRITERIA[planned.strategy]}.",
         summary=(
-            LabelledValue(f"uncertainty in the volume before{apart}", float(chosen.rms_mm[0]), "mm"),
-            LabelledValue("after these poses", float(chosen.rms_mm[-1]), "mm"),
+            LabelledValue(f"uncertainty in the volume after these poses{apart}", planned.after_mm, "mm"),
+            LabelledValue("before", planned.before_mm, "mm"),
             LabelledValue("poses", len(poses)),
         ),
         sections=(
-            _gain(plan, strategy, apart),
+            _gain(plan, apart),
             _where(plan, poses),
             _how(plan, poses),
-            Section(
-                "What these poses will not tell",
-                "\n\n".join(f"{capitalize(phrase)}." for phrase in limitations(plan, chosen)),
-            ),
+            Section("What this plan cannot determine", "\n\n".join(planned.limitations)),
             _one_by_one(plan, poses),
+            _observability(plan),
         ),
         facts=tuple(facts),
     )
 
 
 def course_figure(proposals: Mapping[Strategy, Proposal]) -> Figure:
-    """Draw the uncertainty in the volume against the number of poses, a line a strategy."""
+    """Draw the uncertainty in the volume against the number of poses, one line per strategy."""
     pens = styles_of(proposals)
     with figure_style():
         drawing, (axes,) = make_panel(5.4, 3.4)
@@ -91,8 +83,8 @@ def course_figure(proposals: Mapping[Strategy, Proposal]) -> Figure:
     return Figure(
         (drawing,),
         caption="Predicted uncertainty of a point in the volume, three-dimensional root mean square, against the "
-        f"number of poses, each strategy in the order of its own plan. At the end: {ends}.",
-        alt=f"Falling curves of the uncertainty against the number of poses. At the end: {ends}.",
+        f"number of poses, each strategy in the order of its own plan. With all poses: {ends}.",
+        alt=f"Falling curves of the uncertainty against the number of poses. With all poses: {ends}.",
     )
 
 
@@ -109,14 +101,14 @@ def places_figure(plan: CalibrationPlan, poses: Candidates) -> Figure:
             else:
                 _artefacts(axes, flat, poses, label=not side or len(set(place_names(poses).tolist())) < 9)
     what = {
-        "tracker": "Dark dots: the tip at the poses to take.",
+        "tracker": "Dark dots: the tip at the poses to measure.",
         "seat": "Orange: the seats.",
         "bar": "Orange: the bar at its places.",
     }[plan.artefact.kind]
     return Figure(
         tuple(drawing for drawing, _, _ in panels),
-        caption=f"{what} Pale dots: the volume, with the tip at poses of a person who measures there. Grey: the arm at "
-        "its working pose, as drawn. Distances in the base frame; ahead is towards the middle of the volume.",
+        caption=f"{what} Pale dots: tips in the volume, in poses of a person who measures there. Grey: the nominal arm "
+        "in its working pose. Coordinates in the base frame; ahead points to the middle of the volume.",
         alt=f"The volume from above and from the side. {what}",
         columns=2,
     )
@@ -135,47 +127,57 @@ def poses_figure(plan: CalibrationPlan, angles: FloatArray) -> Figure:
     number = format_count(len(shown), "pose")
     return Figure(
         tuple(drawing for drawing, _, _ in panels),
-        caption=f"The arm at {number} of the {format_number(len(angles))}, as lines from joint to joint. Orange: the "
-        "tip.",
-        alt=f"The arm at {number}, from above and from the side, as lines from joint to joint.",
+        caption=f"The arm in {number} of {format_number(len(angles))}, as lines from joint to joint. Orange: the tip.",
+        alt=f"The arm in {number}, from above and from the side, as lines from joint to joint.",
         columns=2,
     )
 
 
-def _gain(plan: CalibrationPlan, strategy: str, apart: str) -> Section:
+def _gain(plan: CalibrationPlan, apart: str) -> Section:
+    rows = tuple((name, CRITERIA[name], float(proposal.rms_mm[-1])) for name, proposal in plan.proposals.items())
+    columns = (Column("strategy"), Column("criterion"), Column("uncertainty after", "mm"))
+    return Section(
+        "What these poses bring",
+        "truearm predicts the uncertainty of a point from the nominal arm, the prior knowledge of its terms and the "
+        f"noise of a coordinate ({format_mm(plan.prior.noise_mm)}). It is the uncertainty of points relative to each "
+        f"other{apart}. Effects without a term are not included.",
+        figures=(course_figure(plan.proposals),),
+        tables=(Table(columns, rows, "All strategies, with the same number of poses."),),
+    )
+
+
+def _observability(plan: CalibrationPlan) -> Section:
     rows = []
     for name, proposal in plan.proposals.items():
-        seen = proposal.observability
-        indices = [getattr(seen, f"o{number}") for number in range(1, 6)]
-        rows.append(
-            (name, ABOUT[name], float(proposal.rms_mm[-1]), *indices, f"{seen.rank}\u00a0of\u00a0{seen.n_parameters}")
-        )
-    columns = [Column("strategy"), Column("what it seeks"), Column("uncertainty after", "mm")]
-    columns += [Column(f"O{number}") for number in range(1, 6)]
+        result = proposal.observability
+        indices = [getattr(result, f"o{number}") for number in range(1, 6)]
+        rows.append((name, *indices, f"{result.rank}\u00a0of\u00a0{result.n_parameters}"))
+    columns = (Column("strategy"), *(Column(f"O{number}") for number in range(1, 6)), Column("rank"))
     return Section(
-        "What it will bring",
-        "The uncertainty of a point is predicted before anything is measured, from the drawing, from what is known of "
-        "the terms by which the arm may differ from it, and from the noise of a coordinate "
-        f"({format_mm(plan.prior.noise_mm)}). It is that of points compared with each other{apart}; what no term "
-        "describes is not in it.\n\n"
-        f"These poses are {strategy}. O1 to O5 are observability indices of the terms by the new poses alone, in units "
-        "of how surely each was known before; larger is better. The rank counts the combinations of the terms' "
-        "coefficients that they determine; the others move nothing, or only together with these.",
-        figures=(course_figure(plan.proposals),),
-        tables=(Table((*columns, Column("rank")), tuple(rows), "Strategies compared, each with as many poses."),),
+        "Observability indices",
+        "O1 to O5 are the observability indices of the terms, from the new poses alone; each coefficient is scaled by "
+        "its prior standard deviation. Larger is better. The rank is the number of identifiable combinations of the "
+        "coefficients; the others do not move the tip, or only together with these.",
+        tables=(Table(columns, tuple(rows), "All strategies, with the same number of poses."),),
+        folded=True,
     )
 
 
 def _where(plan: CalibrationPlan, poses: Candidates) -> Section:
     text = {
-        "tracker": "The tip is in the volume at every pose. Whether the tracker sees it there must be tried.",
-        "seat": "Each seat is fixed about where it is drawn; a few centimetres do not matter. It must not move while "
-        "readings are taken in it.",
-        "bar": "The bar is fixed about where it is drawn; a few centimetres do not matter. It must not move while "
-        "readings are taken at one place.",
+        "tracker": "The tip is in the volume in every pose. Check that the tracker sees it there.",
+        "seat": "Fix each seat near its place in the figure; a few centimetres do not matter. It must not move while "
+        "you measure in it.",
+        "bar": "Fix the bar near its places in the figure; a few centimetres do not matter. It must not move while you "
+        "measure at one place.",
     }[plan.artefact.kind]
     tables = () if poses.seat is None else (_places_table(poses),)
-    return Section("Where", text, figures=(places_figure(plan, poses),), tables=tables)
+    return Section(
+        "Where to put the artefact" if poses.seat is not None else "Where the tip is",
+        text,
+        figures=(places_figure(plan, poses),),
+        tables=tables,
+    )
 
 
 def _places_table(poses: Candidates) -> Table:
@@ -187,7 +189,7 @@ def _places_table(poses: Candidates) -> Table:
         x, y, z = poses.seat_points[int(np.argmax(here))].round().astype(int).tolist()
         rows.append((name, x, y, z, int(here.sum())))
     columns = (Column("seat"), Column("x", "mm"), Column("y", "mm"), Column("z", "mm"), Column("poses"))
-    return Table(columns, tuple(rows), "Seats in the base frame, in the order to use them.")
+    return Table(columns, tuple(rows), "Seats in the base frame, in the order of use.")
 
 
 def _how(plan: CalibrationPlan, poses: Candidates) -> Section:
@@ -197,7 +199,7 @@ def _how(plan: CalibrationPlan, poses: Candidates) -> Section:
     lower, upper = arm.limits.T * scale
     ranges = range_figure(
         poses.angles * scale,
-        names=arm.joint_names,
+        names=[f"J{joint}" for joint in range(1, arm.n_joints + 1)],
         units=["mm" if slide else "deg" for slide in slides],
         lower=lower,
         upper=upper,
@@ -206,9 +208,8 @@ def _how(plan: CalibrationPlan, poses: Candidates) -> Section:
     )
     return Section(
         "Poses",
-        "Go near each pose; some degrees do not matter, but what is written down is what the encoders read. The "
-        "limits are kept and no joint is below the table; that parts of the arm do not touch each other was not "
-        "checked.",
+        "Move near each pose; a few degrees do not matter. Write down what the encoders read. The poses respect the "
+        "joint limits and keep all joints above the table. Collisions of the arm with itself are not checked.",
         figures=(poses_figure(plan, poses.angles), ranges),
     )
 
@@ -217,9 +218,9 @@ def _one_by_one(plan: CalibrationPlan, poses: Candidates) -> Section:
     slides = plan.arm.chain.is_prismatic.tolist()
     aims = np.where(slides, poses.angles, np.degrees(poses.angles)).round().astype(int).tolist()
     units = ["mm" if slide else "deg" for slide in slides]
-    joints = (Column(name, unit) for name, unit in zip(plan.arm.joint_names, units, strict=True))
+    joints = (Column(f"J{joint}", unit) for joint, unit in enumerate(units, start=1))
     rows = ((number, what, *aim) for number, (what, aim) in enumerate(zip(notes(poses), aims, strict=True), start=1))
-    table = Table((Column("pose"), Column("what to do"), *joints), tuple(rows), "In the order to take them.")
+    table = Table((Column("pose"), Column("instruction"), *joints), tuple(rows), "In the order of measurement.")
     return Section("Pose by pose", tables=(table,))
 
 
@@ -241,7 +242,7 @@ class _Flat:
 
 
 def _view(plan: CalibrationPlan, points: FloatArray, *, side: bool) -> tuple[Drawing, Axes, _Flat]:
-    """Axes with a margin about the points, the arm's base and its working pose, of one scale."""
+    """Axes of equal scale with a margin about the points, the base and the working pose."""
     flat = _Flat(plan, side=side)
     drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
     FigureCanvasAgg(drawing)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -109,6 +109,16 @@ class Proposal:
     counts: IntArray
     rms_mm: FloatArray
     observability: Observability
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers as plain data."""
+        return {
+            "after_mm": float(self.rms_mm[-1]),
+            "course": {"n": self.counts.tolist(), "rms_mm": self.rms_mm.tolist()},
+            **{f"o{i}": getattr(self.observability, f"o{i}") for i in range(1, 6)},
+            "rank": self.observability.rank,
+            "n_parameters": self.observability.n_parameters,
+        }
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,205 @@
+"""A calibration plan from an arm or a model: the poses to measure next, and the numbers that describe them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.planning.candidates import Candidates
+from truearm.identification.planning.limitations import limitations
+from truearm.identification.planning.prior import Prior, Terms, identified_prior, nominal_prior
+from truearm.identification.planning.proposal import (
+    Artefact,
+    CalibrationPlan,
+    Progress,
+    Proposal,
+    Strategy,
+    propose,
+)
+from truearm.identification.planning.sampling.workspace import Sector
+from truearm.identification.planning.template import continue_seat_numbers
+from truearm.identification.terms.state import ArmState
+from truearm.readings.checks import check_angles
+from truearm.readings.session import Session
+
+NOISE_MM = 0.02
+"""Standard deviation of a coordinate if no model states it [mm]."""
+
+# Poses per seat that are usual, and the largest number of seats chosen by default.
+POSES_PER_SEAT, MAX_SEATS = 10, 10
+
+
+class IdentifiedArm(Protocol):
+    """What planning needs of a model: a kinematic or physical model of `truearm.compensation.models`."""
+
+    arm_: Arm
+    fit_: IdentificationResult
+    residual_std_: float
+
+    def state(self, readings: Session) -> ArmState:
+        """State of the arm at readings."""
+
+    def is_trained_on(self, readings: Session) -> bool:
+        """Whether the model was identified from some of these readings."""
+
+
+@dataclass(frozen=True, eq=False)
+class SessionPlan:
+    """The poses of a calibration session, by one strategy of a plan.
+
+    Attributes
+    ----------
+    plan : CalibrationPlan
+        The proposals of all strategies.
+    strategy : str
+        The strategy of the poses.
+    poses : Candidates
+        In the order of measurement; seats are numbered on from those already used.
+    known_before : str
+        Source of the prior knowledge, in a phrase.
+    """
+
+    plan: CalibrationPlan
+    strategy: Strategy
+    poses: Candidates
+    known_before: str
+
+    @property
+    def proposal(self) -> Proposal:
+        """The proposal of the strategy."""
+        return self.plan.proposals[self.strategy]
+
+    @property
+    def before_mm(self) -> float:
+        """Uncertainty of a point in the volume before the session, three-dimensional root mean square."""
+        return float(self.proposal.rms_mm[0])
+
+    @property
+    def after_mm(self) -> float:
+        """The same after the session."""
+        return float(self.proposal.rms_mm[-1])
+
+    @property
+    def n_places(self) -> int:
+        """Number of seats, or of places of the bar; 0 with a tracker."""
+        return 0 if self.poses.place is None else len(set(self.poses.place.tolist()))
+
+    @cached_property
+    def limitations(self) -> tuple[str, ...]:
+        """What these poses cannot determine, a sentence each."""
+        return tuple(limitations(self.plan, self.proposal))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers of the plan as plain data, ready for JSON."""
+        return {
+            "arm": self.plan.arm.name,
+            "artefact": self.plan.artefact.kind,
+            "strategy": self.strategy,
+            "n": len(self.poses),
+            "places": self.n_places,
+            "noise_mm": self.plan.prior.noise_mm,
+            "before_mm": self.before_mm,
+            "after_mm": self.after_mm,
+            "strategies": {name: proposal.to_dict() for name, proposal in self.plan.proposals.items()},
+            "limitations": list(self.limitations),
+        }
+
+
+def plan_session(
+    arm: Arm | IdentifiedArm,
+    artefact: Artefact,
+    n: int = 50,
+    *,
+    strategy: Strategy = "i-optimal",
+    terms: Terms | None = None,
+    noise_mm: float | None = None,
+    measured: Session | None = None,
+    volume: Sector | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> SessionPlan:
+    """Plan the poses of a calibration session.
+
+    Parameters
+    ----------
+    arm : Arm or kinematic or physical model
+        A nominal arm, or a model: then the plan continues after the readings of the model.
+    artefact : Artefact
+        What the readings are taken with.
+    n : int
+        Number of poses; two and more for each seat.
+    strategy : {"i-optimal", "d-optimal", "technician", "random"}
+        Of the poses returned; all strategies are compared.
+    terms : {"physical", "constants"}, optional
+        Terms to identify of a nominal arm, by default physical. A model has its own.
+    noise_mm : float, optional
+        Standard deviation of a coordinate of a reading; by default the model's, else 0.02 mm.
+    measured : Session, optional
+        Readings already taken that the model was not identified from.
+    volume : Sector, optional
+        Where the arm is to be used.
+    seed : int
+    progress : callable, optional
+        Called with the number of strategies done and a note.
+
+    Raises
+    ------
+    InputError
+        If terms are given with a model, the model was identified from `measured`, the arm cannot take a technician's
+        poses, or as `propose`.
+    """
+    if isinstance(arm, Arm):
+        nominal = arm
+        prior = nominal_prior(arm, terms=terms or "physical", noise_mm=NOISE_MM if noise_mm is None else noise_mm)
+        known_before, seats = "the nominal arm, with the priors of its terms", []
+    else:
+        if terms is not None:
+            raise InputError("terms are chosen for a nominal arm only; a model has its own terms", hint="omit --terms")
+        nominal, prior = _of_model(arm, noise_mm)
+        known_before, seats = "the model", _seats_of(arm.fit_)
+    if measured is not None:
+        lower, upper = nominal.limits.T
+        check_angles(
+            measured, joint_names=nominal.joint_names, lower=lower, upper=upper, prismatic=nominal.chain.prismatic
+        )
+        if not isinstance(arm, Arm) and arm.is_trained_on(measured):
+            raise measured.error("the model was identified from these readings; they are already taken into account")
+        prior = prior.after(measured)
+        seats += [] if measured.seat is None else measured.seat.tolist()
+    plan = propose(nominal, prior, artefact, n, volume=volume, seed=seed, progress=progress)
+    if strategy not in plan.proposals:
+        raise InputError(
+            f"a technician's poses need at least five rotary joints; arm {nominal.name!r} has fewer",
+            hint="--strategy i-optimal",
+        )
+    poses = continue_seat_numbers(plan.proposals[strategy].poses, seats)
+    return SessionPlan(plan, strategy, poses, known_before)
+
+
+def usual_places(kind: str, n: int) -> int:
+    """Number of seats, or of places of a bar with its two seats, for about ten poses per seat; 0 with a tracker."""
+    if kind == "tracker":
+        return 0
+    each = POSES_PER_SEAT * (2 if kind == "bar" else 1)
+    return max(1, min(round(n / each), MAX_SEATS))
+
+
+def _of_model(model: IdentifiedArm, noise_mm: float | None) -> tuple[Arm, Prior]:
+    return identified_prior(
+        model.arm_,
+        model.fit_,
+        noise_mm=model.residual_std_ if noise_mm is None else noise_mm,
+        state=lambda angles: model.state(Session(angles)),
+    )
+
+
+def _seats_of(fit: IdentificationResult) -> list[str]:
+    """Names of the seats of the readings that an arm was identified from."""
+    names = [name for reference in fit.references for name in reference.unknowns]
+    matches = (re.fullmatch(r"x of seat (.+) \[mm\]", name) for name in names)
+    return [match[1] for match in matches if match]
