@@ -44,7 +44,7 @@ def on_another_day(model: IdentifiedModel, virtual: VirtualArm) -> dict[str, flo
     seed = virtual.seed + SEEDS_A_DAY * LAST_DAY
     angles = measuring_poses(virtual.nominal, TESTED, seed=seed).angles
     angles = angles[~model.outside_training(angles)]
-    day = virtual.measure(angles, seed=seed, temperature_degC=model.temperature_degC_, reference=False)
+    day = virtual.measure(angles, seed=seed, temperature_degC=model.training_.temperature_degC.mean, reference=False)
     points, covariance = model.predict_readings(replace(day.readings, directions=None), return_cov=True)
     off, std = points - day.true_tips, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     return {

@@ -144,7 +144,7 @@ def true_errors(
     """Errors (m,) [mm] of what an arm measures and its model compensates, in m ways (m, k, n_joints)."""
     assert isinstance(model, IdentifiedModel)
     poses = ways.reshape(-1, ways.shape[2])
-    taken = virtual.measure(poses, seed=seed, temperature_degC=model.temperature_degC_, reference=False)
+    taken = virtual.measure(poses, seed=seed, temperature_degC=model.training_.temperature_degC.mean, reference=False)
     untold = replace(taken.readings, directions=None)
     off = (model.predict_readings(untold) - taken.true_tips).reshape(-1, len(feature.points), 3)
     return np.array([feature.errors(feature.points + one)[0] for one in off])

@@ -159,7 +159,7 @@ def found_by(models: dict[str, Compensator], readings: Session) -> list[Section]
     states = {name: model.state(readings) for name, model in found.items()}
     sections = [
         *(
-            identification_sections.uncertainty_section(budgets[name][0], _held_out(model), name=titles[name])
+            identification_sections.uncertainty_section(budgets[name][0], model.held_out_errors_, name=titles[name])
             for name, model in found.items()
         ),
         *(
@@ -186,19 +186,6 @@ def found_by(models: dict[str, Compensator], readings: Session) -> list[Section]
         ),
     ]
     return [section for section in sections if section is not None]
-
-
-def _held_out(model: IdentifiedModel) -> HeldOutErrors | None:
-    import numpy as np
-
-    from truearm.compensation.models.identification_sections import HeldOutErrors
-
-    held_out = model.held_out_
-    if not len(held_out.rows):
-        return None
-    errors, n_groups = held_out.errors_mm, len(np.unique(held_out.group))
-    p95, most = float(np.quantile(errors, 0.95)), float(errors.max())
-    return HeldOutErrors(len(errors), n_groups, held_out.mean_mm, held_out.standard_error_mm, p95, most)
 
 
 def _joint_errors(model: IdentifiedModel, readings: Session) -> list[JointError]:

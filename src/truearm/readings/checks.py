@@ -20,6 +20,9 @@ MOST_ANGLE = 1e6
 # What a session is.
 MOVED = "between which the base or the reference moved"
 
+# Temperatures at which nobody measures with an arm [degC]: such numbers are kelvin, Fahrenheit or misprints.
+ABSOLUTE_ZERO_DEGC, COLDEST_DEGC, WARMEST_DEGC = -273.15, -50.0, 100.0
+
 # Two points of an arm are at most two reaches apart; an unknown tip may add to that.
 MOST_REACHES = 4.0
 
@@ -151,6 +154,29 @@ def check_reach(readings: Session, *, reach: float) -> None:
         f" {reach:.4g} mm can be ({int(far.sum())} of {int(readings.has_point.sum())} readings)",
         row,
         hint="check the unit of the points, or delete the reading",
+    )
+
+
+def check_temperatures(readings: Session) -> None:
+    """Check that temperatures are those of an arm in degrees Celsius.
+
+    Raises
+    ------
+    InputError
+        If one is below absolute zero, or outside `COLDEST_DEGC` to `WARMEST_DEGC`.
+    """
+    degC = readings.temperature_degC
+    if degC is None or not (wrong := ~((degC >= COLDEST_DEGC) & (degC <= WARMEST_DEGC))).any():
+        return
+    row = int(np.argmax(wrong))
+    where = f" in {readings.label(row)}" if readings.first_line is None else ""
+    raise readings.error(
+        f"expected a temperature from {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {degC[row]:.6g} degC{where}"
+        + (", below absolute zero" if degC[row] < ABSOLUTE_ZERO_DEGC else "")
+        + f" ({int(wrong.sum())} of {len(readings)} readings)",
+        row,
+        column="temperature_degC",
+        hint="degrees Celsius: subtract 273.15 from kelvin; (F - 32) / 1.8 of degrees Fahrenheit",
     )
 
 

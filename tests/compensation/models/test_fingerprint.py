@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -10,8 +9,8 @@ import numpy as np
 import pytest
 
 from truearm.compensation.models import KinematicModel
-from truearm.compensation.models.compensator import fingerprint
 from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.training_conditions import fingerprint
 from truearm.readings import Lengths, Session, read_session, write_session
 
 N = 6
@@ -91,35 +90,3 @@ def test_lengths_have_a_fingerprint_of_their_own(real, rng, tmp_path):
     save_model(model, tmp_path / "m")
     assert load_model(tmp_path / "m").lengths_fingerprint_ == model.lengths_fingerprint_
     assert KinematicModel(real.arm).fit_readings(readings).lengths_fingerprint_ == ""
-
-
-OLD = sorted(Path(__file__).parent.glob("*-format-*.truearm"))
-
-
-def _digest(*parts):
-    return hashlib.sha256(b"".join(parts)).hexdigest()
-
-
-@pytest.mark.parametrize("kept", OLD, ids=lambda path: path.stem)
-@pytest.mark.parametrize("seats", ["none", "hashed", "not hashed"])
-def test_models_of_older_formats_know_their_readings(kept, seats, tmp_path):
-    """By the digest those versions took: of angles and points, later of seats too."""
-    model = load_model(kept)
-    assert model.is_trained_on(whole()) is False
-    readings = replace(whole(), seat=None) if seats == "none" else whole()
-    parts = [readings.angles.tobytes(), readings.points.tobytes()]
-    if seats == "hashed":
-        parts.append(b"a\nb\nc\na\nb\nc")
-    model.data_fingerprint_ = _digest(*parts)
-    save_model(model, tmp_path / "m")  # in the present format
-    for fitted in (model, load_model(tmp_path / "m")):
-        assert fitted.is_trained_on(readings)
-        assert not fitted.is_trained_on(readings.rows(np.arange(N - 1)))
-        assert not fitted.is_trained_on(replace(readings, angles=readings.angles + 1e-9))
-
-
-def test_a_new_model_knows_its_readings_by_all_their_columns(real, rng):
-    readings = real.points(30, rng)
-    model = KinematicModel(real.arm).fit_readings(readings)
-    assert model.is_trained_on(readings)
-    assert not model.is_trained_on(replace(readings, position=np.full(30, "high")))

@@ -185,13 +185,13 @@ def test_readings_with_a_load_are_predicted_at_their_own(real, rng):
 
     train, test = drawn(150), drawn(100)
     model = PhysicalModel(real.arm, highest=2).fit_readings(train)
-    assert model.columns_ == {"load_3_Nm": pytest.approx(train.columns["load_3_Nm"].mean())}
+    assert model.training_.columns["load_3_Nm"].mean == pytest.approx(train.columns["load_3_Nm"].mean())
     own = np.linalg.norm(model.predict_readings(test) - test.points, axis=1).mean()
     usual = np.linalg.norm(model.predict(test.angles) - test.points, axis=1).mean()
     assert own < 2 * NOISE * np.sqrt(3)
     assert usual > 3 * own
     # Without the column a prediction is that at its mean.
-    at_mean = replace(test, columns={"load_3_Nm": np.full(100, model.columns_["load_3_Nm"])})
+    at_mean = replace(test, columns={"load_3_Nm": np.full(100, model.training_.columns["load_3_Nm"].mean)})
     np.testing.assert_array_equal(model.predict(test.angles), model.predict_readings(at_mean))
     points, covariance = model.predict_readings(test, return_cov=True)
     np.testing.assert_array_equal(points, model.predict_readings(test))
@@ -218,12 +218,12 @@ def test_readings_with_a_temperature_are_predicted_at_their_own(real, rng):
 
     train, test = drawn(150, 15, 30), drawn(60, 30, 40)
     model = PhysicalModel(real.arm, highest=2).fit_readings(train)
-    assert model.temperature_degC_ == pytest.approx(train.temperature_degC.mean())
+    assert model.training_.temperature_degC.mean == pytest.approx(train.temperature_degC.mean())
     own = np.linalg.norm(model.predict_readings(test) - test.points, axis=1).mean()
     usual = np.linalg.norm(model.predict(test.angles) - test.points, axis=1).mean()
     assert own < 2 * NOISE * np.sqrt(3)
     assert usual > 3 * own
-    at_mean = replace(test, temperature_degC=np.full(60, model.temperature_degC_))
+    at_mean = replace(test, temperature_degC=np.full(60, model.training_.temperature_degC.mean))
     np.testing.assert_array_equal(model.predict(test.angles), model.predict_readings(at_mean))
 
 

@@ -85,8 +85,8 @@ def test_without_a_temperature_or_load_its_training_variance_counts(tmp_path):
         angles, true + rng.normal(0, 0.01, true.shape), temperature_degC=warm, columns={"load_1_Nm": load}
     )
     model = PhysicalModel(ARM, free=(), highest=1).fit_readings(readings)
-    assert model.temperature_variance_K2_ == pytest.approx(warm.var())
-    assert model.column_variances_ == {"load_1_Nm": pytest.approx(load.var())}
+    assert model.training_.temperature_degC.variance == pytest.approx(warm.var())
+    assert model.training_.columns["load_1_Nm"].variance == pytest.approx(load.var())
     angles, true, warm, load = drawn(300, 2)
     known = {"temperature_degC": warm, "columns": {"load_1_Nm": load}}
     assert model.unstated_input_covariances(Session(angles, **known)) == {}
@@ -105,7 +105,7 @@ def test_without_a_temperature_or_load_its_training_variance_counts(tmp_path):
 def test_a_model_without_such_terms_misses_nothing(real):
     rng = np.random.default_rng(1)
     model = KinematicModel(real.arm).fit_readings(real.points(40, rng, temperature_degC=20 + rng.normal(size=40)))
-    assert model.temperature_variance_K2_ > 0
+    assert model.training_.temperature_degC.variance > 0
     assert model.unstated_input_covariances(Session(real.arm.working[None])) == {}
 
 

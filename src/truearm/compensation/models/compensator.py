@@ -1,19 +1,19 @@
-"""What every model of an arm has in common: the scikit-learn contract, on joint angles and tip positions."""
+"""The contract of all models of an arm: scikit-learn regressors from joint angles to tip positions."""
 
 from __future__ import annotations
 
-import hashlib
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, Literal, Self, overload
 
 import numpy as np
 import numpy.typing as npt
 from sklearn.base import BaseEstimator, RegressorMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
 from truearm.arm.arm import Arm
 from truearm.compensation.models.reading_references import (
@@ -30,80 +30,91 @@ from truearm.compensation.models.session_frames import (
     session_frame_terms,
     to_first_session_frame,
 )
-from truearm.compensation.models.training_range import find_angle_gaps, outside_ranges
+from truearm.compensation.models.training_conditions import TrainingConditions
+from truearm.compensation.models.training_conditions import fingerprint as fingerprint
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import IdentificationResult, identify
 from truearm.identification.estimation.references import Reference
 from truearm.identification.terms import ArmState, Term, constants
-from truearm.readings.checks import check_sessions
+from truearm.identification.terms.thermal import link_vectors
+from truearm.readings.checks import check_angles, check_sessions, check_temperatures
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
+from truearm.readings.thermal_expansion import STEEL_PER_K
 from truearm.typing import BoolArray, FloatArray
 
 FREE_PARTS = ("base", "tip")
-# Share of the reach by which an arm as drawn may miss its readings. Ten times what the kinematic model expects of its
-# constants (3 mrad, 3 mm) stays below; another arm, a wrong unit or a wrong sign does not.
+# Share of the reach by which the nominal arm may miss its readings on average. Ten times what the kinematic model
+# expects of its constants (3 mrad, 3 mm) stays below; another arm, a wrong unit or a wrong sign does not.
 MAX_NOMINAL_ERROR = 0.05
-# Rows that determine base (6) and tip (3): 3 coordinates each, and one row to spare.
+# Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
 MIN_ROWS = 4
+# Share of the readings that may have a joint outside its limits; with more of them the unit is wrong.
+MAX_SHARE_OUTSIDE_LIMITS = 0.5
 
 
 class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
-    """Base of the models: from joint angles to the tip's coordinates.
+    """Base of the models: from joint angles to coordinates of the tip.
 
-    A model says how it learns (`_identify`), predicts (`_tips`) and how sure it is (`_covariance`); checking,
-    book-keeping and the nominal arm to compare with are the same for all.
+    A subclass defines how it learns (`_fit`), predicts (`_tips`) and how uncertain that is (`_covariance_parts`).
+    Checks, training conditions, frames of sessions and the nominal arm to compare with are the same for all.
 
     Attributes
     ----------
-    nominal_ : IdentificationResult
-        The nominal arm with only the free parts (base, tip) fitted to the same readings: what there was before.
     arm_ : Arm
-        That it was fitted for.
+        The arm it was fitted for.
     free_ : tuple of str
-        The free parts that the readings can tell: without reference points the base is as drawn.
+        The free parts that the readings determine: without reference points the base stays nominal.
+    training_ : TrainingConditions
+        What the training readings were: number, angles, temperature, loads, fingerprint.
     session_frames_ : dict of str to (4, 4) array
-        Of readings in several sessions, each with a frame of its own: by the session's name the rough motion that
-        carries its points into the frame of the first (see `truearm.compensation.models.session_frames`). Empty where there was one.
-    angle_ranges_ : (n_joints, 2) array
-        Smallest and largest training angle of every joint [rad, or mm].
-    angle_gaps_ : (k, 3) array
-        Gaps between them: joint, begin and end (see `truearm.compensation.models.training_range`).
-    n_train_ : int
-        Training readings.
-    data_fingerprint_ : str
-        SHA-256 of the training readings (see `fingerprint`, and `is_trained_on` to compare with).
-    lengths_fingerprint_ : str
-        SHA-256 of the known lengths between their seats; empty without.
+        For readings of several sessions, each with its own frame: by the session's name the rough rigid motion of its
+        points into the frame of the first (see `session_frames`). Empty for one session.
+    nominal_ : IdentificationResult
+        The nominal arm with only the free parts (base, tip) identified from the same readings: the state before
+        compensation.
     fit_seconds_ : float
-        Time `fit` took [s].
+        Duration of `fit` [s].
     """
 
     arm: Arm
     free: tuple[str, ...]
     robust: bool = True
 
-    def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> Self:
+    arm_: Arm
+    free_: tuple[str, ...]
+    training_: TrainingConditions
+    session_frames_: dict[str, FloatArray]
+    nominal_: IdentificationResult
+    fit_seconds_: float
+
+    def fit(self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None) -> Self:
         """Learn from joint angles and reference points.
 
         Parameters
         ----------
-        X : (n, n_joints) array
+        X : (n, n_joints) array or DataFrame
             Joint angles [rad], displacements of sliding joints [mm].
         y : (n, 3) array
             The tip in the frame of the reference [mm].
+        sample_weight : (n,) array, optional
+            Weights proportional to one over the variance of a point; readings of weight 0 are not used.
 
         Raises
         ------
         InputError
-            If shapes do not fit the arm, numbers are not finite, or the readings are too few.
+            If shapes do not fit the arm, numbers are not finite, readings are too few, or the unit of angles or points
+            cannot be right.
         """
         angles, points = validate_data(
             self, X, y, multi_output=True, y_numeric=True, dtype=np.float64, ensure_min_samples=MIN_ROWS
         )
         if np.ndim(points) != 2 or points.shape[1] != 3:
             raise InputError(f"expected points of shape (n, 3), x y z in mm, got {np.shape(points)}")
-        return self.fit_readings(Session(angles, np.asarray(points, dtype=float)))
+        session = Session(angles, np.asarray(points, dtype=float))
+        if sample_weight is None:
+            return self.fit_readings(session)
+        return self._fit_weighted(session, _check_sample_weight(sample_weight, X, ensure_non_negative=True))
 
     def fit_readings(
         self,
@@ -113,34 +124,31 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         progress: Callable[[int, str], None] | None = None,
         nominal: Compensator | None = None,
     ) -> Self:
-        """Learn from readings: reference points and, where known, their uncertainties; seats and lengths between them.
+        """Learn from a session: reference points with their uncertainties, seats, surfaces, and lengths between seats.
 
         Parameters
         ----------
         readings : Session
-            A network needs a reference point at every reading. The other models take what there is.
+            A network needs a reference point at every reading. The other models use every reference there is.
         lengths : Lengths, optional
-            Known lengths between seats of the readings.
+            Known lengths between seats of the session.
         progress : callable, optional
-            Told the steps done and how it stands.
+            Called with the steps done and a note.
         nominal : Compensator, optional
             A model fitted to the same readings of the same arm, with the same free parts and lengths: its `nominal_`
-            serves this one too and is not fitted again.
+            is used and not fitted again.
 
         Raises
         ------
         InputError
-            As `fit`; also if the readings have nothing to learn from, a known length or distance is far from that of
-            the arm as drawn (`check_sizes`), or `nominal` was fitted to something else.
+            As `fit`; also if the readings have no reference, a known length or distance is far from that of the
+            nominal arm (`check_sizes`), or `nominal` was fitted to something else.
         """
         arm = self._checked_arm()
-        if readings.n_joints != arm.n_joints:
-            raise InputError(
-                f"expected readings of {arm.n_joints} joints for arm {arm.name!r}, got {readings.n_joints}"
-            )
+        self._check_inputs(arm, readings)
         if lengths is not None:
             if readings.seat is None:
-                raise readings.error("lengths are between seats, and the readings name none", column="seat")
+                raise readings.error("lengths are between seats, and the readings name no seats", column="seat")
             lengths = lengths.between(readings.seat)
         check_sessions(readings, lengths, own_frame="base" not in self.free)
         n_known = self._check_references(readings, lengths)
@@ -149,17 +157,17 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         begun = time.perf_counter()
         self.arm_ = arm
         self.n_features_in_ = readings.n_joints
-        pointed = readings.has_point
-        self.free_ = self.free if pointed.any() else tuple(part for part in self.free if part != "base")
+        has_points = readings.has_point.any()
+        self.free_ = self.free if has_points else tuple(part for part in self.free if part != "base")
         self.session_frames_ = rough_session_frames(arm, readings, self.free_)
         in_one_frame = to_first_session_frame(readings, self.session_frames_)
-        self.data_fingerprint_ = fingerprint(readings)
-        self.lengths_fingerprint_ = "" if lengths is None else fingerprint(lengths)
-        self.nominal_ = self._fit_nominal(in_one_frame, lengths) if nominal is None else self._same_nominal(nominal)
-        self._identify(in_one_frame, lengths, progress or _silent)
-        self.angle_ranges_ = np.stack([readings.angles.min(axis=0), readings.angles.max(axis=0)], axis=1)
-        self.angle_gaps_ = find_angle_gaps(readings.angles, arm.chain.is_prismatic)
-        self.n_train_ = len(readings)
+        self.training_ = TrainingConditions.of(readings, arm.chain.is_prismatic, lengths)
+        if nominal is None:
+            self.nominal_ = self._fit_nominal(in_one_frame, lengths)
+            self._check_nominal(readings)
+        else:
+            self.nominal_ = self._same_nominal(nominal)
+        self._fit(in_one_frame, lengths, progress or _no_progress)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
@@ -174,18 +182,23 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
 
         Parameters
         ----------
-        X : (n, n_joints) array
+        X : (n, n_joints) array or DataFrame
             Joint angles [rad], displacements of sliding joints [mm].
         return_cov : bool
-            Whether to give the uncertainty too.
+            Whether to return the covariance too.
 
         Returns
         -------
         points : (n, 3) array
-            The tip in the frame of the reference [mm], of several sessions that of the first.
+            The tip in the frame of the reference [mm]; of several sessions, in that of the first.
         covariance : (n, 3, 3) array, if `return_cov`
-            Of the tip [mm^2]; a reference point compared with it has its own uncertainty besides. See
-            `outside_training` for where it was not learned.
+            Of the tip [mm^2], without the uncertainty of a reference point to compare it with. See `outside_training`
+            for readings outside the trained range.
+
+        Raises
+        ------
+        InputError
+            If numbers are not finite, or most angles lie outside the limits of their joints.
         """
         return self.predict_readings(Session(self._checked_angles(X)), return_cov=return_cov)
 
@@ -203,13 +216,13 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     def predict_readings(
         self, readings: Session, *, return_cov: bool = False
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
-        """Corrected coordinates at readings, by their temperature, loads and directions too if the model knows them.
+        """Corrected coordinates at the readings of a session, with its temperatures, loads and directions of movement.
 
-        Readings of a session that the model knows (`session_frames_`) come out in its frame, all others in the first's.
-        `predict` takes temperature and loads as they were on average when the model learned, and directions of movement
-        as half way between the two.
+        Readings of a session that the model was trained on (`session_frames_`) are predicted in its frame, all others
+        in that of the first. `predict` uses the mean temperature and loads of the training, and the middle between the
+        two directions of movement.
         """
-        self._checked_angles(readings.angles)
+        self._check_session(readings)
         points = points_to_session_frames(self._tips(readings), readings, self.session_frames_)
         if not return_cov:
             return points
@@ -217,52 +230,144 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         return points, of_parameters + unexplained
 
     def covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
-        """Uncertainty of predicted points in its two parts.
+        """Covariance of predicted points in its two parts.
 
         Returns
         -------
         of_parameters : (n, 3, 3) array
-            What the readings left open [mm^2]: the same error at the same pose, every time. It grows away from where
-            the model learned.
+            From the parameters that the readings did not determine [mm^2]: the same error at the same pose, every time.
+            It grows outside the trained angles and temperatures.
         unexplained : (n, 3, 3) array
-            What the model cannot explain [mm^2]: noise, and effects it has no term for.
+            From what the model does not explain [mm^2]: noise, effects without a term, inputs that are not stated.
         """
-        self._checked_angles(readings.angles)
+        self._check_session(readings)
         of_parameters, unexplained = self._covariance_parts(readings)
+        of_parameters = of_parameters + self.expansion_covariance(readings)
         frames = self.session_frames_
         return covariances_to_session_frames(of_parameters, readings, frames), covariances_to_session_frames(
             unexplained, readings, frames
         )
 
+    def expansion_covariance(self, readings: Session) -> FloatArray:
+        """Covariance of the tip from growth of the arm outside the trained temperatures, where no term describes it.
+
+        Base and tip were identified with the arm as long as it is at the trained temperatures; dT beyond them each link
+        v is longer by alpha dT v. Arms are of steel (alpha 11.5e-6 / K), aluminium (23e-6 / K) or carbon fibre (1e-6 /
+        K), so the expansion of steel counts twice: as an uncorrected error that all links share (JCGM 100:2008,
+        F.2.4.5), and as the standard uncertainty of each link's coefficient. With the tip at r = sum of all v:
+        ``(alpha dT)^2 (r r^T + sum v v^T)``.
+
+        Returns
+        -------
+        (n, 3, 3) array
+            [mm^2]; zeros inside the trained temperatures, where training or session state none, and of a model that has
+            learned how the arm grows.
+        """
+        out = np.zeros((len(readings), 3, 3))
+        kelvin = self.training_.kelvin_outside(readings)
+        rows = np.flatnonzero(kelvin)
+        if len(rows) and not self._has_thermal_terms():
+            jacobian = self.nominal_.chain.tip_derivatives(readings.angles[rows]).motion_jacobian
+            links = np.einsum("li,nlix->nlx", link_vectors(self.arm_.chain), jacobian[:, :-1, 3:])
+            links = np.concatenate([links, links.sum(axis=1, keepdims=True)], axis=1) * STEEL_PER_K
+            out[rows] = np.einsum("n,nlx,nly->nxy", kelvin[rows] ** 2, links, links)
+        return out
+
     def predict_nominal(self, angles: npt.ArrayLike) -> FloatArray:
-        """(n, 3) what the nominal arm gives, with the free parts fitted to the same training readings [mm]."""
+        """(n, 3) tips of the nominal arm, its free parts identified from the same training readings [mm]."""
         return self.predict_nominal_readings(Session(self._checked_angles(angles)))
 
     def predict_nominal_readings(self, readings: Session) -> FloatArray:
-        """(n, 3) the same at readings, in the frames of their sessions as by `predict_readings` [mm]."""
-        self._checked_angles(readings.angles)
+        """(n, 3) the same at the readings of a session, in the frames of `predict_readings` [mm]."""
+        self._check_session(readings)
         tips = self.nominal_.tips(state_of(self.arm_, self._with_known_sessions(readings)))
         return points_to_session_frames(tips, readings, self.session_frames_)
 
-    def _with_known_sessions(self, readings: Session) -> Session:
-        """Readings without their sessions, if the model knows of none."""
-        return readings if self.session_frames_ else replace(readings, session=None)
+    def nominal_error(self) -> float:
+        """Mean distance of the nominal arm from the references of its training [mm]; NaN after reading a file."""
+        residuals = [np.linalg.norm(reference.residuals, axis=0) for reference in self.nominal_.references]
+        distances = np.concatenate(residuals)
+        return float(distances.mean()) if len(distances) else float("nan")
 
-    def outside_training(self, angles: npt.ArrayLike) -> BoolArray:
-        """(n,) True where a joint is away from the angles it was trained on: the model has not seen such poses."""
-        return outside_ranges(self._checked_angles(angles), self.angle_ranges_, self.angle_gaps_)
+    def outside_training(self, X: Session | npt.ArrayLike) -> BoolArray:
+        """(n,) True where an input of a session, or a joint angle (n, n_joints), lies outside the trained range."""
+        names = self.inputs_outside_training(X)
+        n = len(X) if isinstance(X, Session) else len(np.asarray(X))
+        return np.asarray(np.logical_or.reduce([np.zeros(n, dtype=bool), *names.values()]))
+
+    def inputs_outside_training(self, X: Session | npt.ArrayLike) -> dict[str, BoolArray]:
+        """Inputs outside the trained range, by name: J1 to Jn, temperature, further columns.
+
+        See `TrainingConditions.outside`.
+        """
+        if isinstance(X, Session):
+            self._check_session(X)
+            return self.training_.outside(X)
+        return self.training_.outside(Session(self._checked_angles(X)))
 
     def is_trained_on(self, readings: Session) -> bool:
-        """Whether these are the readings that the model was fitted to; whatever the version that fitted it."""
-        return self.data_fingerprint_ in (fingerprint(readings), *_earlier_fingerprints(readings))
+        """Whether these are the readings that the model was fitted to last."""
+        return self.data_fingerprint_ == fingerprint(readings)
+
+    def save(self, path: str | Path) -> None:
+        """Write the fitted model to one file; `truearm.compensation.models.load_model` reads it.
+
+        Raises
+        ------
+        TruearmError
+            If the model is not fitted, or larger than a model file may be.
+        """
+        from truearm.compensation.models.model_file import save_model
+
+        save_model(self, path)
+
+    @property
+    def n_train_(self) -> int:
+        """Number of training readings."""
+        return self.training_.n_readings
+
+    @property
+    def angle_ranges_(self) -> FloatArray:
+        """(n_joints, 2) smallest and largest training angle of every joint [rad, or mm]."""
+        return self.training_.angle_ranges
+
+    @property
+    def data_fingerprint_(self) -> str:
+        """SHA-256 of the readings it was fitted to last."""
+        return self.training_.fingerprint
+
+    @property
+    def lengths_fingerprint_(self) -> str:
+        """SHA-256 of the known lengths between their seats; empty without."""
+        return self.training_.lengths_fingerprint
 
     def __sklearn_tags__(self) -> Any:
-        """Many outputs, never one; and a poor score on data that no arm could have made."""
+        """Three outputs, never one; and a poor score on data that no arm could have made."""
         tags = super().__sklearn_tags__()
         tags.regressor_tags.poor_score = True
         tags.target_tags.multi_output = True
         tags.target_tags.single_output = False
         return tags
+
+    @abstractmethod
+    def _fit(self, readings: Session, lengths: Lengths | None, progress: Callable[[int, str], None]) -> None:
+        """Learn from readings in one frame; `nominal_` and `training_` are set. See `fit_readings`."""
+
+    @abstractmethod
+    def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
+        """Learn from readings with points whose variances are as one over `weight` (n,)."""
+
+    @abstractmethod
+    def _tips(self, readings: Session) -> FloatArray:
+        """(n, 3) tips [mm] at checked readings."""
+
+    @abstractmethod
+    def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
+        """See `covariance_parts`, without the expansion outside the trained temperatures."""
+
+    def _has_thermal_terms(self) -> bool:
+        """Whether the model has learned how the arm grows with temperature."""
+        return False
 
     def _check_options(self) -> None:
         """Refuse options that no fit could follow."""
@@ -282,30 +387,40 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             raise readings.error(
                 f"expected a reference point at every reading, {int((~readings.has_point).sum())} of {len(readings)}"
                 " have none",
-                hint="readings.rows(readings.has_point) has the others",
+                hint="readings.rows(readings.has_point) selects the others",
             )
         return len(readings)
 
-    @abstractmethod
-    def _identify(
-        self,
-        readings: Session,
-        lengths: Lengths | None,
-        progress: Callable[[int, str], None],
-    ) -> None:
-        """Learn from readings; `nominal_` is there already. See `fit_readings`."""
+    def _check_nominal(self, readings: Session) -> None:
+        """Refuse readings that no arm of these nominal kinematics can have made: a wrong unit, sign or arm."""
+        error, reach = self.nominal_error(), self.arm_.chain.reach
+        if not error < MAX_NOMINAL_ERROR * reach:
+            raise readings.error(
+                f"the nominal arm {self.arm_.name!r} misses its references by {error:.4g} mm on average at a reach of "
+                f"{reach:.4g} mm: the readings are of another arm, or the arm is described wrongly",
+                hint="check the arm, the units, signs and zeros of the angles, the unit of the points, and --free",
+            )
 
-    @abstractmethod
-    def _tips(self, readings: Session) -> FloatArray:
-        """Tips (n, 3) [mm] at checked readings."""
+    def _check_inputs(self, arm: Arm, readings: Session) -> None:
+        """Refuse readings of another number of joints, mostly outside their limits, or at impossible temperatures."""
+        if readings.n_joints != arm.n_joints:
+            raise InputError(
+                f"expected readings of {arm.n_joints} joints for arm {arm.name!r}, got {readings.n_joints}"
+            )
+        lower, upper = arm.limits.T
+        outside = ((readings.angles < lower) | (readings.angles > upper)).any(axis=1)
+        if outside.mean() > MAX_SHARE_OUTSIDE_LIMITS:
+            names, prismatic = arm.joint_names, arm.chain.prismatic
+            check_angles(readings, joint_names=names, lower=lower, upper=upper, prismatic=prismatic)
+        check_temperatures(readings)
 
-    @abstractmethod
-    def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
-        """See `covariance_parts`."""
+    def _check_session(self, readings: Session) -> None:
+        check_is_fitted(self)
+        self._check_inputs(self.arm_, readings)
 
     def _checked_arm(self) -> Arm:
         if not isinstance(self.arm, Arm):
-            raise InputError(f"expected an Arm, got {type(self.arm).__name__}", hint="truearm.arm.load('gao2017')")
+            raise InputError(f"expected an Arm, got {type(self.arm).__name__}", hint="truearm.load_arm('gao2017')")
         self._check_options()
         return self.arm
 
@@ -313,8 +428,12 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         check_is_fitted(self)
         return np.asarray(validate_data(self, angles, reset=False, dtype=np.float64))
 
+    def _with_known_sessions(self, readings: Session) -> Session:
+        """Readings without the names of their sessions, if the model was trained on one."""
+        return readings if self.session_frames_ else replace(readings, session=None)
+
     def _fit_nominal(self, readings: Session, lengths: Lengths | None) -> IdentificationResult:
-        """The nominal chain with base and tip, as far as they are free, fitted to the readings."""
+        """The nominal chain, its free parts identified from the readings."""
         terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
         state, references = state_of(self.arm_, readings), references_of(readings, lengths)
         fit_nominal = partial(self._identify_terms, readings, state, terms)
@@ -340,52 +459,16 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         )
 
     def _same_nominal(self, other: Compensator) -> IdentificationResult:
-        """The nominal fit of another model, if it is what this one would find."""
+        """The nominal fit of another model of the same readings with the same options."""
         check_is_fitted(other)
         names = ("arm_", "free_", "robust", "data_fingerprint_", "lengths_fingerprint_")
-        if other_than := [name for name in names if getattr(self, name) != getattr(other, name)]:
+        if different := [name for name in names if getattr(self, name) != getattr(other, name)]:
             raise InputError(
                 "expected a model fitted to the same readings, lengths and arm with the same options, got one with "
-                f"another {other_than[0].strip('_')}"
+                f"another {different[0].strip('_')}"
             )
         return other.nominal_
 
 
-def _silent(done: int, note: str) -> None:
-    """Tell nobody."""
-
-
-def fingerprint(data: Session | Lengths) -> str:
-    """SHA-256 of all that readings, or lengths, say.
-
-    Their columns in the order of their names, each with its name and its shape before it; numbers as little-endian
-    doubles, row by row, names of things as UTF-8 with a zero byte after each.
-    """
-    columns: dict[str, Any] = {field.name: getattr(data, field.name) for field in fields(data)}
-    columns |= columns.pop("columns", {})
-    digest = hashlib.sha256()
-    for name, values in sorted(columns.items()):
-        if not isinstance(values, np.ndarray):
-            continue
-        digest.update(f"{name} {values.shape}\0".encode())
-        if values.dtype.kind == "U":
-            digest.update("".join(f"{word}\0" for word in values.tolist()).encode())
-        else:
-            settled = np.where(np.isnan(values), np.nan, values) + 0.0  # one NaN and one zero of the many there are
-            digest.update(np.ascontiguousarray(settled, dtype="<f8").tobytes())
-    return digest.hexdigest()
-
-
-def _earlier_fingerprints(readings: Session) -> Iterator[str]:
-    """SHA-256 of readings as models of format 3 and before have it: of angles, points and seats, or without the seats.
-
-    A model written again keeps what it was fitted with, so the format of its file does not say which it is.
-    """
-    digest = hashlib.sha256()
-    for array in (readings.angles, readings.points):
-        if array is not None:
-            digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
-    yield digest.hexdigest()
-    if readings.seat is not None:
-        digest.update("\n".join(readings.seat.tolist()).encode())
-        yield digest.hexdigest()
+def _no_progress(done: int, note: str) -> None:
+    """Report nothing."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from truearm.compensation.models.identified_model import HeldOutErrors
 from truearm.compensation.models.joint_error_figure import ARCSEC, joint_error_figure
 from truearm.compensation.models.uncertainty import COVERAGE_FACTOR, ELLIPSOID_FACTOR, LEVEL, UncertaintyBudget
 from truearm.identification.estimation.diagnostics import Effect, JointError
@@ -23,6 +24,7 @@ _LEVEL = format_percent(LEVEL)
 
 
 @dataclass(frozen=True)
+<<<<<<< HEAD
 class HeldOutErrors:
     """Errors of the training readings, each as an arm sees it that was identified without its position or seat [mm].
 
@@ -41,6 +43,23 @@ class HeldOutErrors:
     standard_error_mm: float
     p95_mm: float
     max_mm: float
+=======
+class OutlierRow:
+    """A reading far from where the arm expects it.
+
+    Attributes
+    ----------
+    name : str
+        Its line in the file, or its number.
+    error_mm : float
+    normalized_residual : float
+        The error over what is usual.
+    """
+
+    name: str
+    error_mm: float
+    normalized_residual: float
+>>>>>>> 5257bc7 (Keep what a model was trained on in one record, and models in one file format)
 
 
 def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | None, *, name: str = "") -> Section:

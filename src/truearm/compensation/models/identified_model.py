@@ -1,58 +1,109 @@
-"""Models whose arm is a chain of small motions, identified by `truearm.identification.estimation`."""
+"""The identified models: nominal, kinematic, physical. They differ in the terms that they offer to identification."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable
-from dataclasses import replace
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 
+from truearm.arm.arm import Arm
 from truearm.compensation.models.compensator import MIN_ROWS, Compensator
 from truearm.compensation.models.reading_references import references_of, state_of
+from truearm.errors import InputError
 from truearm.identification.estimation.cross_validation import birge_ratio, cross_validate_by_group
+from truearm.identification.estimation.identification import IdentificationResult
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
 from truearm.identification.estimation.residual_variance import (
+    HeldOutReadings,
     VarianceFunction,
     conformal_residual_variance,
     fit_variance_function,
 )
-from truearm.identification.terms import ArmState, Constant, SkippedTerm, Term
+from truearm.identification.terms import ArmState, Constant, SkippedTerm, Term, candidate_terms, constants
+from truearm.identification.terms.basis import HIGHEST_ORDER, Temperature
+from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.typing import FloatArray, IntArray
 
-# Readings in one seat, as many as there are, are held out in so many parts.
+# Readings of a single seat are held out in this many parts.
 PARTS_OF_A_SEAT = 5
+# Fits of weighted points after the first: the noise changes by some per cent in the first of them.
+WEIGHT_ROUNDS = 2
+# Standard uncertainty of a point that states none [mm]: a session states one of every point, or of none.
+LEAST_STD_MM = 1e-6
+NONE_HELD_OUT = HeldOutReadings(
+    np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0)
+)
+
+
+@dataclass(frozen=True)
+class HeldOutErrors:
+    """Errors of the training readings that were held out of the identification, in short.
+
+    Attributes
+    ----------
+    n, n_groups : int
+        Readings, and the positions or seats that were held out together.
+    mean_mm, standard_error_mm : float
+        Mean error and its standard error; infinite where one reading was held out.
+    p95_mm, max_mm : float
+    """
+
+    n: int
+    n_groups: int
+    mean_mm: float
+    standard_error_mm: float
+    p95_mm: float
+    max_mm: float
+
+    @classmethod
+    def of(cls, held_out: HeldOutReadings) -> Self | None:
+        """Of readings held out; None if there are none."""
+        if not len(held_out.rows):
+            return None
+        errors, n_groups = held_out.errors_mm, len(np.unique(held_out.group))
+        p95, largest = float(np.quantile(errors, 0.95)), float(errors.max())
+        return cls(len(errors), n_groups, held_out.mean_mm, held_out.standard_error_mm, p95, largest)
 
 
 class IdentifiedModel(Compensator):
-    """Base of the models that say with which terms the arm moves, and leave the rest to identification.
+    """Base of the models that offer terms and leave the rest to identification.
 
     Attributes
     ----------
     fit_ : IdentificationResult
-        The identified chain and terms.
+        The identified chain and terms. Of a model read from a file, its references have the residuals of outliers only.
     excluded_terms_ : tuple of SkippedTerm
         Terms that the readings could not show, and why.
     held_out_ : HeldOutReadings
-        The training readings as an arm sees them that was identified without their position or seat.
+        The training readings as predicted by an arm that was identified without their position or seat. Empty after a
+        transfer and after reading a file.
+    held_out_errors_ : HeldOutErrors or None
+        Their errors in short; None where no readings could be held out.
     residual_std_ : float
-        Standard deviation of a coordinate that the model cannot explain [mm]: root mean square over the joint space.
+        Standard deviation of a coordinate that the model does not explain [mm]: root mean square over the joint space.
     variance_function_ : VarianceFunction
-        What share of its square readings at other angles have.
+        Share of its square at other angles.
     birge_ratio_ : float
-        By how much standard deviations of the first posterior are to be raised, by the readings held out of it (see
+        Factor by which standard deviations of the posterior are raised, from the readings held out (see
         `truearm.identification.estimation.cross_validation`).
-    temperature_degC_, temperature_variance_K2_ : float or None
-        Mean temperature of the training readings [degC], and its variance.
-    columns_, column_variances_ : dict of str to float
-        Means of their further columns, and variances.
     refit_reading_ids_ : (k,) array
-        Marks of the readings from which base and tip were identified anew (`truearm.compensation.models.refit`); none by `fit`.
+        Identifiers of the readings from which base and tip were re-identified (`refit`); none by `fit`.
     """
 
+    fit_: IdentificationResult
+    excluded_terms_: tuple[SkippedTerm, ...]
+    held_out_errors_: HeldOutErrors | None
+    residual_std_: float
+    variance_function_: VarianceFunction
+    birge_ratio_: float
+    refit_reading_ids_: FloatArray
+
+    held_out_ = NONE_HELD_OUT
     # Whether its terms are those of the nominal arm, which every model has beside its own.
     _is_nominal: ClassVar[bool] = False
 
@@ -60,36 +111,26 @@ class IdentifiedModel(Compensator):
     def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
         """The terms offered, with the free parts `free_`, and those that the readings cannot show."""
 
-    def _identify(
-        self,
-        readings: Session,
-        lengths: Lengths | None,
-        progress: Callable[[int, str], None],
-    ) -> None:
-        self.temperature_degC_ = None if readings.temperature_degC is None else float(readings.temperature_degC.mean())
-        self.temperature_variance_K2_ = (
-            None if readings.temperature_degC is None else float(readings.temperature_degC.var())
-        )
-        self.columns_ = {name: float(values.mean()) for name, values in readings.columns.items()}
-        self.column_variances_ = {name: float(values.var()) for name, values in readings.columns.items()}
+    def _fit(self, readings: Session, lengths: Lengths | None, progress: Callable[[int, str], None]) -> None:
         self.refit_reading_ids_ = np.zeros(0)
         progress(0, "terms")
         state = state_of(self.arm_, readings)
-        terms, left_out = self._terms(state)
+        terms, excluded = self._terms(state)
         if not readings.has_point.any():
             terms = [term for term in terms if not _places_the_frame(term)]
         references = references_of(readings, lengths)
         self.fit_ = (
             self.nominal_ if self._is_nominal else self._identify_terms(readings, state, terms, references, progress)
         )
-        self.excluded_terms_ = tuple(left_out)
+        self.excluded_terms_ = tuple(excluded)
         self.held_out_ = cross_validate_by_group(
             self.fit_, state, references, cross_validation_groups(readings, self.session_frames_)
         )
-        self._size_unexplained(readings.angles)
+        self.held_out_errors_ = HeldOutErrors.of(self.held_out_)
+        self._estimate_residual_variance(readings.angles)
         self.birge_ratio_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.residual_std_)
 
-    def _size_unexplained(self, angles: FloatArray) -> None:
+    def _estimate_residual_variance(self, angles: FloatArray) -> None:
         noise_variance = self.fit_.references[0].noise_std ** 2
         held_out = self.held_out_.select_informative(self._own_variance(len(angles))[self.held_out_.rows])
         if len(held_out.rows) >= MIN_ROWS:
@@ -111,19 +152,37 @@ class IdentifiedModel(Compensator):
                 own[part.rows] = part.noise_std**2 + (part.std**2).mean(axis=0)
         return own
 
-    def state(self, readings: Session) -> ArmState:
-        """State of the arm at readings, as far as the model knows what it does.
+    def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
+        """Learn from weighted points: `WEIGHT_ROUNDS` fits, as a point's variance is its own plus that of the noise.
 
-        Where they have no temperature or load it is that of the training readings on average; where they have no
-        directions of movement, half way between the two. `unstated_input_covariances` tells what that leaves open.
+        With weights w of which the largest is 1, a point states the variance ``s^2 (1/w - 1)``. Where the noise comes
+        out as s^2, the sum is ``s^2 / w``, so s is the noise of the fit before.
         """
+        rows = np.flatnonzero(weight > 0)
+        readings, excess = readings.rows(rows), weight.max(initial=0.0) / weight[rows] - 1
+        self.fit_readings(readings)
+        for _ in range(WEIGHT_ROUNDS if excess.any() else 0):
+            std = np.maximum(self.fit_.references[0].noise_std * np.sqrt(excess), LEAST_STD_MM)
+            self.fit_readings(replace(readings, point_std=np.repeat(std[:, None], 3, axis=1)))
+        return self
+
+    def state(self, readings: Session) -> ArmState:
+        """State of the arm at readings, as far as the model's terms depend on it.
+
+        Temperatures and loads that the readings do not state are the mean of the training; directions of movement are
+        half way between the two. `unstated_input_covariances` has the uncertainty of that.
+        """
+        temperature = self.training_.temperature_degC
         return state_of(
             self.arm_,
             self._with_known_sessions(readings),
-            temperature_degC=self.temperature_degC_,
-            columns=self.columns_,
+            temperature_degC=None if temperature is None else temperature.mean,
+            columns={name: known.mean for name, known in self.training_.columns.items()},
             direction=0.0,
         )
+
+    def _has_thermal_terms(self) -> bool:
+        return any(isinstance(term.basis, Temperature) for term in self.fit_.perturbed_chain.terms)
 
     def _tips(self, readings: Session) -> FloatArray:
         return self.fit_.tips(self.state(readings))
@@ -136,25 +195,26 @@ class IdentifiedModel(Compensator):
         )
 
     def unstated_input_covariances(self, readings: Session) -> dict[str, FloatArray]:
-        """Give what the terms depend on and readings do not state, and how uncertain that makes the tips.
+        """Tip covariance from inputs of the terms that the readings do not state.
 
-        Temperature and further columns are known by their means and variances at the training readings, directions of
-        movement are one or the other.
+        Temperature and further columns have their mean and variance in training; directions of movement are one or the
+        other.
 
         Returns
         -------
         dict of str to (n, 3, 3) array
-            By name the covariance of tips [mm^2], to first order.
+            By input the covariance of tips [mm^2], to first order.
         """
-        state, fit = self.state(readings), self.fit_
+        state, fit, training = self.state(readings), self.fit_, self.training_
         effects = {"directions of movement": direction_effects(fit, state)}
-        if readings.temperature_degC is None and state.temperature_degC is not None:
-            std = np.sqrt(self.temperature_variance_K2_ or 0.0)
-            low, high = (replace(state, temperature_degC=state.temperature_degC + way * std) for way in (-1, 1))
+        if readings.temperature_degC is None and training.temperature_degC is not None:
+            assert state.temperature_degC is not None  # the mean in training
+            std = training.temperature_degC.std
+            low, high = (replace(state, temperature_degC=state.temperature_degC + sign * std) for sign in (-1, 1))
             effects["temperature"] = half_tip_difference(fit, low, high)[None]
-        for name in self.columns_.keys() - readings.columns.keys():
-            values, std = state.columns[name], np.sqrt(self.column_variances_[name])
-            low, high = (replace(state, columns={**state.columns, name: values + way * std}) for way in (-1, 1))
+        for name in training.columns.keys() - readings.columns.keys():
+            values, std = state.columns[name], training.columns[name].std
+            low, high = (replace(state, columns={**state.columns, name: values + sign * std}) for sign in (-1, 1))
             effects[name] = half_tip_difference(fit, low, high)[None]
         return {
             name: np.einsum("kni,knj->nij", effect, effect) for name, effect in sorted(effects.items()) if effect.any()
@@ -201,3 +261,87 @@ def cross_validation_groups(readings: Session, sessions: Iterable[str] = ()) -> 
             held = np.flatnonzero(readings.seat == seats[np.argmax(counts)])
             group[held] = 3 * n + np.arange(len(held)) * PARTS_OF_A_SEAT // len(held)
     return np.unique(group, return_inverse=True)[1].astype(np.intp)
+
+
+class NominalModel(IdentifiedModel):
+    """The nominal kinematics, with only base and tip fitted, as far as they are free.
+
+    Parameters
+    ----------
+    arm : Arm
+    free : tuple of str
+        Which of ``"base"`` (where the arm stands in the reference's frame) and ``"tip"`` (where the tip sits on the
+        flange) are unknown. With none, points are in the arm's own base frame and the tip is as drawn.
+    """
+
+    _is_nominal: ClassVar[bool] = True
+
+    def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip")) -> None:
+        self.arm = arm
+        self.free = free
+
+    def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
+        return constants(state.chain, free=self.free_, angle_std=0.0, length_std=0.0), []
+
+
+class KinematicModel(IdentifiedModel):
+    """The arm's true constants: six small motions after every joint, the base and the tip.
+
+    More constants than any minimal parametrisation; what the readings cannot tell apart is held by a Gaussian prior
+    about the nominal arm, whose scales evidence finds, so that no list of fixed parameters is needed and near-parallel
+    axes need no special form.
+
+    Parameters
+    ----------
+    arm : Arm
+    free : tuple of str
+        Which of ``"base"`` and ``"tip"`` are unknown altogether; the others are known as well as any constant of the
+        arm.
+    robust : bool
+        Whether readings far off weigh less, for the nominal arm to compare with too.
+    """
+
+    def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip"), robust: bool = True) -> None:
+        self.arm = arm
+        self.free = free
+        self.robust = robust
+
+    def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
+        return constants(state.chain, free=self.free_), []
+
+
+class PhysicalModel(IdentifiedModel):
+    """The arm with every term that its readings can show; evidence decides which it has, and how large.
+
+    Parameters
+    ----------
+    arm : Arm
+    free : tuple of str
+        Which of ``"base"`` and ``"tip"`` are unknown altogether; the others are known as well as any constant of the
+        arm.
+    highest : int
+        Highest order of harmonics about a joint's own axis that is offered.
+    robust : bool
+        Whether readings far off weigh less, for the nominal arm to compare with too.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        free: tuple[str, ...] = ("base", "tip"),
+        highest: int = HIGHEST_ORDER_OFFERED,
+        robust: bool = True,
+    ) -> None:
+        self.arm = arm
+        self.free = free
+        self.highest = highest
+        self.robust = robust
+
+    def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
+        return candidate_terms(state, free=self.free_, highest=int(self.highest))
+
+    def _check_options(self) -> None:
+        super()._check_options()
+        if not (isinstance(self.highest, int | np.integer) and 1 <= self.highest <= HIGHEST_ORDER):
+            raise InputError(f"expected a highest order from 1 to {HIGHEST_ORDER}, got {self.highest!r}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,7 @@ from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.trainbr import BayesianRecord, trainbr
 from truearm.compensation.nets.traingd import traingd
-from truearm.compensation.nets.traingdx import traingdx
+from truearm.compensation.nets.traingdx import AdaptiveRecord, traingdx
 from truearm.compensation.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.compensation.nets.trainlm import trainlm
 from truearm.errors import InputError
@@ -46,14 +47,14 @@ class Member:
         Inverse Gram matrix of the last hidden layer on the member's training data.
     start : int
         Which of its starts was kept, counted from 0.
-    record : TrainingRecord, optional
-        What the kept training did. Model files of format 1 have none.
+    record : TrainingRecord
+        Record of the kept training.
     """
 
     weights: FloatArray
     basis_covariance: FloatArray
-    start: int = 0
-    record: TrainingRecord | None = None
+    start: int
+    record: TrainingRecord | BayesianRecord | AdaptiveRecord
 
 
 class NetworkModel(Compensator):
@@ -107,6 +108,12 @@ class NetworkModel(Compensator):
         accounted for.
     """
 
+    network_: Perceptron
+    members_: tuple[Member, ...]
+    angle_scale_: MinMaxScaler
+    point_scale_: MinMaxScaler
+    residual_covariance_: FloatArray
+
     def __init__(
         self,
         arm: Arm,
@@ -137,8 +144,8 @@ class NetworkModel(Compensator):
         self.free = free
 
     @property
-    def record_(self) -> TrainingRecord | None:
-        """The training of the first member, MATLAB's ``tr``; None after reading a model file of format 1."""
+    def record_(self) -> TrainingRecord:
+        """The training of the first member, MATLAB's ``tr``."""
         return self.members_[0].record
 
     def member_scatter(self, angles: npt.ArrayLike) -> FloatArray:
@@ -156,12 +163,14 @@ class NetworkModel(Compensator):
             )
         return super()._check_references(readings, lengths)
 
-    def _identify(
-        self,
-        readings: Session,
-        lengths: Lengths | None,
-        progress: Callable[[int, str], None],
-    ) -> None:
+    def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
+        del readings, weight
+        raise InputError(
+            "a network does not use sample_weight: its trainers, as MATLAB's, minimise the mean square of all errors",
+            hint="repeat readings, or weigh them in a kinematic or physical model",
+        )
+
+    def _fit(self, readings: Session, lengths: Lengths | None, progress: Callable[[int, str], None]) -> None:
         del lengths  # refused before
         if self.session_frames_:
             raise readings.error(

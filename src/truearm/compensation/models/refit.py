@@ -12,15 +12,14 @@ from typing import TypeVar
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS, Compensator, fingerprint
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS, Compensator
+from truearm.compensation.models.identified_model import NONE_HELD_OUT, IdentifiedModel
 from truearm.compensation.models.reading_references import check_spread, references_of
 from truearm.compensation.models.session_frames import rough_session_frames, to_first_session_frame
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
 from truearm.identification.estimation.consider_parameters import consider_update
 from truearm.identification.estimation.identification import IdentificationResult
-from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.terms import constants
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
@@ -81,9 +80,8 @@ def refit(
         )
     if not free or not set(free) <= set(FREE_PARTS):
         raise InputError(f"expected what is new among {list(FREE_PARTS)}, got {list(free)}")
-    if readings.n_joints != model.arm.n_joints:
-        raise InputError(f"expected readings of {model.arm.n_joints} joints, got {readings.n_joints}")
-    marks, digest = _marks(readings), fingerprint(readings)
+    model._check_inputs(model.arm_, readings)
+    marks, whole = _marks(readings), readings
     readings = replace(readings, quaternion=None)
     if lengths is not None:
         if readings.seat is None:
@@ -112,14 +110,9 @@ def refit(
     begun = time.perf_counter()
     new: Model = copy.copy(model)
     assert isinstance(new, IdentifiedModel)
-    if readings.temperature_degC is not None:
-        new.temperature_degC_ = float(readings.temperature_degC.mean())
+    new.training_ = model.training_.after_transfer(whole, lengths)
     new.session_frames_ = {} if "base" in free else model.session_frames_
     readings = to_first_session_frame(readings, new.session_frames_)
-    new.columns_ = {
-        name: float(readings.columns[name].mean()) if name in readings.columns else mean
-        for name, mean in model.columns_.items()
-    }
     state = new.state(readings)
     references = references_of(readings, lengths)
     terms = constants(model.arm_.chain, free=free, angle_std=0.0, length_std=0.0)
@@ -145,10 +138,7 @@ def refit(
     new.fit_ = anew(model.fit_, model.residual_std_)
     new.residual_std_ = max(model.residual_std_, new.fit_.references[0].noise_std)
     new.free_ = free
-    empty = np.zeros(0, dtype=np.intp)
-    new.held_out_ = HeldOutReadings(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
-    new.data_fingerprint_ = digest
-    new.lengths_fingerprint_ = "" if lengths is None else fingerprint(lengths)
+    new.held_out_, new.held_out_errors_ = NONE_HELD_OUT, None
     new.refit_reading_ids_ = np.concatenate([model.refit_reading_ids_, marks])
     new.fit_seconds_ = time.perf_counter() - begun
     return new

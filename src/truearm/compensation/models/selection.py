@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.kinematic import KinematicModel
-from truearm.compensation.models.nominal import NominalModel
-from truearm.compensation.models.physical import PhysicalModel
+from truearm.compensation.models.identified_model import (
+    IdentifiedModel,
+    KinematicModel,
+    NominalModel,
+    PhysicalModel,
+)
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session

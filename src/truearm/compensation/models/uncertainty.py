@@ -87,7 +87,7 @@ def uncertainty_budget(
     seen = np.flatnonzero(readings.has_point)
     is_relative = isinstance(model, IdentifiedModel) and not len(seen) and _frame_unseen(model)
     if is_relative:
-        of_parameters = relative_covariance(model.fit_, model.state(readings))
+        of_parameters = relative_covariance(model.fit_, model.state(readings)) + model.expansion_covariance(readings)
     combined = of_parameters + unexplained
     times, errors = np.zeros(0), np.zeros(0)
     if len(seen):

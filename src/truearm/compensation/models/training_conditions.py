@@ -1,0 +1,216 @@
+"""The conditions under which a model was trained, and which inputs of a session lie outside them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.readings.lengths import Lengths
+from truearm.readings.session import Session
+from truearm.typing import BoolArray, FloatArray
+
+# An angle this near to a training angle counts as a training angle [rad; of a sliding joint as a share of its range]:
+# a gear's errors of order 80 change by a quarter of their period in 1.1 degrees.
+LEAST_TURN = float(np.radians(1.0))
+LEAST_SLIDE = 0.01
+# A temperature this far outside the trained ones is not reported [K]: thermometers on an arm agree to about this.
+TEMPERATURE_TOLERANCE_K = 1.0
+
+
+@dataclass(frozen=True)
+class InputRange:
+    """One number per reading (a temperature, a load) over the training readings.
+
+    Attributes
+    ----------
+    mean, variance : float
+        In the unit of the number, and its square.
+    lower, upper : float
+        Smallest and largest value.
+    """
+
+    mean: float
+    variance: float
+    lower: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        if not (self.lower <= self.upper and self.variance >= 0):
+            raise InputError("expected a range whose lower end is not above its upper end, and a variance of 0 or more")
+
+    @classmethod
+    def of(cls, values: FloatArray) -> Self:
+        """Range of values (n,)."""
+        return cls(float(values.mean()), float(values.var()), float(values.min()), float(values.max()))
+
+    @property
+    def std(self) -> float:
+        """Standard deviation."""
+        return float(np.sqrt(self.variance))
+
+    def distance(self, values: FloatArray) -> FloatArray:
+        """(n,) distances of values (n,) from the range; 0 inside."""
+        return np.maximum(np.maximum(values - self.upper, self.lower - values), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingConditions:
+    """A summary of the readings from which a model learned: their number, joint angles, temperatures and loads.
+
+    Attributes
+    ----------
+    n_readings : int
+    angle_ranges : (n_joints, 2) array
+        Smallest and largest angle of every joint [rad, or mm].
+    angle_gaps : (k, 3) array
+        Wide gaps between the angles: joint (counted from 0), lower and upper end (see `find_angle_gaps`).
+    temperature_degC : InputRange, optional
+        None where the readings state no temperature.
+    columns : dict of str to InputRange
+        Further columns of numbers, such as loads.
+    has_directions : bool
+        Whether the readings state the joints' directions of movement.
+    fingerprint : str
+        SHA-256 of the readings from which the model was fitted last, by `fit` or by a transfer (see `fingerprint`).
+    lengths_fingerprint : str
+        SHA-256 of the known lengths between their seats; empty without.
+    """
+
+    n_readings: int
+    angle_ranges: FloatArray
+    angle_gaps: FloatArray
+    temperature_degC: InputRange | None
+    columns: dict[str, InputRange]
+    has_directions: bool
+    fingerprint: str
+    lengths_fingerprint: str
+
+    def __post_init__(self) -> None:
+        n_joints, gaps = len(self.angle_ranges), self.angle_gaps
+        if self.n_readings < 1 or self.angle_ranges.shape != (n_joints, 2) or gaps.shape != (len(gaps), 3):
+            raise InputError("expected one reading or more, a range of every joint, and gaps as joint, begin and end")
+        if not (self.angle_ranges[:, 0] <= self.angle_ranges[:, 1]).all() or not (gaps[:, 1] < gaps[:, 2]).all():
+            raise InputError("expected ranges and gaps of training angles that begin before they end")
+        if not np.isin(gaps[:, 0], np.arange(n_joints)).all():
+            raise InputError(f"expected gaps of joints 0 to {n_joints - 1}")
+
+    @classmethod
+    def of(cls, session: Session, prismatic: BoolArray, lengths: Lengths | None = None) -> Self:
+        """Conditions of a session of an arm whose joints slide where `prismatic` (n_joints,) is True."""
+        temperature = session.temperature_degC
+        return cls(
+            n_readings=len(session),
+            angle_ranges=np.stack([session.angles.min(axis=0), session.angles.max(axis=0)], axis=1),
+            angle_gaps=find_angle_gaps(session.angles, prismatic),
+            temperature_degC=None if temperature is None else InputRange.of(temperature),
+            columns={name: InputRange.of(values) for name, values in session.columns.items()},
+            has_directions=session.directions is not None,
+            fingerprint=fingerprint(session),
+            lengths_fingerprint="" if lengths is None else fingerprint(lengths),
+        )
+
+    def after_transfer(self, session: Session, lengths: Lengths | None) -> TrainingConditions:
+        """Conditions after base and tip were identified from another session.
+
+        What the arm's terms learned keeps its ranges. Readings without a temperature or a load are expected to be those
+        of the new set-up, so its mean replaces the one before. Where the arm was fitted without a temperature, the
+        session's temperatures are the only ones known.
+        """
+        temperature = self.temperature_degC
+        if session.temperature_degC is not None:
+            new = InputRange.of(session.temperature_degC)
+            temperature = new if temperature is None else replace(temperature, mean=new.mean)
+        columns = {
+            name: replace(known, mean=float(session.columns[name].mean())) if name in session.columns else known
+            for name, known in self.columns.items()
+        }
+        return replace(
+            self,
+            temperature_degC=temperature,
+            columns=columns,
+            fingerprint=fingerprint(session),
+            lengths_fingerprint="" if lengths is None else fingerprint(lengths),
+        )
+
+    def outside(self, session: Session) -> dict[str, BoolArray]:
+        """Inputs of a session outside the trained range.
+
+        Returns
+        -------
+        dict of str to (n,) bool array
+            By input (``J1`` to ``Jn``, ``temperature``, the name of a further column) True at the readings whose value
+            lies outside the range in training or in one of its gaps. Inputs that lie inside at all readings are not in
+            it, nor are those that training or session do not state.
+        """
+        angles, (lower, upper) = session.angles, self.angle_ranges.T
+        outside = (angles < lower) | (angles > upper)
+        for joint, begin, end in self.angle_gaps:
+            at = angles[:, int(joint)]
+            outside[:, int(joint)] |= (at > begin) & (at < end)
+        found = {f"J{joint}": column for joint, column in enumerate(outside.T, 1)}
+        found["temperature"] = self.kelvin_outside(session) > TEMPERATURE_TOLERANCE_K
+        for name, known in self.columns.items():
+            if name in session.columns:
+                found[name] = known.distance(session.columns[name]) > 0
+        return {name: rows for name, rows in found.items() if rows.any()}
+
+    def kelvin_outside(self, session: Session) -> FloatArray:
+        """(n,) distances of the session's temperatures from the trained ones [K]; 0 where either is not stated."""
+        if self.temperature_degC is None or session.temperature_degC is None:
+            return np.zeros(len(session))
+        return self.temperature_degC.distance(session.temperature_degC)
+
+
+def find_angle_gaps(angles: FloatArray, prismatic: BoolArray) -> FloatArray:
+    """Gaps between a joint's training angles that are wide for their number.
+
+    Of n angles drawn evenly from a range, the largest gap is about ``range * ln(n) / n``. A gap counts from three times
+    that on; an angle within half as much of a training angle is not in it.
+
+    Parameters
+    ----------
+    angles : (n, n_joints) array
+        [rad, or mm].
+    prismatic : (n_joints,) bool array
+        Which joints slide.
+
+    Returns
+    -------
+    (k, 3) array
+        Joint, counted from 0, and where its gap begins and ends [rad, or mm].
+    """
+    gaps = [np.zeros((0, 3))]
+    n = len(angles)
+    for joint, slides in enumerate(prismatic):
+        values = np.unique(angles[:, joint])
+        span = float(values[-1] - values[0])
+        near = max(LEAST_SLIDE * span if slides else LEAST_TURN, 1.5 * span * np.log(n) / n)
+        wide = np.flatnonzero(np.diff(values) > 2 * near)
+        gaps.append(np.stack([np.full(len(wide), float(joint)), values[wide] + near, values[wide + 1] - near], axis=1))
+    return np.concatenate(gaps)
+
+
+def fingerprint(data: Session | Lengths) -> str:
+    """SHA-256 of all columns of a session, or of lengths.
+
+    Columns in the order of their names, each with its name and its shape before it; numbers as little-endian doubles,
+    row by row, names of things as UTF-8 with a zero byte after each.
+    """
+    columns: dict[str, Any] = {field.name: getattr(data, field.name) for field in fields(data)}
+    further: Mapping[str, FloatArray] = columns.pop("columns", {})
+    digest = hashlib.sha256()
+    for name, values in sorted({**columns, **further}.items()):
+        if not isinstance(values, np.ndarray):
+            continue
+        digest.update(f"{name} {values.shape}\0".encode())
+        if values.dtype.kind == "U":
+            digest.update("".join(f"{word}\0" for word in values.tolist()).encode())
+        else:
+            settled = np.where(np.isnan(values), np.nan, values) + 0.0  # one NaN and one zero of the many there are
+            digest.update(np.ascontiguousarray(settled, dtype="<f8").tobytes())
+    return digest.hexdigest()

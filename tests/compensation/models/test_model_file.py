@@ -1,0 +1,518 @@
+"""Model files: the same numbers back, and nothing from a file that is not sound."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from copy import copy
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, PhysicalModel
+from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.network import TRAINERS
+from truearm.errors import InputError, TruearmError
+from truearm.identification.estimation.diagnostics import outliers
+from truearm.readings import Session
+
+
+@pytest.fixture(scope="module")
+def arm():
+    fixed = np.tile(np.eye(4), (4, 1, 1))
+    fixed[1:, :3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    fixed[1:, :3, 3] = [20, 0, 100]
+    chain = Chain(fixed, np.array([0, 0, 50.0]), np.array([False, True, False]))
+    return Arm("mixed", chain, title="Two turn, one slides", upper=np.array([np.inf, 50, 2]), source="made for a test")
+
+
+@pytest.fixture
+def fitted(arm, rng):
+    def fit(name):
+        angles = rng.uniform(-1, 1, (40, 3)) * [1, 40, 1]
+        points = arm.chain.tip_in_base(angles) + [1.0, 2.0, 3.0] + rng.normal(0, 0.01, (40, 3))
+        model = MODELS[name](arm)
+        if name == "network":
+            model.set_params(hidden=(4, 3), epochs=5)
+        if name == "physical":
+            model.set_params(highest=4)
+        return model.fit(angles, points), angles
+
+    return fit
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_comes_back_to_the_last_bit(name, fitted, tmp_path):
+    model, angles = fitted(name)
+    model.save(tmp_path / "m.truearm")
+    again = load_model(tmp_path / "m.truearm")
+    for expected, got in zip(
+        model.predict(angles, return_cov=True), again.predict(angles, return_cov=True), strict=True
+    ):
+        np.testing.assert_array_equal(got, expected)
+    np.testing.assert_array_equal(again.predict_nominal(angles), model.predict_nominal(angles))
+    np.testing.assert_array_equal(again.outside_training(2 * angles), model.outside_training(2 * angles))
+    assert again.data_fingerprint_ == model.data_fingerprint_
+    assert again.lengths_fingerprint_ == model.lengths_fingerprint_ == ""
+    assert {k: v for k, v in again.get_params().items() if k != "arm"} == {
+        k: v for k, v in model.get_params().items() if k != "arm"
+    }
+    np.testing.assert_array_equal(again.arm.limits, model.arm.limits)
+
+
+@pytest.fixture(scope="module")
+def mixed(real):
+    """Readings with points and in seats, a temperature, and a load that turns J1; the physical model from them."""
+    rng = np.random.default_rng(20170101)
+    seen, held = real.points(60, rng), real.held(rng)
+    load = rng.normal(size=120)
+    angles = np.concatenate([seen.angles, held.angles])
+    angles[:, 0] -= 1e-3 * load  # the true arm turns further by so much
+    points = np.concatenate([seen.points, np.full((60, 3), np.nan)])
+    readings = Session(
+        angles,
+        points,
+        np.where(np.isnan(points), np.nan, 0.01),
+        seat=np.concatenate([np.full(60, ""), held.seat]),
+        position=np.array([f"p{i // 5}" for i in range(60)] + [""] * 60),
+        temperature_degC=20 + rng.uniform(-3, 3, 120),
+        columns={"load_1_Nm": load},
+    )
+    return PhysicalModel(real.arm, highest=2).fit_readings(readings), readings
+
+
+def test_all_that_was_identified_comes_back(mixed, tmp_path):
+    model, readings = mixed
+    model.save(tmp_path / "m")
+    again = load_model(tmp_path / "m")
+    for one, other in zip(
+        model.predict_readings(readings, return_cov=True),
+        again.predict_readings(readings, return_cov=True),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)
+    assert again.excluded_terms_ == model.excluded_terms_ != ()
+    assert again.training_.columns == model.training_.columns != {}
+    assert again.training_.temperature_degC == model.training_.temperature_degC
+    assert again.training_.temperature_degC.variance > 0
+    assert again.birge_ratio_ == model.birge_ratio_ >= 1
+    for name in ("nominal_", "fit_"):
+        one, other = getattr(model, name), getattr(again, name)
+        assert other.perturbed_chain.terms == one.perturbed_chain.terms
+        assert other.groups == one.groups
+        assert (other.converged, other.rounds) == (one.converged, one.rounds)
+        np.testing.assert_array_equal(other.chain.fixed, one.chain.fixed)
+        assert [r.kind for r in other.references] == ["point", "seat"]
+        for r, s in zip(one.references, other.references, strict=True):
+            assert s.unknowns == r.unknowns
+            assert s.noise_std == r.noise_std
+    assert outliers(again.fit_) == outliers(model.fit_)
+    assert again.held_out_errors_ == model.held_out_errors_
+    assert model.held_out_errors_.n >= 50
+    assert len(again.held_out_.rows) == 0
+    assert "load_1_Nm" in [term.group for term in again.fit_.perturbed_chain.terms]
+
+
+def test_the_same_model_gives_the_same_file(fitted, tmp_path):
+    model, _ = fitted("physical")
+    model.save(tmp_path / "a")
+    model.save(tmp_path / "b")
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_options_as_numpy_leaves_them_are_saved(arm, fitted, tmp_path):
+    model, angles = fitted("physical")
+    model.set_params(highest=np.int64(2), robust=np.bool_(True)).fit(angles, model.predict(angles))
+    model.save(tmp_path / "m")
+    assert load_model(tmp_path / "m").get_params()["highest"] == 2
+
+
+def test_a_scale_without_a_range_is_refused(fitted, tmp_path):
+    model, _ = fitted("network")
+    model.save(tmp_path / "m")
+    rewritten(tmp_path / "m", edit_array("angle_scale_.lower", lambda a: a + 1e6))
+    with pytest.raises(InputError, match="that rise from lower to upper"):
+        load_model(tmp_path / "m")
+
+
+@pytest.fixture
+def ensemble(arm, rng):
+    def fit(trainer="varpro", **options):
+        angles = rng.uniform(-1, 1, (40, 3)) * [1, 40, 1]
+        points = arm.chain.tip_in_base(angles) + rng.normal(0, 0.01, (40, 3))
+        options = {"hidden": (3,), "epochs": 4, "n_members": 3, "n_restarts": 2} | options
+        return NetworkModel(arm, trainer=trainer, **options).fit(angles, points), angles
+
+    return fit
+
+
+@pytest.mark.parametrize("trainer", TRAINERS)
+def test_an_ensemble_comes_back_with_the_records_of_its_trainings(trainer, ensemble, tmp_path):
+    model, angles = ensemble(trainer)
+    model.save(tmp_path / "m")
+    again = load_model(tmp_path / "m")
+    for one, other in zip(model.predict(angles, return_cov=True), again.predict(angles, return_cov=True), strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(model.member_scatter(2 * angles), again.member_scatter(2 * angles))
+    for one, other in zip(model.members_, again.members_, strict=True):
+        assert one.start == other.start
+        assert type(one.record) is type(other.record)
+        for field in fields(one.record):
+            expected, got = getattr(one.record, field.name), getattr(other.record, field.name)
+            assert np.asarray(expected).dtype == np.asarray(got).dtype
+            np.testing.assert_array_equal(got, expected)
+    assert again.get_params()["n_members"] == 3
+
+
+def test_a_model_larger_than_its_file_may_be_is_not_written(ensemble, tmp_path, monkeypatch):
+    monkeypatch.setattr("truearm.compensation.models.model_file.MAX_BYTES", 2**24 + 1000)
+    with pytest.raises(TruearmError, match="larger than a model file may be"):
+        ensemble()[0].save(tmp_path / "m")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_file_does_not_grow_with_the_readings(arm, rng, tmp_path):
+    """A file of every residual would reach the limit at a million readings, after the fit."""
+    sizes = []
+    for n in (50, 2000):
+        angles = rng.uniform(-1, 1, (n, 3)) * [1, 40, 1]
+        points = arm.chain.tip_in_base(angles) + rng.uniform(-0.01, 0.01, (n, 3))
+        KinematicModel(arm).fit(angles, points).save(tmp_path / "m")
+        sizes.append((tmp_path / "m").stat().st_size)
+    assert sizes[1] < sizes[0] + 2000  # a byte a reading; every reading's residual would take 48
+
+
+def test_an_unfitted_model_is_not_saved(arm, tmp_path):
+    with pytest.raises(TruearmError, match="fitted"):
+        save_model(KinematicModel(arm), tmp_path / "m")
+    assert list(tmp_path.iterdir()) == []
+
+
+def rewritten(path, change):
+    """The zip at `path` with `change` made to its {name: bytes}."""
+    with zipfile.ZipFile(path) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    files = change(files) or files
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+
+
+def edit_header(**changes):
+    def change(files):
+        header = json.loads(files["model.json"])
+        header.update(changes)
+        files["model.json"] = json.dumps(header).encode()
+
+    return change
+
+
+def edit_json(*path, value):
+    """Set what stands in model.json at `path`; None at its end takes it out."""
+
+    def change(files):
+        header = json.loads(files["model.json"])
+        at = header
+        for key in path[:-1]:
+            at = at[key]
+        at[path[-1]] = value
+        files["model.json"] = json.dumps(header).encode()
+
+    return change
+
+
+def without(*path):
+    """Take out what stands in model.json at `path`."""
+
+    def change(files):
+        header = json.loads(files["model.json"])
+        at = header
+        for key in path[:-1]:
+            at = at[key]
+        del at[path[-1]]
+        files["model.json"] = json.dumps(header).encode()
+
+    return change
+
+
+def flip_a_bit(files):
+    data = bytearray(files["fit_.coefficients.npy"])
+    data[-1] ^= 1
+    files["fit_.coefficients.npy"] = bytes(data)
+
+
+def promise_a_terabyte(files):
+    data = files["arm_.chain.fixed.npy"].replace(b"(4, 4, 4)", b"(99999999999, 4, 4)")
+    end = data.index(b"\n")
+    data = data[: end - 10] + data[end:]
+    files["arm_.chain.fixed.npy"] = data
+    header = json.loads(files["model.json"])
+    entry = {"shape": [99999999999, 4, 4], "sha256": hashlib.sha256(data).hexdigest()}
+    header["arrays"]["arm_.chain.fixed"] = entry
+    files["model.json"] = json.dumps(header).encode()
+
+
+def edit_array(name, edit):
+    """Change an array, with everything in the header in order."""
+
+    def change(files):
+        stream = io.BytesIO()
+        array = edit(np.lib.format.read_array(io.BytesIO(files[f"{name}.npy"])))
+        np.lib.format.write_array(stream, array, version=(1, 0))
+        files[f"{name}.npy"] = stream.getvalue()
+        header = json.loads(files["model.json"])
+        header["arrays"][name] = {"shape": list(array.shape), "sha256": hashlib.sha256(stream.getvalue()).hexdigest()}
+        files["model.json"] = json.dumps(header).encode()
+
+    return change
+
+
+def add_an_array(files):
+    files["../../x.npy"] = files["fit_.coefficients.npy"]
+    header = json.loads(files["model.json"])
+    header["arrays"]["../../x"] = header["arrays"]["fit_.coefficients"]
+    files["model.json"] = json.dumps(header).encode()
+
+
+def lose(name):
+    """Take an array out, from the list in the header too."""
+
+    def change(files):
+        del files[f"{name}.npy"]
+        header = json.loads(files["model.json"])
+        del header["arrays"][name]
+        files["model.json"] = json.dumps(header).encode()
+
+    return change
+
+
+def edit_fit(name, value, fit="fit_"):
+    return edit_json("learned", fit, name, value=value)
+
+
+def edit_term(name, value, fit="fit_"):
+    return edit_json("learned", fit, "perturbed_chain", "terms", 0, name, value=value)
+
+
+def edit_reference(name, value):
+    return edit_json("learned", "fit_", "references", 0, name, value=value)
+
+
+def hide_a_pickle(files):
+    files["evil.npy"] = np.lib.format.magic(1, 0) + b"..."
+
+
+def first_number(value):
+    """Change the first number of an array."""
+
+    def edit(array):
+        array.flat[0] = value
+        return array
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (edit_header(format=99), "format 99.*update truearm"),
+        (edit_header(format=True), "model.json, format"),
+        (edit_header(format=0), "model.json, format"),
+        (edit_header(format="one"), "model.json, format"),
+        (edit_header(model="oracle"), "model.json, model"),
+        (edit_header(model="network"), "model.json, learned: expected"),
+        (edit_header(options={"free": 3}), "does not describe a model of its kind"),
+        (edit_header(options={"free": ["elbow"]}), "expected free parts"),
+        (edit_header(options={"colour": "red"}), "does not describe a model of its kind"),
+        (edit_header(surprise=1), "surprise"),
+        (edit_header(arrays={}), "only what model.json lists"),
+        (edit_header(learned={}), "model.json, learned"),
+        (edit_json("learned", "free_", value=["elbow"]), "expected free parts"),
+        (edit_json("learned", "residual_std_", value=-5.0), "residual standard deviation of 0 or more"),
+        (edit_json("learned", "residual_std_", value=float("nan")), "finite numbers, got NaN"),
+        (edit_json("learned", "residual_std_", value="inf"), "residual standard deviation of 0 or more"),
+        (edit_json("learned", "residual_std_", value=True), "residual_std_: expected float, got True"),
+        (edit_json("learned", "birge_ratio_", value=0.5), "a Birge ratio of 1 or more"),
+        (edit_json("learned", "arm_", "name", value=7), "arm_.name: expected str, got 7"),
+        (edit_json("learned", "arm_", "chain", value=None), "model.json, arm_.chain: expected"),
+        (edit_json("learned", "arm_", "lower", value={"array": "arm_.upper"}), "arm_.lower: expected an array of that"),
+        (edit_array("fit_.covariance", np.negative), "not a covariance"),
+        (edit_array("arm_.lower", lambda a: a[:2]), "lower must be 3 numbers"),
+        (edit_array("arm_.chain.tip_in_flange", lambda a: a * np.nan), "not finite"),
+        (edit_array("arm_.chain.fixed", lambda a: a * 2), "not a rigid motion"),
+        (edit_array("arm_.chain.prismatic", lambda a: a + 0.5), "prismatic as 0 and 1"),
+        (add_an_array, "has no array '../../x'"),
+        (flip_a_bit, "SHA-256 differs"),
+        (promise_a_terabyte, "expected the array arm_.chain.fixed"),
+        (hide_a_pickle, "only what model.json lists, got also .'evil.npy'"),
+        (lambda files: {"model.json": b"{"}, "not JSON"),
+        (lambda files: {"model.json": b"[]"}, "as a whole"),
+        (lambda files: {"model.json": b"[" * 10**5}, "not JSON"),
+        (lambda files: {"model.json": b" " * (17 << 20)}, "larger than a model needs"),
+        (lambda files: {"other": b""}, "without model.json"),
+        (lambda files: files.pop("fit_.coefficients.npy") and None, "does not describe a model of its kind"),
+    ],
+)
+def test_an_unsound_file_is_refused_with_the_reason(change, message, fitted, tmp_path):
+    model, _ = fitted("kinematic")
+    path = tmp_path / "m.truearm"
+    model.save(path)
+    rewritten(path, change)
+    with pytest.raises(InputError, match=message) as caught:
+        load_model(path)
+    assert str(path) in str(caught.value)
+
+
+HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        # Terms that do not fit the arm, or are none.
+        (without("learned", "nominal_"), "model.json, learned: expected"),
+        (without("learned", "fit_", "perturbed_chain", "terms", 0), "of shape"),
+        (edit_fit("perturbed_chain", {}), "fit_.perturbed_chain: expected chain, terms"),
+        (edit_json("learned", "fit_", "perturbed_chain", "terms", value=[]), "of shape"),
+        (edit_json("learned", "fit_", "perturbed_chain", "terms", value=[3]), "expected a term with"),
+        (edit_json("learned", "fit_", "perturbed_chain", "terms", value=[{}]), "expected a term with"),
+        (edit_term("place", 8), "expected a place from 0 .base. to 7"),
+        (edit_term("place", -1), "expected a place of 0 or more"),
+        (edit_term("place", 10**30), "expected a place from 0"),
+        (edit_term("direction", [0, 0, 0, 0, 0, 0]), "not all zero"),
+        (edit_term("direction", [1, 0]), "expected a direction of 6 numbers"),
+        (edit_term("direction", ["1", 0, 0, 0, 0, 0]), "expected finite numbers as direction"),
+        (edit_term("prior_std", -1.0), "above zero"),
+        (edit_term("prior_std", 0), "above zero"),
+        (edit_term("prior_std", [1.0, 2.0]), "expected 1 prior standard deviations"),
+        (edit_term("learn", "yes"), "expected learn as true or false"),
+        (edit_term("name", ""), "term's name"),
+        (edit_term("basis", {"kind": "os.system"}), "expected a basis among"),
+        (edit_term("basis", ["Constant"]), "expected a basis as a table"),
+        (edit_term("basis", {"kind": "Constant", "surprise": 1}), "expected the fields of a basis 'Constant'"),
+        (edit_term("basis", HARMONICS | {"orders": [10**9]}), "expected orders as whole numbers, 1 to 1000"),
+        (edit_term("basis", HARMONICS | {"joint": 0}), "expected joint as whole numbers, 1 or more"),
+        (edit_term("basis", HARMONICS), "of shape"),
+        (edit_term("basis", {"kind": "GravityTorque", "joint": 9, "axis": 0}), "expected a joint from 1 to 6, got 9"),
+        (edit_term("basis", {"kind": "Temperature", "link": 9}), "expected a link from 0 to 6, got 9"),
+        (edit_term("basis", {"kind": "Column", "name": "load_7_Nm"}), "expected readings with a column 'load_7_Nm'"),
+        (edit_term("basis", {"kind": "Direction", "joint": 7}), "expected a joint from 1 to 6, got 7"),
+        (edit_term("basis", {"kind": "Temperature", "link": 0}, "nominal_"), "with a te"),
+        # Training conditions.
+        (edit_json("learned", "training_", "columns", value=[]), "expected readings with a column 'load_1_Nm'"),
+        (edit_json("learned", "training_", "temperature_degC", "mean", value="inf"), "finite"),
+        (edit_json("learned", "training_", "temperature_degC", "variance", value=-1.0), "a variance of 0 or more"),
+        (edit_json("learned", "training_", "temperature_degC", "lower", value=1e9), "lower end is not above"),
+        (edit_json("learned", "training_", "n_readings", value=0), "one reading or more"),
+        (edit_array("training_.angle_ranges", lambda a: a[:, ::-1]), "begin before they end"),
+        (edit_array("training_.angle_ranges", lambda a: a[1:]), "of shape|gaps of joints 0 to 4"),
+        # Numbers of terms and groups.
+        (edit_array("fit_.prior_std", np.negative), "prior standard deviations above zero"),
+        (edit_array("fit_.coefficients", lambda a: a[1:]), "fit_.coefficients of shape"),
+        (edit_array("fit_.coefficients", lambda a: a * np.nan), "not finite"),
+        (edit_array("fit_.coefficients", lambda a: 0 * a + 1e308), "finite numbers at the arm's working pose"),
+        (edit_array("fit_.covariance", lambda a: a[1:, 1:]), "fit_.covariance of shape"),
+        (edit_array("fit_.covariance", lambda a: np.eye(len(a)) * 1e308), "finite numbers at the arm's working pose"),
+        (edit_array("fit_.perturbed_chain.chain.fixed", lambda a: a[1:]), "expected 5 joint types"),
+        (lose("fit_.prior_std"), "fit_.prior_std: expected an array of that name"),
+        (edit_json("learned", "fit_", "groups", 0, "effective", value=-1.0), "0 or more of the groups"),
+        (edit_json("learned", "fit_", "groups", 0, "scale", value="inf"), "0 or more of the groups"),
+        # References and readings.
+        (edit_fit("references", []), "has no array"),
+        (without("learned", "fit_", "references", 0), "expected an array of that name|has no array"),
+        (edit_reference("noise_std", -1.0), "a noise of 0 or more"),
+        (edit_reference("unknowns", [["x", "inf"]]), "finite unknowns"),
+        (edit_reference("unknowns", [["x", 1.0], ["x", 2.0]]), "a name is there twice"),
+        (edit_reference("unknowns", {"x": 1.0}), "expected a list"),
+        (edit_array("fit_.references.0.rows", first_number(-1)), "rows as whole numbers"),
+        (edit_array("fit_.references.0.rows", first_number(0.5)), "rows as whole numbers"),
+        (edit_array("fit_.references.0.rows", first_number(1e300)), "rows as whole numbers"),
+        (edit_array("fit_.references.0.rows", lambda a: a[1:]), "of shape"),
+        (edit_array("fit_.references.0.residuals", np.sum), "of shape"),
+        (edit_array("fit_.references.0.residuals", np.ravel), "of shape"),
+        (edit_array("fit_.references.0.std", np.negative), "uncertainties of 0 or more"),
+        (edit_array("fit_.references.0.robust_weight", first_number(-0.1)), "robust weights from 0 to 1"),
+        (edit_array("refit_reading_ids_", lambda a: np.ones((2, 2))), "refit_reading_ids_ of shape"),
+        (edit_json("learned", "excluded_terms_", value=[["J1"]]), "does not describe a model of its kind"),
+        (edit_json("learned", "excluded_terms_", value=["J1"]), "expected a list"),
+        (edit_header(options={"highest": 0}), "expected a highest order"),
+        (edit_array("arm_.gravity_in_base", lambda a: 0 * a), "gravity as a direction"),
+        (edit_array("arm_.gravity_in_base", lambda a: a[:2]), "gravity as a direction"),
+        (edit_array("variance_function_.spread", lambda a: 0 * a), "positive spread"),
+        (edit_array("variance_function_.slope", lambda a: a[1:]), "variance function"),
+    ],
+)
+def test_a_physical_model_that_is_not_sound_is_refused(change, message, mixed, tmp_path):
+    outlier = replace(mixed[0].fit_.references[0], robust_weight=np.r_[0.1, np.ones(59)])
+    model = copy(mixed[0])
+    model.fit_ = replace(model.fit_, references=(outlier, *model.fit_.references[1:]))
+    model.save(tmp_path / "m")
+    rewritten(tmp_path / "m", change)
+    with pytest.raises(InputError, match=message) as caught:
+        load_model(tmp_path / "m")
+    assert str(tmp_path / "m") in str(caught.value)
+
+
+def test_many_unknowns_are_not_written_beyond_what_is_read(mixed, tmp_path, monkeypatch):
+    monkeypatch.setattr("truearm.compensation.models.model_file.MAX_HEADER_BYTES", 10_000)
+    with pytest.raises(TruearmError, match="larger than a model file may be"):
+        save_model(mixed[0], tmp_path / "m")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_model_file_is_refused(tmp_path):
+    path = tmp_path / "m.truearm"
+    with pytest.raises(InputError, match="no such file"):
+        load_model(path)
+    path.write_text("q1_deg,q2_deg\n")
+    with pytest.raises(InputError, match="expected a model file"):
+        load_model(path)
+    path.write_bytes(b"")
+    with pytest.raises(InputError, match="expected a model file"):
+        load_model(path)
+    with pytest.raises(InputError, match="expected a file, got a folder"):
+        load_model(tmp_path)
+
+
+def test_a_compressed_bomb_is_refused(fitted, tmp_path):
+    path = tmp_path / "m.truearm"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("model.json", b" " * (80 << 20))
+    with pytest.raises(InputError, match="compressed or larger"):
+        load_model(path)
+
+
+def edit_member(*path, value):
+    return edit_json("learned", "members_", 1, *path, value=value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (edit_array("members_.1.record.perf", lambda a: a[1:]), "of shape"),
+        (edit_member("record", "best_epoch", value=5), "a best epoch of member 1"),
+        (edit_member("record", "best_epoch", value=-1), "a best epoch of member 1"),
+        (edit_member("record", "best_epoch", value=1.0), "expected int"),
+        (edit_member("start", value=-1), "expected a start"),
+        (edit_member("record", "stop", value=None), "expected str"),
+        (edit_member("record", value={}), "model.json, members_.1.record"),
+        (edit_json("learned", "members_", value=[]), "has no array"),
+        (edit_array("members_.1.record.val_fail", first_number(0.5)), "whole numbers"),
+        (edit_array("members_.0.weights", lambda a: a[1:]), "weights of shape"),
+        (edit_array("members_.0.weights", lambda a: a.sum()), "weights of shape"),
+        (edit_array("members_.0.weights", lambda a: a * np.inf), "not finite"),
+        (edit_array("members_.0.basis_covariance", np.negative), "not a covariance"),
+        (edit_json("learned", "network_", "sizes", value=[3, 4, 3]), "layers that the options state"),
+        (edit_json("learned", "network_", "hidden", value=["relu"]), "unknown activation"),
+    ],
+)
+def test_an_ensemble_that_is_not_sound_is_refused(change, message, ensemble, tmp_path):
+    ensemble()[0].save(tmp_path / "m")
+    rewritten(tmp_path / "m", change)
+    with pytest.raises(InputError, match=message):
+        load_model(tmp_path / "m")
