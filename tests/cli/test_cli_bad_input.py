@@ -166,7 +166,7 @@ def test_a_wrong_number_of_joints(refused):
 
 
 def test_readings_of_another_arm_or_with_a_wrong_unit(refused, bench):
-    refused([*FIT[:3], "ur5", *FIT[4:]], "s.csv", "'ur5' as drawn misses", "not of this arm", "Try: check --arm")
+    refused([*FIT[:3], "ur5", *FIT[4:]], "s.csv", "nominal arm 'ur5' misses", "of another arm", "check the arm")
     spoil(
         bench / "s.csv",
         lambda rows: rows.__setitem__(0, [n.replace("_deg", "_rad") if n in JOINTS else n for n in rows[0]]),

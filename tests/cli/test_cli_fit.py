@@ -213,4 +213,4 @@ def test_seats_of_another_arm_are_refused(truearm, shop, tmp_path):
     """A measuring arm's readings are none of a UR10, whose tip they would scatter by decimetres in each seat."""
     ran = truearm("fit", shop / "seats.csv", "--arm", "ur10", "--out", tmp_path / "m.truearm")
     assert (ran.code, ran.out) == (2, "")
-    assert "outside its limits" in ran.err or "'ur10' as drawn misses its references by" in ran.err
+    assert "outside its limits" in ran.err or "nominal arm 'ur10' misses its references by" in ran.err

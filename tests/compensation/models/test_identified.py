@@ -319,7 +319,7 @@ def test_what_cannot_be_learned_from_is_refused_with_the_reason(real, rng):
     few[:3] = seen.points[:3]
     with pytest.raises(InputError, match="expected 4 or more readings with a reference, got 3"):
         model.fit_readings(Session(seen.angles, few))
-    with pytest.raises(InputError, match="lengths are between seats, and the readings name none"):
+    with pytest.raises(InputError, match="lengths are between seats, and the readings name no seats"):
         model.fit_readings(seen, lengths=real.lengths())
     foreign = Lengths(np.array(["S1"]), np.array(["elsewhere"]), np.array([100.0]), np.array([0.01]))
     with pytest.raises(InputError, match="no seat 'elsewhere'"):

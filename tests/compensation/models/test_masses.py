@@ -84,8 +84,8 @@ def test_masses_that_fit_no_arm_are_refused_from_a_file(model, tmp_path):
         files = {name: archive.read(name) for name in archive.namelist()}
     header = json.loads(files["model.json"])
     changes = {
-        "arm_masses": (np.full(6, -1.0), "not negative"),
-        "arm_mass_centres": (np.zeros((5, 3)), "centres of mass"),
+        "arm_.masses.mass_kg": (np.full(6, -1.0), "not negative"),
+        "arm_.masses.centre_in_joint_mm": (np.zeros((5, 3)), "centres of mass"),
     }
     for name, (array, said) in changes.items():
         stream = io.BytesIO()

@@ -142,6 +142,8 @@ def load_model(path: str | Path) -> Compensator:
         If the file is missing, too large, damaged, not a model file, or of another format.
     """
     try:
+        if not Path(path).exists():
+            raise InputError("there is no such file", hint=WRITE_HINT)
         content = read_limited(path, limit_bytes=MAX_BYTES)
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             header = _read_header(archive)

@@ -164,7 +164,8 @@ class NetworkModel(Compensator):
         return super()._check_references(readings, lengths)
 
     def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
-        del readings, weight
+        if (weight == weight[0]).all():
+            return self.fit_readings(readings)
         raise InputError(
             "a network does not use sample_weight: its trainers, as MATLAB's, minimise the mean square of all errors",
             hint="repeat readings, or weigh them in a kinematic or physical model",

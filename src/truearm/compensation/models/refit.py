@@ -135,6 +135,7 @@ def refit(
         )
 
     new.nominal_ = anew(model.nominal_, model.nominal_.references[0].noise_std)
+    new._check_nominal(readings)
     new.fit_ = anew(model.fit_, model.residual_std_)
     new.residual_std_ = max(model.residual_std_, new.fit_.references[0].noise_std)
     new.free_ = free
