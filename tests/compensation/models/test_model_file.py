@@ -18,7 +18,7 @@ from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, Ph
 from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.network import TRAINERS
 from truearm.errors import InputError, TruearmError
-from truearm.identification.estimation.diagnostics import outliers
+from truearm.identification.estimation.outliers import outliers
 from truearm.readings import Session
 
 

@@ -43,7 +43,7 @@ from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.identification.estimation.identification import IdentificationResult, ReferenceFit
-from truearm.identification.estimation.diagnostics import LEAST_TRUST
+from truearm.identification.estimation.outliers import LEAST_TRUST
 from truearm.identification.terms import SkippedTerm, Term
 from truearm.typing import FloatArray
 
