@@ -11,7 +11,6 @@ from truearm.cli.console import check_page_path, print_line, progress
 
 if TYPE_CHECKING:
     from truearm.compensation.models import Compensator
-    from truearm.compensation.models.identification_sections import HeldOutErrors
     from truearm.compensation.models.identified_model import IdentifiedModel
     from truearm.compensation.models.seat_page import SeatComparison
     from truearm.identification.estimation.diagnostics import JointError

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -21,45 +20,6 @@ from truearm.pages.plotting import Style
 LEAST_DETERMINED = 0.5
 MOST_NAMED = 20
 _LEVEL = format_percent(LEVEL)
-
-
-@dataclass(frozen=True)
-<<<<<<< HEAD
-class HeldOutErrors:
-    """Errors of the training readings, each as an arm sees it that was identified without its position or seat [mm].
-
-    Attributes
-    ----------
-    n, n_groups : int
-        Readings, and groups that were held out together.
-    mean_mm, standard_error_mm : float
-        The mean, and how well it is known by the scatter between groups.
-    p95_mm, max_mm : float
-    """
-
-    n: int
-    n_groups: int
-    mean_mm: float
-    standard_error_mm: float
-    p95_mm: float
-    max_mm: float
-=======
-class OutlierRow:
-    """A reading far from where the arm expects it.
-
-    Attributes
-    ----------
-    name : str
-        Its line in the file, or its number.
-    error_mm : float
-    normalized_residual : float
-        The error over what is usual.
-    """
-
-    name: str
-    error_mm: float
-    normalized_residual: float
->>>>>>> 5257bc7 (Keep what a model was trained on in one record, and models in one file format)
 
 
 def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | None, *, name: str = "") -> Section:

@@ -65,9 +65,7 @@ class UncertaintyBudget:
         return ELLIPSOID_FACTOR * self.combined_mm
 
 
-def uncertainty_budget(
-    model: Compensator, readings: Session
-) -> tuple[UncertaintyBudget, tuple[Outlier, ...]]:
+def uncertainty_budget(model: Compensator, readings: Session) -> tuple[UncertaintyBudget, tuple[Outlier, ...]]:
     """Put together what a model's uncertainty is at readings, and find the readings that belie it.
 
     Parameters
