@@ -71,14 +71,14 @@ def test_also_what_does_not_conform_gets_its_certificate(truearm, bench):
     assert "simple acceptance" in " ".join(read_dcc("certificate.xml").declarations)
 
 
-def test_a_plan_of_the_users_own_is_told_as_such(truearm, bench):
+def test_a_plan_of_the_user_is_stated_as_such(truearm, bench):
     plan = plan_text("iso10360-12").replace("confirmed = false", "confirmed = true")
     assert plan != plan_text("iso10360-12")
     Path("iso10360-12.toml").write_text(plan)
     ran = truearm(*[("iso10360-12.toml" if part == "iso10360-12" else part) for part in ALL])
     assert ran.code == 0, ran
     digest = sha256(plan.encode()).hexdigest()
-    assert f"own, named iso10360-12, SHA-256 {digest}. It asks" in read_dcc("certificate.xml").methods[1].description
+    assert f"the user, named iso10360-12, SHA-256 {digest}. Numbers" in read_dcc("certificate.xml").methods[1].description
     assert digest in Path("certificate.html").read_text()
 
 
@@ -90,8 +90,8 @@ def test_limits_that_nothing_was_tested_for_are_named(truearm, bench):
     ran = truearm(*[("cut.toml" if part == "iso10360-12" else part) for part in ALL])
     assert ran.code == 0, ran
     declared = read_dcc("certificate.xml").declarations
-    assert "The values tested are within their limits: 2 values with a limit." in declared[0]
-    (untested,) = (said for said in declared if said.startswith("limits stated, not tested: "))
+    assert "All tested values conform: 2 values with a limit." in declared[0]
+    (untested,) = (said for said in declared if said.startswith("limits of the specification that were not tested: "))
     assert untested.split(": ")[1].split(", ")[:3] == ["L_Dia.5x5", "E_Uni", "E_Bi"]
 
 

@@ -391,8 +391,7 @@ def test_wrong_files_are_refused_and_the_history_stays(truearm, folder, case, sn
     ran = truearm(*arguments(26), *more)
     assert ran.code == 2, ran
     assert ran.out == ""
-    assert phrase in ran.err
-    assert ran.err.count("\n") == 1
+    assert phrase in ran.err.splitlines()[-1]
     assert snapshot(folder) == before
 
 

@@ -45,7 +45,7 @@ def test_a_good_arm_conforms(truearm, bench):
     for length, limit in (("150", "0.0169"), ("900", "0.0263"), ("1700", "0.0363")):
         assert limit in rows[f"E_Uni, {length}"]
     assert "not tested: bi" in ran.out
-    assert "plan, probing: recalled, check against your copy of the standard: smallest_sphere_mm = 10" in ran.out
+    assert "plan, probing: not confirmed, check against your copy of the standard: smallest_sphere_mm = 10" in ran.out
     assert ran.out.splitlines()[-1].startswith("conform:")
 
 
@@ -86,7 +86,7 @@ def test_simple_acceptance_hides_no_value_far_beyond_its_limit(truearm, bench):
     assert abs(form["value"]) - form["uncertainty"] > form["limit"]
     assert (ran.code, found["verdict"], form["verdict"]) == (1, "not conform", "not conform")
     (said,) = [one for one in found["remarks"] if "does not apply" in one]
-    assert said.startswith("U is more than 1/4 of the limit, simple acceptance does not apply, ISO 14253-1 decides: ")
+    assert said.startswith("U is more than 1/4 of the limit, so that ISO 14253-1 applies in place of simple acceptance: ")
     assert "P_Form.Sph.1x25" in said
 
 
@@ -98,7 +98,7 @@ def test_a_specification_is_not_kept_by_what_was_not_tested(truearm, bench):
     Path("points.csv").write_text("".join(without("uni,")(without("articulation,")(points))))
     ran = truearm(*options("own.toml"))
     assert ran.code == 0, ran
-    assert "limits stated, not tested: L_Dia.5x5, E_Uni, E_Bi, EffectiveDiameter, SPAT.Max" in ran.out
+    assert "limits of the specification that were not tested: L_Dia.5x5, E_Uni, E_Bi, EffectiveDiameter, SPAT.Max" in ran.out
     assert ran.out.splitlines()[-1] == "conform: the values tested are within their limits"
 
 
@@ -108,13 +108,13 @@ def test_both_standards_and_opposite_faces(truearm, bench):
     assert ran.code == 0, ran
     for label in ("EffectiveDiameter", "SPAT.Max", "SPAT.2s", "Volumetric.Max", "Volumetric.2RMS"):
         assert label in ran.out
-    assert "no limit is stated for: Volumetric.2s, Volumetric.2RMS" in ran.out
+    assert "the specification states no limit for: Volumetric.2s, Volumetric.2RMS" in ran.out
     Path("points.csv").write_text(Made(degC=18.0).iso(bi=True).text())
     ran = truearm(*options())
     assert ran.code == 0, ran
     assert "E_Bi, 1700" in ran.out
-    assert "not tested:" not in ran.out.replace("limits stated, not tested:", "")
-    assert "limits stated, not tested: EffectiveDiameter, SPAT.Max, SPAT.2s, Volumetric.Max\n" in ran.out
+    assert "not tested:" not in ran.out.replace("limits of the specification that were not tested:", "")
+    assert "limits of the specification that were not tested: EffectiveDiameter, SPAT.Max, SPAT.2s, Volumetric.Max\n" in ran.out
 
 
 def test_machines_get_the_whole_budget(truearm, bench):
@@ -248,21 +248,21 @@ POINTS = {
     "no probing": (without("probing"), ["points of test 'probing' are missing", "Try: measure them"]),
     "no position 2": (
         without("probing,ball,2026-11-03,2"),
-        ["line 2", "the plan wants 2 positions, got 1: '1'. Try: measure"],
+        ["line 2", "the plan asks for 2 positions, got 1: '1'. Try: measure"],
     ),
-    "a point less": (one_less("probing"), ["the plan wants 25 points at position 1, got 24"]),
-    "a group less": (without(",,,,D,"), ["the plan wants 5 groups at position 1, got 4: 'A', 'B', 'C', 'E'."]),
-    "group of four": (one_less(",,,,B,"), ["the plan wants 5 points at position 1, group B, got 4"]),
+    "a point less": (one_less("probing"), ["the plan asks for 25 points at position 1, got 24"]),
+    "a group less": (without(",,,,D,"), ["the plan asks for 5 groups at position 1, got 4: 'A', 'B', 'C', 'E'."]),
+    "group of four": (one_less(",,,,B,"), ["the plan asks for 5 points at position 1, group B, got 4"]),
     "a repeat less": (without(",3,450,2,"), ["length 450, position 3: expected repeats 1 to 3, got 1, 3"]),
     "an end less": (one_less(",1,B,"), ["length 150, position 1, repeat 1: end B is missing"]),
-    "a length less": (without(",900,"), ["the plan wants 5 lengths, got 4: 'bar 150', 'bar 450', 'bar 1300'"]),
+    "a length less": (without(",900,"), ["the plan asks for 5 lengths, got 4: 'bar 150', 'bar 450', 'bar 1300'"]),
     "a position more": (
         first_two(",7,150,", ",7,150,", ",8,150,"),
         ["wants 7 positions of length 150, got 8: '1', '2', '3'", "or change the plan"],
     ),
-    "metres": (scaled(1e-3), ["measured 0.02499", "seem to be in metres: convert them to mm"]),
-    "centimetres": (scaled(0.1), ["measured 2.49", "seem to be in centimetres: convert them to mm"]),
-    "inches": (scaled(1 / 25.4), ["measured 0.98", "seem to be in inches: convert them to mm"]),
+    "metres": (scaled(1e-3), ["measured 0.02499", "convert the points to mm: they seem to be in metres"]),
+    "centimetres": (scaled(0.1), ["measured 2.49", "convert the points to mm: they seem to be in centimetres"]),
+    "inches": (scaled(1 / 25.4), ["measured 0.98", "convert the points to mm: they seem to be in inches"]),
     "unit in the head": (first_column("x_mm", "x_inch"), ["line 1, column 'x_inch'", "Try: x_mm: coordinates in mm"]),
     "no x": (first_column("x_mm", "note_x"), ["the column x_mm is missing"]),
     "empty column": (
@@ -277,7 +277,7 @@ POINTS = {
     "unknown length": (lambda text: text.replace(",150,", ",160,"), ["'bar' has no length '160'", "Try: '150'"]),
     "days to come": (
         lambda text: text.replace("2026", "2027"),
-        ["line 2, column 'date': the date 2027-11-03 is in the future. Try: year, month, day"],
+        ["line 2, column 'date': the date 2027-11-03 is in the future. Try: write year, month, day"],
     ),
     "too early": (lambda text: text.replace("2026", "2025"), ["calibrated on 2026-01-15, after points were taken"]),
     "no date": (first("uni", "2026-11-03", ""), ["column 'date'", "needs 'date', got an empty cell"]),
@@ -288,7 +288,7 @@ POINTS = {
     "no temperature": (first("probing", ",20.0", ","), ["column 'artefact_degC'", "needs the temperature"]),
     "end B warmer": (
         first(",1,150,1,B,", ",20.0", ",25.0"),
-        ["test 'uni', length 150, position 1, repeat 1: end A was at 20", "their mean tells nothing"],
+        ["test 'uni', length 150, position 1, repeat 1: end A was at 20", "no definite temperature"],
     ),
     "a point warmer": (first("probing", ",20.0", ",25.0"), ["points of one group were taken at 20 and at 25 degC"]),
     "fahrenheit": (lambda text: text.replace(",20.0", ",68.7"), ["in degC, got 68.7", "degrees Fahrenheit less 32"]),
@@ -317,20 +317,20 @@ POINTS = {
     "an empty row": (first("uni", "uni", ",,,,,,,,,,,\nuni"), ["expected numbers, got an empty row. Try: delete"]),
     "empty": (lambda text: "", ["empty file"]),
     "a sphere's place copied": (SECOND_SPHERE, ["position 2 has the same coordinates as position 1: a copy"]),
-    "one place twice": (nudged(SECOND_SPHERE), ["position 1 and position 2 are", "mm apart: one place, not two"]),
+    "one place twice": (nudged(SECOND_SPHERE), ["position 1 and position 2 are", "mm apart: one position, not two"]),
     "a repeat copied": (
         copied("uni", (3, 4, 5), ("4", "450", "1"), [("4", "450", "3")]),
         ["position 4, repeat 3 has the same coordinates as length 450, position 4, repeat 1: a copy"],
     ),
     "a bar's place copied": (SECOND_BAR, ["position 2, repeat 1 has the same coordinates as length 150, position 1"]),
-    "a bar not moved": (nudged(SECOND_BAR), ["length 150, position 2, repeat 1 are", "apart: one place, not two"]),
+    "a bar not moved": (nudged(SECOND_BAR), ["length 150, position 2, repeat 1 are", "apart: one position, not two"]),
     "a group copied": (
         copied("articulation", (3, 7), ("1", "A"), [("1", "D")]),
         ["position 1, group D has the same coordinates as position 1, group A: a copy"],
     ),
     "a run elsewhere": (
         moved("uni", (3, 4, 5), ("4", "450", "2"), by_mm=80.0),
-        ["length 450, position 4, repeat 2: an end is 80 mm from where it was in the first run there", "Try: the bar"],
+        ["length 450, position 4, repeat 2: an end is 80 mm away from its place in the first run", "Try: the bar"],
     ),
     "points on a cap": (on_a_cap, ["test 'probing', position 1: the points lie so close together on the ball"]),
     "flat": (lambda text: re.sub(r"(?m)^(probing.*,)[^,]*(,20.0)$", r"\g<1>0.0\2", text), ["in one plane"]),
@@ -483,7 +483,7 @@ def test_bars_too_short_for_the_arm_are_refused_in_the_volumetric_test(truearm, 
         Path("mpe.toml").write_text(MPE.replace("measuring_range_mm = 2500", f"measuring_range_mm = {range_mm}"))
         ran = truearm(*options("asme-b89.4.22"))
         assert ran.code == code, ran
-    assert "test 'volumetric': the longest length is 1700 mm, the plan wants 1710 mm or more, 60%" in ran.err
+    assert "test 'volumetric': the longest length is 1700 mm, the plan asks for 1710 mm or more, 60%" in ran.err
     assert "Try: a longer bar, or longest_share in the plan as your copy of the standard has it" in ran.err
 
 
@@ -499,7 +499,7 @@ def test_ends_the_other_way_round_in_a_run_are_told_and_change_nothing(truearm, 
     (told,) = set(ran.out.splitlines()) - set(good.out.splitlines())
     assert ran.code == 0
     assert told == (
-        "test 'uni': ends A and B are the other way round than in the first run, which leaves the length as it is: "
+        "test 'uni': ends A and B are exchanged compared with the first run, without effect on the length: "
         "length 450, position 4, repeat 2"
     )
 
@@ -522,7 +522,7 @@ def test_groups_of_two_places_are_not_taken_for_one(truearm, bench):
     path.write_text("\n".join(",".join(cells) for cells in lines) + "\n")
     ran = truearm(*options())
     assert ran.code == 2
-    assert "position 1, group C: its sphere is" in ran.err
+    assert "position 1, group C: the sphere is" in ran.err
     assert "stays in place" in ran.err
 
 
@@ -637,7 +637,7 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
         "".join(row for row in points.splitlines(keepends=True) if "uni," not in row or ",900," in row)
     )
     assert (
-        "the plan wants 5 lengths, got 1: 'bar 900'. Try: measure what is missing, or change" in truearm(*options()).err
+        "the plan asks for 5 lengths, got 1: 'bar 900'. Try: measure those that are missing, or change" in truearm(*options()).err
     )
     ran = truearm(*(option.replace("artefacts.toml", "mine.toml") for option in options("my-plan.toml")))
     assert ran.code == 0, ran

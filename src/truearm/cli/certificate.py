@@ -65,19 +65,14 @@ def certificate(
 
     from truearm.cli.verify import digests, facts, files_of
     from truearm.pages.html import write_page
-    from truearm.verification.certificate.certificate import (
-        administrative_sections,
-        check_uncertainties,
-        make_certificate,
-    )
+    from truearm.verification.certificate.certificate import check_uncertainties, make_certificate
+    from truearm.verification.certificate.certificate_page import certificate_page
     from truearm.verification.certificate.dcc import write_dcc
     from truearm.verification.standards.artefacts import read_artefacts
     from truearm.verification.standards.measured_points import read_points
     from truearm.verification.standards.specification import read_specification
     from truearm.verification.standards.verification import verify
-    from truearm.verification.standards.verification_page import certificate_page, describe_decision, describe_rule
     from truearm.verification.standards.verification_plan import load_verification_plan
-    from truearm.verification.standards.verification_record import VerificationRecord
 
     files = files_of(plan, *inputs[1:])
     known = digests(files)
@@ -85,16 +80,20 @@ def certificate(
     rule: DecisionRule = "simple" if simple else "iso14253-1"
     planned, specification = load_verification_plan(plan), read_specification(mpe)
     measured, certified = read_points(points), read_artefacts(artefacts)
-    found = verify(measured, plan=planned, artefacts=certified, specification=specification, rule=rule)
-    outcome = VerificationRecord(found, measured, planned, certified, specification, rule, known.get(Path(plan)))
+    outcome = verify(
+        measured,
+        plan=planned,
+        artefacts=certified,
+        specification=specification,
+        rule=rule,
+        plan_sha256=known.get(Path(plan)),
+    )
     try:
         check_uncertainties(outcome)
     except InputError as error:
         raise error.in_file(artefacts) from None
     try:
-        stated = make_certificate(
-            told, outcome, decision=describe_decision(outcome).split("\n\n"), rule=describe_rule(rule)
-        )
+        stated = make_certificate(told, outcome)
     except InputError as error:
         raise error.in_file(about) from None
     now = digests(files)
@@ -108,11 +107,6 @@ def certificate(
         with atomic_file(html) as page_beside, atomic_file(out) as beside:
             write_dcc(stated, beside)
             same = f"the same for machines, SHA-256 {sha256(beside.read_bytes()).hexdigest()}"
-            page = certificate_page(
-                outcome,
-                number=told.number,
-                administrative_data=administrative_sections(stated),
-                facts=[(out.name, same), *facts(known, plan=planned)],
-            )
+            page = certificate_page(stated, outcome, facts=[(out.name, same), *facts(known, plan=planned)])
             write_page(page, page_beside)
-    print_line(f"{out}: certificate {told.number}, {found.verdict.value}")
+    print_line(f"{out}: certificate {told.number}, {outcome.verdict.value}")

@@ -146,9 +146,8 @@ def given_or_example(
     measuring_range_mm: float, *, mpe: Path | None, artefacts: Path | None
 ) -> tuple[Specification, Artefacts]:
     """The specification and the artefacts from files, or examples for a measuring range."""
-    from truearm.verification.standards.artefacts import read_artefacts
-    from truearm.verification.standards.example_artefacts import example_artefacts, example_specification
-    from truearm.verification.standards.specification import read_specification
+    from truearm.verification.standards.artefacts import example_artefacts, read_artefacts
+    from truearm.verification.standards.specification import example_specification, read_specification
 
     specification = example_specification(measuring_range_mm) if mpe is None else read_specification(mpe)
     range_mm = specification.measuring_range_mm

@@ -159,10 +159,8 @@ def _judge(
     if report is not None:
         from truearm.pages.html import write_page
         from truearm.verification.standards.verification_page import verification_page
-        from truearm.verification.standards.verification_record import VerificationRecord
 
-        outcome = VerificationRecord(found, measured, planned, certified, specification, rule, known.get(Path(plan)))
-        write_page(verification_page(outcome, facts=facts(known, plan=planned)), report)
+        write_page(verification_page(found, facts=facts(known, plan=planned)), report)
     if as_json:
         print_json(
             {

@@ -17,7 +17,7 @@ from truearm.verification.certificate.administrative_data import (
     template,
     xml_text,
 )
-from truearm.verification.certificate.certificate import administrative_sections
+from truearm.verification.certificate.certificate_page import administrative_sections
 
 
 def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_path):

@@ -193,17 +193,17 @@ def test_the_rule_is_named_by_its_edition_or_not_at_all():
     ]
 
 
-def test_a_plan_of_the_users_own_is_told_by_its_digest_and_what_it_asks_for():
+def test_a_plan_of_the_user_is_stated_with_its_digest_and_numbers():
     shipped = WHOLE.methods[1].description
-    assert shipped.startswith("Test plan iso10360-12 as it comes with truearm")
-    assert "It asks for probing: points = 25, smallest_sphere_mm = 10" in shipped
+    assert shipped.startswith("Test plan iso10360-12 of truearm")
+    assert "Numbers: probing: points = 25, smallest_sphere_mm = 10" in shipped
     assert "; articulation: points = 5," in shipped
     cut = load_verification_plan("iso10360-12").model_copy(update={"articulation": None, "uni": None, "bi": None})
     own = certificate(made=outcome(ROWS[:1], plan=cut, plan_sha256="ab12")).methods[1].description
-    assert own.startswith("Test plan of the user's own, named iso10360-12, SHA-256 ab12. It asks for probing: points")
+    assert own.startswith("Test plan of the user, named iso10360-12, SHA-256 ab12. Numbers: probing: points")
     assert "uni" not in own
     nameless = certificate(made=outcome(ROWS[:1], plan=cut.model_copy(update={"name": "mine"})))
-    assert "user's own, named mine. It asks" in nameless.methods[1].description
+    assert "the user, named mine. Numbers" in nameless.methods[1].description
 
 
 def test_temperatures_are_said_to_be_means():

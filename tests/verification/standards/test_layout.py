@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
-from truearm.verification.standards.artefacts import Artefacts
-from truearm.verification.standards.example_artefacts import example_artefacts, example_specification
+from truearm.verification.standards.artefacts import Artefacts, example_artefacts
 from truearm.verification.standards.layout import directions, hemisphere, lay_out_tests, seat_normal, select_lengths
 from truearm.verification.standards.measured_points import KEY_COLUMNS, MeasuredPoints, PointGroup
-from truearm.verification.standards.verification import SAME_PLACE_MM, verify
+from truearm.verification.standards.point_checks import SAME_PLACE_MM
+from truearm.verification.standards.specification import example_specification
+from truearm.verification.standards.verification import verify
 from truearm.verification.standards.verification_plan import PLANS, load_verification_plan
 
 RANGE = 2500.0
@@ -257,7 +258,7 @@ def test_what_has_no_place_is_refused():
     with pytest.raises(InputError, match="has no place before an arm with a reach of 900 mm"):
         lay_out_tests(plan, example_artefacts(RANGE), 1800.0)
     plan = edited("asme-b89.4.22", volumetric={"lengths": 1, "positions": 1000})
-    with pytest.raises(InputError, match=r"has \d+ places 30 mm apart .* 1000 mm, the plan wants 1000") as refused:
+    with pytest.raises(InputError, match=r"has \d+ places 30 mm apart .* 1000 mm, the plan asks for 1000") as refused:
         lay_out_tests(plan, bar_of(1500.0), 2000.0)
     assert "fewer positions" in refused.value.hint
     with pytest.raises(InputError, match="positive measuring range"):

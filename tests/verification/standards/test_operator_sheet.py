@@ -9,8 +9,7 @@ import pytest
 
 from browser import printed
 from truearm.pages.html import render
-from truearm.verification.standards.artefacts import Artefacts
-from truearm.verification.standards.example_artefacts import example_artefacts
+from truearm.verification.standards.artefacts import Artefacts, example_artefacts
 from truearm.verification.standards.layout import lay_out_tests
 from truearm.verification.standards.operator_sheet import OperatorSheet, describe_direction, operator_sheet_page
 from truearm.verification.standards.verification_plan import PLANS, VerificationPlan, load_verification_plan

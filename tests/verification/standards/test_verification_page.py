@@ -16,18 +16,20 @@ from truearm.pages.number_format import RoundedNumber
 from truearm.pages.page import Column, Table
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.decision import (
+    DECISION_RULES,
     Budget,
     ConformityResult,
     Contribution,
     assess_conformity,
     overall_verdict,
 )
+from truearm.verification.standards.limits_figure import limits_figure
 from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.verification.standards.specification import Specification
 from truearm.verification.standards.verification import Verification
-from truearm.verification.standards.verification_page import describe_decision, limits_figure, verification_page
+from truearm.verification.standards.verification_page import verification_page
 from truearm.verification.standards.verification_plan import CHECK_STANDARD, load_verification_plan
-from truearm.verification.standards.verification_record import VerificationRecord
+from truearm.verification.standards.verification_text import describe_decision, describe_rule
 
 DAY = datetime.date(2026, 11, 3)
 PLAN = load_verification_plan("iso10360-12")
@@ -55,8 +57,9 @@ def outcome(rows, *, rule="iso14253-1", remarks=()):
         },
         Path("points.csv"),
     )
-    found = Verification(tuple(rows), overall_verdict(rows), tuple(remarks))
-    return VerificationRecord(found, measured, PLAN, ARTEFACTS, SPECIFICATION, rule)
+    return Verification(
+        tuple(rows), overall_verdict(rows), tuple(remarks), measured, PLAN, ARTEFACTS, SPECIFICATION, rule
+    )
 
 
 def row(value, limit=0.05, *, label="E_Uni, 900", budget=BUDGET, rule="iso14253-1", where="position 1"):
@@ -72,7 +75,7 @@ def table(page, title, number=0):
 # Numbers -------------------------------------------------------------------------------------------------------------
 
 
-def test_a_value_ends_where_its_uncertainty_ends():
+def test_a_value_is_printed_to_the_last_digit_of_its_uncertainty():
     for value, u, text in [
         (0.01084, 0.00104, "0.0108"),
         (0.00104, 0.00104, "0.0010"),
@@ -84,13 +87,13 @@ def test_a_value_ends_where_its_uncertainty_ends():
         assert format_cell(RoundedNumber(value, u)).text == text, (value, u)
 
 
-def test_a_rounded_cell_is_checked_as_any_other():
+def test_a_rounded_cell_must_be_finite():
     for cell in (RoundedNumber(float("nan"), 1.0), RoundedNumber(1.0, inf)):
         with pytest.raises(InputError, match="finite"):
             Table((Column("a"),), ((cell,),), "caption")
 
 
-def test_every_row_stands_with_value_uncertainty_limit_and_verdict():
+def test_every_row_has_value_uncertainty_limit_and_verdict():
     rows = [
         row(0.0102),
         row(-0.03, None, label="L_Dia.5x5"),
@@ -151,33 +154,40 @@ def test_recalled_numbers_of_what_was_tested_are_to_be_checked():
 
 def test_the_decision_names_what_decides():
     good, between, bad = row(0.01), row(0.045, label="E_Uni, 300"), row(0.07, label="E_Uni, 150")
-    assert "The values tested are within their limits: 1 value with a limit." in describe_decision(outcome([good]))
-    assert "Outside its limit: E_Uni, 150, position 1, (0.070 ± 0.010)" in describe_decision(
+    assert "All tested values conform: 1 value with a limit." in describe_decision(outcome([good]))
+    assert "1 value does not conform: E_Uni, 150, position 1, (0.070 ± 0.010)" in describe_decision(
         outcome([good, between, bad])
     )
-    said = describe_decision(outcome([good, between]))
-    assert "Undecided, within the uncertainty of the limit: E_Uni, 300" in said
-    assert "better artefact" in said
-    assert "ISO 14253-1:2013" in said
-    assert "simple acceptance" in describe_decision(outcome([row(0.01, rule="simple")], rule="simple"))
-    assert "Compared are the values before rounding" in said
+    text = describe_decision(outcome([good, between]))
+    assert "1 value lies in the guard band" in text
+    assert ": E_Uni, 300" in text
+    assert "smaller uncertainty" in text
+
+
+def test_the_rule_names_its_edition_and_that_values_are_compared_before_rounding():
+    assert "ISO 14253-1:2013" in describe_rule("iso14253-1")
+    assert "simple acceptance" in describe_rule("simple")
+    for rule in DECISION_RULES:
+        assert "compared before rounding" in describe_rule(rule)
+        page = verification_page(outcome([row(0.01, rule=rule)], rule=rule))
+        assert describe_rule(rule) in page.sections[0].text
 
 
 @pytest.mark.parametrize(
     ("limit", "text"),
     [(0.05, "0.05"), (0.016875, "0.016875"), ((15 + 150.001 / 80) / 1000, "0.016875"), (0.3, "0.3"), (2.0, "2")],
 )
-def test_limits_are_told_in_full_to_the_nanometre(limit, text):
+def test_limits_are_printed_in_full_to_the_nanometre(limit, text):
     page = verification_page(outcome([row(0.0, limit), row(10.0, limit)]))
     assert [line[3] for line in table(page, "Values against limits")] == [text, text]
-    assert f"for a limit of {text}\u202fmm" in page.sections[0].text
+    assert f"limit {text}\u202fmm" in page.sections[0].text
 
 
-def test_days_and_temperatures_are_told():
+def test_dates_and_temperatures_are_stated():
     text = verification_page(outcome([row(0.01)])).sections[0].text
     assert (
-        "10 points of points.csv, taken on 2026-11-03; artefacts at 19 to 20.5\u202f°C, means of groups of points."
-        in text
+        "10 points of points.csv, measured on 2026-11-03; artefacts at 19 to 20.5\u202f°C (means of the groups of "
+        "points)." in text
     )
 
 
@@ -206,10 +216,10 @@ def test_guard_bands_are_those_of_the_rule():
 
 
 @pytest.mark.parametrize("n", [1, 200])
-def test_any_number_of_values_is_drawn(n):
+def test_the_figure_takes_any_number_of_values(n):
     figure = limits_figure([row(0.01, label=f"E_Uni, {i}") for i in range(n)], rule="iso14253-1")
     assert len(figure.panels[0].axes[0].get_yticks()) == min(n, 60)
-    assert ("Drawn are the first 60" in figure.caption) == (n > 60)
+    assert ("shows the first 60" in figure.caption) == (n > 60)
 
 
 def test_the_page_is_whole_html_and_names_are_text():

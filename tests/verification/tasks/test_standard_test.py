@@ -15,12 +15,12 @@ from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import inner_limits
 from truearm.identification.virtual import load_preset
-from truearm.verification.standards.artefacts import Artefacts
+from truearm.verification.standards.artefacts import Artefacts, example_artefacts
 from truearm.verification.standards.decision import Verdict
-from truearm.verification.standards.example_artefacts import example_artefacts, example_specification
 from truearm.verification.standards.layout import lay_out_tests
 from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement
 from truearm.verification.standards.measured_points import read_points
+from truearm.verification.standards.specification import example_specification
 from truearm.verification.standards.verification import verify
 from truearm.verification.standards.verification_plan import load_verification_plan
 from truearm.verification.tasks.sampled_arms import PresetDistribution

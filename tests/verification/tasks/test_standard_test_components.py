@@ -18,8 +18,9 @@ from truearm.arm.arm import Arm
 from truearm.arm.denavit_hartenberg import chain_from_dh
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.identification.virtual import Preset
+from truearm.verification.standards.artefacts import example_artefacts
 from truearm.verification.standards.asme_b89_4_22 import SeatPoints, single_point
-from truearm.verification.standards.example_artefacts import example_artefacts, example_specification
+from truearm.verification.standards.specification import example_specification
 from truearm.verification.tasks.sampled_arms import PresetDistribution
 
 TRIALS, SEATS, POSES = 300, 3, 10

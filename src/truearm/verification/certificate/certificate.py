@@ -1,23 +1,23 @@
-"""What a calibration certificate of a verification states, apart from the form in which it is written."""
+"""The content of a calibration certificate of a verification, independent of the file format."""
 
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
 from truearm import __version__
 from truearm.errors import InputError
-from truearm.verification.certificate.administrative_data import AdministrativeData, Contact, Person, xml_text
+from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
 from truearm.verification.standards.artefacts import Artefact, CalibratedBar, CalibratedSphere
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, ConformityResult, Verdict
+from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_plan import PLANS, load_verification_plan
-from truearm.verification.standards.verification_record import VerificationRecord
+from truearm.verification.standards.verification_text import describe_decision, describe_rule
 
 SOFTWARE = "truearm"
-# By the non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their
-# limit pass on a condition, those beyond it fail on one.
+# The non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their limit
+# are a conditional pass, those beyond it a conditional fail.
 CONFORMITIES = ("pass", "conditionalPass", "conditionalFail", "fail")
 
 
@@ -75,7 +75,7 @@ class Equipment:
 
 @dataclass(frozen=True)
 class Certificate:
-    """All that is stated.
+    """The content of a calibration certificate.
 
     Parameters
     ----------
@@ -83,11 +83,11 @@ class Certificate:
     begin, end : date
         First and last day of the measurement.
     software, release : str
-        What evaluated it.
+        Name and version of the program.
     title : str
-        Of the measurement.
+        Title of the measurement.
     declarations : tuple of str
-        The decision in words, the rule, and remarks.
+        The decision, the decision rule, and remarks.
     conformity : str
         One of `CONFORMITIES`.
     methods : tuple of Method
@@ -111,40 +111,34 @@ class Certificate:
     results: tuple[StatedResult, ...]
 
 
-def make_certificate(
-    about: AdministrativeData, outcome: VerificationRecord, *, decision: Sequence[str], rule: str
-) -> Certificate:
-    """State a verification.
-
-    Parameters
-    ----------
-    about : AdministrativeData
-    outcome : VerificationRecord
-    decision : sequence of str
-        The decision in words, a paragraph each.
-    rule : str
-        The decision rule in words.
+def make_certificate(about: AdministrativeData, verification: Verification) -> Certificate:
+    """State a verification as a calibration certificate.
 
     Raises
     ------
     InputError
-        If days or temperatures of `about` do not fit those of the points, or as `check_uncertainties`.
+        If dates or temperatures of `about` contradict those of the points, or as `check_uncertainties`.
     """
-    check_uncertainties(outcome)
-    days = [group.date for group in outcome.groups]
+    check_uncertainties(verification)
+    days = [group.date for group in verification.groups]
     about.check_days(min(days), max(days))
-    degC = outcome.temperatures
+    degC = verification.temperatures
     if degC is not None:
         about.check_room(*degC)
+    rule = describe_rule(verification.rule)
     methods = [
         Method(
             "Expanded uncertainty",
-            "Of the test value: from artefact and set-up, not of the arm, whose errors are what is tested. Standard "
-            "uncertainty times the coverage factor k of Student's t for the effective degrees of freedom.",
+            "Of the test value, from artefact and set-up; it does not contain the errors of the arm, which are tested. "
+            "Standard uncertainty times the coverage factor k of Student's t for the effective degrees of freedom.",
             "JCGM 100:2008",
         ),
-        Method(xml_text(outcome.plan.title), xml_text(_plan_in_words(outcome)), xml_text(outcome.plan.standard)),
-        Method("Decision rule", xml_text(rule), "ISO 14253-1:2013" if outcome.rule == "iso14253-1" else None),
+        Method(
+            xml_text(verification.plan.title),
+            xml_text(_describe_plan(verification)),
+            xml_text(verification.plan.standard),
+        ),
+        Method("Decision rule", xml_text(rule), "ISO 14253-1:2013" if verification.rule == "iso14253-1" else None),
     ]
     return Certificate(
         about=about,
@@ -152,111 +146,46 @@ def make_certificate(
         end=max(days),
         software=SOFTWARE,
         release=__version__,
-        title=xml_text(f"Verification: {outcome.specification.name}"),
-        declarations=tuple(xml_text(text) for text in (*decision, *outcome.verification.remarks)),
-        conformity=_overall(outcome),
+        title=xml_text(f"Verification: {verification.specification.name}"),
+        declarations=tuple(xml_text(text) for text in (describe_decision(verification), rule, *verification.remarks)),
+        conformity=_overall(verification),
         methods=tuple(methods),
-        equipment=tuple(_equipment(one, outcome) for one in outcome.used_artefacts),
+        equipment=tuple(_equipment(one, verification) for one in verification.used_artefacts),
         artefact_degC=None if degC is None else (_to(degC[0], 2), _to(degC[1], 2)),
-        results=tuple(_result(row) for row in outcome.verification.rows),
+        results=tuple(_result(row) for row in verification.rows),
     )
 
 
-def check_uncertainties(outcome: VerificationRecord) -> None:
-    """Check that every value that is compared with a limit has an uncertainty: a calibration states one.
+def check_uncertainties(verification: Verification) -> None:
+    """Check that every value with a limit has an uncertainty: a calibration states one.
 
     Raises
     ------
     InputError
-        If form and set-up of an artefact are said to be without any.
+        If the form and the fixture of an artefact have no uncertainty.
     """
-    for row in outcome.rows_with_limit:
+    for row in verification.rows_with_limit:
         if row.uncertainty == 0:
             raise InputError(
-                f"{_name(row):.200}: its expanded uncertainty is 0, and a certificate states no value without one",
-                hint="form_mm and u_fixture_mm of the artefact as its certificate and your set-up have them",
+                f"{xml_text(row.name):.200}: its expanded uncertainty is 0; a certificate states no value without an "
+                "uncertainty",
+                hint="enter form_mm and u_fixture_mm of the artefact from its certificate and for your set-up",
             )
 
 
-def _plan_in_words(outcome: VerificationRecord) -> str:
-    """Whose test plan it is and what it asks for."""
-    plan = outcome.plan
+def _describe_plan(verification: Verification) -> str:
+    """The source of the test plan and its numbers."""
+    plan = verification.plan
     if plan.name in PLANS and plan == load_verification_plan(plan.name):
-        whose = f"Test plan {plan.name} as it comes with {SOFTWARE} {__version__}."
+        source = f"Test plan {plan.name} of {SOFTWARE} {__version__}, unchanged."
     else:
-        known = "" if outcome.plan_sha256 is None else f", SHA-256 {outcome.plan_sha256}"
-        whose = f"Test plan of the user's own, named {plan.name}{known}."
-    asked = []
+        known = "" if verification.plan_sha256 is None else f", SHA-256 {verification.plan_sha256}"
+        source = f"Test plan of the user, named {plan.name}{known}."
+    numbers = []
     for name, test in plan.tests.items():
-        told = test.model_dump().items()
-        asked.append(f"{name}: " + ", ".join(f"{key} = {one['value']:g}" for key, one in told if isinstance(one, dict)))
-    return f"{whose} It asks for {'; '.join(asked)}."
-
-
-def administrative_sections(certificate: Certificate) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
-    """Give what is stated beside the results as titled lists of (what, text), for people."""
-    about, conditions = certificate.about, certificate.about.conditions
-    days = [str(day) for day in dict.fromkeys((certificate.begin, certificate.end))]
-    degC, humidity = conditions.temperature_degC, conditions.relative_humidity_percent
-    item, laboratory = about.item, about.laboratory
-    listed: tuple[tuple[str, list[tuple[str, str | None]]], ...] = (
-        (
-            "certificate",
-            [
-                ("number", about.number),
-                ("arm received", None if about.received is None else str(about.received)),
-                ("measured", " to ".join(days)),
-                ("issued", str(about.issued)),
-                ("place", _PLACES[about.place]),
-            ],
-        ),
-        (
-            "arm",
-            [
-                ("name", item.name),
-                ("maker", item.maker),
-                ("model", item.model),
-                ("serial number", item.serial_number),
-                ("inventory number", item.inventory_number),
-            ],
-        ),
-        ("laboratory", [*_address(laboratory), ("accreditation", laboratory.code)]),
-        ("customer", _address(about.customer)),
-        ("responsible", [(one.name, _role(one)) for one in about.persons]),
-        (
-            "room",
-            [
-                ("temperature", f"{degC[0]:g} to {degC[1]:g} °C"),
-                ("relative humidity", None if humidity is None else f"{humidity[0]:g} to {humidity[1]:g} %"),
-            ],
-        ),
-    )
-    return tuple((title, tuple((what, text) for what, text in rows if text is not None)) for title, rows in listed)
-
-
-_PLACES = {
-    "laboratory": "at the laboratory",
-    "laboratoryBranch": "at a branch of the laboratory",
-    "customer": "at the customer",
-    "customerBranch": "at a branch of the customer",
-    "other": "elsewhere",
-}
-
-
-def _address(contact: Contact) -> list[tuple[str, str | None]]:
-    street = " ".join(part for part in (contact.street, contact.street_no) if part) or None
-    place = f"{contact.post_code} {contact.city}, {contact.country}"
-    return [
-        ("name", contact.name),
-        ("street", street),
-        ("place", place),
-        ("email", contact.email),
-        ("phone", contact.phone),
-    ]
-
-
-def _role(person: Person) -> str:
-    return ", ".join(part for part in (person.role, "signs the certificate" if person.main_signer else None) if part)
+        entries = [(key, one) for key, one in test.model_dump().items() if isinstance(one, dict)]
+        numbers.append(f"{name}: " + ", ".join(f"{key} = {one['value']:g}" for key, one in entries))
+    return f"{source} Numbers: {'; '.join(numbers)}."
 
 
 def conformity_of(row: ConformityResult) -> str | None:
@@ -268,17 +197,17 @@ def conformity_of(row: ConformityResult) -> str | None:
     return "pass" if row.verdict is Verdict.CONFORM else "fail"
 
 
-def _overall(outcome: VerificationRecord) -> str:
-    found = [said for row in outcome.rows_with_limit if (said := conformity_of(row)) is not None]
-    return max(found, key=CONFORMITIES.index)
+def _overall(verification: Verification) -> str:
+    stated = [one for row in verification.rows_with_limit if (one := conformity_of(row)) is not None]
+    return max(stated, key=CONFORMITIES.index)
 
 
 def _result(row: ConformityResult) -> StatedResult:
-    name = _name(row)
+    name = xml_text(row.name)
     if row.unit != "mm":  # a count
         return StatedResult(StatedQuantity(name, Decimal(int(row.value)), "1"), None, None)
     u = row.uncertainty
-    limit = None if row.limit is None else StatedQuantity("limit of the magnitude", _in_full(row.limit), "mm")
+    limit = None if row.limit is None else StatedQuantity("limit of the magnitude", _exact(row.limit), "mm")
     value = _rounded(row.value, u)
     if u == 0:
         return StatedResult(StatedQuantity(name, value, "mm"), limit, conformity_of(row))
@@ -287,29 +216,25 @@ def _result(row: ConformityResult) -> StatedResult:
     return StatedResult(quantity, limit, conformity_of(row))
 
 
-def _name(row: ConformityResult) -> str:
-    return xml_text(f"{row.label}, {row.where}" if row.where else row.label)
-
-
-def _equipment(one: Artefact, outcome: VerificationRecord) -> Equipment:
+def _equipment(one: Artefact, verification: Verification) -> Equipment:
     kind, sizes = "seat", []
     if isinstance(one, CalibratedSphere):
         kind, sizes = "sphere", [("diameter at 20 degC", one.diameter_mm, one.u_diameter_mm)]
     elif isinstance(one, CalibratedBar):
-        taken = outcome.lengths_of(one.name)
+        measured = verification.measured_lengths(one.name)
         kind = "bar"
-        lengths = [length for length in one.lengths if length.name in taken]
+        lengths = [length for length in one.lengths if length.name in measured]
         sizes = [(f"length {length.name} at 20 degC", length.length_mm, length.u_mm) for length in lengths]
     return Equipment(
         xml_text(f"{kind} {one.name}"),
-        f"Calibrated on {one.date}, certificate serves until {one.expires}.",
+        f"Calibrated on {one.date}, certificate valid until {one.expires}.",
         xml_text(one.certificate),
         tuple(StatedQuantity(xml_text(name), _rounded(v, u), "mm", standard=_rounded(u, u)) for name, v, u in sizes),
     )
 
 
-def _in_full(limit: float) -> Decimal:
-    """A limit is exact; twelve digits leave out what its arithmetic rounded."""
+def _exact(limit: float) -> Decimal:
+    """A limit is exact; twelve digits remove the rounding of its arithmetic."""
     return Decimal(f"{limit:.12g}")
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import datetime
 from math import inf, sqrt
 from pathlib import Path
-from typing import Annotated, Self, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
@@ -281,3 +281,46 @@ def _check_small(what: str, value: Real, u: Real, key: str) -> None:
             f"or more than {LARGEST_MM:g} mm",
             hint=IN_MM,
         )
+
+
+# Lengths of the example bar as shares of the measuring range: the longest exceeds the 66 % that plans ask for.
+_EXAMPLE_SHARES = (0.06, 0.18, 0.36, 0.52, 0.68)
+_EXAMPLE_DATES = {"date": datetime.date(2026, 1, 1), "expires": datetime.date(2028, 1, 1)}
+
+
+def example_artefacts(measuring_range_mm: float) -> Artefacts:
+    """Return example artefacts to try a plan with: a 25 mm ball, a carbon fibre bar with five lengths, and a seat.
+
+    Uncertainties have the order of magnitude that laboratories state: 0.2 um for a ball, 1 um for a length and 0.5 K
+    with 1e-6 / K for carbon fibre, 2.5 um for the fixture of a bar.
+    """
+    known: dict[str, Any] = {"certificate": "example, no calibration", **_EXAMPLE_DATES}
+    lengths = (round(share * measuring_range_mm, -1) or 1.0 for share in _EXAMPLE_SHARES)
+    return Artefacts(
+        spheres=(
+            CalibratedSphere(
+                name="ball",
+                **known,
+                diameter_mm=25.0,
+                u_diameter_mm=0.0002,
+                form_mm=0.0003,
+                expansion_per_K=5.5e-6,
+                u_expansion_per_K=0.5e-6,
+                u_temperature_K=0.5,
+                u_fixture_mm=0.0005,
+            ),
+        ),
+        bars=(
+            CalibratedBar(
+                name="bar",
+                **known,
+                form_mm=0.0005,
+                expansion_per_K=1e-6,
+                u_expansion_per_K=0.3e-6,
+                u_temperature_K=0.5,
+                u_fixture_mm=0.0025,
+                lengths=tuple(CalibratedLength(name=f"{one:g}", length_mm=one, u_mm=0.001) for one in lengths),
+            ),
+        ),
+        seats=(Seat(name="seat", **known, form_mm=0.001, u_fixture_mm=0.001),),
+    )

@@ -90,7 +90,7 @@ class Budget:
 
     @cached_property
     def coverage_factor(self) -> float:
-        """Student's t for `COVERAGE_PROBABILITY` and the effective degrees of freedom, cut to an integer (GUM G.4.1, note 1)."""
+        """Student's t for `COVERAGE_PROBABILITY` and the truncated degrees of freedom (GUM G.4.1, note 1)."""
         if isinf(self.dof):
             return 2.0
         from scipy.stats import t
@@ -132,6 +132,11 @@ class ConformityResult:
     limit: float | None
     verdict: Verdict | None
     where: str = ""
+
+    @property
+    def name(self) -> str:
+        """The test, with position and run where one test has several rows."""
+        return f"{self.label}, {self.where}" if self.where else self.label
 
     @property
     def uncertainty(self) -> float:

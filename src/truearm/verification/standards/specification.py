@@ -159,3 +159,27 @@ def read_specification(path: str | Path) -> Specification:
         If the file is missing or breaks a rule of its format.
     """
     return read_document(path, Specification)
+
+
+def example_specification(measuring_range_mm: float) -> Specification:
+    """Return example limits, chosen here and proportional to the measuring range."""
+    share = measuring_range_mm / 2500.0
+    micrometres = {
+        "P_Size.Sph.1x25": 25.0,
+        "P_Form.Sph.1x25": 40.0,
+        "L_Dia.5x5": 50.0,
+        "E_Uni": 60.0,
+        "E_Bi": 70.0,
+        "EffectiveDiameter": 25.0,
+        "SPAT.Max": 40.0,
+        "SPAT.2s": 50.0,
+        "Volumetric.Max": 60.0,
+        "Volumetric.2s": 60.0,
+        "Volumetric.2RMS": 60.0,
+    }
+    return Specification(
+        name=f"example, measuring range {measuring_range_mm:.5g} mm",
+        source="example limits of truearm",
+        measuring_range_mm=measuring_range_mm,
+        limits={symbol: Limit(B_um=round(share * limit, 1)) for symbol, limit in micrometres.items()},
+    )

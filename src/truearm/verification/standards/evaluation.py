@@ -1,0 +1,182 @@
+"""The tests of a plan: groups of points are checked and handed to the functions of the standards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from truearm.verification.standards import asme_b89_4_22, blunders, iso10360_12
+from truearm.verification.standards.artefacts import Artefacts
+from truearm.verification.standards.decision import ConformityResult, DecisionRule, Verdict
+from truearm.verification.standards.measurands import LengthMeasurement
+from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
+from truearm.verification.standards.point_checks import SAME_PLACE_MM, PointChecks, sphere_centres, split_groups
+from truearm.verification.standards.specification import Specification
+from truearm.verification.standards.verification_plan import (
+    Articulation,
+    EffectiveDiameter,
+    LengthTest,
+    PlannedTest,
+    Probing,
+    SinglePoint,
+    Volumetric,
+)
+
+
+class Evaluation:
+    """The evaluation of the tests of a verification.
+
+    Parameters
+    ----------
+    measured : MeasuredPoints
+    artefacts : Artefacts
+    specification : Specification
+    rule : {"iso14253-1", "simple"}
+
+    Attributes
+    ----------
+    remarks : list of str
+        Suspected blunders and exchanged ends, as they are found.
+    """
+
+    def __init__(
+        self, measured: MeasuredPoints, artefacts: Artefacts, specification: Specification, rule: DecisionRule
+    ) -> None:
+        self.measured, self.specification, self.rule = measured, specification, rule
+        self.remarks: list[str] = []
+        self._checks = PointChecks(measured, artefacts, specification.measuring_range_mm, self.remarks)
+
+    def rows_of(self, name: str, test: PlannedTest) -> list[ConformityResult]:
+        """Evaluate one test; return its test values with their verdicts."""
+        groups = self.measured.tests[name]
+        if isinstance(test, Probing):
+            self._checks.check_positions(name, groups, "position", test.positions.value)
+            spheres = [self._checks.sphere(name, group, test) for group in groups]
+            self._checks.check_no_copies(name, [[group] for group in groups])
+            self._checks.check_apart(name, groups, sphere_centres(spheres), spheres[0].sphere.diameter_mm)
+            size = iso10360_12.p_size(spheres, self.specification, rule=self.rule)
+            form = iso10360_12.p_form(spheres, self.specification, rule=self.rule)
+            if self._suspect([size, form]):
+                self.remarks.extend(blunders.on_spheres(name, groups, spheres, size))
+            return [size, form]
+        if isinstance(test, Articulation):
+            return self._articulation(name, groups, test)
+        if isinstance(test, EffectiveDiameter):
+            self._checks.check_positions(name, groups, "repeat", test.repeats.value)
+            spheres = [self._checks.sphere(name, group, test) for group in groups]
+            self._checks.check_no_copies(name, [[group] for group in groups])
+            size = asme_b89_4_22.effective_diameter(spheres, self.specification, rule=self.rule)
+            if self._suspect([size]):
+                self.remarks.extend(blunders.on_spheres(name, groups, spheres, size))
+            return [size]
+        if isinstance(test, SinglePoint):
+            return self._single_point(name, groups, test)
+        if isinstance(test, LengthTest):
+            return self._lengths(name, groups, test)
+        assert isinstance(test, Volumetric)
+        return self._volumetric(name, groups, test)
+
+    def _articulation(self, name: str, groups: Sequence[PointGroup], test: Articulation) -> list[ConformityResult]:
+        positions = split_groups(groups, "position")
+        self._checks.check_count(name, groups[0], "positions", positions, test.positions.value)
+        measured = []
+        for position, members in positions.items():
+            self._checks.check_one_artefact(name, members)
+            what = f"groups at position {position}"
+            self._checks.check_count(name, members[0], what, split_groups(members, "group"), test.groups.value)
+            spheres = [self._checks.sphere(name, group, test, where=f"position {position}") for group in members]
+            reach = spheres[0].sphere.diameter_mm
+            for group, one in zip(members, spheres, strict=True):
+                away = float(((one.fit.centre - spheres[0].fit.centre) ** 2).sum() ** 0.5)
+                if away > reach:
+                    raise self.measured.error(
+                        f"test {name!r}, {group.where}: the sphere is {away:.4g} mm away from that of the first group, "
+                        f"more than its diameter",
+                        group,
+                        hint="measure all groups of a position on one sphere that stays in place",
+                    )
+            measured.append(spheres)
+        self._checks.check_no_copies(name, [[group] for group in groups])
+        firsts = [members[0] for members in positions.values()]
+        self._checks.check_apart(
+            name, firsts, sphere_centres([one[0] for one in measured]), measured[0][0].sphere.diameter_mm
+        )
+        rows = iso10360_12.l_dia(measured, self.specification, rule=self.rule)
+        if self._suspect(rows):
+            for members, spheres in zip(positions.values(), measured, strict=True):
+                self.remarks.extend(blunders.in_groups(name, members, spheres))
+        return rows
+
+    def _single_point(self, name: str, groups: Sequence[PointGroup], test: SinglePoint) -> list[ConformityResult]:
+        self._checks.check_positions(name, groups, "position", test.positions.value)
+        seats = []
+        for group in groups:
+            self._checks.check_points(name, group, test.points.value)
+            self._checks.check_not_frozen(name, group)
+            seat = self._checks.artefact(self._checks.artefacts.seat, group)
+            seats.append(asme_b89_4_22.SeatPoints(seat, group.points, group.where))
+        self._checks.check_no_copies(name, [[group] for group in groups])
+        self._checks.check_apart(
+            name, groups, np.array([[group.points.mean(axis=0)] for group in groups]), SAME_PLACE_MM
+        )
+        rows = asme_b89_4_22.single_point(seats, self.specification, rule=self.rule)
+        if self._suspect(rows):
+            self.remarks.extend(blunders.in_seats(name, groups))
+        return rows
+
+    def _lengths(self, name: str, groups: Sequence[PointGroup], test: LengthTest) -> list[ConformityResult]:
+        repeats, positions = test.repeats.value, test.positions.value
+        pairs = self._checks.lengths(name, groups)
+        lengths = [one for one, _ in pairs]
+        by_length = split_groups(groups, "artefact", "length")
+        self._checks.check_count(name, groups[0], "lengths", by_length, test.lengths.value)
+        for members in by_length.values():
+            what = f"positions of length {members[0].keys['length']}"
+            by_position = split_groups(members, "position")
+            self._checks.check_count(name, members[0], what, by_position, positions)
+            for at in by_position.values():
+                runs = sorted(int(str(repeat)) for repeat in split_groups(at, "repeat"))
+                whole = list(range(1, repeats + 1))
+                again = list(range(1, 2 * repeats + 1)) if test.tolerated_sets.value else whole
+                if runs not in (whole, again):
+                    raise self.measured.error(
+                        f"test {name!r}, length {at[0].keys['length']}, position {at[0].keys['position']}: expected "
+                        f"repeats 1 to {repeats}, got {', '.join(map(str, runs))}",
+                        at[0],
+                        hint="measure the missing repeats, and number them 1, 2, ..",
+                    )
+        self._checks.check_bars_apart(name, groups)
+        self._checks.check_bars_stay(name, pairs)
+        self._checks.check_long_enough(name, lengths, groups[0], test.longest_share.value)
+        evaluate = iso10360_12.e_uni if name == "uni" else iso10360_12.e_bi
+        rows = evaluate(
+            lengths, self.specification, repeats=repeats, tolerated_sets=test.tolerated_sets.value, rule=self.rule
+        )
+        if self._suspect(rows):
+            self._blunders_in_lengths("E_Uni" if name == "uni" else "E_Bi", pairs, opposite=name == "bi")
+        return rows
+
+    def _volumetric(self, name: str, groups: Sequence[PointGroup], test: Volumetric) -> list[ConformityResult]:
+        pairs = self._checks.lengths(name, groups)
+        self._checks.check_count(
+            name, groups[0], "lengths", split_groups(groups, "artefact", "length"), test.lengths.value
+        )
+        self._checks.check_count(name, groups[0], "measured lengths", len(pairs), test.positions.value)
+        self._checks.check_bars_apart(name, groups)
+        self._checks.check_long_enough(name, [one for one, _ in pairs], groups[0], test.longest_share.value)
+        rows = asme_b89_4_22.volumetric([one for one, _ in pairs], self.specification, rule=self.rule)
+        if self._suspect(rows):
+            self._blunders_in_lengths("Volumetric.Max", pairs, opposite=False)
+        return rows
+
+    def _suspect(self, rows: Iterable[ConformityResult]) -> bool:
+        """Whether to look for blunders: a value does not conform, and the points come from a file."""
+        return self.measured.file is not None and any(row.verdict not in (Verdict.CONFORM, None) for row in rows)
+
+    def _blunders_in_lengths(
+        self, symbol: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]], *, opposite: bool
+    ) -> None:
+        corrected = self.specification.corrected_to_20_degC
+        errors = [one.error(opposite=opposite, corrected=corrected) for one, _ in pairs]
+        self.remarks.extend(blunders.in_lengths(symbol, pairs, errors, self.specification))

@@ -1,0 +1,293 @@
+"""Checks of measured points before a test is evaluated: numbers, certificates, positions, copies, plausible sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field
+from math import isnan
+from typing import TypeVar
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.files.delimited import quoted_cell
+from truearm.typing import FloatArray
+from truearm.verification.standards.artefacts import Artefact, Artefacts
+from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement, check_spread
+from truearm.verification.standards.measured_points import (
+    ENDS,
+    KEY_COLUMNS,
+    MAX_TEMPERATURE_SPREAD_K,
+    MeasuredPoints,
+    PointGroup,
+    join_names,
+)
+from truearm.verification.standards.verification_plan import Articulation, EffectiveDiameter, Probing
+
+A = TypeVar("A", bound=Artefact)
+
+# A size or length that differs from the calibrated one by more than this share belongs to another artefact or unit.
+SAME_SHARE = 0.05
+# Two positions of a seat, or of both ends of a bar, that are nearer than this are the same [mm]: chosen here.
+SAME_PLACE_MM = 10.0
+# Runs of a length at one position whose ends are farther apart are at two positions [mm]: a ball or face is smaller.
+MOVED_MM = 50.0
+
+
+@dataclass(frozen=True, eq=False)
+class PointChecks:
+    """The measured groups as measurands of the standards, with every check on the way.
+
+    Points that come from no file are calculated by a program: they are not checked for copies.
+    """
+
+    measured: MeasuredPoints
+    artefacts: Artefacts
+    measuring_range_mm: float
+    remarks: list[str] = field(default_factory=list)
+
+    def sphere(
+        self, name: str, group: PointGroup, test: Probing | Articulation | EffectiveDiameter, where: str = ""
+    ) -> SphereMeasurement:
+        """Return a measured sphere; refuse another number of points than planned, and points of another sphere."""
+        self.check_points(name, group, test.points.value)
+        sphere = self.artefact(self.artefacts.sphere, group)
+        if not test.smallest_sphere_mm.value <= sphere.diameter_mm <= test.largest_sphere_mm.value:
+            raise self.measured.error(
+                f"test {name!r}: the plan asks for a sphere of {test.smallest_sphere_mm.value:g} to "
+                f"{test.largest_sphere_mm.value:g} mm, {sphere.name!r} has {sphere.diameter_mm:g} mm",
+                group,
+                hint="use another sphere, or correct the plan by your copy of the standard",
+            )
+        degC = 20.0 if isnan(group.degC) else group.degC  # a position needs no temperature
+        measured = SphereMeasurement(sphere, group.points, degC, group.tip_mm, where or group.where)
+        try:
+            check_spread(group.points, test.points.value)
+            diameter = measured.diameter_mm
+        except InputError as error:
+            raise self.measured.error(
+                f"test {name!r}, {group.where}: {error.problem}", group, hint=error.hint
+            ) from None
+        self._check_plausible(name, group, diameter, sphere.diameter_mm)
+        return measured
+
+    def lengths(self, name: str, groups: Sequence[PointGroup]) -> list[tuple[LengthMeasurement, PointGroup]]:
+        """Return the measured lengths, each with the group of its end A."""
+        pairs, ends_of_pairs = [], []
+        for members in split_groups(groups, "artefact", *(key for key in KEY_COLUMNS[name] if key != "end")).values():
+            ends = {group.keys["end"]: group for group in members}
+            if len(ends) != 2:
+                missing = "B" if "A" in ends else "A"
+                raise self.measured.error(
+                    f"test {name!r}, {members[0].where}: end {missing} is missing",
+                    members[0],
+                    hint=f"measure end {missing}, and check the column end",
+                )
+            start, end = ends["A"], ends["B"]
+            bar = self.artefact(self.artefacts.bar, start)
+            self.artefact(self.artefacts.bar, end)  # its own date counts
+            if abs(start.degC - end.degC) > MAX_TEMPERATURE_SPREAD_K:
+                raise self.measured.error(
+                    f"test {name!r}, {start.where}: end A was at {start.degC:g} degC, end B at {end.degC:g} degC: "
+                    f"the length has no definite temperature",
+                    end,
+                    hint="measure the length again when the temperature of the artefact is stable",
+                )
+            try:
+                one = LengthMeasurement(
+                    bar,
+                    bar.length(start.keys["length"]),
+                    start.points,
+                    end.points,
+                    (start.degC + end.degC) / 2,
+                    start.tip_mm,
+                    start.keys["position"],
+                    start.keys.get("repeat", ""),
+                )
+                distance = one.distance_mm(opposite=name == "bi")
+            except InputError as error:
+                raise self.measured.error(f"test {name!r}: {error.problem}", start, hint=error.hint) from None
+            if start.tip_mm != end.tip_mm:
+                raise self.measured.error(
+                    f"test {name!r}, {start.where}: the ends have different tip diameters",
+                    end,
+                    hint="measure both ends with one tip, or correct tip_diameter_mm",
+                )
+            self._check_plausible(name, start, distance, one.length.length_mm)
+            pairs.append((one, start))
+            ends_of_pairs.append((start, end))
+        self.check_no_copies(name, ends_of_pairs)
+        return pairs
+
+    def check_long_enough(
+        self, name: str, lengths: Sequence[LengthMeasurement], group: PointGroup, share: float
+    ) -> None:
+        """Check that the longest length covers the planned share of the measuring range."""
+        longest = max(one.length.length_mm for one in lengths)
+        needed = share * self.measuring_range_mm
+        if longest < needed:
+            raise self.measured.error(
+                f"test {name!r}: the longest length is {longest:.5g} mm, the plan asks for {needed:.5g} mm or more, "
+                f"{share:.0%} of the measuring range",
+                group,
+                hint="use a longer bar, or correct longest_share in the plan by your copy of the standard",
+            )
+
+    def check_bars_apart(self, name: str, groups: Sequence[PointGroup]) -> None:
+        """Check that each position of a length is a different one."""
+        for members in split_groups(groups, "artefact", "length").values():
+            positions = list(split_groups(members, "position").values())
+            places = np.array(
+                [
+                    [next(one.points.mean(axis=0) for one in at if one.keys["end"] == end) for end in ENDS]
+                    for at in positions
+                ]
+            )
+            self.check_apart(name, [at[0] for at in positions], places, SAME_PLACE_MM)
+
+    def check_bars_stay(self, name: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]]) -> None:
+        """Check that a length does not move between runs; remark runs with exchanged ends."""
+        if self.measured.file is None:
+            return
+        firsts: dict[tuple[str, str, str], FloatArray] = {}
+        turned = []
+        for one, group in pairs:
+            ends = np.array([one.start.mean(axis=0), one.end.mean(axis=0)])
+            first = firsts.setdefault((one.bar.name, one.length.name, one.position), ends)
+            away, away_turned = (float(np.linalg.norm(some - first, axis=1).max()) for some in (ends, ends[::-1]))
+            if min(away, away_turned) > MOVED_MM:
+                raise self.measured.error(
+                    f"test {name!r}, {group.where}: an end is {away:.4g} mm away from its place in the first run",
+                    group,
+                    hint="keep the bar in place for all runs of a position; check the position, and x, y and z",
+                )
+            if away > MOVED_MM:
+                turned.append(group.where)
+        if turned:
+            self.remarks.append(
+                f"test {name!r}: ends A and B are exchanged compared with the first run, without effect on the length: "
+                f"{join_names(turned, '; ')}"
+            )
+
+    def check_no_copies(self, name: str, measurements: Iterable[Sequence[PointGroup]]) -> None:
+        """Check that no two measurements have the same coordinates to the last bit: noise does not repeat."""
+        if self.measured.file is None:
+            return
+        seen: dict[bytes, PointGroup] = {}
+        for groups in measurements:
+            first = seen.setdefault(b" ".join((group.points + 0.0).tobytes() for group in groups), groups[0])
+            if first is not groups[0]:
+                raise self.measured.error(
+                    f"test {name!r}: {groups[0].where} has the same coordinates as {first.where}: a copy",
+                    groups[0],
+                    hint="measure it again; if the coordinates are rounded, write them with more digits",
+                )
+
+    def check_not_frozen(self, name: str, group: PointGroup) -> None:
+        """Check that most points in a seat are not the same point.
+
+        Rounded coordinates repeat by chance: of ten points with a noise of 10 um, written to 0.01 mm, at most two are
+        the same in half of the seats, and never more than four in 4000 simulated ones.
+        """
+        if self.measured.file is None:
+            return
+        _, which, counts = np.unique(group.points, axis=0, return_inverse=True, return_counts=True)
+        if 2 * counts.max() > len(group.points):
+            same = (which == counts.argmax()).ravel()
+            first, *rest = (f"line {line}" for line, one in zip(group.lines, same, strict=True) if one)
+            raise self.measured.error(
+                f"test {name!r}, {group.where}: the point of {first} is repeated in {join_names(rest)}, to the last "
+                "digit: copies, or a program that sent an old point again",
+                group,
+                hint="measure the position again; if the coordinates are rounded, write them with more digits",
+            )
+
+    def check_apart(self, name: str, groups: Sequence[PointGroup], places: FloatArray, nearest_mm: float) -> None:
+        """Check that positions differ: at least one of the k points of each, (n, k, 3), by `nearest_mm`."""
+        for i in range(1, len(places)):
+            away = [
+                np.sqrt(((places[:i] - ends) ** 2).sum(axis=2)).max(axis=1) for ends in (places[i], places[i, ::-1])
+            ]
+            apart = np.minimum(*away)  # a bar turned end for end is at the same position
+            near = int(apart.argmin())
+            if apart[near] < nearest_mm:
+                one, other = groups[near], groups[i]
+                raise self.measured.error(
+                    f"test {name!r}: {one.where} and {other.where} are {apart[near]:.2g} mm apart: one position, not "
+                    "two",
+                    other,
+                    hint="move the artefact between positions",
+                )
+
+    def artefact(self, look_up: Callable[[str], A], group: PointGroup) -> A:
+        """Look an artefact up, and check that its certificate was valid on the group's date."""
+        try:
+            artefact = look_up(group.artefact)
+            artefact.check_valid(group.date)
+        except InputError as error:
+            raise self.measured.error(error.problem, group, hint=error.hint) from None
+        return artefact
+
+    def _check_plausible(self, name: str, group: PointGroup, measured: float, calibrated: float) -> None:
+        if abs(measured - calibrated) <= SAME_SHARE * calibrated:
+            return
+        hint = "check the artefact's name, and whether points are compensated or need tip_diameter_mm"
+        for unit, factor in (("inches", 25.4), ("centimetres", 10.0), ("metres", 1000.0)):
+            if abs(measured * factor - calibrated) <= SAME_SHARE * calibrated:
+                hint = f"convert the points to mm: they seem to be in {unit}"
+        raise self.measured.error(
+            f"test {name!r}, {group.where}: measured {measured:.5g} mm, the calibrated value of {group.artefact!r} is "
+            f"{calibrated:.5g} mm",
+            group,
+            hint=hint,
+        )
+
+    def check_points(self, name: str, group: PointGroup, planned: int) -> None:
+        """Check the number of points of a group."""
+        self.check_count(name, group, f"points at {group.where}", len(group.points), planned)
+
+    def check_positions(self, name: str, groups: Sequence[PointGroup], key: str, planned: int) -> None:
+        """Check that there are as many positions or repeats as planned, each on one artefact."""
+        self.check_count(name, groups[0], f"{key}s", split_groups(groups, key), planned)
+        for members in split_groups(groups, key).values():
+            self.check_one_artefact(name, members)
+
+    def check_one_artefact(self, name: str, members: Sequence[PointGroup]) -> None:
+        """Check that all groups were measured on the same artefact."""
+        for group in members:
+            if group.artefact != members[0].artefact:
+                raise self.measured.error(
+                    f"test {name!r}, {group.where}: points on {members[0].artefact!r} and on {group.artefact!r}",
+                    group,
+                    hint="measure one artefact at a position; check the column artefact",
+                )
+
+    def check_count(
+        self, name: str, group: PointGroup, what: str, counted: int | Collection[str | tuple[str, ...]], planned: int
+    ) -> None:
+        """Check a number, or the number of names; a message lists them."""
+        n = counted if isinstance(counted, int) else len(counted)
+        if n == planned:
+            return
+        names = [] if isinstance(counted, int) else [one if isinstance(one, str) else " ".join(one) for one in counted]
+        hint = "measure those that are missing" if n < planned else "remove those that are too many"
+        raise self.measured.error(
+            f"test {name!r}: the plan asks for {planned} {what}, got {n}"
+            + (f": {join_names([quoted_cell(one) for one in names])}" if names else ""),
+            group,
+            hint=f"{hint}, or change the plan (truearm verify --print-plan) if your contract says so",
+        )
+
+
+def sphere_centres(spheres: Sequence[SphereMeasurement]) -> FloatArray:
+    """The centres of spheres, (n, 1, 3) [mm]."""
+    return np.array([[one.fit.centre] for one in spheres])
+
+
+def split_groups(groups: Iterable[PointGroup], *keys: str) -> dict[str | tuple[str, ...], list[PointGroup]]:
+    """Groups by the values of some keys, in the order of the file."""
+    by_key: dict[str | tuple[str, ...], list[PointGroup]] = {}
+    for group in groups:
+        values = tuple(group.artefact if key == "artefact" else group.keys[key] for key in keys)
+        by_key.setdefault(values[0] if len(values) == 1 else values, []).append(group)
+    return by_key

@@ -1,0 +1,88 @@
+"""A verification in words: the decision, the decision rule, the uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from decimal import Decimal
+from math import isinf
+
+from truearm.pages.number_format import format_count, format_in_text, format_number
+from truearm.verification.standards.decision import (
+    COVERAGE_PROBABILITY,
+    SIMPLE_RATIO,
+    Budget,
+    ConformityResult,
+    DecisionRule,
+    Verdict,
+)
+from truearm.verification.standards.verification import Verification
+
+UNROUNDED_TEXT = "Values are compared before rounding."
+LEVEL_TEXT = format_in_text(round(100 * COVERAGE_PROBABILITY, 2), unit="%", digits=4)
+
+
+def describe_decision(verification: Verification) -> str:
+    """Describe the decision: whether the arm conforms, and which values decide."""
+    rows, specification = verification.rows_with_limit, verification.specification
+    by = {one: [row for row in rows if row.verdict is one] for one in Verdict}
+    parts = [f"{specification.name}: {verification.verdict.value}. Limits: {specification.source}."]
+    if verification.verdict is Verdict.CONFORM:
+        parts.append(f"All tested values conform: {format_count(len(rows), 'value')} with a limit.")
+    if outside := by[Verdict.NOT_CONFORM]:
+        verb = "does" if len(outside) == 1 else "do"
+        parts.append(f"{format_count(len(outside), 'value')} {verb} not conform: {_list_rows(outside)}.")
+    if between := by[Verdict.UNDECIDED]:
+        verb = "lies" if len(between) == 1 else "lie"
+        parts.append(
+            f"{format_count(len(between), 'value')} {verb} in the guard band, within U of the limit, and can neither "
+            f"be shown to conform nor not to conform: {_list_rows(between)}. Use an artefact or a set-up with a "
+            "smaller uncertainty."
+        )
+    return " ".join(parts)
+
+
+def describe_rule(rule: DecisionRule) -> str:
+    """Describe the decision rule, with the edition of the standard."""
+    whole = (
+        "a value conforms if it lies within its limit by the expanded uncertainty U or more, it does not conform if it "
+        "lies beyond by more than U, and is undecided in the guard band between"
+    )
+    if rule == "simple":
+        return (
+            "Decision rule: simple acceptance where the expanded uncertainty U is at most "
+            f"1/{SIMPLE_RATIO:g} of the limit: a value conforms if it does not exceed its limit. Where U is larger, "
+            f"{whole}. {UNROUNDED_TEXT}"
+        )
+    return (
+        f"Decision rule: {whole}. This is the rule of ISO 14253-1:2013; the smaller guard bands of the edition of 2017 "
+        f"are not used. {UNROUNDED_TEXT}"
+    )
+
+
+def describe_budget(budget: Budget) -> str:
+    """Describe an expanded uncertainty: coverage factor, coverage probability, degrees of freedom."""
+    dof = "infinite" if isinf(budget.dof) else format_in_text(budget.dof)
+    return f"k = {budget.coverage_factor:.2f} for {LEVEL_TEXT}, effective degrees of freedom {dof}"
+
+
+def limit_uncertainty(limit: float) -> float:
+    """The uncertainty at which a limit is printed with all its digits, to the nanometre; A + L/K has more."""
+    exponent = Decimal(f"{limit:.6f}").normalize().as_tuple().exponent
+    assert isinstance(exponent, int)
+    return float(10.0 ** (1 + min(exponent, 0)))
+
+
+def _list_rows(rows: Sequence[ConformityResult]) -> str:
+    """Rows with value, uncertainty and limit, for a sentence."""
+    return "; ".join(
+        f"{row.name}, {_with_uncertainty(row)}, limit "
+        f"{format_number(row.limit, uncertainty=limit_uncertainty(row.limit))}\u202fmm"
+        for row in rows
+        if row.limit is not None
+    )
+
+
+def _with_uncertainty(row: ConformityResult) -> str:
+    u = row.uncertainty
+    value = format_number(row.value, uncertainty=u)
+    return f"({value} ± {format_number(u, uncertainty=u)})\u202fmm" if u else f"{value}\u202fmm"
