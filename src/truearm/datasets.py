@@ -19,7 +19,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.files import AngleUnit
+from truearm.readings.columns import AngleUnit
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.readings.tables import JointScale, TableColumns, import_table

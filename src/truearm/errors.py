@@ -24,6 +24,8 @@ class InputError(TruearmError, ValueError):
         The column's name, or its number counted from 1.
     hint : str, optional
         What to try.
+    row : str, optional
+        Name of the row that has no line, as ``reading 12``.
     """
 
     def __init__(
@@ -34,18 +36,22 @@ class InputError(TruearmError, ValueError):
         line: int | None = None,
         column: str | int | None = None,
         hint: str | None = None,
+        row: str | None = None,
     ) -> None:
         self.problem = problem
         self.file = None if file is None else Path(file)
         self.line = line
         self.column = column
         self.hint = hint
+        self.row = row
         super().__init__(str(self))
 
     def __str__(self) -> str:
         where = [] if self.file is None else [str(self.file)]
         if self.line is not None:
             where.append(f"line {self.line}")
+        if self.row is not None:
+            where.append(self.row)
         if self.column is not None:
             where.append(f"column {self.column!r}" if isinstance(self.column, str) else f"column {self.column}")
         message = f"{', '.join(where)}: {self.problem}" if where else self.problem
@@ -53,4 +59,4 @@ class InputError(TruearmError, ValueError):
 
     def in_file(self, file: str | Path) -> InputError:
         """The same error, found in `file`."""
-        return InputError(self.problem, file=file, line=self.line, column=self.column, hint=self.hint)
+        return InputError(self.problem, file=file, line=self.line, column=self.column, hint=self.hint, row=self.row)

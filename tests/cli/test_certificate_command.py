@@ -192,7 +192,7 @@ def test_wrong_files_are_refused_and_nothing_is_written(truearm, bench, snapshot
         ({"--out": "away/certificate.xml"}, "the folder away does not exist"),
         ({"--html": "points.csv"}, "ends in .html"),
         ({"--html": "away/page.html"}, "the folder away does not exist"),
-        ({"--about": "nothing.toml"}, "there is no such file"),
+        ({"--about": "nothing.toml"}, "the file does not exist"),
     ],
 )
 def test_wrong_options_are_refused_before_any_work(truearm, bench, snapshot, changes, told):

@@ -45,7 +45,7 @@ def test_a_table_with_decimal_commas_is_read_to_the_last_digit(tmp_path):
     assert readings.session.tolist() == ["May", "May"]
     assert readings.file.name == "table.txt"
     assert readings.angle_columns == ("J1", "J2")
-    assert readings.first_line == 2
+    assert readings.called(0) == "line 2"
 
 
 def test_goals_that_differ_by_rounding_are_one_position(tmp_path):
@@ -64,7 +64,7 @@ def test_columns_go_by_number_too(tmp_path, header):
     readings = read(tmp_path, text, columns, header=header)
     np.testing.assert_array_equal(readings.angles[1], [1.7, -0.25])
     assert readings.seat.tolist() == ["10:01", "10:02"]
-    assert readings.first_line == (2 if header else 1)
+    assert readings.called(0) == ("line 2" if header else "line 1")
 
 
 def test_lines_above_the_header_can_be_skipped_and_lines_keep_their_numbers(tmp_path):

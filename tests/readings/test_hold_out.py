@@ -57,7 +57,7 @@ def test_a_missing_column_is_said_with_those_that_are_there(tmp_path):
 def test_a_reading_without_a_name_belongs_nowhere(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text("q1_deg,position\n1,A\n2,\n3,B\n")
-    with pytest.raises(InputError, match="line 3 names no position") as caught:
+    with pytest.raises(InputError, match="line 3, column .position.: the reading names no position") as caught:
         hold_out(read_session(path), fraction=0.3, seed=0)
     assert (caught.value.line, caught.value.column) == (3, "position")
 

@@ -13,12 +13,14 @@ from truearm.readings import read_session
 def test_a_name_longer_than_any_label_is_refused_with_its_line(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text("q1_deg,seat\n1,A\n2," + "x" * 100_000 + "\n3,B\n")
-    with pytest.raises(InputError, match="at most 200 signs, got one of 100000") as caught:
+    with pytest.raises(InputError, match="at most 200 characters, got one of 100000") as caught:
         read_session(path)
     assert (caught.value.line, caught.value.column) == (3, "seat")
 
 
-@pytest.mark.parametrize(("name", "says"), [("x" * 5000, "at most 200 signs"), ("A\0", "control"), ("A\nB", "control")])
+@pytest.mark.parametrize(
+    ("name", "says"), [("x" * 5000, "at most 200 characters"), ("A\0", "control"), ("A\nB", "control")]
+)
 def test_parquet_names_follow_the_same_rules(tmp_path, name, says):
     pytest.importorskip("pyarrow")
     path = tmp_path / "s.parquet"

@@ -18,11 +18,12 @@ from truearm.readings import (
     check_reach,
     check_sessions,
     has_reference,
+    limit_excesses,
     read_session,
+    skip_beyond_limits,
 )
 
-NAMES = ("waist", "elbow")
-LOWER, UPPER = np.radians([-180.0, -90.0]), np.radians([180.0, 90.0])
+LIMITS = np.radians([[-180.0, 180.0], [-90.0, 90.0]])
 HEADER = "q1_deg,q2_deg,x_mm,y_mm,z_mm\n"
 ROWS = ["10,20,1,2,3", "30,-40,4,5,6", "50,60,7,8,9"]
 
@@ -33,8 +34,8 @@ def session(folder, rows, header=HEADER):
     return read_session(path)
 
 
-def check(readings, *, min_rows=3, upper=UPPER, **options):
-    check_fit(readings, joint_names=NAMES, lower=LOWER, upper=upper, min_rows=min_rows, **options)
+def check(readings, *, min_rows=3, **options):
+    check_fit(readings, n_joints=2, min_rows=min_rows, **options)
 
 
 def refusal(readings, **options):
@@ -46,14 +47,14 @@ def refusal(readings, **options):
 
 def test_good_readings_pass(tmp_path):
     check(session(tmp_path, ROWS))
-    check_angles(session(tmp_path, ROWS), joint_names=NAMES, lower=LOWER, upper=UPPER)
+    check_angles(session(tmp_path, ROWS), n_joints=2)
 
 
 def test_a_wrong_number_of_joints_is_refused(tmp_path):
     readings = session(tmp_path, ["1", "2"], header="q1_deg\n")
-    assert "expected 2 joints (waist, elbow), got 1" in refusal(readings).problem
+    assert "expected 2 joints (J1 .. J2), got 1" in refusal(readings).problem
     with pytest.raises(InputError, match="expected 2 joints"):
-        check_angles(readings, joint_names=NAMES, lower=LOWER, upper=UPPER)
+        check_angles(readings, n_joints=2)
 
 
 def test_missing_reference_points_are_said(tmp_path):
@@ -70,7 +71,7 @@ def test_a_model_of_points_alone_needs_one_at_every_reading(tmp_path):
     readings = session(tmp_path, MIXED, header=SEATS)
     error = refusal(readings)
     assert error.line == 3
-    assert "3 of 4 readings have no reference point, the first of them line 3" in error.problem
+    assert "3 of 4 readings have no reference point" in error.problem
     assert "learns from seats" in error.hint
     check(readings, relations=True)
     check(readings.rows(readings.has_point), min_rows=1)
@@ -93,7 +94,7 @@ def test_copies_in_a_seat_are_named(tmp_path):
     check(session(tmp_path, [*MIXED, "30,-40,,,,B,", "30,-40,0,0,0,A,"], header=SEATS), relations=True)
     error = refusal(session(tmp_path, [*MIXED, MIXED[1]], header=SEATS), relations=True)
     assert error.line == 6
-    assert "line 3 and line 6 are the same reading" in error.problem
+    assert "repeats line 3 to the last digit" in error.problem
 
 
 def test_seats_of_one_known_point_may_repeat_it(tmp_path):
@@ -107,41 +108,55 @@ def test_too_few_poses_are_refused(tmp_path):
     assert "measure more poses" in error.hint
 
 
-def test_an_angle_outside_its_limits_is_named_in_degrees(tmp_path):
-    error = refusal(session(tmp_path, [*ROWS, "0,-100,1,1,1", "200,95,1,1,2"]))
-    assert (error.line, error.column) == (5, "q2_deg")
-    assert "elbow is at -100 deg, outside its limits -90 .. 90 deg" in error.problem
-    assert "2 of 5 readings" in error.problem
-    assert "unit, sign and zero" in error.hint
+def test_a_few_readings_beyond_the_limits_are_skipped_and_named(tmp_path):
+    readings = session(tmp_path, [*ROWS, "0,-100,1,1,1", "200,95,1,1,2"])
+    kept, skipped = skip_beyond_limits(readings, LIMITS)
+    np.testing.assert_array_equal(kept.angles, readings.angles[:3])
+    assert [str(excess) for excess in skipped] == [
+        "line 5: J2 is at -100 deg, outside its limits -90 .. 90 deg",
+        "line 6: J1 is at 200 deg, outside its limits -180 .. 180 deg",
+    ]
+    assert [excess.row for excess in skipped] == [3, 4]
 
 
-def test_prediction_keeps_to_the_limits_too(tmp_path):
-    readings = session(tmp_path, ["10,95"], header="q1_deg,q2_deg\n")
-    with pytest.raises(InputError, match="elbow is at 95 deg") as caught:
-        check_angles(readings, joint_names=NAMES, lower=LOWER, upper=UPPER)
-    assert caught.value.line == 2
+def test_what_is_left_after_skipping_keeps_its_lines(tmp_path):
+    kept, _ = skip_beyond_limits(session(tmp_path, ["0,-100,1,1,1", *ROWS, ROWS[0]]), LIMITS)
+    assert kept.called(0) == "line 3"
+    assert refusal(kept).line == 6
 
 
-def test_limits_of_a_sliding_joint_are_said_in_mm():
+def test_an_arm_that_is_mostly_outside_its_limits_is_refused(tmp_path):
+    readings = session(tmp_path, [ROWS[0], "0,-100,1,1,1", "200,95,1,1,2"])
+    with pytest.raises(InputError, match="J2 is at -100 deg, outside its limits -90 .. 90 deg") as caught:
+        skip_beyond_limits(readings, LIMITS)
+    assert (caught.value.line, caught.value.column) == (3, "q2_deg")
+    assert "2 of 3 readings" in caught.value.problem
+    assert "unit, sign and zero" in caught.value.hint
+
+
+def test_limits_can_be_ignored(tmp_path):
+    """The list without the refusal, for whoever knows that the limits are wrong."""
+    assert len(limit_excesses(session(tmp_path, ["0,-100,1,1,1", "200,95,1,1,2"]), LIMITS)) == 2
+
+
+def test_limits_of_a_sliding_joint_are_shown_in_mm():
     readings = Session([[0.0, 120.0], [1.0, 2.0]], np.eye(3)[:2])
-    error = refusal(readings, min_rows=2, upper=np.array([np.pi, 100.0]), prismatic=[False, True])
-    assert "elbow is at 120 mm in reading 1, outside its limits" in error.problem
-    assert ".. 100 mm" in error.problem
+    _, skipped = skip_beyond_limits(readings, [[-np.pi, np.pi], [0, 100.0]], prismatic=[False, True])
+    assert str(skipped[0]) == "reading 1: J2 is at 120 mm, outside its limits 0 .. 100 mm"
 
 
 def test_rounding_does_not_pass_a_limit():
-    readings = Session([[np.pi * (1 + 1e-9), 0.1], [0.0, 0.2]], np.eye(3)[:2])
-    check(readings, min_rows=2)
+    assert limit_excesses(Session([[np.pi * (1 + 1e-9), 0.1], [0.0, 0.2]]), LIMITS) == ()
 
 
 def test_infinite_limits_are_no_limits():
-    check(Session([[900.0, 0.1], [0.0, 0.2]], np.eye(3)[:2]), min_rows=2, upper=np.array([np.inf, 2.0]))
+    assert limit_excesses(Session([[900.0, 0.1], [0.0, 0.2]]), [[-np.inf, np.inf], [-2, 2]]) == ()
 
 
 def test_a_joint_that_never_moves_is_named(tmp_path):
     error = refusal(session(tmp_path, ["10,20,1,2,3", "30,20,4,5,6", "50,20,7,8,9"]))
     assert error.column == "q2_deg"
-    assert "elbow never moves in the 3 readings" in error.problem
+    assert "J2 never moves in the 3 readings" in error.problem
     assert 'type = "fixed"' in error.hint
 
 
@@ -153,7 +168,7 @@ def test_readings_of_one_pose_are_refused(tmp_path):
 def test_copies_of_a_reading_are_named(tmp_path):
     error = refusal(session(tmp_path, [*ROWS, ROWS[1], ROWS[0]]))
     assert error.line == 5
-    assert "line 3 and line 5 are the same reading" in error.problem
+    assert "repeats line 3 to the last digit" in error.problem
     assert "2 readings are such copies" in error.problem
     assert "delete the copies" in error.hint
 
@@ -164,7 +179,7 @@ def test_the_same_angles_may_be_measured_twice(tmp_path):
 
 def test_readings_without_a_file_go_by_number():
     error = refusal(Session([[0.1, 0.2], [0.3, 0.4], [0.1, 0.2]], [[1, 2, 3], [4, 5, 6], [1, 2, 3]]))
-    assert "reading 1 and reading 3" in error.problem
+    assert "reading 3: repeats reading 1" in str(error)
     assert error.line is None
 
 
@@ -177,9 +192,9 @@ def test_points_that_no_single_arm_can_have_touched(rng):
     points[3] = np.nan
     check_reach(Session(angles, points), reach=1000.0)
     points[7, 1] = 4.2e6
-    with pytest.raises(InputError, match=r"4\.2e\+06 mm from the middle of all.*1 of 19 readings"):
+    with pytest.raises(InputError, match=r"4\.2e\+06 mm from the median of all.*1 of 19 readings"):
         check_reach(Session(angles, points), reach=1000.0)
-    far = Session(angles, points, file=Path("s.csv"), first_line=2)
+    far = Session(angles, points, file=Path("s.csv"), numbers=np.arange(2, 22), by_line=True)
     with pytest.raises(InputError, match=r"s\.csv, line 9: the reference point lies") as caught:
         check_reach(far, reach=1000.0)
     assert caught.value.hint == "check the unit of the points, or delete the reading"
@@ -192,7 +207,7 @@ def test_points_of_several_sessions_lie_together_session_by_session(rng):
     session = np.where(np.arange(20) < 12, "May", "June")
     check_reach(Session(angles, points, session=session), reach=1000.0)
     session[12] = "May"
-    with pytest.raises(InputError, match=r"reference point of reading 13 .*1 of 20 readings"):
+    with pytest.raises(InputError, match=r"reading 13: the reference point .*1 of 20 readings"):
         check_reach(Session(angles, points, session=session), reach=1000.0)
 
 
@@ -206,11 +221,11 @@ def test_a_place_is_of_one_session(rows):
         readings = Session(np.zeros((len(rows), 2)), session=session, **{kind: names})
         if in_two:
             with pytest.raises(
-                InputError, match=f"{kind} '.*, between which the base or the reference moved"
+                InputError, match=f"{kind} '.*, but the base or the reference moved between sessions"
             ) as caught:
                 check_sessions(readings)
             assert caught.value.column == kind
-            assert f"another name for the {kind}" in caught.value.hint
+            assert f"name the {kind} differently" in caught.value.hint
         else:
             check_sessions(readings)
         check_sessions(replace(readings, session=None))
@@ -227,10 +242,10 @@ def test_a_length_lies_within_a_session(tmp_path):
     for other, said in (("c", "in session 't'"), ("d", "in a reading that names no session")):
         lengths = Lengths(["a", "a"], ["b", other], [100.0, 50], [0.01, 0.01])
         with pytest.raises(
-            InputError, match=f"length 2: seat 'a' is in session 's', seat '{other}' is {said}"
+            InputError, match=f"length 2, .*seat 'a' is in session 's', seat '{other}' is {said}"
         ) as caught:
             check_sessions(readings, lengths)
-        assert caught.value.hint.startswith("lengths between seats of one session")
+        assert caught.value.hint.startswith("state lengths between seats of one session")
         check_sessions(readings, lengths, own_frame=True)
     readings = session(tmp_path, ["1,2,a,s", "3,4,b,s", "5,6,a,t"], header="q1_deg,q2_deg,seat,session\n")
     with pytest.raises(InputError, match="and in session 't'") as caught:
@@ -240,11 +255,11 @@ def test_a_length_lies_within_a_session(tmp_path):
 
 def test_no_joint_turns_without_end_however_free_it_is():
     readings = Session([[0.0], [1e7]])
-    with pytest.raises(InputError, match="outside its limits"):
-        check_angles(readings, joint_names=["J1"], lower=[-np.inf], upper=[np.inf])
+    with pytest.raises(InputError, match="reading 2: J1 is at 1e.07 rad or mm, which no joint reaches"):
+        check_angles(readings, n_joints=1)
 
 
 def test_a_reference_that_never_moves():
     readings = Session(np.linspace([0.0, 0.0], [1.0, 2.0], 6), np.full((6, 3), 5.0))
     with pytest.raises(InputError, match="all 6 readings have the same reference point, though the joints move"):
-        check_fit(readings, joint_names=["J1", "J2"], lower=[-9, -9], upper=[9, 9], min_rows=4)
+        check_fit(readings, n_joints=2, min_rows=4)

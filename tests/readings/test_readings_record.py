@@ -20,26 +20,26 @@ GAP = [[1.0, 2.0, 3.0], [np.nan] * 3, [4.0, 5.0, 6.0]]
         ({"points": np.zeros((3, 3)), "point_std": np.ones((3, 2))}, "point_std of shape"),
         ({"temperature_degC": np.zeros(2)}, "temperature_degC of shape"),
         ({"quaternion": np.zeros((3, 3))}, r"quaternion of shape \(3, 4\)"),
-        ({"quaternion": np.zeros((3, 4))}, "quaternion of length 1, got length 0 in reading 1"),
-        ({"quaternion": [[1, 0, 0, 0], [1, 0.2, 0, 0], [2, 0, 0, 0]]}, "got length 1.0198 in reading 2"),
-        ({"quaternion": [[1, 0, 0, 0], [np.nan, 0, 0, 0], [1, 0, 0, 0]]}, "none of them in quaternion.*in reading 2"),
-        ({"points": [[1, 2, 3], [1, np.nan, 3], [1, 2, 3]]}, "x, y and z or none of them in points.*in reading 2"),
-        ({"points": [[1, 2, 3], [np.nan] * 3, [np.inf] * 3]}, "finite numbers in points.*in reading 3"),
+        ({"quaternion": np.zeros((3, 4))}, "reading 1: .*quaternion of length 1, got length 0"),
+        ({"quaternion": [[1, 0, 0, 0], [1, 0.2, 0, 0], [2, 0, 0, 0]]}, "reading 2: .*got length 1.0198"),
+        ({"quaternion": [[1, 0, 0, 0], [np.nan, 0, 0, 0], [1, 0, 0, 0]]}, "reading 2: .*none of them in quaternion"),
+        ({"points": [[1, 2, 3], [1, np.nan, 3], [1, 2, 3]]}, "reading 2: .*x, y and z or none of them in points"),
+        ({"points": [[1, 2, 3], [np.nan] * 3, [np.inf] * 3]}, "reading 3: .*finite numbers in points"),
         ({"point_std": np.ones((3, 3))}, "point_std needs points"),
-        ({"points": GAP, "point_std": np.ones((3, 3))}, "only there, got one without a point in reading 2"),
-        ({"points": np.ones((3, 3)), "point_std": GAP}, "only there, got a point without one in reading 2"),
+        ({"points": GAP, "point_std": np.ones((3, 3))}, "reading 2: .*only there, got one without a point"),
+        ({"points": np.ones((3, 3)), "point_std": GAP}, "reading 2: .*only there, got a point without one"),
         ({"columns": {"torque": np.ones(3)}}, "names of further columns such as load_1_Nm, got 'torque'"),
         ({"columns": {"load_\n": np.ones(3)}}, "names of further columns"),
         ({"columns": {"load_1": np.ones(2)}}, r"load_1 of shape \(3,\)"),
-        ({"columns": {"load_1": [1, np.nan, 2]}}, "finite numbers in load_1, got nan in reading 2"),
+        ({"columns": {"load_1": [1, np.nan, 2]}}, "reading 2: .*finite numbers in load_1, got nan"),
         ({"directions": np.zeros((3, 2))}, r"directions of shape \(3, 1\)"),
-        ({"directions": [[0], [1], [0.5]]}, "as -1, 0 or 1, got 0.5 for joint 1 in reading 3"),
-        ({"directions": [[0], [np.nan], [1]]}, "as -1, 0 or 1, got nan for joint 1 in reading 2"),
+        ({"directions": [[0], [1], [0.5]]}, "reading 3: .*as -1, 0 or 1, got 0.5 for J1"),
+        ({"directions": [[0], [np.nan], [1]]}, "reading 2: .*as -1, 0 or 1, got nan for J1"),
         ({"sphere": np.array(["a"])}, r"sphere of shape \(3,\)"),
         ({"seat": np.array(["a"])}, r"seat of shape \(3,\)"),
-        ({"angles": [[1.0], [np.nan], [2.0]]}, "finite numbers in angles, got .* in reading 2"),
-        ({"temperature_degC": [1, 2, np.inf]}, "in reading 3"),
-        ({"points": np.ones((3, 3)), "point_std": np.diag([1, 1, -2]) + 1.5}, "must be positive, got .* in reading 3"),
+        ({"angles": [[1.0], [np.nan], [2.0]]}, "reading 2: .*finite numbers in angles, got "),
+        ({"temperature_degC": [1, 2, np.inf]}, "reading 3: .*"),
+        ({"points": np.ones((3, 3)), "point_std": np.diag([1, 1, -2]) + 1.5}, "reading 3: .*must be positive, got "),
     ],
 )
 def test_fields_that_do_not_fit_are_refused(fields, said):
@@ -47,7 +47,7 @@ def test_fields_that_do_not_fit_are_refused(fields, said):
         Session(**({"angles": np.zeros((3, 1))} | fields))
 
 
-def test_rows_select_every_field_and_forget_the_file():
+def test_rows_select_every_field_and_keep_file_and_lines():
     names = np.array(["a", "b", "c"])
     whole = Session(
         np.arange(6.0).reshape(3, 2),
@@ -59,7 +59,8 @@ def test_rows_select_every_field_and_forget_the_file():
         temperature_degC=np.array([20.0, 21.0, 22.0]),
         file=Path("s.csv"),
         angle_columns=("q1_rad", "q2_mm"),
-        first_line=2,
+        numbers=np.arange(2, 5),
+        by_line=True,
     )
     part = whole.rows([2, 0])
     np.testing.assert_array_equal(part.angles, [[4, 5], [0, 1]])
@@ -70,7 +71,7 @@ def test_rows_select_every_field_and_forget_the_file():
     assert part.columns["load_1"].tolist() == [9, 7]
     assert whole.rows([True, False, True]).columns["load_1"].tolist() == [7, 9]
     assert part.position is None
-    assert (part.file, part.first_line) == (None, None)
+    assert (part.file, [part.called(row) for row in (0, 1)]) == (Path("s.csv"), ["line 4", "line 2"])
     assert part.angle_columns == ("q1_rad", "q2_mm")
 
 
@@ -96,7 +97,7 @@ def test_a_rounded_quaternion_is_made_one_and_an_exact_one_stays_as_it_is():
 
 
 def test_a_message_names_the_line_where_there_is_one():
-    in_file = Session([[1.0], [2.0]], file=Path("s.csv"), first_line=2)
-    assert in_file.label(1) == "line 3"
+    in_file = Session([[1.0], [2.0]], file=Path("s.csv"), numbers=[2, 3], by_line=True)
+    assert in_file.called(1) == "line 3"
     assert in_file.error("odd", 1).line == 3
-    assert Session([[1.0]]).label(0) == "reading 1"
+    assert Session([[1.0]]).called(0) == "reading 1"

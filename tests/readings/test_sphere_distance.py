@@ -31,7 +31,7 @@ def test_known_and_unknown_spheres_come_back(tmp_path):
     ("row", "column", "said"),
     [
         ("5,6,ball,28.002,0.0005", "sphere_distance_mm", "the same distance from sphere 'ball'"),
-        ("5,6,ball,28.001,0.0004", "sphere_distance_mm", "got another than in line 2"),
+        ("5,6,ball,28.001,0.0004", "sphere_distance_mm", "but line 2 has another"),
         ("5,6,ball,,", "sphere_distance_mm", "the same distance from sphere 'ball'"),
         ("5,6,ball,28.001,", "u_sphere_distance_mm", "got an empty cell"),
         ("5,6,,28.001,0.0005", "sphere_distance_mm", "expected the name of the sphere"),

@@ -1,43 +1,54 @@
-"""Delimited text from others: checked for its shape, read fast, and every fault traced to its line and column."""
+"""Delimited text (CSV): read by the standard library row by row, converted once; every fault has its line and column.
+
+One row of a table is one line of the file, so that the line of row i is ``first_line + i`` everywhere.
+"""
 
 from __future__ import annotations
 
 import codecs
 import csv
+import io
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.typing import FloatArray, NameArray
+from truearm.files.file_reading import read_limited
+from truearm.typing import BoolArray, FloatArray, NameArray
 
-# Signs in a name of a seat, position or session: in an array of names each takes the room of the longest.
+# Characters in a name of a seat, position or session: an array of names reserves the longest for each of them.
 MAX_NAME = 200
 
-# About three million readings: more than anybody took, and reading them (five times the size) fits a small machine.
+# About three million readings; reading them takes about five times the size in memory.
 MAX_BYTES = 2**29
 
-# Bytes that are searched for a fault together.
-_BLOCK = 2**20
+# Rows that are converted together: few enough to stay small as text, many enough to be fast.
+_CHUNK = 20_000
 
 # Files that people offer instead of text, by how they begin.
 _FOREIGN = {
-    b"PK\x03\x04": "a spreadsheet or zip file; export the sheet as CSV",
-    b"\xd0\xcf\x11\xe0": "an old spreadsheet (.xls); export the sheet as CSV",
-    b"\x1f\x8b": "a gzip file; unpack it first",
-    b"%PDF": "a PDF; export the numbers as CSV",
-    b"\x89HDF": "an HDF5 file; export the numbers as CSV",
+    b"PK\x03\x04": ("a spreadsheet or zip file", "export the sheet as CSV"),
+    b"\xd0\xcf\x11\xe0": ("an old spreadsheet (.xls)", "export the sheet as CSV"),
+    b"\x1f\x8b": ("a gzip file", "unpack it first"),
+    b"%PDF": ("a PDF", "export the numbers as CSV"),
+    b"\x89HDF": ("an HDF5 file", "export the numbers as CSV"),
 }
+
+_SWAP = str.maketrans(",.", ".,")  # decimal commas to points, and points to something that is no number
+
+# Cells that a spreadsheet would run as a formula (OWASP, "CSV Injection"). An apostrophe in front makes them text; one
+# more in front of those that have one makes that reversible. Numbers with a sign are no formulas.
+_FORMULA = re.compile(r"'*(?:[=@\t\r]|[+-](?![\d. +-]*$))")
 
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    r"""Delimited text of which every row has as many cells as the first.
+    """Delimited text: its header, and where its rows begin.
 
     Attributes
     ----------
@@ -45,33 +56,69 @@ class Sheet:
         Where it was read from.
     names : tuple of str
         The header's cells, or ``1``, ``2``, .. where there is no header.
-    rows : bytes
-        The rows below the header in UTF-8, each ended by one ``\n``.
     first_line : int
         The line of the first row in `file`, counted from 1.
+    head : str
+        The header's line, or the first row's.
     separator, decimal : str
         One character each.
+    data : bytes
+        The whole file in UTF-8.
     """
 
     file: Path
     names: tuple[str, ...]
-    rows: bytes
     first_line: int
+    head: str
     separator: str
     decimal: str
+    data: bytes
 
-    def cells(self) -> Iterator[tuple[int, list[str]]]:
-        """Line number and cells of each row, slowly."""
-        text = self.rows.decode().split("\n")[:-1]
-        reader = csv.reader(text, delimiter=self.separator)
+    def error(
+        self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
+    ) -> InputError:
+        """Make an error that states this file and the line of `row`, counted from 0; without a row that of the header."""
+        line = self.first_line + row if row is not None else self.first_line - 1 or None
+        return InputError(problem, file=self.file, line=line, column=column, hint=hint)
+
+    def rows(self) -> Iterator[list[str]]:
+        """Iterate over the cells of the rows; empty rows at the end of the file are none.
+
+        Raises
+        ------
+        InputError
+            If a row has too many or too few cells, a line break, or nothing at all while others follow.
+        """
+        lines = _lines(self.data)
+        for _ in range(self.first_line - 1):
+            next(lines)
+        reader, width, empty = csv.reader(lines, delimiter=self.separator), len(self.names), None
+        row = -1
         try:
-            for row in reader:
-                yield self.first_line + reader.line_num - 1, row
+            for row, cells in enumerate(reader):
+                if reader.line_num != row + 1:
+                    hint = 'remove the line break from the cell, or close the quotation mark (")'
+                    raise self.error("expected one line a reading, got a line break inside quotes", row, hint=hint)
+                if (len(cells) != width or not cells[0].strip()) and not "".join(cells).strip():
+                    empty = row if empty is None else empty
+                    continue
+                if empty is not None:  # skipped silently, it would hide that something is missing there
+                    raise self.error("expected numbers, got an empty row", empty, hint="delete the row")
+                if len(cells) != width:
+                    raise self._ragged(row, cells)
+                yield cells
         except csv.Error as error:
-            line = self.first_line + reader.line_num - 1
-            raise InputError(
-                f"expected separated cells, got a line that cannot be split ({error})", file=self.file, line=line
-            ) from None
+            hint = 'close the quotation mark (")'
+            raise self.error(f"the line cannot be split into cells ({error})", row + 1, hint=hint) from None
+
+    def _ragged(self, row: int, cells: list[str]) -> InputError:
+        hint = None
+        if self.separator == "," and len(cells) > len(self.names):
+            hint = "write decimal points, not commas, and a name that holds a comma in quotation marks"
+        elif len(cells) < len(self.names):
+            hint = "a separator or a value is missing"
+        problem = f"expected {len(self.names)} values as in the line above, got {len(cells)}"
+        return self.error(problem, row, hint=hint)
 
 
 def read_sheet(
@@ -84,7 +131,7 @@ def read_sheet(
     skip_lines: int = 0,
     importable: bool = False,
 ) -> Sheet:
-    """Read delimited text whole and check its shape. Rows at the end in which every cell is empty are none.
+    """Read delimited text and its header.
 
     Parameters
     ----------
@@ -104,61 +151,52 @@ def read_sheet(
     Raises
     ------
     InputError
-        If the file is missing, too large, binary, or not in `encoding`, its cells are separated by another sign, or a
-        row has too many or too few cells.
+        If the file is missing, too large, binary, or not in `encoding`, or its cells are separated by another sign.
     """
     path = Path(path)
     _check_signs(separator, decimal)
-    data = _as_utf8(_bytes(path), path, encoding, importable)
-    lines_above = skip_lines + header
-    above = data.split(b"\n", lines_above)[:lines_above]
-    rows = _without_empty_end(data[sum(len(line) + 1 for line in above) :], separator)
-    if header and (len(above) <= skip_lines or not above[-1].strip()):
-        raise InputError(
-            "expected a header line with the names of the columns, got an empty line", file=path, line=lines_above
-        )
-    if not rows:
-        raise InputError("expected at least one row of numbers, got none", file=path, line=lines_above or 1)
-    head = above[-1] if header else rows.split(b"\n", 1)[0]
-    cells = _split_line(head.decode(), separator, path, lines_above if header else lines_above + 1)
+    data = _as_utf8(read_limited(path, limit_bytes=MAX_BYTES), path, encoding, importable)
+    head = next(islice(_lines(data), skip_lines, None), "").rstrip("\r\n")
+    if not head.strip():
+        expected = "a header line with the names of the columns" if header else "a row of numbers"
+        raise InputError(f"expected {expected}, got an empty line", file=path, line=skip_lines + 1)
+    cells = next(csv.reader([head], delimiter=separator), [])
     names = tuple(cell.strip() for cell in cells) if header else tuple(str(i + 1) for i in range(len(cells)))
-    sheet = Sheet(path, names, rows, lines_above + 1, separator, decimal)
+    sheet = Sheet(path, names, skip_lines + header + 1, head, separator, decimal, data)
     if header:
         _check_separator(sheet, importable)
-    _check_shape(sheet)
     return sheet
 
 
 def check_names(
     sheet: Sheet, needed: Sequence[str], optional: Sequence[str], *, meant: Callable[[str], str | None] | None = None
 ) -> None:
-    """Check that a header has the columns `needed`, and none twice or beside these, those `optional` and notes.
-
-    Parameters
-    ----------
-    sheet : Sheet
-    needed, optional : sequence of str
-    meant : callable, optional
-        What to try in place of an unknown column; where it says nothing, or by default, all that are known.
+    """Check a header: it has the columns `needed`, and otherwise only those `optional` and notes, none twice.
 
     Raises
     ------
     InputError
-        For the first column at fault.
+        If a column is missing, repeated or unknown; `meant` gives the name that an unknown one may have meant.
     """
-    line, known = sheet.first_line - 1, (*needed, *optional)
-    for i, name in enumerate(sheet.names):
-        if not name:
-            hint = "delete the column, or let its name start with 'note'"
-            raise InputError("the column has no name", file=sheet.file, line=line, column=i + 1, hint=hint)
-        if name in sheet.names[:i]:
-            hint = "delete one of the two"
-            raise InputError("the column stands twice", file=sheet.file, line=line, column=name, hint=hint)
+    known = (*needed, *optional)
+    check_header(sheet.names, file=sheet.file, line=sheet.first_line - 1)
+    for name in sheet.names:
         if name not in known and not name.startswith("note"):
             hint = (meant(name) if meant else None) or ", ".join(known)
-            raise InputError(f"unknown column {quoted_cell(name)}", file=sheet.file, line=line, column=name, hint=hint)
+            raise sheet.error(f"unknown column {quoted_cell(name)}", column=name, hint=hint)
     if missing := [name for name in needed if name not in sheet.names]:
-        raise InputError(f"the column {missing[0]} is missing", file=sheet.file, line=line, hint=", ".join(needed))
+        raise sheet.error(f"the column {missing[0]} is missing", hint=", ".join(needed))
+
+
+def check_header(names: Sequence[str], *, file: Path | None, line: int | None) -> None:
+    """Check that every column has a name, and one of its own."""
+    for i, name in enumerate(names):
+        if not name:
+            hint = "delete the column, or let its name start with 'note'"
+            raise InputError("the column has no name", file=file, line=line, column=i + 1, hint=hint)
+        if name in names[:i]:
+            hint = "delete one of the two"
+            raise InputError("two columns have this name", file=file, line=line, column=name, hint=hint)
 
 
 def read_columns(
@@ -171,84 +209,48 @@ def read_columns(
     Raises
     ------
     InputError
-        If a cell of `numbers` is not a finite number: the first such cell in the file, with what to try; or if a name
-        is too long.
+        If a row does not fit the header, there is no row, a cell of `numbers` is not a finite number (the first such
+        cell in the file), or a name is too long.
     """
-    for empty in ((), optional) if optional else ((),):  # looking for empty cells takes time, and most files have none
-        try:
-            return _read(sheet, numbers, words, empty)
-        except InputError:
-            raise
-        except (ValueError, OverflowError):
-            continue
-    raise _first_fault(sheet, numbers, optional)
+    parts: list[FloatArray] = []
+    texts: list[list[NameArray]] = [[] for _ in words]
+    rows, start = sheet.rows(), 0
+    while chunk := list(islice(rows, _CHUNK)):
+        columns = list(zip(*chunk, strict=True))
+        values, bad = np.empty((len(chunk), len(numbers))), np.zeros((len(chunk), len(numbers)), bool)
+        for k, i in enumerate(numbers):
+            values[:, k], bad[:, k] = _floats(columns[i], sheet.decimal, may_be_empty=i in optional)
+        if bad.any():
+            row = int(np.argmax(bad.any(axis=1)))
+            column = min(numbers[k] for k in np.flatnonzero(bad[row]).tolist())
+            problem, hint = _described(chunk[row][column], sheet)
+            raise sheet.error(problem, start + row, column=sheet.names[column], hint=hint)
+        parts.append(values)
+        for text, i in zip(texts, words, strict=True):
+            text.append(_names(columns[i], sheet, start, i))
+        start += len(chunk)
+    if not parts:
+        line = sheet.first_line - 1 or 1
+        raise InputError("expected at least one row of numbers, got none", file=sheet.file, line=line)
+    return np.concatenate(parts), [np.concatenate(text) for text in texts]
 
 
-def _read(
-    sheet: Sheet, numbers: Sequence[int], words: Sequence[int], optional: Sequence[int]
-) -> tuple[FloatArray, list[NameArray]]:
-    """Do the work of `read_columns`; a ValueError does not say where the fault is."""
-    table = _parsed(sheet, {**dict.fromkeys(numbers, float), **dict.fromkeys(words, str)}, optional)
-    found = np.empty((len(table), len(numbers)))
-    for k, i in enumerate(numbers):
-        found[:, k] = table[i].to_numpy()
-    missing = np.isnan(found) & np.isin(numbers, optional)
-    if not (np.isfinite(found) | missing).all():
-        raise ValueError("a number is not finite")
-    if missing.any():  # pandas takes the word nan for an empty cell
-        cells = _parsed(sheet, dict.fromkeys(optional, str), ())
-        if any((cells[i].to_numpy()[missing[:, k]] != "").any() for k, i in enumerate(numbers) if i in optional):
-            raise ValueError("nan is no number")
-    # pandas takes a column of nothing but True and False for noughts and ones.
-    truth = any(word in sheet.rows for word in (b"rue", b"RUE", b"alse", b"ALSE"))
-    if truth and ((found == 0) | (found == 1) | missing).all(axis=0).any() and _fault_in(sheet, numbers, optional):
-        raise ValueError("a truth value is no number")
-    return found, [_names(table[i].to_numpy(), sheet, i) for i in words]
+def write_columns(path: Path, columns: Mapping[str, FloatArray | NameArray]) -> None:
+    """Write columns of one length as CSV: numbers with as many digits as they need, what is missing (NaN) empty.
+
+    A name that a spreadsheet would run as a formula gets an apostrophe in front; `read_columns` removes it.
+    """
+    with path.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(columns)
+        for start in range(0, len(next(iter(columns.values()))), _CHUNK):
+            # Python's floats write themselves with the fewest digits that come back the same.
+            writer.writerows(zip(*(_cells(v[start : start + _CHUNK]) for v in columns.values()), strict=True))
 
 
-def _parsed(sheet: Sheet, kinds: dict[int, Any], optional: Sequence[int]) -> Any:
-    """Parse the columns `kinds` as what they are said to be; empty cells of the columns `optional` as NaN."""
-    import io
-
-    import pandas as pd
-
-    missing: dict[str, Any] = {"na_filter": False}
-    if optional:
-        missing = {"keep_default_na": False, "na_values": {i: [""] for i in optional}}
-    return pd.read_csv(
-        io.BytesIO(sheet.rows),
-        sep=sheet.separator,
-        decimal=sheet.decimal,
-        header=None,
-        usecols=sorted(kinds),
-        dtype=kinds,
-        index_col=False,
-        skip_blank_lines=False,
-        engine="c",
-        encoding="utf-8",
-        **missing,
-        **_exactly(pd.__version__),
-    )
-
-
-def _names(cells: npt.NDArray[np.object_], sheet: Sheet, index: int) -> NameArray:
-    """Names as one array, in which each takes the room of the longest."""
-    lengths = np.fromiter(map(len, cells), dtype=int, count=len(cells))
-    if lengths.max(initial=0) > MAX_NAME:
-        row = int(lengths.argmax())
-        raise InputError(
-            f"expected a name of at most {MAX_NAME} signs, got one of {lengths[row]}",
-            file=sheet.file,
-            line=sheet.first_line + row,
-            column=sheet.names[index],
-        )
-    return cells.astype(np.str_)
-
-
-def _exactly(pandas_version: str) -> dict[str, Any]:
-    """Make pandas read every number to the last bit; since 3.1 it does so by itself and warns of the option."""
-    major, minor = (int(part) for part in pandas_version.split(".")[:2])
-    return {} if (major, minor) >= (3, 1) else {"float_precision": "round_trip"}
+def escape_formula(cell: str) -> str:
+    """Put an apostrophe in front of a cell that a spreadsheet would run as a formula."""
+    return f"'{cell}" if _FORMULA.match(cell) else cell
 
 
 def quoted_cell(cell: object) -> str:
@@ -257,190 +259,49 @@ def quoted_cell(cell: object) -> str:
     return text if len(text) <= 40 else f"{text[:36]}...{text[0]}"
 
 
-def _check_signs(separator: str, decimal: str) -> None:
-    if len(separator) != 1 or separator in '\r\n"' or separator.isalnum():
-        raise InputError(f"the separator must be one character such as , or ; got {quoted_cell(separator)}")
-    if decimal not in (".", ","):
-        raise InputError(f"the decimal sign must be . or , got {quoted_cell(decimal)}")
-    if separator == decimal:
-        raise InputError(
-            f"the separator and the decimal sign are both {separator!r}",
-            hint="--separator ';' --decimal ','",
-        )
+def _cells(values: FloatArray | NameArray) -> list[Any]:
+    cells: list[Any] = values.tolist()
+    if values.dtype.kind == "f":
+        return ["" if cell != cell else cell for cell in cells] if np.isnan(values).any() else cells
+    return [escape_formula(cell) for cell in cells]
 
 
-def _bytes(path: Path) -> bytes:
-    try:
-        size = path.stat().st_size
-        if path.is_dir():
-            raise InputError("expected a file, got a folder", file=path)
-        if size > MAX_BYTES:
-            raise InputError(
-                f"expected at most {MAX_BYTES / 2**20:.0f} MiB, got {size / 2**20:.0f} MiB",
-                file=path,
-                hint="split the file, or write it as Parquet",
-            )
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError("the file does not exist", file=path) from None
-    except OSError as error:
-        raise InputError(f"the file cannot be read ({error.strerror})", file=path) from None
-    for beginning, what in _FOREIGN.items():
-        if data.startswith(beginning):
-            raise InputError(
-                f"expected text (CSV), got {what.partition('; ')[0]}", file=path, hint=what.partition("; ")[2]
-            )
-    return data
+def _lines(data: bytes) -> Iterator[str]:
+    """Lines with their ends, whether those are of Unix, Windows or the old Macintosh."""
+    return io.TextIOWrapper(io.BytesIO(data), "utf-8", newline="")
 
 
-def _as_utf8(data: bytes, path: Path, encoding: str, importable: bool) -> bytes:
-    """Turn `data` into UTF-8 with plain line ends, no byte order mark and no empty lines at its end."""
-    try:
-        codec = codecs.lookup(encoding)
-        if not getattr(codec, "_is_text_encoding", True):  # hex, zip, rot13: no encodings of text
-            raise LookupError
-        name = codec.name
-    except LookupError:
-        raise InputError(f"unknown encoding {quoted_cell(encoding)}", hint="utf-8, latin-1, cp1252 or utf-16") from None
-    if name == "utf-8" and data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        raise InputError("expected UTF-8 text, got UTF-16", file=path, hint="save it as 'CSV UTF-8'")
-    if name == "utf-8":
-        data = data.removeprefix(codecs.BOM_UTF8)
-    if not (name == "utf-8" and data.isascii()):
+def _floats(cells: Sequence[str], decimal: str, *, may_be_empty: bool) -> tuple[FloatArray, BoolArray]:
+    """Numbers of a column, and which of its cells are not finite numbers."""
+    text = "\n".join(cells)
+    if decimal == ",":
+        text = text.translate(_SWAP)
+        cells = text.split("\n")
+    empty = cells.count("") if may_be_empty else 0
+    if text.isascii() and "_" not in text:  # `float` reads 1_000 and the digits of all scripts
         try:
-            data = data.decode(name).removeprefix("\ufeff").encode()
-        except (UnicodeError, AttributeError) as error:
-            line = data.count(b"\n", 0, error.start) + 1 if isinstance(error, UnicodeDecodeError) else None
-            raise InputError(
-                f"expected text in {name}, got bytes that are not",
-                file=path,
-                line=line,
-                hint="save it as 'CSV UTF-8'"
-                + (", or give `truearm import` its --encoding (often cp1252)" if importable else ""),
-            ) from None
-    if b"\0" in data:
-        line = data.count(b"\n", 0, data.index(b"\0")) + 1
-        raise InputError("expected text (CSV), got a binary file", file=path, line=line)
-    if b"\r" in data:
-        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    data = data.rstrip(b"\n")
-    if not data:
-        raise InputError("expected a table, got an empty file", file=path)
-    return data + b"\n"
+            values = np.fromiter(map(float, (c or "nan" for c in cells) if empty else cells), float, len(cells))
+            if np.count_nonzero(~np.isfinite(values)) == empty:
+                return values, np.zeros(len(cells), bool)
+        except ValueError:
+            pass
+    number = re.compile(r"[ \t]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[ \t]*", re.ASCII)
+    values = np.array([float(cell) if number.fullmatch(cell) else np.nan for cell in cells])
+    blank = np.array([cell == "" for cell in cells]) & may_be_empty
+    return values, ~(np.isfinite(values) | blank)
 
 
-def _without_empty_end(rows: bytes, separator: str) -> bytes:
-    """Rows up to the last that has anything in its cells: spreadsheets append some that have nothing."""
-    filled = len(rows.rstrip(b" \t\n" + separator.encode()))
-    return rows[: rows.find(b"\n", filled) + 1] if filled else b""
+def _names(cells: Sequence[str], sheet: Sheet, start: int, column: int) -> NameArray:
+    longest = max(map(len, cells))
+    if longest > MAX_NAME:
+        row = next(i for i, cell in enumerate(cells) if len(cell) > MAX_NAME)
+        problem = f"expected a name of at most {MAX_NAME} characters, got one of {len(cells[row])}"
+        raise sheet.error(problem, start + row, column=sheet.names[column])
+    return np.array([c[1:] if c[:1] == "'" and _FORMULA.match(c, 1) else c for c in cells], dtype=np.str_)
 
 
-def _split_line(line: str, separator: str, path: Path, number: int) -> list[str]:
-    try:
-        return next(csv.reader([line], delimiter=separator))
-    except csv.Error as error:
-        raise InputError(
-            f"expected separated cells, got a line that cannot be split ({error})", file=path, line=number
-        ) from None
-
-
-def _check_separator(sheet: Sheet, importable: bool) -> None:
-    """Refuse a table whose header is one piece that holds another separator."""
-    for separator, name, typed in ((";", "semicolons", "';'"), ("\t", "tabs", "TAB")):
-        if sheet.separator == "," and len(sheet.names) == 1 and separator in sheet.names[0]:
-            first, decimal = "", ""
-            if re.search(rb"\d,\d", sheet.rows):
-                first, decimal = "decimal commas by points, then ", " --decimal ','"
-            hint = (
-                f"in a text editor replace {first}{name} by commas; "
-                "or save it as 'CSV UTF-8 (comma delimited)' where Windows has the list separator ','"
-            )
-            if importable:
-                hint += f"; or truearm import {sheet.file.name} --separator {typed}{decimal} --angles .. --out SESSION"
-            problem = f"cells are separated by {name}, expected commas"
-            raise InputError(problem, file=sheet.file, line=sheet.first_line - 1, hint=hint)
-
-
-def _check_shape(sheet: Sheet) -> None:
-    """Every row must have as many cells as there are names."""
-    width = len(sheet.names)
-    if b'"' not in sheet.rows:
-        end, mark = np.uint8(ord("\n")), sheet.separator.encode()
-        text = np.frombuffer(sheet.rows, dtype=np.uint8)
-        if len(mark) == 1:
-            marks = text[(text == end) | (text == mark[0])]
-            if len(marks) % width == 0:
-                ends = marks.reshape(-1, width) == end
-                if ends[:, -1].all() and not ends[:, :-1].any() and not (width == 1 and b"\n\n" in sheet.rows):
-                    return
-    for expected, (line, cells) in enumerate(sheet.cells(), sheet.first_line):
-        if line != expected:
-            raise InputError(
-                "expected one line a reading, got a line break inside quotes",
-                file=sheet.file,
-                line=expected,
-                hint='take the line break out of the cell, or close the quotation mark (")',
-            )
-        if len(cells) != width and _is_empty(cells):
-            raise _empty_row(sheet, line)
-        if len(cells) != width:
-            raise _ragged(sheet, line, cells)
-
-
-def _ragged(sheet: Sheet, line: int, cells: list[str]) -> InputError:
-    width = len(sheet.names)
-    hint = None
-    if sheet.separator == "," and len(cells) > width:
-        hint = "write decimal points, not commas, and a name that holds a comma in quotation marks"
-    elif len(cells) < width:
-        hint = "a separator or a value is missing"
-    problem = f"expected {width} values as in the line above, got {len(cells)}"
-    return InputError(problem, file=sheet.file, line=line, hint=hint)
-
-
-def _is_empty(cells: Sequence[str]) -> bool:
-    return not any(cell.strip() for cell in cells)
-
-
-def _empty_row(sheet: Sheet, line: int) -> InputError:
-    # Left out in silence, it would hide that something is missing there.
-    return InputError("expected numbers, got an empty row", file=sheet.file, line=line, hint="delete the row")
-
-
-def _first_fault(sheet: Sheet, numbers: Sequence[int], optional: Sequence[int]) -> InputError:
-    """Find the first cell of the columns `numbers` that is no finite number: the faulty block fast, then its cells."""
-    start, line = 0, sheet.first_line
-    while start < len(sheet.rows):
-        end = sheet.rows.find(b"\n", start + _BLOCK) + 1 or len(sheet.rows)
-        block = replace(sheet, rows=sheet.rows[start:end], first_line=line)
-        try:
-            _read(block, numbers, (), optional)
-        except (ValueError, OverflowError):
-            if fault := _fault_in(block, numbers, optional):
-                return fault
-        start, line = end, line + block.rows.count(b"\n")
-    return InputError("expected numbers, got cells that cannot be read as numbers", file=sheet.file)
-
-
-def _fault_in(sheet: Sheet, numbers: Sequence[int], optional: Sequence[int]) -> InputError | None:
-    """Look at every cell of the columns `numbers`, slowly, for the first that is no finite number."""
-    sign = re.escape(sheet.decimal)
-    number = re.compile(rf"[+-]?(\d+{sign}?\d*|{sign}\d+)([eE][+-]?\d+)?", re.ASCII)
-    for line, cells in sheet.cells():
-        for i in sorted(numbers):
-            if cells[i] == "" and i in optional:
-                continue
-            cell = cells[i].strip(" \t")
-            if not number.fullmatch(cell) or not np.isfinite(float(cell.replace(sheet.decimal, "."))):
-                if _is_empty(cells):
-                    return _empty_row(sheet, line)
-                problem, hint = _said_of(cells[i], sheet)
-                return InputError(problem, file=sheet.file, line=line, column=sheet.names[i], hint=hint)
-    return None
-
-
-def _said_of(cell: str, sheet: Sheet) -> tuple[str, str | None]:
-    """Say what is wrong with a cell that should be a number, and what to try."""
+def _described(cell: str, sheet: Sheet) -> tuple[str, str | None]:
+    """Say what is wrong with a cell that should be a number, and what to do."""
     text = cell.strip()
     if cell and not text:
         return (
@@ -463,3 +324,64 @@ def _said_of(cell: str, sheet: Sheet) -> tuple[str, str | None]:
             "write decimal points" if other == sheet.separator else f"--decimal '{other}'",
         )
     return f"expected a number, got {quoted_cell(text)}", None
+
+
+def _check_signs(separator: str, decimal: str) -> None:
+    if len(separator) != 1 or separator in '\r\n"' or separator.isalnum():
+        raise InputError(f"the separator must be one character such as , or ; got {quoted_cell(separator)}")
+    if decimal not in (".", ","):
+        raise InputError(f"the decimal sign must be . or , got {quoted_cell(decimal)}")
+    if separator == decimal:
+        raise InputError(
+            f"the separator and the decimal sign are both {separator!r}",
+            hint="--separator ';' --decimal ','",
+        )
+
+
+def _as_utf8(data: bytes, path: Path, encoding: str, importable: bool) -> bytes:
+    """Return `data` as text in UTF-8 without a byte order mark."""
+    for beginning, (what, hint) in _FOREIGN.items():
+        if data.startswith(beginning):
+            raise InputError(f"expected text (CSV), got {what}", file=path, hint=hint)
+    try:
+        codec = codecs.lookup(encoding)
+        if not getattr(codec, "_is_text_encoding", True):  # hex, zip, rot13: no encodings of text
+            raise LookupError
+        name = codec.name
+    except LookupError:
+        raise InputError(f"unknown encoding {quoted_cell(encoding)}", hint="utf-8, latin-1, cp1252 or utf-16") from None
+    if name == "utf-8" and data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        raise InputError("expected UTF-8 text, got UTF-16", file=path, hint="save it as 'CSV UTF-8'")
+    if not (name == "utf-8" and data.isascii()):
+        try:
+            data = data.decode(name).removeprefix("\ufeff").encode()
+        except (UnicodeError, AttributeError) as error:
+            line = data.count(b"\n", 0, error.start) + 1 if isinstance(error, UnicodeDecodeError) else None
+            hint = "save it as 'CSV UTF-8'"
+            if importable:
+                hint += ", or give `truearm import` its --encoding (often cp1252)"
+            raise InputError(
+                f"expected text in {name}, got bytes that are not", file=path, line=line, hint=hint
+            ) from None
+    if b"\0" in data:
+        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+        raise InputError("expected text (CSV), got a binary file", file=path, line=line)
+    if not data.strip(b"\r\n"):
+        raise InputError("expected a table, got an empty file", file=path)
+    return data
+
+
+def _check_separator(sheet: Sheet, importable: bool) -> None:
+    """Refuse a table whose header is one piece that holds another separator."""
+    for separator, name, typed in ((";", "semicolons", "';'"), ("\t", "tabs", "TAB")):
+        if sheet.separator == "," and len(sheet.names) == 1 and separator in sheet.names[0]:
+            first, decimal = "", ""
+            if re.search(rb"\d,\d", sheet.data):
+                first, decimal = "decimal commas by points, then ", " --decimal ','"
+            hint = (
+                f"in a text editor replace {first}{name} by commas; "
+                "or save it as 'CSV UTF-8 (comma delimited)' where Windows has the list separator ','"
+            )
+            if importable:
+                hint += f"; or truearm import {sheet.file.name} --separator {typed}{decimal} --angles .. --out SESSION"
+            raise sheet.error(f"cells are separated by {name}, expected commas", hint=hint)

@@ -1,29 +1,71 @@
-"""Files of a bounded size: an arm is a page of text, so a longer file is something else."""
+"""Bounded reads: every file that a user names is checked for its kind and its size before it is read."""
 
 from __future__ import annotations
 
+import errno
+import stat
 from pathlib import Path
 
 from truearm.errors import InputError
 
 
-def read_limited(path: str | Path, *, limit_bytes: int) -> bytes:
+def check_readable(path: str | Path, *, limit_bytes: int, hint: str | None = None) -> None:
+    """Check that `path` is an ordinary file of at most `limit_bytes`; devices and pipes may have no end.
+
+    Parameters
+    ----------
+    path : path
+    limit_bytes : int
+    hint : str, optional
+        What to do if the file is missing.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it is a folder, a device, a pipe or a socket, it is too large, or its links form a
+        loop.
+    """
+    try:
+        status = Path(path).stat()
+    except FileNotFoundError:
+        raise InputError("the file does not exist", file=path, hint=hint) from None
+    except (OSError, ValueError) as error:  # ValueError: a name with a NUL character
+        raise _unreadable(path, error) from None
+    if stat.S_ISDIR(status.st_mode):
+        raise InputError("expected a file, got a folder", file=path)
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(
+            "expected a file, got a device, a pipe or a socket", file=path, hint="save the data to a file first"
+        )
+    if status.st_size > limit_bytes:
+        raise _too_large(path, limit_bytes)
+
+
+def read_limited(path: str | Path, *, limit_bytes: int, hint: str | None = None) -> bytes:
     """Read a file of at most `limit_bytes`.
 
     Raises
     ------
     InputError
-        If the file is missing, a folder, not readable, or longer than that.
+        As `check_readable`, and if the system refuses to read the file.
     """
+    check_readable(path, limit_bytes=limit_bytes, hint=hint)
     try:
         with Path(path).open("rb") as file:
-            content = file.read(limit_bytes + 1)  # the size on disk may lie: pipes, growing files
-    except FileNotFoundError:
-        raise InputError("there is no such file", file=path) from None
-    except IsADirectoryError:
-        raise InputError("expected a file, got a folder", file=path) from None
+            content = file.read(limit_bytes + 1)  # it may have grown since
     except OSError as error:
-        raise InputError(f"the file cannot be read ({error.strerror})", file=path) from None
+        raise _unreadable(path, error) from None
     if len(content) > limit_bytes:
-        raise InputError(f"expected at most {limit_bytes / 1e6:g} MB, got a longer file", file=path)
+        raise _too_large(path, limit_bytes)
     return content
+
+
+def _too_large(path: str | Path, limit_bytes: int) -> InputError:
+    return InputError(f"the file is larger than {limit_bytes / 1e6:.3g} MB, the limit for files of its kind", file=path)
+
+
+def _unreadable(path: str | Path, error: OSError | ValueError) -> InputError:
+    if isinstance(error, OSError) and error.errno == errno.ELOOP:
+        return InputError("the symbolic link leads back to itself", file=path)
+    reason = error.strerror if isinstance(error, OSError) else str(error)
+    return InputError(f"the file cannot be read ({reason})", file=path)

@@ -1,6 +1,15 @@
-"""Readings of an arm: the record, the session file, lengths, foreign tables, what a fit demands, fair splits."""
+"""Readings: sessions and their files, lengths, import of other tables, checks before a fit, errors, fair splits."""
 
-from truearm.readings.checks import check_angles, check_fit, check_reach, check_sessions, has_reference
+from truearm.readings.checks import (
+    LimitExcess,
+    check_angles,
+    check_fit,
+    check_reach,
+    check_sessions,
+    has_reference,
+    limit_excesses,
+    skip_beyond_limits,
+)
 from truearm.readings.files import check_session_path, read_session, write_session
 from truearm.readings.lengths import Lengths, read_lengths, write_lengths
 from truearm.readings.point_errors import ErrorComparison, PointErrors, compare_errors, point_errors
@@ -13,6 +22,7 @@ __all__ = [
     "ErrorComparison",
     "JointScale",
     "Lengths",
+    "LimitExcess",
     "PointErrors",
     "SeatErrors",
     "Session",
@@ -27,10 +37,12 @@ __all__ = [
     "hold_out",
     "import_table",
     "length_errors",
+    "limit_excesses",
     "point_errors",
     "read_lengths",
     "read_session",
     "seat_errors",
+    "skip_beyond_limits",
     "stratified_rows",
     "write_lengths",
     "write_session",

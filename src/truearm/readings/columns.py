@@ -1,4 +1,4 @@
-"""The columns of a session file: their names carry the units, and nothing is guessed."""
+"""The columns of a session: their names state the units, and no unit is guessed. CSV, Parquet and data frames share them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,20 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.readings.session import DIRECTION, LOAD, NAMED, SPHERE_DISTANCE
+from truearm.files.delimited import MAX_NAME, check_header, quoted_cell
+from truearm.readings.session import DIRECTION, LOAD, NAMED, SPHERE_DISTANCE, Session
+from truearm.typing import FloatArray, NameArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+AngleUnit = Literal["deg", "rad"]
 
 TEMPERATURE = "temperature_degC"
 
@@ -53,24 +61,21 @@ class Columns:
 
 
 def unit_of(column: str) -> str:
-    """Read the unit that a column's name ends in."""
+    """Return the unit that a column's name ends in."""
     return column.rpartition("_")[2]
 
 
-def recognise_columns(names: Sequence[str], *, file: Path, line: int | None, n_joints: int | None = None) -> Columns:
-    """Which of a file's columns hold what.
+def recognise_columns(
+    names: Sequence[str], *, file: Path | None, line: int | None, n_joints: int | None = None
+) -> Columns:
+    """Sort the columns of a session by what they hold.
 
     Raises
     ------
     InputError
-        If a column is unknown, has no unit, stands twice or is missing.
+        If a column is unknown, has no unit, is repeated or is missing.
     """
-    for i, name in enumerate(names):
-        if not name:
-            hint = "delete the column, or let its name start with 'note'"
-            raise InputError("the column has no name", file=file, line=line, column=i + 1, hint=hint)
-        if name in names[:i]:
-            raise InputError("the column stands twice", file=file, line=line, column=name, hint="delete one of the two")
+    check_header(names, file=file, line=line)
     angles: dict[int, str] = {}
     points: dict[str, str] = {}
     together: dict[str, str] = {}
@@ -90,7 +95,9 @@ def recognise_columns(names: Sequence[str], *, file: Path, line: int | None, n_j
         elif name in NAMED:
             words.append(name)
         elif name != TEMPERATURE and not name.startswith("note"):
-            raise InputError(*_unknown(name), file=file, line=line, column=name, hint=_instead(name))
+            raise InputError(
+                f"unknown column {quoted_cell(name)}", file=file, line=line, column=name, hint=_meant(name)
+            )
     joints = _joints(angles, file, line, n_joints)
     return Columns(
         joints,
@@ -105,7 +112,146 @@ def recognise_columns(names: Sequence[str], *, file: Path, line: int | None, n_j
     )
 
 
-def _once(found: dict[_Key, str], key: _Key, name: str, file: Path, line: int | None) -> None:
+def session_of_columns(
+    columns: Columns, numbers: FloatArray, words: Sequence[NameArray], *, file: Path | None, first_line: int | None
+) -> Session:
+    """Build the session in rad and mm from the values of `columns.numbers` and `columns.words`."""
+    references = (columns.points, columns.point_std, columns.quaternion, columns.sphere_distance)
+    groups = (columns.angles, *references, columns.temperature, columns.directions)
+    parts = np.split(numbers, np.cumsum([len(group) for group in groups]), axis=1)
+    for names, part in zip(groups[1:5], parts[1:5], strict=True):
+        _check_whole(names, part, file=file, first_line=first_line)
+    with np.errstate(over="ignore"):  # the session refuses what is infinite
+        angles, points, std = (
+            part * [FACTOR[unit_of(name)] for name in names] for part, names in zip(parts, groups[:3], strict=False)
+        )
+    quaternion, sphere_distance, temperature, directions, loads = parts[3:]
+    return Session(
+        angles,
+        points if columns.points else None,
+        point_std=std if columns.point_std else None,
+        temperature_degC=temperature[:, 0] if columns.temperature else None,
+        quaternion=quaternion if columns.quaternion else None,
+        sphere_distance=sphere_distance if columns.sphere_distance else None,
+        directions=directions if columns.directions else None,
+        columns=dict(zip(columns.loads, loads.T, strict=True)),
+        file=file,
+        angle_columns=columns.angles,
+        numbers=None if first_line is None else np.arange(first_line, first_line + len(numbers)),
+        by_line=first_line is not None,
+        **cast(Any, dict(zip(columns.words, words, strict=True))),
+    )
+
+
+def session_from_frame(frame: pd.DataFrame, *, file: Path | None = None, n_joints: int | None = None) -> Session:
+    """Build a session from a data frame with the columns of the session file (see `Session.from_frame`)."""
+    for name in frame.columns:
+        if not isinstance(name, str):
+            raise InputError(f"expected names of columns such as q1_deg, got {quoted_cell(name)}", file=file)
+    columns = recognise_columns(list(frame.columns), file=file, line=None, n_joints=n_joints)
+    if not len(frame):
+        raise InputError("expected at least one reading, got none", file=file)
+    numbers = [frame_numbers(frame[c], c, file=file, optional=c in columns.optional) for c in columns.numbers]
+    words = [frame_words(frame[c], c, file=file) for c in columns.words]
+    return session_of_columns(columns, np.stack(numbers, axis=1), words, file=file, first_line=None)
+
+
+def session_columns(
+    session: Session, prismatic: npt.ArrayLike | None = None, angle_unit: AngleUnit | None = None
+) -> dict[str, FloatArray | NameArray]:
+    """Lay out a session in the columns of the session file, in their order."""
+    table: dict[str, FloatArray | NameArray] = {}
+    for i, unit in enumerate(_units(session, prismatic, angle_unit)):
+        table[f"q{i + 1}_{unit}"] = session.angles[:, i] / FACTOR[unit]
+    for prefix, values in (("", session.points), ("s", session.point_std)):
+        if values is not None:
+            table |= {f"{prefix}{axis}_mm": values[:, k] for k, axis in enumerate("xyz")}
+    if session.quaternion is not None:
+        table |= {name: session.quaternion[:, k] for k, name in enumerate(QUATERNION)}
+    for name in NAMED:
+        if (words := getattr(session, name)) is not None:
+            table[name] = words
+    if session.sphere_distance is not None:
+        table |= {name: session.sphere_distance[:, k] for k, name in enumerate(SPHERE_DISTANCE)}
+    if session.temperature_degC is not None:
+        table[TEMPERATURE] = session.temperature_degC
+    if session.directions is not None:
+        table |= {f"{DIRECTION}{i + 1}": session.directions[:, i] for i in range(session.n_joints)}
+    table.update(session.columns)
+    return table
+
+
+def _units(session: Session, prismatic: npt.ArrayLike | None, angle_unit: AngleUnit | None) -> list[str]:
+    """Choose the unit in which each joint is written."""
+    if angle_unit not in (None, "deg", "rad"):
+        raise InputError(f"expected the angle unit deg or rad, got {quoted_cell(angle_unit)}")
+    known = [ANGLE.fullmatch(name) for name in session.angle_columns or ()]
+    units = [match[2] if match else "deg" for match in known] or ["deg"] * session.n_joints
+    if angle_unit is not None:
+        units = ["mm" if unit == "mm" else angle_unit for unit in units]
+    if prismatic is not None:
+        slides = np.asarray(prismatic, dtype=bool)
+        if slides.shape != (session.n_joints,):
+            raise InputError(f"expected {session.n_joints} joint types, got shape {slides.shape}")
+        turning = [angle_unit or "deg" if unit == "mm" else unit for unit in units]
+        units = ["mm" if slide else unit for slide, unit in zip(slides, turning, strict=True)]
+    return units
+
+
+def frame_numbers(column: pd.Series[Any], name: str, *, file: Path | None = None, optional: bool = False) -> FloatArray:
+    """Return a column of a data frame as finite floats; in an `optional` one NaN for what is missing."""
+    from pandas.api.types import infer_dtype
+
+    kind = infer_dtype(column, skipna=True)
+    if kind not in ("floating", "integer", "mixed-integer-float") and not (optional and kind == "empty"):
+        raise InputError(f"expected numbers, got a column of type {kind}", file=file, column=name)
+    values: FloatArray = column.to_numpy(dtype=float, na_value=np.nan)
+    # Frames and Parquet files have either an empty cell or NaN for what is missing.
+    good = np.isfinite(values) | (np.isnan(values) & optional)
+    if not good.all():
+        row = int(np.argmin(good))
+        got = "an empty cell" if np.isnan(values[row]) else repr(float(values[row]))
+        raise InputError(f"expected a finite number, got {got}", file=file, row=f"reading {row + 1}", column=name)
+    return values
+
+
+def frame_words(column: pd.Series[Any], name: str, *, file: Path | None = None) -> NameArray:
+    """Return a column of a data frame as names, empty for what is missing."""
+    from pandas.api.types import infer_dtype
+
+    kind = infer_dtype(column.astype(object), skipna=True)  # object: what categories stand for
+    if kind not in ("string", "empty"):
+        hint = f"frame[{name!r}].astype(str)" if file is None else None
+        raise InputError(f"expected names (text), got a column of type {kind}", file=file, column=name, hint=hint)
+    missing = column.isna().to_numpy()
+    cells = ["" if gone else cell for cell, gone in zip(column.tolist(), missing.tolist(), strict=True)]
+    for row, cell in enumerate(cells):
+        if len(cell) > MAX_NAME:
+            problem = f"expected a name of at most {MAX_NAME} characters, got one of {len(cell)}"
+            raise InputError(problem, file=file, row=f"reading {row + 1}", column=name)
+        if not cell.isprintable() and {"\0", "\n", "\r"} & set(cell):
+            problem = "expected a name on one line, got control characters"
+            raise InputError(problem, file=file, row=f"reading {row + 1}", column=name)
+    return np.array(cells, dtype=np.str_)
+
+
+def _check_whole(names: Sequence[str], values: FloatArray, *, file: Path | None, first_line: int | None) -> None:
+    """Refuse a row (n, len(names)) of which only some cells are empty."""
+    missing = np.isnan(values)
+    partly = missing.any(axis=1) & ~missing.all(axis=1)
+    if partly.any():
+        row = int(np.argmax(partly))
+        raise InputError(
+            "expected a number as in the columns that go with it, got an empty cell",
+            file=file,
+            line=None if first_line is None else first_line + row,
+            row=f"reading {row + 1}" if first_line is None else None,
+            column=names[int(np.argmax(missing[row]))],
+            hint=f"fill it in, or leave {', '.join(names)} empty together",
+        )
+
+
+def _once(found: dict[_Key, str], key: _Key, name: str, file: Path | None, line: int | None) -> None:
     if key in found:
         raise InputError(
             f"{found[key]} and {name} are the same quantity in two units",
@@ -117,7 +263,7 @@ def _once(found: dict[_Key, str], key: _Key, name: str, file: Path, line: int | 
     found[key] = name
 
 
-def _joints(found: dict[int, str], file: Path, line: int | None, n_joints: int | None) -> tuple[str, ...]:
+def _joints(found: dict[int, str], file: Path | None, line: int | None, n_joints: int | None) -> tuple[str, ...]:
     if not found:
         raise InputError(
             "expected joint angles in columns q1_deg, q2_deg, .. (or q1_rad, ..; q1_mm for a sliding joint), got none",
@@ -145,7 +291,7 @@ def _joints(found: dict[int, str], file: Path, line: int | None, n_joints: int |
     return tuple(found[i] for i in range(1, last + 1))
 
 
-def _directions(found: dict[int, str], n_joints: int, file: Path, line: int | None) -> tuple[str, ...]:
+def _directions(found: dict[int, str], n_joints: int, file: Path | None, line: int | None) -> tuple[str, ...]:
     """One for each joint, or none."""
     if found and sorted(found) != list(range(1, n_joints + 1)):
         shown = ", ".join(found[i] for i in sorted(found))
@@ -160,8 +306,8 @@ def _directions(found: dict[int, str], n_joints: int, file: Path, line: int | No
     return tuple(found[i] for i in sorted(found))
 
 
-def _together(keys: Sequence[str], found: dict[str, str], file: Path, line: int | None) -> tuple[str, ...]:
-    """Find the columns of all `keys`, or none of them."""
+def _together(keys: Sequence[str], found: dict[str, str], file: Path | None, line: int | None) -> tuple[str, ...]:
+    """Return the columns of all `keys`, or none of them."""
     missing = [key for key in keys if key not in found]
     if len(missing) == len(keys):
         return ()
@@ -172,7 +318,7 @@ def _together(keys: Sequence[str], found: dict[str, str], file: Path, line: int 
     return tuple(found[key] for key in keys)
 
 
-def _std(found: dict[str, str], file: Path, line: int | None) -> tuple[str, ...]:
+def _std(found: dict[str, str], file: Path | None, line: int | None) -> tuple[str, ...]:
     std = _together(("sx", "sy", "sz"), found, file, line)
     if std and "x" not in found:
         raise InputError(
@@ -183,17 +329,12 @@ def _std(found: dict[str, str], file: Path, line: int | None) -> tuple[str, ...]
     return std
 
 
-def _unknown(name: str) -> tuple[str]:
-    shown = name if len(name) <= 40 else f"{name[:36]}..."
-    return (f"unknown column {shown!r}",)
-
-
-def _instead(name: str) -> str:
-    """Find the name that was probably meant."""
+def _meant(name: str) -> str:
+    """Return the name that was probably meant."""
     plain = name.lower().replace(" ", "_").strip("_")
     if match := re.fullmatch(r"(?:q|j|joint|theta|angle|axis|a)_?0*(\d{1,3})(?:\D.*)?", plain):
         q = f"q{int(match[1]) or 1}"
-        return f"{q}_deg or {q}_rad ({q}_mm for a sliding joint): units stand in the names"
+        return f"{q}_deg or {q}_rad ({q}_mm for a sliding joint): the name of a column states its unit"
     if match := re.fullmatch(r"(?:q|quat|quaternion)_?([wxyz])", plain):
         return f"quat_{match[1]}: the orientation as a unit quaternion, w first"
     if re.match(r"(load|torque|tau|moment|current)s?_?\d*(_|$)", plain):
@@ -202,8 +343,8 @@ def _instead(name: str) -> str:
         return f"{DIRECTION}{int(match[1]) or 1}: the sign of the joint's last movement, -1, 0 or 1"
     if match := re.fullmatch(r"(s|u|std|sigma)?_?([xyz])(?:_.*)?", plain):
         axis = ("s" if match[1] else "") + match[2]
-        return f"{axis}_mm or {axis}_m: units stand in the names"
+        return f"{axis}_mm or {axis}_m: the name of a column states its unit"
     if re.match(r"t(emp.*)?(_|$)", plain):
-        return f"{TEMPERATURE}: units stand in the names"
+        return f"{TEMPERATURE}: the name of a column states its unit"
     close = difflib.get_close_matches(plain, [*NAMED, TEMPERATURE, *SPHERE_DISTANCE], n=1)
     return close[0] if close else "delete the column, or let its name start with 'note' if it is a remark"

@@ -1,19 +1,22 @@
-"""Known lengths between seats, as a calibrated bar or a plate states them, and their small file."""
+"""Known lengths between seats, from the certificate of a bar or a plate, and their file."""
 
 from __future__ import annotations
 
-import csv
 import difflib
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.files.delimited import check_names, quoted_cell, read_columns, read_sheet
-from truearm.typing import FloatArray, NameArray
+from truearm.files.delimited import check_names, quoted_cell, read_columns, read_sheet, write_columns
+from truearm.typing import FloatArray, IntArray, NameArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 ENDS = ("seat_a", "seat_b")
 NUMBERS = ("length_mm", "u_mm")
@@ -21,10 +24,10 @@ ARTEFACT, PLACE = "artefact", "u_place_mm"
 EXPANSION = ("expansion_per_K", "u_expansion_per_K")
 
 PLACE_U_MM = 0.001
-"""Standard uncertainty by which an artefact's length differs from place to place where nobody says better [mm].
+"""Default standard uncertainty of the difference of an artefact's length between places [mm].
 
-A ball comes back to a good cone within about that. It is less than arms repeat to, so that it matters little to what
-they are found to be.
+A ball returns to a good cone within about that. It is less than the repeatability of arms, so that it has little effect
+on what is identified.
 """
 
 
@@ -32,8 +35,8 @@ they are found to be.
 class Lengths:
     """Lengths between the centres of seats, one row each.
 
-    Rows with the same artefact are about one length of one artefact, put to several places under one certificate: its
-    error is the same in all of them, however many they are. Other rows are independent of each other.
+    Rows with the same artefact are one length of one artefact at several places, under one certificate: its error is
+    the same in all of them. Other rows are independent of each other.
 
     Parameters
     ----------
@@ -44,26 +47,34 @@ class Lengths:
     u_mm : (m,) array
         Its standard uncertainty [mm].
     artefact : (m,) array of str, optional
-        The artefact that has this length; empty where it is in one place only.
+        The artefact that has this length; empty if it is at one place only.
     u_place_mm : (m,) array, optional
-        Standard uncertainty of how the length differs from place to place, by how the tip sits, by temperature and
-        setting up [mm]; it comes on top of `u_mm`. NaN, or none given: `PLACE_U_MM` for rows with an artefact, nothing
-        for others.
+        Standard uncertainty of the difference of the length from place to place, due to the tip's seating,
+        temperature and set-up [mm], in addition to `u_mm`. By default (also NaN) `PLACE_U_MM` for rows with an
+        artefact, zero for others.
     expansion_per_K, u_expansion_per_K : (m,) array or None
-        Coefficient of thermal expansion of the artefact and its standard uncertainty [1/K]; NaN where not known, None
-        where known of none.
+        Coefficient of thermal expansion of the artefact and its standard uncertainty [1/K]; NaN if not known, None if
+        known of no row.
     file : Path, optional
-        Where the lengths were read from; it serves messages.
-    first_line : int, optional
-        The line of the first length in `file`, counted from 1.
+        File of the lengths, named in messages.
+    numbers : (m,) int array, optional
+        Number of each length where it came from, counted from 1: its line in `file` if `by_line`. 1 .. m by default.
+    by_line : bool
+        Whether `numbers` are lines of `file`.
 
     Raises
     ------
     InputError
-        If there is no length, shapes do not fit each other, a name is empty, the two seats of a row are one, a length
-        or an uncertainty is not positive and finite, an expansion is that of no material or stands without its
+        If there is no length, shapes do not fit each other, a name is empty, the two seats of a row are the same, a
+        length or an uncertainty is not positive and finite, an expansion is that of no material or lacks its
         uncertainty, two rows state the length between the same seats, or rows of one artefact differ in length, `u_mm`
         or expansion.
+
+    Examples
+    --------
+    >>> lengths = Lengths(["A"], ["B"], [500.0123], [0.0005])
+    >>> lengths.to_frame().to_dict("records")
+    [{'seat_a': 'A', 'seat_b': 'B', 'length_mm': 500.0123, 'u_mm': 0.0005}]
     """
 
     seat_a: NameArray
@@ -75,7 +86,8 @@ class Lengths:
     expansion_per_K: FloatArray | None = None
     u_expansion_per_K: FloatArray | None = None
     file: Path | None = None
-    first_line: int | None = None
+    numbers: IntArray | None = None
+    by_line: bool = False
 
     def __post_init__(self) -> None:
         n = np.size(self.seat_a)
@@ -92,6 +104,8 @@ class Lengths:
                 object.__setattr__(self, name, value)
         if not len(self):
             raise InputError("expected one or more lengths, got none", file=self.file)
+        numbers = np.arange(1, n + 1) if self.numbers is None else np.asarray(self.numbers, dtype=np.intp)
+        object.__setattr__(self, "numbers", numbers)
         for name in ENDS:
             if (empty := getattr(self, name) == "").any():
                 raise self.error("expected the name of a seat, got an empty cell", int(np.argmax(empty)), column=name)
@@ -118,8 +132,8 @@ class Lengths:
     def between(self, seats: Iterable[str]) -> Lengths:
         """Select the lengths between `seats`, those of one session.
 
-        A length of which neither seat is among them belongs to another part of the measurements (one that was held
-        out to test on) and is left out.
+        Lengths with neither seat among them belong to another part of the measurements (held-out seats, for example)
+        and are ignored.
 
         Raises
         ------
@@ -145,27 +159,59 @@ class Lengths:
             return None
         if which.all():
             return self
-        return Lengths(
-            self.seat_a[which],
-            self.seat_b[which],
-            self.length_mm[which],
-            self.u_mm[which],
-            self.artefact[which],
-            self.u_place_mm[which],
-            None if self.expansion_per_K is None else self.expansion_per_K[which],
-            None if self.u_expansion_per_K is None else self.u_expansion_per_K[which],
-        )
+        chosen: dict[str, Any] = {
+            f.name: getattr(self, f.name)[which] for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)
+        }
+        return replace(self, **chosen)
+
+    @classmethod
+    def from_frame(cls, frame: pd.DataFrame) -> Lengths:
+        """Build lengths from a data frame with the columns of the file of lengths (docs/session-file.md).
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+            ``seat_a``, ``seat_b``, ``length_mm``, ``u_mm`` and any of ``artefact``, ``u_place_mm``,
+            ``expansion_per_K``, ``u_expansion_per_K``. Missing values are NaN or None. The index is not used.
+
+        Raises
+        ------
+        InputError
+            If a column is unknown or missing, or a value breaks a rule; with column and length.
+        """
+        from truearm.readings.columns import frame_numbers, frame_words
+
+        known = (*ENDS, *NUMBERS, ARTEFACT, PLACE, *EXPANSION)
+        for name in frame.columns:
+            if name not in known and not str(name).startswith("note"):
+                raise InputError(f"unknown column {quoted_cell(name)}", hint=", ".join(known))
+        if missing := [name for name in (*ENDS, *NUMBERS) if name not in frame.columns]:
+            raise InputError(f"the column {missing[0]} is missing", hint=", ".join((*ENDS, *NUMBERS)))
+        read = {name: frame_words(frame[name], name) for name in (*ENDS, ARTEFACT) if name in frame.columns}
+        numeric = [name for name in (*NUMBERS, PLACE, *EXPANSION) if name in frame.columns]
+        return _of_columns(read | {n: frame_numbers(frame[n], n, optional=n not in NUMBERS) for n in numeric})
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a data frame with the columns of the file of lengths; ``Lengths.from_frame`` reads it back."""
+        import pandas as pd
+
+        return pd.DataFrame({n: v.tolist() if v.dtype.kind == "U" else v for n, v in _columns(self).items()})
+
+    def called(self, row: int) -> str:
+        """Name row `row` (counted from 0) in messages: ``line 3``, without a file ``length 2``."""
+        assert self.numbers is not None  # set in __post_init__
+        return f"{'line' if self.by_line else 'length'} {self.numbers[row]}"
 
     def error(self, problem: str, row: int, *, column: str | None = None, hint: str | None = None) -> InputError:
-        """Make an error that knows these lengths' file, and the line of `row` (counted from 0)."""
-        if self.first_line is None:
-            return InputError(f"length {row + 1}: {problem}", file=self.file, column=column, hint=hint)
-        return InputError(problem, file=self.file, line=self.first_line + row, column=column, hint=hint)
+        """Make an error that states the file of these lengths, and the line of `row` (counted from 0) or its number."""
+        assert self.numbers is not None  # set in __post_init__
+        line, name = (int(self.numbers[row]), None) if self.by_line else (None, self.called(row))
+        return InputError(problem, file=self.file, line=line, column=column, hint=hint, row=name)
 
     def _check_expansions(self) -> None:
-        """Check that an expansion is one of a material, and stands with its uncertainty."""
+        """Check that an expansion is that of a material, and has an uncertainty."""
         known = []
-        # Of carbon fibre, glass ceramics, steel, brass, aluminium: nobody calibrates plastics.
+        # From carbon fibre and glass ceramics to steel, brass and aluminium: nobody calibrates plastics.
         for name, low, high in zip(EXPANSION, (-1e-5, 0.0), (5e-5, 1e-5), strict=True):
             values = np.full(len(self), np.nan) if getattr(self, name) is None else getattr(self, name)
             known.append(~np.isnan(values))
@@ -195,7 +241,7 @@ class Lengths:
                 f"expected a positive standard uncertainty of a place, got {place[row]:.6g} mm",
                 row,
                 column=PLACE,
-                hint=f"nothing, which stands for {PLACE_U_MM:g} mm where an artefact is named",
+                hint=f"leave the cell empty for the default, {PLACE_U_MM:g} mm for a named artefact",
             )
         object.__setattr__(self, PLACE, place)
         first: dict[str, int] = {}
@@ -205,7 +251,7 @@ class Lengths:
                 values = getattr(self, column)
                 if values is not None and not np.array_equal(values[row], values[before], equal_nan=True):
                     raise self.error(
-                        f"{quoted_cell(name)} has {column} {values[before]:.9g} in {self._where(before)}, "
+                        f"{quoted_cell(name)} has {column} {values[before]:.9g} in {self.called(before)}, "
                         f"got {values[row]:.9g}",
                         row,
                         column=column,
@@ -218,17 +264,14 @@ class Lengths:
             first = pairs.setdefault(tuple(sorted(pair)), row)
             if first != row:
                 raise self.error(
-                    f"the length between {quoted_cell(pair[0])} and {quoted_cell(pair[1])} stands in {self._where(first)} already",
+                    f"the length between {quoted_cell(pair[0])} and {quoted_cell(pair[1])} is stated in {self.called(first)} already",
                     row,
                     hint="state it once, with the uncertainty of the mean if it was measured several times",
                 )
 
-    def _where(self, row: int) -> str:
-        return f"length {row + 1}" if self.first_line is None else f"line {self.first_line + row}"
-
     def _unknown(self, name: str, row: int, column: str, known: list[str]) -> InputError:
         close = difflib.get_close_matches(name, known, n=1)
-        hint = close[0] if close else "the names of seats as the session has them"
+        hint = close[0] if close else "use the names of seats as in the session"
         if hint.strip() == name.strip():
             hint = f"{quoted_cell(hint)}: one of the two has a blank before or behind it"
         return self.error(f"the session has no seat {quoted_cell(name)}", row, column=column, hint=hint)
@@ -237,8 +280,8 @@ class Lengths:
 def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Lengths:
     """Read a file of lengths (docs/session-file.md): CSV with the columns ``seat_a, seat_b, length_mm, u_mm``.
 
-    Columns ``artefact``, ``u_place_mm``, ``expansion_per_K`` and ``u_expansion_per_K`` may be there besides; empty
-    cells in them are as if there were none.
+    Columns ``artefact``, ``u_place_mm``, ``expansion_per_K`` and ``u_expansion_per_K`` are optional, and so are their
+    cells.
 
     Parameters
     ----------
@@ -250,7 +293,7 @@ def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Len
     Raises
     ------
     InputError
-        If anything is not as the format demands: the file, the line and the column, and what to try.
+        If the file breaks a rule of the format; with file, line, column and what to do.
     """
     path = Path(path)
     sheet = read_sheet(path)
@@ -264,24 +307,34 @@ def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Len
         [at[name] for name in (*ENDS, ARTEFACT) if name in at],
         optional=[at[name] for name in numeric if name not in NUMBERS],
     )
-    columns = dict(zip(numeric, numbers.T, strict=True))
-    lengths = Lengths(
-        names[0],
-        names[1],
-        columns["length_mm"],
-        columns["u_mm"],
-        artefact=names[2] if ARTEFACT in at else np.zeros(0, np.str_),
-        u_place_mm=columns.get(PLACE, np.zeros(0)),
-        expansion_per_K=columns.get(EXPANSION[0]),
-        u_expansion_per_K=columns.get(EXPANSION[1]),
-        file=path,
-        first_line=sheet.first_line,
-    )
+    text = [name for name in (*ENDS, ARTEFACT) if name in at]
+    columns = dict(zip(text, names, strict=True)) | dict(zip(numeric, numbers.T, strict=True))
+    lines = np.arange(len(numbers)) + sheet.first_line
+    lengths = _of_columns(columns, file=path, numbers=lines, by_line=True)
     return lengths if seats is None else lengths.between(seats)
 
 
+def _of_columns(columns: Mapping[str, FloatArray | NameArray], **source: Any) -> Lengths:
+    """Build lengths from columns by their names, which are those of the fields."""
+    values: dict[str, Any] = dict(columns)
+    return Lengths(**values, **source)
+
+
+def _columns(lengths: Lengths) -> dict[str, FloatArray | NameArray]:
+    """Lay out lengths in the columns of their file; a default is empty."""
+    names: list[str] = [*ENDS, *NUMBERS]
+    if (lengths.artefact != "").any() or lengths.u_place_mm.any():
+        names += [ARTEFACT, PLACE]
+    if lengths.expansion_per_K is not None:
+        names += EXPANSION
+    columns = {name: getattr(lengths, name) for name in names}
+    if PLACE in columns:
+        columns[PLACE] = np.where(columns[PLACE] == 0, np.nan, columns[PLACE])
+    return columns
+
+
 def write_lengths(lengths: Lengths, path: str | Path) -> None:
-    """Write a file of lengths; a failed run leaves none, or the one that was there.
+    """Write a file of lengths; a failed run leaves none, or the previous one.
 
     Raises
     ------
@@ -291,23 +344,10 @@ def write_lengths(lengths: Lengths, path: str | Path) -> None:
     path = Path(path)
     if path.suffix != ".csv":
         raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
-    columns: list[str] = [*ENDS, *NUMBERS]
-    if (lengths.artefact != "").any() or lengths.u_place_mm.any():
-        columns += [ARTEFACT, PLACE]
-    if lengths.expansion_per_K is not None:
-        columns += EXPANSION
     for column in (*ENDS, ARTEFACT):
         for name in getattr(lengths, column).tolist():
             if any(sign in name for sign in "\n\r\0"):
                 what = "an artefact" if column == ARTEFACT else "a seat"
                 raise InputError(f"{what} must be one line of text, got {quoted_cell(name)}", file=path, column=column)
-    table = [getattr(lengths, name).tolist() for name in columns]
-    for i, column in enumerate(columns):  # nothing is written as nothing
-        if column == PLACE:
-            table[i] = [u or "" for u in table[i]]
-        elif column in EXPANSION:
-            table[i] = ["" if value != value else value for value in table[i]]
-    with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*table, strict=True))
+    with atomic_file(path) as beside:
+        write_columns(beside, _columns(lengths))

@@ -1,4 +1,4 @@
-"""Readings of an arm: joint angles and what is known of the tip at each."""
+"""A session: readings of an arm, that is joint angles and what is known of the tip at each."""
 
 from __future__ import annotations
 
@@ -6,78 +6,102 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.typing import BoolArray, FloatArray, NameArray
+from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
-# Columns with one name a reading, in the order of the session file; the first of them name what the tip was on.
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from truearm.readings.split import SplitBy
+
+# Columns with one name a reading, in the order of the session file; the first of them name what the tip touched.
 TOUCHED = ("seat", "sphere", "plane", "line")
 NAMED = (*TOUCHED, "position", "session")
 
 # Names of further columns of numbers, such as the torque of a joint (load_1_Nm).
 LOAD = re.compile(r"load_[\w.-]+")
 
-# A sphere whose size is known: how far the tip's centre is from the sphere's where it touches, and how surely.
+# A sphere of known size: distance of the tip's centre from the sphere's at a touch, and its standard uncertainty.
 SPHERE_DISTANCE = ("sphere_distance_mm", "u_sphere_distance_mm")
 
 # Columns with the sign of each joint's last movement: this and the joint's number.
 DIRECTION = "direction_"
 
-# A quaternion's length may differ from 1 by this much: what rounding to two decimals leaves. It is made 1 then.
+# A quaternion's length may differ from 1 by this much, the effect of rounding to two decimals; it is normalized.
 QUATERNION_TOLERANCE = 0.01
+
+# Temperatures of an arm in use [degC]; others are of another scale, or lost their decimal point.
+COLDEST_DEGC, WARMEST_DEGC = -50.0, 100.0
+ABSOLUTE_ZERO_DEGC = -273.15
+
+# No coordinate or uncertainty is larger [mm], whatever the frame: a thousand kilometres. Beyond, squares overflow.
+LARGEST_MM = 1e9
+# A load may have any unit, but its square must be a number.
+LARGEST_LOAD = 1e100
 
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Readings of an arm, one row each.
+    """Readings of an arm with base and reference unmoved, or of several such sessions; one row a reading.
 
     Parameters
     ----------
     angles : (n, n_joints) array
         Joint angles as read [rad], or displacements of sliding joints [mm]. They may pass a full turn.
     points : (n, 3) array, optional
-        The tip as a reference instrument saw it, in the reference's frame [mm]. A row of NaN: the instrument did not
-        see that reading. None where it saw no reading at all.
+        Reference points: the tip as measured by a reference instrument, in its frame [mm]. A row of NaN: this reading
+        has no reference point. None if no reading has one.
     point_std : (n, 3) array, optional
         Standard uncertainties of `points` along its axes [mm]; NaN where there is no point.
     seat : (n,) array of str, optional
-        Name of the seat that held the tip; the same name is the same, unknown point. Empty: no seat.
+        Name of the seat in which the tip was held; the same name is the same, unknown point. Empty: no seat.
     position : (n,) array of str, optional
         Name of the position that the reading aimed at. Readings of one position are neighbours: a fair split into
         training and test keeps them together.
     session : (n,) array of str, optional
-        Name of the set-up (base and reference unmoved) in which the reading was taken.
+        Name of the session (base and reference unmoved) in which the arm was read.
     temperature_degC : (n,) array, optional
         Temperature of the arm [degC].
     quaternion : (n, 4) array, optional
         Orientation of the flange in the reference's frame, a unit quaternion w, x, y, z. A row of NaN: not measured.
     sphere, plane, line : (n,) array of str, optional
-        Name of the surface (line) that the tip touched; the same name is the same, unknown one. Empty: none.
+        Name of the surface (or line) that the tip touched; the same name is the same, unknown one. Empty: none.
     sphere_distance : (n, 2) array, optional
-        Distance of the tip's centre from the centre of the sphere that it touches, where that is known, and its
-        standard uncertainty [mm]: half of both diameters together for a ball on a stylus. A row of NaN: not known. The
-        same in all readings of a sphere.
+        Distance of the tip's centre from the centre of the sphere that it touches, if known, and its standard
+        uncertainty [mm]: half the sum of both diameters for a ball on a stylus. A row of NaN: not known. The same in
+        all readings of a sphere.
     directions : (n, n_joints) array, optional
-        Sign of each joint's last movement before the reading: -1, 1, or 0 where it is not known.
+        Sign of each joint's last movement before the reading: -1, 1, or 0 if it is not known.
     columns : mapping of str to (n,) array, optional
         Further columns of numbers by their name, which starts with ``load_``: torque or load of a joint.
     file : Path, optional
-        Where the readings were read from; it serves messages.
+        File of the readings, named in messages.
     angle_columns : tuple of str, optional
         Names of the angle columns in `file`. In a session file they end in the column's unit.
-    first_line : int, optional
-        The line of the first reading in `file`, counted from 1; None where rows are not lines (Parquet).
+    numbers : (n,) int array, optional
+        Number of each reading where it came from, counted from 1: its line in `file` if `by_line`. 1 .. n by default.
+    by_line : bool
+        Whether `numbers` are lines of `file`.
 
     Raises
     ------
     InputError
-        If lengths do not fit each other, a number is not finite, a point or a quaternion is there in part, a
-        quaternion is not of length 1, a direction is not -1, 0 or 1, or distances from a sphere are not positive or
-        differ.
+        If lengths do not fit each other, a number is not finite or absurdly large, a temperature is not one of an arm,
+        a point or a quaternion is given in part, a quaternion is not of length 1, a direction is not -1, 0 or 1, or
+        distances from a sphere are not positive or differ.
+
+    Examples
+    --------
+    >>> session = Session([[0.1, 0.2], [0.3, -0.4]], points=[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    >>> len(session), session.n_joints
+    (2, 2)
+    >>> session.called(1)
+    'reading 2'
     """
 
     angles: FloatArray
@@ -96,7 +120,8 @@ class Session:
     columns: Mapping[str, FloatArray] = field(default_factory=dict)
     file: Path | None = None
     angle_columns: tuple[str, ...] | None = None
-    first_line: int | None = None
+    numbers: IntArray | None = None
+    by_line: bool = False
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles, dtype=float)
@@ -104,6 +129,10 @@ class Session:
             raise InputError(f"expected angles of shape (n, n_joints), got {angles.shape}")
         object.__setattr__(self, "angles", angles)
         n = len(angles)
+        numbers = np.arange(1, n + 1) if self.numbers is None else np.asarray(self.numbers, dtype=np.intp)
+        if numbers.shape != (n,):
+            raise InputError(f"expected numbers of shape {(n,)}, got {numbers.shape}")
+        object.__setattr__(self, "numbers", numbers)
         for name, shape in (
             ("points", (n, 3)),
             ("point_std", (n, 3)),
@@ -140,7 +169,7 @@ class Session:
         for name, value in plain.items():
             if value is not None and not np.isfinite(value).all():
                 row = int(np.argwhere(~np.isfinite(value))[0, 0])
-                raise self.error(f"expected finite numbers in {name}, got {value[row]} in {self.label(row)}", row)
+                raise self.error(f"expected finite numbers in {name}, got {value[row]}", row)
         whole = {
             "points": "x, y and z",
             "point_std": "sx, sy and sz",
@@ -156,29 +185,60 @@ class Session:
                 row = int(np.argmax(bad))
                 what = "expected finite numbers" if np.isinf(value[row]).any() else f"expected {parts} or none of them"
                 raise self.error(
-                    f"{what} in {name}, got {value[row].tolist()}{self._where(row)}",
+                    f"{what} in {name}, got {value[row].tolist()}",
                     row,
                     hint="fill in what is missing, or leave all of them out",
                 )
+        self._check_sizes()
+        self._check_temperature()
+
+    def _check_sizes(self) -> None:
+        """Refuse numbers so large that they are no lengths, and that later arithmetic would overflow."""
+        sizes = dict.fromkeys(("points", "point_std", "sphere_distance"), (LARGEST_MM, " mm"))
+        for name, (largest, unit) in (sizes | dict.fromkeys(self.columns, (LARGEST_LOAD, ""))).items():
+            value = self.columns.get(name, getattr(self, name, None))
+            if value is not None and (far := np.abs(value) > largest).any():
+                row = int(np.argwhere(far)[0, 0])
+                got = np.atleast_1d(value[row])[np.atleast_1d(far[row])][0]
+                raise self.error(
+                    f"expected numbers up to {largest:g}{unit} in {name}, got {got:g}{unit}",
+                    row,
+                    hint="check the unit and the decimal sign",
+                )
+
+    def _check_temperature(self) -> None:
+        if self.temperature_degC is None:
+            return
+        odd = (self.temperature_degC < COLDEST_DEGC) | (self.temperature_degC > WARMEST_DEGC)
+        if not odd.any():
+            return
+        row = int(np.argmax(odd))
+        degC = float(self.temperature_degC[row])
+        if degC < ABSOLUTE_ZERO_DEGC:
+            problem, hint = f"{degC:g} degC is below absolute zero", "check the temperature, or delete its column"
+        else:
+            problem = f"expected a temperature of {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {degC:g} degC"
+            hint = "state it in degC: kelvin less 273.15, or (degrees Fahrenheit - 32) / 1.8"
+        raise self.error(problem, row, column=None if self.file is None else "temperature_degC", hint=hint)
 
     def _check_std(self) -> None:
         if self.point_std is None:
             return
         if self.points is None:
-            raise self.error("point_std needs points: there is no reference to be uncertain")
+            raise self.error("point_std needs points: without a reference point it has no meaning")
         odd = np.isnan(self.point_std[:, 0]) == self.has_point
         if odd.any():
             row = int(np.argmax(odd))
             what = "a point without one" if self.has_point[row] else "one without a point"
             raise self.error(
-                f"expected a standard uncertainty where there is a point and only there, got {what}{self._where(row)}",
+                f"expected a standard uncertainty where there is a point and only there, got {what}",
                 row,
                 hint="leave the uncertainties out of the file if they are not all known",
             )
         if (self.point_std <= 0).any():
             row = int(np.argwhere(self.point_std <= 0)[0, 0])
             raise self.error(
-                f"standard uncertainties must be positive, got {self.point_std[row].tolist()} mm in {self.label(row)}",
+                f"standard uncertainties must be positive, got {self.point_std[row].tolist()} mm",
                 row,
                 hint="leave the uncertainties out of the file if they are not known",
             )
@@ -190,11 +250,10 @@ class Session:
         if odd.any():
             row, joint = np.argwhere(odd)[0].tolist()
             raise self.error(
-                f"expected a direction of movement as -1, 0 or 1, got {self.directions[row, joint]:g} for joint "
-                f"{joint + 1}{self._where(row)}",
+                f"expected a direction of movement as -1, 0 or 1, got {self.directions[row, joint]:g} for J{joint + 1}",
                 row,
-                column=None if self.first_line is None else f"{DIRECTION}{joint + 1}",
-                hint="the sign of the joint's last movement before the reading; 0 where it is not known",
+                column=None if self.file is None else f"{DIRECTION}{joint + 1}",
+                hint="give the sign of the joint's last movement before the reading; 0 if it is not known",
             )
 
     def _check_spheres(self) -> None:
@@ -208,12 +267,11 @@ class Session:
         touched = np.zeros(len(self), bool) if self.sphere is None else self.sphere != ""
         for bad, said in (
             (known & (self.sphere_distance <= 0).any(axis=1), "expected a positive distance and uncertainty"),
-            (known & ~touched, "expected the name of the sphere that the distance is from, got none"),
+            (known & ~touched, "expected the name of the sphere to which the distance refers, got none"),
         ):
             if bad.any():
                 row = int(np.argmax(bad))
-                column = None if self.first_line is None else SPHERE_DISTANCE[0]
-                raise self.error(f"{said}{self._where(row)}", row, column=column)
+                raise self.error(said, row, column=None if self.file is None else SPHERE_DISTANCE[0])
         assert self.sphere is not None  # touched
         for name in np.unique(self.sphere[known]):
             rows = np.flatnonzero(self.sphere == name)
@@ -222,11 +280,11 @@ class Session:
             if not same.all():
                 row = int(rows[np.argmin(same)])
                 raise self.error(
-                    f"expected the same distance from sphere {str(name)!r} in all of its readings, got another than in "
-                    f"{self.label(int(first))}{self._where(row)}",
+                    f"expected the same distance from sphere {str(name)!r} in all of its readings, but "
+                    f"{self.called(int(first))} has another",
                     row,
-                    column=None if self.first_line is None else SPHERE_DISTANCE[0],
-                    hint="fill it in for all of them; with another ball on the stylus, another name of the sphere",
+                    column=None if self.file is None else SPHERE_DISTANCE[0],
+                    hint="fill it in for all of them; with another ball on the stylus use another name of the sphere",
                 )
 
     def _settle_quaternion(self) -> None:
@@ -241,14 +299,17 @@ class Session:
         if np.nanmax(off) > QUATERNION_TOLERANCE:
             row = int(np.nanargmax(off > QUATERNION_TOLERANCE))
             raise self.error(
-                f"expected a quaternion of length 1, got length {length[row]:.6g}{self._where(row)}",
+                f"expected a quaternion of length 1, got length {length[row]:.6g}",
                 row,
-                hint="an orientation as w, x, y, z; the scalar part w comes first",
+                hint="give an orientation as w, x, y, z; the scalar part w comes first",
             )
-        # One that is right already stays as it is, to the last bit.
+        # A normalized one stays as it is, to the last bit.
         rounded = (off > 1e-12)[:, None]
         settled = np.where(rounded, self.quaternion / length[:, None], self.quaternion)
         object.__setattr__(self, "quaternion", settled)
+
+    def __repr__(self) -> str:
+        return f"Session({len(self)} readings of {self.n_joints} joints{f', {self.file.name}' if self.file else ''})"
 
     def __len__(self) -> int:
         return len(self.angles)
@@ -263,29 +324,109 @@ class Session:
         """(n,) Whether each reading has a reference point."""
         return np.zeros(len(self), bool) if self.points is None else ~np.isnan(self.points[:, 0])
 
-    def label(self, row: int) -> str:
-        """Name the reading in row `row` (counted from 0) for a message: its line in the file, or its number."""
-        return f"reading {row + 1}" if self.first_line is None else f"line {self.first_line + row}"
-
-    def _where(self, row: int) -> str:
-        """Name the row within a message that does not begin with its line."""
-        return f" in {self.label(row)}" if self.first_line is None else ""
+    def called(self, row: int) -> str:
+        """Name row `row` (counted from 0) as all messages, pages and JSON do: ``line 14``, without a file ``reading 12``."""
+        return f"{'line' if self.by_line else 'reading'} {cast(IntArray, self.numbers)[row]}"
 
     def error(
         self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
     ) -> InputError:
-        """Make an error that knows these readings' file, and the line of `row` (counted from 0)."""
-        line = None if row is None or self.first_line is None else self.first_line + row
-        return InputError(problem, file=self.file, line=line, column=column, hint=hint)
+        """Make an error that states the file of these readings, and the line of `row` (counted from 0) or its number."""
+        name = None if row is None or self.by_line else self.called(row)
+        line = None if row is None else self.line_of(row)
+        return InputError(problem, file=self.file, line=line, column=column, hint=hint, row=name)
+
+    def line_of(self, row: int) -> int | None:
+        """Return the line of row `row` (counted from 0) in `file`; None if rows are not lines."""
+        return int(cast(IntArray, self.numbers)[row]) if self.by_line else None
 
     def rows(self, which: npt.ArrayLike) -> Session:
-        """Select readings by `which` (indices, slice or mask). They no longer know their file."""
-        index: Any = which
-        chosen = {
+        """Select readings by `which` (indices, slice or mask); each keeps its number or line."""
+        index: Any = which if isinstance(which, slice) else np.asarray(which)
+        chosen: dict[str, Any] = {
             f.name: getattr(self, f.name)[index] for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)
         }
         columns = {name: values[index] for name, values in self.columns.items()}
-        return replace(self, **chosen, columns=columns, file=None, first_line=None)
+        return replace(self, **chosen, columns=columns)
+
+    def split(self, *, by: SplitBy = "position", hold_out: float = 0.3, seed: int = 0) -> tuple[Session, Session]:
+        """Split into training and test readings, whole groups at a time.
+
+        Readings of one position, seat or session are neighbours. Kept together, they ask a model about places that it
+        has not seen.
+
+        Parameters
+        ----------
+        by : {"position", "seat", "session", "row"}
+            What names the groups; ``row``: every reading is a group.
+        hold_out : float
+            Share of the groups that become test readings, between 0 and 1; each part gets at least one group.
+        seed : int
+            The same seed gives the same split.
+
+        Returns
+        -------
+        train, test : Session
+
+        Raises
+        ------
+        InputError
+            If the readings do not name their groups, a name is empty, or there are fewer than two groups.
+
+        Examples
+        --------
+        >>> session = Session([[0.1], [0.2], [0.3], [0.4]], position=["A", "A", "B", "B"])
+        >>> train, test = session.split(by="position", hold_out=0.5, seed=1)
+        >>> sorted({*train.position}), sorted({*test.position})
+        (['A'], ['B'])
+        """
+        from truearm.readings.split import hold_out as split
+
+        return split(self, by=by, fraction=hold_out, seed=seed)
+
+    @classmethod
+    def from_frame(cls, frame: pd.DataFrame) -> Session:
+        """Build a session from a data frame with the columns of the session file (docs/session-file.md).
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+            Columns ``q1_deg``, ``q2_deg``, .. (or ``_rad``; ``_mm`` for sliding joints), and any of ``x_mm, y_mm,
+            z_mm``, ``seat``, ``position``, ``session``, ``temperature_degC`` and so on. The names state the units; no
+            unit is guessed. Missing values are NaN or None. The index is not used.
+
+        Raises
+        ------
+        InputError
+            If a column is unknown, lacks its unit or is missing, or a value breaks a rule; with column and reading.
+
+        Examples
+        --------
+        >>> import pandas as pd
+        >>> frame = pd.DataFrame({"q1_deg": [0.0, 90.0], "x_mm": [500.0, 0.0], "y_mm": [0.0, 500.0], "z_mm": 0.0})
+        >>> Session.from_frame(frame).points.tolist()
+        [[500.0, 0.0, 0.0], [0.0, 500.0, 0.0]]
+        """
+        from truearm.readings.columns import session_from_frame
+
+        return session_from_frame(frame)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a data frame with the columns of the session file; ``Session.from_frame`` reads it back.
+
+        Angles are in degrees (sliding joints in mm), or in the units of the file that the readings came from.
+
+        Examples
+        --------
+        >>> list(Session([[0.1, 0.2]], seat=["A"]).to_frame().columns)
+        ['q1_deg', 'q2_deg', 'seat']
+        """
+        import pandas as pd
+
+        from truearm.readings.columns import session_columns
+
+        columns = session_columns(self)
+        return pd.DataFrame({n: v.tolist() if v.dtype.kind == "U" else v for n, v in columns.items()})
 
 
 def _shaped(value: npt.ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:

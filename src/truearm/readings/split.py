@@ -113,7 +113,7 @@ def _groups(readings: Session, by: SplitBy) -> npt.NDArray[np.intp]:
         )
     if (names == "").any():
         row = int(np.argmax(names == ""))
-        raise readings.error(f"{readings.label(row)} names no {by}, so it belongs to no group", row, column=by)
+        raise readings.error(f"the reading names no {by}, so it belongs to no group", row, column=by)
     return np.unique(names, return_inverse=True)[1]
 
 

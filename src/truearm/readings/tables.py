@@ -1,4 +1,4 @@
-"""Foreign tables: other column names, separators, decimal signs, units, encoder counts."""
+"""Import of tables with other column names, separators, decimal signs and units, or encoder counts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _POSITION_DECIMALS = 6
 
 @dataclass(frozen=True)
 class TableColumns:
-    """Where a table holds what: each column by its header's name, or by its number counted from 1.
+    """Which column of a table holds what: each by its name in the header, or by its number counted from 1.
 
     Parameters
     ----------
@@ -55,12 +55,12 @@ class TableColumns:
             if len(getattr(self, name)) not in (0, 3):
                 raise InputError(f"expected three columns (x, y, z) for {name}, got {len(getattr(self, name))}")
         if self.point_std and not self.points:
-            raise InputError("point_std needs points: there is no reference to be uncertain")
+            raise InputError("point_std needs points: without a reference point it has no meaning")
 
 
 @dataclass(frozen=True)
 class JointScale:
-    """What turns a table's joint values into angles: ``sign (value - zero) factor``, in the units of the house.
+    """Conversion of a table's joint values to angles: ``sign (value - zero) factor``, in rad (sliding joints in mm).
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class JointScale:
         zero = np.zeros(n) if self.zero is None else np.array(_for_each(self.zero, n, "zero"), dtype=float)
         if not np.isfinite(zero).all():
             raise InputError(f"zeros must be finite numbers, got {quoted_cell(self.zero)}")
-        return np.asarray(sign * (values - zero) * factor + 0.0)  # + 0.0: no minus nought
+        return np.asarray(sign * (values - zero) * factor + 0.0)  # + 0.0: no "-0"
 
     def _per_turn(self, n: int) -> FloatArray:
         if self.counts_per_turn is None:
@@ -126,16 +126,16 @@ def import_table(
     encoding: str = "utf-8",
     session_name: str | None = None,
 ) -> Session:
-    """Read a table that is no session file.
+    """Read a session from a table with other columns and units than the session file.
 
     Parameters
     ----------
     path : path
         Delimited text.
     columns : TableColumns
-        Where it holds what.
+        Which column holds what.
     scale : JointScale
-        What its joint values mean.
+        How its joint values become angles.
     point_unit : {"mm", "m", "um", "in"}
         Unit of the points and their uncertainties.
     separator, decimal : str
@@ -147,7 +147,7 @@ def import_table(
     encoding : str
         Any text encoding that Python knows.
     session_name : str, optional
-        Name of the session of all readings, where no column holds it.
+        Name of the session of all readings, if no column holds it.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def import_table(
     Raises
     ------
     InputError
-        If the table does not hold what `columns` and `scale` say: file, line and column, and what to try.
+        If the table does not fit `columns` and `scale`; with file, line, column and what to do.
     """
     if point_unit not in _TO_MM:
         raise InputError(f"unknown unit of points {quoted_cell(point_unit)}", hint=f"one of {', '.join(_TO_MM)}")
@@ -173,47 +173,52 @@ def import_table(
         skip_lines=skip_lines,
         importable=True,
     )
-    temperature = () if columns.temperature is None else (columns.temperature,)
-    groups = [[_index(sheet, c) for c in g] for g in (columns.angles, columns.points, columns.point_std, temperature)]
-    _check_once(sheet, [i for group in groups for i in group])
-    numbers, _ = read_columns(sheet, [i for group in groups for i in group])
-    values, points, std, degC = np.split(numbers, np.cumsum([len(g) for g in groups])[:-1], axis=1)
-    sessions = _words(sheet, columns.session)
+    degC, named = (
+        _optional(columns.temperature),
+        (_optional(columns.seat), _optional(columns.session), columns.position),
+    )
+    numeric = [[_index(sheet, c) for c in g] for g in (columns.angles, columns.points, columns.point_std, degC)]
+    words = [[_index(sheet, c) for c in g] for g in named]
+    _check_once(sheet, [i for group in numeric for i in group])
+    numbers, texts = read_columns(sheet, [i for g in numeric for i in g], [i for g in words for i in g])
+    values, points, std, temperature = np.split(numbers, np.cumsum([len(g) for g in numeric])[:-1], axis=1)
+    seat, sessions = (
+        next(iter(group), None) for group in (texts[: len(words[0])], texts[len(words[0]) :][: len(words[1])])
+    )
     if session_name is not None:
         sessions = np.full(len(numbers), session_name)
     return Session(
         scale.to_angles(values),
         points * _TO_MM[point_unit] if columns.points else None,
         point_std=std * _TO_MM[point_unit] if columns.point_std else None,
-        seat=_words(sheet, columns.seat),
-        position=_positions(sheet, columns.position),
+        seat=seat,
+        position=_positions(texts[len(texts) - len(columns.position) :], decimal),
         session=sessions,
-        temperature_degC=degC[:, 0] if temperature else None,
+        temperature_degC=temperature[:, 0] if degC else None,
         file=sheet.file,
-        angle_columns=tuple(sheet.names[i] for i in groups[0]),
-        first_line=sheet.first_line,
+        angle_columns=tuple(sheet.names[i] for i in numeric[0]),
+        numbers=np.arange(len(numbers)) + sheet.first_line,
+        by_line=True,
     )
 
 
+def _optional(column: str | None) -> tuple[str, ...]:
+    return () if column is None else (column,)
+
+
 def _index(sheet: Sheet, column: str) -> int:
-    """Find a column by its header's name, or by its number counted from 1."""
+    """Return the index of a column, given by its name in the header or by its number counted from 1."""
     name = column.strip()
-    line = sheet.first_line - 1 or None
     found = [i for i, n in enumerate(sheet.names) if n == name]
     if len(found) > 1:
         numbers = " and ".join(str(i + 1) for i in found)
-        raise InputError(
-            f"{quoted_cell(name)} names columns {numbers}", file=sheet.file, line=line, hint="give its number"
-        )
+        raise sheet.error(f"{quoted_cell(name)} names columns {numbers}", hint="give its number")
     if found:
         return found[0]
     if name.isdecimal() and 1 <= int(name) <= len(sheet.names):
         return int(name) - 1
-    raise InputError(
-        f"there is no column {quoted_cell(name)}; the columns are {_listed(sheet.names)}",
-        file=sheet.file,
-        line=line,
-        hint=_other_separator(sheet),
+    raise sheet.error(
+        f"there is no column {quoted_cell(name)}; the columns are {_listed(sheet.names)}", hint=_other_separator(sheet)
     )
 
 
@@ -228,9 +233,8 @@ def _listed(names: Sequence[str], most: int = 30) -> str:
 def _other_separator(sheet: Sheet) -> str | None:
     if len(sheet.names) > 1:
         return "give a column by its number if its name is hard to type"
-    text = sheet.names[0] if sheet.names[0] != "1" else sheet.rows.split(b"\n", 1)[0].decode()
-    best = max(";,\t ", key=text.count)
-    return f"--separator {'TAB' if best == chr(9) else repr(best)}" if best in text else None
+    best = max(";,\t ", key=sheet.head.count)
+    return f"--separator {'TAB' if best == chr(9) else repr(best)}" if best in sheet.head else None
 
 
 def _check_once(sheet: Sheet, indices: Sequence[int]) -> None:
@@ -239,30 +243,26 @@ def _check_once(sheet: Sheet, indices: Sequence[int]) -> None:
             raise InputError("the column is used for two things", file=sheet.file, column=sheet.names[i])
 
 
-def _words(sheet: Sheet, column: str | None) -> NameArray | None:
-    return None if column is None else read_columns(sheet, [], [_index(sheet, column)])[1][0]
-
-
-def _positions(sheet: Sheet, columns: Sequence[str]) -> NameArray | None:
+def _positions(parts: Sequence[NameArray], decimal: str) -> NameArray | None:
     """Join columns to one name; numbers are rounded first, so that 0.8 and 0.80000001 name one position."""
-    if not columns:
+    if not parts:
         return None
-    indices = [_index(sheet, c) for c in columns]
-    parts = [_name_of_numbers(sheet, i) for i in indices]
-    return np.array([" ".join(row) for row in zip(*parts, strict=True)], dtype=np.str_)
+    texts = [_rounded(part, decimal) for part in parts]
+    return np.array([" ".join(row) for row in zip(*texts, strict=True)], dtype=np.str_)
 
 
-def _name_of_numbers(sheet: Sheet, index: int) -> list[str]:
+def _rounded(words: NameArray, decimal: str) -> list[str]:
     try:
-        numbers = read_columns(sheet, [index])[0][:, 0]
-    except InputError:
-        words: list[str] = read_columns(sheet, [], [index])[1][0].tolist()
-        return words
+        numbers = np.char.replace(words, decimal, ".").astype(float)
+    except ValueError:
+        numbers = np.array([np.nan])
+    if not np.isfinite(numbers).all():
+        return list(words.tolist())
     return [f"{v:.15g}" for v in (np.round(numbers, _POSITION_DECIMALS) + 0.0).tolist()]  # + 0.0: no "-0"
 
 
 def _for_each(given: Sequence[_T], n: int, what: str) -> list[_T]:
-    """Repeat one value for all joints, or take one each."""
+    """Repeat one value for all joints, or return one for each."""
     return list(given) * n if len(given) == 1 else _each(given, n, what)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 from zipfile import is_zipfile
 
 import numpy as np
@@ -28,8 +28,8 @@ from truearm.readings import (
     point_errors,
     read_lengths,
     read_session,
+    skip_beyond_limits,
 )
-from truearm.readings.checks import LIMIT_TOLERANCE
 from truearm.readings.thermal_expansion import (
     REFERENCE_DEGC,
     STEEL_PER_K,
@@ -49,8 +49,6 @@ Limits: TypeAlias = Literal["skip", "ignore"]
 
 # A length with a larger relative uncertainty does not determine the size of an arm, or its uncertainty is in um.
 MAX_RELATIVE_U = 0.005
-# With more of its readings beyond a joint limit, a session is in another unit or of another arm.
-MAX_SHARE_OUTSIDE_LIMITS = 0.5
 # Lines that a remark names one by one.
 MAX_NAMED = 6
 
@@ -87,8 +85,7 @@ def to_session(session: SessionLike, *, n_joints: int | None = None) -> Session:
         if path.is_file() and is_zipfile(path):
             raise InputError("expected a session file, got a model file", file=path, hint="give the model first")
         return read_session(path, n_joints=n_joints)
-    made: Session = cast(Any, Session).from_frame(session)
-    return made
+    return Session.from_frame(session)
 
 
 def to_model(model: ModelLike) -> Compensator:
@@ -112,22 +109,19 @@ def within_limits(session: Session, arm: Arm, limits: Limits = "skip") -> Checke
     InputError
         If the number of joints is not that of the arm, or more than half of the readings are beyond a limit.
     """
-    lower, upper = arm.limits.T
-    if session.n_joints != arm.n_joints or limits == "ignore":
-        lower, upper = np.full(len(lower), -np.inf), np.full(len(lower), np.inf)
-        outside = np.zeros(len(session), bool)
-    else:
-        angles = session.angles
-        outside = ((angles < lower - LIMIT_TOLERANCE) | (angles > upper + LIMIT_TOLERANCE)).any(axis=1)
-    rows = np.flatnonzero(~outside)
-    if len(rows) >= (1 - MAX_SHARE_OUTSIDE_LIMITS) * len(session) and outside.any():
-        remark = (
-            f"{len(session) - len(rows)} of {len(session)} readings are beyond a joint limit and were skipped: "
-            f"{join_labels(session, np.flatnonzero(outside).tolist())}."
-        )
-        return CheckedSession(session.rows(rows), rows, (remark,))
-    check_angles(session, joint_names=arm.joint_names, lower=lower, upper=upper, prismatic=arm.chain.prismatic)
-    return CheckedSession(session, np.arange(len(session)), ())
+    check_angles(session, n_joints=arm.n_joints)
+    rows = np.arange(len(session))
+    if limits == "ignore":
+        return CheckedSession(session, rows, ())
+    kept, skipped = skip_beyond_limits(session, arm.limits, prismatic=arm.chain.prismatic)
+    if not skipped:
+        return CheckedSession(session, rows, ())
+    beyond = [excess.row for excess in skipped]
+    remark = (
+        f"{len(beyond)} of {len(session)} readings are beyond a joint limit and were skipped: "
+        f"{join_labels(session, beyond)}."
+    )
+    return CheckedSession(kept, np.setdiff1d(rows, beyond), (remark,))
 
 
 def check_angles_fit(session: Session, arm: Arm) -> tuple[str, ...]:
@@ -148,7 +142,7 @@ def check_angles_fit(session: Session, arm: Arm) -> tuple[str, ...]:
 def join_labels(session: Session, rows: list[int]) -> str:
     """Name readings by their lines, the first `MAX_NAMED` of them."""
     more = f" and {len(rows) - MAX_NAMED} more" if len(rows) > MAX_NAMED else ""
-    return ", ".join(session.label(row) for row in rows[:MAX_NAMED]) + more
+    return ", ".join(session.called(row) for row in rows[:MAX_NAMED]) + more
 
 
 def check_session_fits(session: Session, arm: Arm, model: str) -> None:
@@ -159,15 +153,11 @@ def check_session_fits(session: Session, arm: Arm, model: str) -> None:
     InputError
         As `check_fit` and `check_reach`.
     """
-    lower, upper = np.full((2, arm.n_joints), np.inf) * [[-1], [1]]  # `within_limits` has checked them
     n_constants = 4 * arm.n_joints + 3
     check_fit(
         session,
-        joint_names=arm.joint_names,
-        lower=lower,
-        upper=upper,
+        n_joints=arm.n_joints,
         min_rows=max(MIN_ROWS, ceil(n_constants / 3)) if model in ("kinematic", "physical") else MIN_ROWS,
-        prismatic=arm.chain.prismatic,
         relations=model != "network",
     )
     check_reach(session, reach=arm.chain.reach)

@@ -13,6 +13,7 @@ from truearm.compensation.models import Compensator, NetworkModel, PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
+from truearm.files.delimited import escape_formula
 from truearm.readings import Session
 from truearm.readings.session import NAMED
 from truearm.typing import BoolArray, FloatArray
@@ -131,7 +132,10 @@ class Prediction(Record):
         """
         check_table_path(path)
         with atomic_file(path) as beside:
-            self.to_frame().to_csv(beside, index=False, float_format="%.6f", lineterminator="\n")
+            frame = self.to_frame()
+            for name in frame.columns.intersection(list(NAMED)):
+                frame[name] = frame[name].map(escape_formula)
+            frame.to_csv(beside, index=False, float_format="%.6f", lineterminator="\n")
 
     def summary(self) -> str:
         """The answer in one sentence: the number of points and their uncertainty."""

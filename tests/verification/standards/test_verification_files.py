@@ -96,7 +96,7 @@ def test_numbers_other_than_the_programs_own_are_told(tmp_path):
 def test_a_plan_that_is_not_there():
     with pytest.raises(InputError, match=r"no plan 'iso10360-2'.*iso10360-12, asme-b89.4.22, or a file"):
         load_verification_plan("iso10360-2")
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="does not exist"):
         load_verification_plan("mine.toml")
     with pytest.raises(InputError, match="expected a test, got none"):
         parse_toml(b'name = "a"\ntitle = "b"\nstandard = "c"\n', VerificationPlan)
@@ -245,7 +245,7 @@ def test_a_measuring_range_in_metres_is_refused(tmp_path):
 def test_hostile_files_are_refused(tmp_path):
     for name, content, phrase in (
         ("deep.toml", b"a = " + b"[" * 3000 + b"]" * 3000, "nested too deeply"),
-        ("long.toml", b"#" * 2_000_000, "expected at most 1 MB"),
+        ("long.toml", b"#" * 2_000_000, "larger than 1 MB"),
         ("latin.toml", "name = 'Prüfkörper'".encode("latin-1"), "expected UTF-8"),
         ("number.toml", b"a = " + b"9" * 5000, "not valid TOML"),
     ):

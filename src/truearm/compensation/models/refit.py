@@ -154,8 +154,7 @@ def _check_known_sessions(model: Compensator, readings: Session) -> None:
         row = int(np.argmax(unknown))
         raise readings.error(
             f"the model knows the frames of the sessions {', '.join(known)}, got a point "
-            + (f"of session {str(session[row])!r}" if session[row] else "that names none")
-            + ("" if readings.first_line is not None else f" in {readings.label(row)}"),
+            + (f"of session {str(session[row])!r}" if session[row] else "that names none"),
             row,
             column="session",
             hint="name the session of the model that the points are of; for a new set-up --free base,tip",

@@ -61,7 +61,7 @@ def rough_session_frames(arm: Arm, readings: Session, free: tuple[str, ...]) -> 
     if "" in names:
         row = int(np.argmax(seen & (readings.session == "")))
         raise readings.error(
-            f"expected the session of every reading that the reference saw, got none{_where(readings, row)}",
+            "expected the session of every reading that the reference saw, got none",
             row,
             column="session",
             hint="each session has a frame of its own: name all of them, or leave the column out if there is one",
@@ -157,7 +157,3 @@ def checked_frames(names: list[str], motions: FloatArray) -> dict[str, FloatArra
     if len(rigid) != len(names) or len(set(names)) != len(names) or (rigid[0] != np.eye(4)).any():
         raise InputError(f"expected a frame for each of {len(names)} sessions, the first one's as it is")
     return dict(zip(names, rigid, strict=True))
-
-
-def _where(readings: Session, row: int) -> str:
-    return f" in {readings.label(row)}" if readings.first_line is None else ""

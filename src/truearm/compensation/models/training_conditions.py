@@ -205,7 +205,7 @@ def fingerprint(data: Session | Lengths) -> str:
     further: Mapping[str, FloatArray] = columns.pop("columns", {})
     digest = hashlib.sha256()
     for name, values in sorted({**columns, **further}.items()):
-        if not isinstance(values, np.ndarray):
+        if not isinstance(values, np.ndarray) or name == "numbers":  # a line says nothing about the reading
             continue
         digest.update(f"{name} {values.shape}\0".encode())
         if values.dtype.kind == "U":
