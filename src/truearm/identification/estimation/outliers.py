@@ -77,8 +77,8 @@ class Outlier:
         """The same with its line in the file of a session; `rows` are the rows of the session that were used."""
         assert self.row is not None
         row = self.row if rows is None else int(rows[self.row])
-        line = None if session.first_line is None else session.first_line + row
-        return replace(self, name=session.label(row), row=row, line=line)
+        line = session.line_of(row)
+        return replace(self, name=session.called(row), row=row, line=line)
 
 
 def outliers(fit: IdentificationResult) -> list[Outlier]:

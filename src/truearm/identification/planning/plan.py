@@ -24,7 +24,7 @@ from truearm.identification.planning.proposal import (
 from truearm.identification.planning.sampling.workspace import Sector
 from truearm.identification.planning.template import continue_seat_numbers
 from truearm.identification.terms.state import ArmState
-from truearm.readings.checks import check_angles
+from truearm.readings.checks import check_angles, skip_beyond_limits
 from truearm.readings.session import Session
 
 NOISE_MM = 0.02
@@ -163,10 +163,8 @@ def plan_session(
         nominal, prior = _of_model(arm, noise_mm)
         known_before, seats = "the model", _seats_of(arm.fit_)
     if measured is not None:
-        lower, upper = nominal.limits.T
-        check_angles(
-            measured, joint_names=nominal.joint_names, lower=lower, upper=upper, prismatic=nominal.chain.prismatic
-        )
+        check_angles(measured, n_joints=nominal.n_joints)
+        measured, _ = skip_beyond_limits(measured, nominal.limits, prismatic=nominal.chain.prismatic)
         if not isinstance(arm, Arm) and arm.is_trained_on(measured):
             raise measured.error("the model was identified from these readings; they are already taken into account")
         prior = prior.after(measured)
