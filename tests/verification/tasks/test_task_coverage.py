@@ -40,7 +40,9 @@ def shares(identified, feature, n_arms):
     for seed, (virtual, model) in enumerate(identified):
         stated = simulate_measurements(PosteriorDistribution(model), feature, n_arms=n_arms, seed=seed).estimates[0]
         poses = ways.reshape(-1, ARM.n_joints)
-        taken = virtual.measure(poses, seed=500 + seed, temperature_degC=model.training_.temperature_degC.mean, reference=False)
+        taken = virtual.measure(
+            poses, seed=500 + seed, temperature_degC=model.training_.temperature_degC.mean, reference=False
+        )
         shown = model.predict_readings(replace(taken.readings, directions=None))
         off = (shown - taken.true_tips).reshape(len(ways), -1, 3)
         errors = np.array([feature.errors(feature.points + one)[0] for one in off])

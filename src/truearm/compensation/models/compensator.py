@@ -37,7 +37,7 @@ from truearm.identification.estimation.identification import IdentificationResul
 from truearm.identification.estimation.references import Reference
 from truearm.identification.terms import ArmState, Term, constants
 from truearm.identification.terms.thermal import link_vectors
-from truearm.readings.checks import check_angles, check_sessions, check_temperatures
+from truearm.readings.checks import check_angles, check_sessions, skip_beyond_limits
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import STEEL_PER_K
@@ -50,7 +50,6 @@ MAX_NOMINAL_ERROR = 0.05
 # Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
 MIN_ROWS = 4
 # Share of the readings that may have a joint outside its limits; with more of them the unit is wrong.
-MAX_SHARE_OUTSIDE_LIMITS = 0.5
 
 
 class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
@@ -402,17 +401,13 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             )
 
     def _check_inputs(self, arm: Arm, readings: Session) -> None:
-        """Refuse readings of another number of joints, mostly outside their limits, or at impossible temperatures."""
+        """Refuse readings of another number of joints, or mostly outside their limits."""
         if readings.n_joints != arm.n_joints:
             raise InputError(
                 f"expected readings of {arm.n_joints} joints for arm {arm.name!r}, got {readings.n_joints}"
             )
-        lower, upper = arm.limits.T
-        outside = ((readings.angles < lower) | (readings.angles > upper)).any(axis=1)
-        if outside.mean() > MAX_SHARE_OUTSIDE_LIMITS:
-            names, prismatic = arm.joint_names, arm.chain.prismatic
-            check_angles(readings, joint_names=names, lower=lower, upper=upper, prismatic=prismatic)
-        check_temperatures(readings)
+        check_angles(readings, n_joints=arm.n_joints)
+        skip_beyond_limits(readings, arm.limits, prismatic=arm.chain.prismatic)
 
     def _check_session(self, readings: Session) -> None:
         check_is_fitted(self)
