@@ -41,7 +41,7 @@ Task = tuple[Arm, Session, Session, Lengths | None]
 
 def family(term: Term) -> str:
     """Of a candidate: gravity, wobble, own axis, constants, or something else that no subset has."""
-    if "own axis" in term.name:
+    if "angle error" in term.name:
         return "own axis"
     if "wobble" in term.name:
         return "wobble"

@@ -71,4 +71,4 @@ def test_a_prediction_uses_the_directions_of_its_readings(measured, model, tmp_p
 def test_without_directions_no_hysteresis_is_offered_and_it_is_said(measured):
     readings = replace(read_session(measured[1]), directions=None)
     model = PhysicalModel(load_arm("gao2017"), free=(), highest=1).fit_readings(readings)
-    assert ("hysteresis", "the joints' directions of movement are not known") in model.excluded_terms_
+    assert ("hysteresis", "the directions of movement are not known") in model.excluded_terms_

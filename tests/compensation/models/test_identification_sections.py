@@ -80,13 +80,13 @@ def test_terms_have_a_row_each_and_those_not_needed_are_named():
     found = [
         Effect("tip", 3, 3.0, None, None, None),
         Effect("bending", 12, 7.4, 10 * ARCSEC, None, 0.05),
-        Effect("wobble, shifts", 20, 0.0, None, None, None),
+        Effect("wobble, translations", 20, 0.0, None, None, None),
     ]
     section = terms_section(found)
     (table,) = section.tables
     assert [row[0] for row in table.rows] == ["tip", "bending"]
     assert table.rows[1][3] == pytest.approx(10.0)
-    assert "Not needed: wobble, shifts." in section.text
+    assert "Not needed: wobble, translations." in section.text
     assert "35 coefficients were offered; the readings determined 10" in section.text
     assert terms_section([found[2]]) is None
 

@@ -242,7 +242,7 @@ def test_the_physical_model_finds_a_gears_error(real, rng):
     )
     errors = [np.linalg.norm(m.predict(test.angles) - test.points, axis=1).mean() for m in (kinematic, physical)]
     assert errors[1] < 1.35 * NOISE * np.sqrt(8 / np.pi) < 0.5 * errors[0]  # mean length of three Gaussian coordinates
-    (term,) = [t for t in physical.fit_.perturbed_chain.terms if t.name.startswith("J3 own axis, orders 5")]
+    (term,) = [t for t in physical.fit_.perturbed_chain.terms if t.name.startswith("J3 angle error, orders 5")]
     start = sum(
         t.n_coefficients for t in physical.fit_.perturbed_chain.terms[: physical.fit_.perturbed_chain.terms.index(term)]
     )
@@ -267,7 +267,7 @@ def test_terms_that_readings_cannot_show_are_named(real, rng):
         Session(angles, real.chain.tip_in_base(angles) + rng.normal(0, NOISE, (60, 3)))
     )
     reasons = dict(model.excluded_terms_)
-    assert reasons["thermal growth"] == "the readings have no temperature"
+    assert reasons["thermal expansion"] == "the readings have no temperature"
     assert "moved by" in reasons["J5 orders 1 to 4"]
     assert KinematicModel(real.arm).fit_readings(readings).excluded_terms_ == ()
 
@@ -276,7 +276,7 @@ def test_terms_that_readings_cannot_show_are_named(real, rng):
 def test_the_highest_order_is_an_option(highest, real, rng):
     """Of the harmonics about a joint's own axis, counted before evidence prunes."""
     model = PhysicalModel(real.arm, highest=highest).fit_readings(real.points(80, rng, half_width=2.0))
-    offered = sum(group.n_coefficients for group in model.fit_.groups if "own axis" in group.name)
+    offered = sum(group.n_coefficients for group in model.fit_.groups if "angle error" in group.name)
     assert offered == 6 * 2 * highest
 
 
@@ -365,4 +365,4 @@ def test_a_sliding_arm_is_identified_by_the_physical_model_too(rng):
     train, test = drawn_readings(150), drawn_readings(100)
     model = PhysicalModel(arm, highest=4).fit_readings(train)
     assert np.linalg.norm(model.predict(test.angles) - test.points, axis=1).mean() < 1.5 * NOISE * np.sqrt(8 / np.pi)
-    assert ("J3 harmonics", "J3 slides") in model.excluded_terms_
+    assert ("J3 harmonics", "J3 is prismatic") in model.excluded_terms_

@@ -61,7 +61,7 @@ def test_the_state_pulls_as_the_arm_hangs(wall, readings):
 def test_give_under_known_weight_is_found_within_its_uncertainty(model, readings, wall):
     names = [label for term in model.fit_.perturbed_chain.terms for label in term.labels]
     assert not any("uniform" in name for name in names)
-    at = names.index("J2 rotation about z by the weight's torque about z")
+    at = names.index("J2 rotation about z by the gravity torque about z")
     assert abs(model.fit_.coefficients[at] - GIVE) < 4 * np.sqrt(model.fit_.covariance[at, at])
     upright = replace(wall, masses=None, gravity_in_base=None)
     guess = PhysicalModel(upright, free=(), highest=1).fit_readings(readings)

@@ -191,7 +191,7 @@ def test_only_what_is_free_changes(known):
         if term not in known.perturbed_chain.terms
         or not np.isin(found.coefficients[_slice(found, i)], known.coefficients).all()
     }
-    assert changed == {"tip shift along x", "tip shift along y", "tip shift along z"}
+    assert changed == {"tip translation along x", "tip translation along y", "tip translation along z"}
     np.testing.assert_allclose(found.tips(state), points, rtol=0, atol=2e-3)
 
 

@@ -32,7 +32,7 @@ def fitted(arm, angles, rng, terms=None):
 def test_offsets_along_parallel_axes_are_known_as_a_sum_only(rng):
     """The second, third and fourth axes of a UR10 are parallel."""
     arm = load_arm("ur10")
-    along = {"J2 shift along z", "J3 shift along z"}
+    along = {"J2 translation along z", "J3 translation along z"}
     terms = [t for t in constants(arm.chain, free=()) if t.name in along]
     found = identifiability(fitted(arm, rng.uniform(-2, 2, (200, 6)), rng, terms))
     (unidentifiable,) = found.unidentifiable
@@ -65,10 +65,10 @@ def test_offsets_of_the_last_link_and_a_free_tip_are_known_together_only(rng):
     arm = load_arm("ur10")
     found = identifiability(fitted(arm, rng.uniform(-2, 2, (200, 6)), rng, constants(arm.chain)))
     named = {frozenset(unidentifiable.constants): unidentifiable.movement for unidentifiable in found.unidentifiable}
-    offset, tip = named[frozenset({"J6 shift along z", "tip shift along z"})]
+    offset, tip = named[frozenset({"J6 translation along z", "tip translation along z"})]
     assert tip == pytest.approx(-offset, rel=1e-3)
     assert frozenset({"J1 rotation about z", "base rotation about z"}) in named
-    assert frozenset({"J1 shift along z", "base shift along z"}) in named
+    assert frozenset({"J1 translation along z", "base translation along z"}) in named
     # Theory says of six joints, base and tip: 45 constants, 27 combinations. The parallel axes 2, 3, 4 cost up to two.
     assert (
         45 - 27
@@ -76,7 +76,7 @@ def test_offsets_of_the_last_link_and_a_free_tip_are_known_together_only(rng):
         <= 45 - 27 + 2
     )
     assert len(found.unidentifiable) <= 45 - 27 + 2
-    assert found.determined["J6 shift along z"] < 0.01
+    assert found.determined["J6 translation along z"] < 0.01
 
 
 @pytest.mark.parametrize("name", ["ur10", "gao2017", "measuring7"])
@@ -106,7 +106,7 @@ def test_what_is_named_together_makes_up_for_itself(name, rng):
 
 def test_what_is_known_is_not_named(rng):
     arm = load_arm("gao2017")
-    terms = [t for t in constants(arm.chain, free=()) if t.name in ("J2 rotation about z", "J3 shift along x")]
+    terms = [t for t in constants(arm.chain, free=()) if t.name in ("J2 rotation about z", "J3 translation along x")]
     found = identifiability(fitted(arm, arm.working + rng.uniform(-1, 1, (100, 6)), rng, terms))
     assert found.unidentifiable == found.correlated == ()
     assert min(found.determined.values()) > 0.99

@@ -145,7 +145,7 @@ def test_one_effect_among_many_offered_is_found(arm, rng):
     scale = {group.name: group.scale for group in fit.groups}
     assert scale[planted.group] == pytest.approx(1.0, rel=0.7)  # eight coefficients
     assert scale["wobble, rotations"] < 0.05
-    assert scale["wobble, shifts"] < 0.05
+    assert scale["wobble, translations"] < 0.05
     assert fit.perturbed_chain.n_coefficients == len(fit.coefficients) == len(fit.prior_std) == len(fit.covariance)
 
 

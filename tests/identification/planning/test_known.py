@@ -49,7 +49,7 @@ def test_a_drawing_is_known_as_well_as_the_priors_of_its_terms_say(drawn):
     assert all(term.place > 0 for term in drawn.perturbed_chain.terms)
     physical = nominal_prior(ARM, noise_mm=0.02)
     groups = {term.group for term in physical.perturbed_chain.terms}
-    assert {"joint zeros", "own axis, orders 3 to 4"} <= {name.removeprefix("J1 ") for name in groups} | groups
+    assert {"joint offsets", "angle error, orders 3 to 4"} <= {name.removeprefix("J1 ") for name in groups} | groups
     assert physical.perturbed_chain.n_coefficients > 5 * drawn.perturbed_chain.n_coefficients
     # More may be wrong with the arm.
     assert uncertainty(physical) > uncertainty(drawn)

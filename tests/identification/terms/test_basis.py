@@ -254,7 +254,7 @@ def test_a_basis_of_ones_own_comes_back_from_a_file_too(make_state):
 
 
 def test_a_second_class_of_the_same_name_is_refused():
-    with pytest.raises(InputError, match="'Constant' is registered already"):
+    with pytest.raises(InputError, match="'Constant' is already registered"):
         register_basis(type("Constant", (Basis,), {}))
 
 

@@ -44,7 +44,7 @@ def turning(*angles: np.ndarray) -> ArmState:
 
 
 def orders_of(terms: list[Term], joint: int) -> list[int]:
-    return [k for t in terms if t.name.startswith(f"J{joint} own axis") for k in t.basis.orders]
+    return [k for t in terms if t.name.startswith(f"J{joint} angle error") for k in t.basis.orders]
 
 
 # What a term does
@@ -100,7 +100,7 @@ def test_constants_have_the_priors_of_the_kinematic_model(make_chain, free):
     for term in terms:
         got[term.place, np.argmax(term.direction)] = term.prior_std
         part = {0: "base", chain.n_places - 1: "tip"}.get(term.place)
-        assert term.learn == (part not in free and "makes up for" not in term.group)
+        assert term.learn == (part not in free and "equivalent to" not in term.group)
         assert (term.group == part) == (part in free)
         assert term.labels == (term.name,)
     assert np.array_equal(got, wanted)
@@ -109,7 +109,7 @@ def test_constants_have_the_priors_of_the_kinematic_model(make_chain, free):
 
 def test_constants_known_exactly_are_left_out(make_chain):
     groups = {t.group for t in constants(make_chain(), angle_std=0.0)}
-    free = {"base", "tip", "what a free base makes up for", "what a free tip makes up for"}
+    free = {"base", "tip", "equivalent to a free base", "equivalent to a free tip"}
     assert groups == free | {"lengths and offsets"}
 
 
@@ -118,10 +118,10 @@ def test_constants_that_a_free_base_or_tip_makes_up_for_keep_their_prior():
     chain = load_arm("ur10").chain
     groups = {"base": set(), "tip": set()}
     for part, names in groups.items():
-        names |= {t.name for t in constants(chain, free=(part,)) if t.group == f"what a free {part} makes up for"}
-    assert groups["base"] == {"J1 rotation about z", "J1 shift along z"}
-    assert groups["tip"] == {"J5 shift along y", *(f"J6 shift along {axis}" for axis in "xyz")}
-    assert not [t for t in constants(chain, free=()) if "makes up for" in t.group]
+        names |= {t.name for t in constants(chain, free=(part,)) if t.group == f"equivalent to a free {part}"}
+    assert groups["base"] == {"J1 rotation about z", "J1 translation along z"}
+    assert groups["tip"] == {"J5 translation along y", *(f"J6 translation along {axis}" for axis in "xyz")}
+    assert not [t for t in constants(chain, free=()) if "equivalent to" in t.group]
     # They do move tips as a shift of the tip or base does.
     q = np.random.default_rng(0).uniform(-2, 2, (20, 6))
     by = chain.tip_derivatives(q).motion_jacobian
@@ -142,8 +142,8 @@ def test_own_axis_orders_stand_once_each_in_bands_with_a_scale_each(make_chain):
     ]
     assert [k for t in terms for k in t.basis.orders] == list(range(1, 111))
     assert len({t.group for t in terms}) == 7
-    assert terms[3].name == "J2 own axis, orders 9 to 16"
-    assert terms[3].group == "own axis, orders 9 to 16"
+    assert terms[3].name == "J2 angle error, orders 9 to 16"
+    assert terms[3].group == "angle error, orders 9 to 16"
     assert orders_of(catalogue.own_axis(make_chain(), 2, highest=5), 2) == [1, 2, 3, 4, 5]
 
 
@@ -153,13 +153,13 @@ def test_wobble_is_every_motion_but_the_joints_own(make_chain):
     assert terms[0].prior_std == (5e-4, 5e-4, 2.5e-4, 2.5e-4)
     assert terms[2].prior_std == (0.2, 0.2, 0.1, 0.1)
     assert terms[0].labels[2] == "J4 wobble, rotation about x: cos 2 J4"
-    assert {t.group for t in terms} == {"wobble, rotations", "wobble, shifts"}
+    assert {t.group for t in terms} == {"wobble, rotations", "wobble, translations"}
 
 
 def test_gravity_says_where_the_weights_are_a_guess(make_chain):
     chain = make_chain()
     known = uniform_links(chain, kg_per_m=3.0)
-    assert all("weights taken as uniform" in t.name for t in catalogue.gravity(chain, 2))
+    assert all("uniform link masses assumed" in t.name for t in catalogue.gravity(chain, 2))
     assert not any("uniform" in t.name for t in catalogue.gravity(chain, 2, links=known))
     assert len({(t.direction, t.basis) for t in catalogue.gravity(chain, 0)}) == 9
 
@@ -176,8 +176,8 @@ def test_interpolation_is_offered_where_angles_are_fine_enough():
         for n in (200, 400, 3000)
     }
     assert groups[200] == set()
-    assert groups[400] == {"interpolation, order 128"}
-    assert groups[3000] == {f"interpolation, order {k}" for k in (128, 256, 512)}
+    assert groups[400] == {"encoder interpolation, order 128"}
+    assert groups[3000] == {f"encoder interpolation, order {k}" for k in (128, 256, 512)}
 
 
 def test_numbers_of_any_kind_are_made_plain():
@@ -235,27 +235,27 @@ def test_what_is_missing_is_said(make_state):
     state = make_state(n=400, temperature_degC=None, directions=None, columns={"load_tip_N": np.arange(400.0)})
     _, left_out = candidate_terms(state)
     assert left_out == [
-        SkippedTerm("thermal growth", "the readings have no temperature"),
-        SkippedTerm("hysteresis", "the joints' directions of movement are not known"),
-        SkippedTerm("load_tip_N", "its name does not say which joint it acts on"),
+        SkippedTerm("thermal expansion", "the readings have no temperature"),
+        SkippedTerm("hysteresis", "the directions of movement are not known"),
+        SkippedTerm("load_tip_N", "its name does not give a joint, as load_2_Nm does"),
     ]
 
 
 def test_what_never_changes_is_left_to_the_constants(make_state):
     state = make_state(n=400, temperature_degC=np.full(400, 23.0), columns={"load_1": np.ones(400)})
     terms, left_out = candidate_terms(state)
-    assert {reason for _, reason in left_out} == {"it is the same at every reading"}
+    assert {reason for _, reason in left_out} == {"it is constant in these readings"}
     assert [name for name, _ in left_out][-1] == "load_1"
     assert len(left_out) == 7
-    assert not {"thermal growth", "load_1"} & {t.group for t in terms}
+    assert not {"thermal expansion", "load_1"} & {t.group for t in terms}
 
 
 def test_an_upright_first_joint_bears_no_torque_about_itself():
     state = turning(*np.random.default_rng(0).uniform(-3, 3, (2, 400)))
     terms, left_out = candidate_terms(state)
     names = [x.name for x in left_out]
-    assert "weight's torque about z of J1" in names
-    assert "weight's torque about z of the base" in names
+    assert "gravity torque about z of J1" in names
+    assert "gravity torque about z of the base" in names
     assert not any("base" in t.name and "torque about z" in t.name for t in terms)
 
 
@@ -264,19 +264,19 @@ def test_a_joint_that_hardly_moved_loses_slow_harmonics_and_the_reason_says_so()
     state = turning(rng.uniform(-3, 3, 2000), np.radians(np.linspace(-6, 6, 2000)))
     terms, left_out = candidate_terms(state)
     # A quarter of a period is 12 deg at order 7.5.
-    assert SkippedTerm("J2 orders 1 to 7", "J2 moved by 12 deg only") in left_out
+    assert SkippedTerm("J2 orders 1 to 7", "J2 moved by only 12 deg") in left_out
     assert orders_of(terms, 2) == list(range(8, 111))
     assert orders_of(terms, 1) == list(range(1, 111))
     assert not any(t.name.startswith("J2 wobble") for t in terms)
-    band = {t.place: t.name for t in terms if t.group == "own axis, orders 5 to 8"}
-    assert band[2] == "J2 own axis, order 8"
+    band = {t.place: t.name for t in terms if t.group == "angle error, orders 5 to 8"}
+    assert band[2] == "J2 angle error, order 8"
 
 
 def test_a_joint_that_stood_still_has_no_harmonics():
     state = turning(np.linspace(-3, 3, 50), np.full(50, 0.7))
     terms, left_out = candidate_terms(state)
     assert orders_of(terms, 2) == []
-    assert SkippedTerm("J2 orders 1 to 110", "J2 moved by 0 deg only") in left_out
+    assert SkippedTerm("J2 orders 1 to 110", "J2 moved by only 0 deg") in left_out
 
 
 @settings(deadline=None, max_examples=25)
@@ -301,13 +301,13 @@ def test_jitter_about_a_few_angles_does_not_count_as_angles():
     angles = np.repeat(np.radians([-150, -90, -30, 30, 90, 150]), 100) + np.radians(rng.normal(0, 0.02, 600))
     terms, left_out = candidate_terms(turning(angles))
     assert orders_of(terms, 1) == [1, 2]
-    assert SkippedTerm("J1 orders 3 to 110", "J1 stood at 6 angles only") in left_out
+    assert SkippedTerm("J1 orders 3 to 110", "J1 has readings at only 6 angles") in left_out
 
 
 def test_a_sliding_joint_is_offered_the_rest(make_state):
     terms, left_out = candidate_terms(make_state(n=3000, sliding=True, columns={"load_3_N": np.arange(3000.0)}))
-    assert left_out == [SkippedTerm("J3 harmonics", "J3 slides")]
-    own = [t for t in terms if t.name in ("J3 hysteresis", "J3 shift along z by load_3_N")]
+    assert left_out == [SkippedTerm("J3 harmonics", "J3 is prismatic")]
+    own = [t for t in terms if t.name in ("J3 hysteresis", "J3 translation along z by load_3_N")]
     assert [t.direction for t in own] == [(0, 0, 0, 0, 0, 1)] * 2
 
 
@@ -358,8 +358,8 @@ def test_hostile_data_make_a_term_or_an_input_error(key, draw):
 @pytest.mark.parametrize(
     ("changed", "says"),
     [
-        ({"name": ""}, "name in words"),
-        ({"group": 3}, "group in words"),
+        ({"name": ""}, "name as text"),
+        ({"group": 3}, "group as text"),
         ({"place": -1}, "'J2 encoder'.*place of 0 or more"),
         ({"place": 1.0}, "place of 0 or more"),
         ({"direction": [0] * 6}, "not all zero"),

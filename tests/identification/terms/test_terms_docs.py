@@ -6,7 +6,7 @@ from pathlib import Path
 
 from truearm.identification.terms import Term, catalogue
 
-PAGE = Path(__file__).parents[2] / "docs" / "terms.md"
+PAGE = Path(__file__).parents[3] / "docs" / "terms.md"
 
 
 def test_its_example_runs_and_gives_what_it_states():

@@ -94,7 +94,7 @@ def test_coefficients_scatter_as_the_standard_deviations_of_their_terms():
     arm, preset = load_arm("gao2017"), replace(PRESETS["shop"], expansion_per_K=0.0, tip_compliance_um_per_N=0.0)
     model = error_model(arm, preset)
     about_zero = np.isin(
-        model.groups, ["geometry", "encoders", "bearings", "hysteresis", "ball cages", "thermal growth"]
+        model.groups, ["geometry", "encoders", "bearings", "hysteresis", "ball cages", "thermal expansion"]
     )
     std = np.concatenate([term.prior_stds for term in model.terms])
     drawn = np.stack([model.draw(seed) for seed in range(100)])[:, about_zero] / std[about_zero]

@@ -90,7 +90,7 @@ def test_changing_one_class_leaves_the_draws_of_the_others():
     other = VirtualArm.draw(
         paper_arm(), replace(shop, bearing_tilt_std_arcsec=9.0, length_std_mm=1.0), seed=0
     ).systematic
-    for group in ("encoders", "compliance", "thermal growth", "hysteresis", "ball cages"):
+    for group in ("encoders", "compliance", "thermal expansion", "hysteresis", "ball cages"):
         assert (plain.of_group(group) == other.of_group(group)).all(), group
     assert (plain.lag_s == other.lag_s).all()
     assert not (plain.of_group("bearings") == other.of_group("bearings")).all()

@@ -1,7 +1,7 @@
-"""Terms: the small motions that make a real arm differ from its drawing, and the functions that shape them.
+"""Terms: the small motions by which a real arm differs from its nominal model, and their basis functions.
 
-The virtual arm draws errors from the functions, identification fits the terms' coefficients. Single causes of errors
-are in `truearm.identification.terms.catalogue`.
+Virtual arms draw the coefficients of terms from their priors; identification estimates them. The catalogue
+(`truearm.identification.terms.catalogue`) has the terms of the known causes.
 """
 
 from truearm.arm.masses import LinkMasses

@@ -1,7 +1,7 @@
-"""Basis functions: numbers that shape a small motion from reading to reading.
+"""Basis functions: how a small motion depends on the state of the arm at a reading.
 
-A basis is data: a frozen class with a few plain fields, which a file can hold and which gives its functions' values at
-a state. A class of one's own needs `labels`, `values` and the decorator `register_basis`.
+A basis is a frozen dataclass with a few plain fields, which a model file can store; it evaluates its functions at a
+state. A user's own basis needs `labels`, `values` and the decorator `register_basis`.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from truearm.typing import FloatArray
 
 AXES = "xyz"
 HIGHEST_ORDER = 1000
-"""Harmonics above have periods of less than 0.36 deg, which no set of readings samples."""
+"""Harmonics of higher order have periods of less than 0.36 deg, which no session samples."""
 
 
 class Basis(ABC):
-    """Base of the basis functions. Subclasses are frozen dataclasses whose fields are numbers, strings or tuples."""
+    """Abstract base class. Subclasses are frozen dataclasses whose fields are numbers, strings or tuples."""
 
     @property
     def n_functions(self) -> int:
@@ -36,7 +36,7 @@ class Basis(ABC):
 
     @abstractmethod
     def labels(self) -> tuple[str, ...]:
-        """Give every function's name."""
+        """Return the name of every function."""
 
     @abstractmethod
     def values(self, state: ArmState) -> FloatArray:
@@ -50,11 +50,11 @@ class Basis(ABC):
         Raises
         ------
         InputError
-            If the state lacks what they depend on.
+            If the state lacks a quantity that they depend on.
         """
 
     def as_data(self) -> dict[str, Any]:
-        """Give the basis as plain data: ``kind``, the class's name, and its fields."""
+        """Return the basis as plain data: ``kind``, the name of the class, and its fields."""
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}  # type: ignore[arg-type]
         return {"kind": type(self).__name__} | {k: list(v) if isinstance(v, tuple) else v for k, v in fields.items()}
 
@@ -65,7 +65,7 @@ B = TypeVar("B", bound=Basis)
 
 
 def register_basis(basis: type[B]) -> type[B]:
-    """Class decorator: let `basis_from_data`, and so model files, know a basis by its class's name.
+    """Class decorator: register a basis by the name of its class, for `basis_from_data` and model files.
 
     Raises
     ------
@@ -73,20 +73,20 @@ def register_basis(basis: type[B]) -> type[B]:
         If another class has that name.
     """
     known = _KINDS.get(basis.__name__)
-    # The same class defined anew, as in a notebook's cell that runs twice, takes the older one's place.
+    # A class that is defined again, as in a notebook cell that runs twice, replaces the older one.
     if known is not None and (known.__module__, known.__qualname__) != (basis.__module__, basis.__qualname__):
-        raise InputError(f"a basis of kind {basis.__name__!r} is registered already", hint="another class name")
+        raise InputError(f"a basis of kind {basis.__name__!r} is already registered", hint="use another class name")
     _KINDS[basis.__name__] = basis
     return basis
 
 
 def basis_from_data(data: Mapping[str, Any]) -> Basis:
-    """Build a basis from what its `as_data` gave.
+    """Create a basis from the data of `as_data`.
 
     Raises
     ------
     InputError
-        If the kind is not registered, or the fields are not those of the kind.
+        If the kind is not registered, or the fields do not match the kind.
     """
     kind = data.get("kind") if isinstance(data, Mapping) else None
     if not isinstance(kind, str):
@@ -95,7 +95,7 @@ def basis_from_data(data: Mapping[str, Any]) -> Basis:
     if make is None:
         raise InputError(
             f"expected a basis among {sorted(_KINDS)}, got {kind[:60]!r}",
-            hint="import the module that registers it, if it is one of your own",
+            hint="if it is your own basis, import the module that registers it",
         )
     fields = {str(key): tuple(v) if isinstance(v, list) else v for key, v in data.items() if key != "kind"}
     try:
@@ -153,8 +153,8 @@ class Harmonics(Basis):
     def values(self, state: ArmState) -> FloatArray:
         """(2 n_orders, n) cosines and sines.
 
-        Orders that follow each other come from the addition theorems, four products instead of a cosine and a sine;
-        rounding grows with the length of such a row, to 2e-14 at 80.
+        Consecutive orders are computed by the addition theorems, four products instead of a cosine and a sine; rounding
+        grows with the number of consecutive orders, to 2e-14 at 80.
         """
         angle = _of_joint(state.angles, self.joint)
         out = np.empty((2 * len(self.orders), len(angle)))
@@ -179,13 +179,13 @@ class Harmonics(Basis):
 @register_basis
 @dataclass(frozen=True)
 class GravityTorque(Basis):
-    """A component of the torque that the weight outward of a joint exerts there, at the nominal pose [N m].
+    """A component of the gravity torque at a joint by the masses outward of it, at the nominal pose [N m].
 
     Parameters
     ----------
     joint : int
-        Counted from 1, along the axes of that joint's place; 0 is what joint 1 passes on to the base, along the axes
-        of place 0, which do not turn with it.
+        Counted from 1, along the axes of that joint's place; 0 is the torque of joint 1 on the base, along the axes of
+        place 0, which do not rotate with joint 1.
     axis : int
         0, 1, 2 for x, y, z.
     """
@@ -199,7 +199,7 @@ class GravityTorque(Basis):
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
-        return (f"weight's torque about {AXES[self.axis]} of {f'J{self.joint}' if self.joint else 'the base'}",)
+        return (f"gravity torque about {AXES[self.axis]} of {f'J{self.joint}' if self.joint else 'the base'}",)
 
     def values(self, state: ArmState) -> FloatArray:
         """(1, n) torques [N m]."""
@@ -217,12 +217,12 @@ class GravityTorque(Basis):
 @register_basis
 @dataclass(frozen=True)
 class Temperature(Basis):
-    """How much warmer than 20 degC a link is [K].
+    """Temperature of a link above 20 degC [K].
 
     Parameters
     ----------
     link : int
-        0 is the stand, i the link that joint i moves. Where the state has one temperature it is every link's.
+        0 is the stand, i the link that joint i moves. A single temperature of the state applies to every link.
     """
 
     link: int = 0
@@ -268,7 +268,7 @@ class Direction(Basis):
     def values(self, state: ArmState) -> FloatArray:
         """(1, n) signs."""
         if state.directions is None:
-            raise InputError("expected readings whose joints' last directions of movement are known, got none")
+            raise InputError("expected readings with directions of movement, got none")
         return _of_joint(state.directions, self.joint)[None]
 
 
@@ -337,7 +337,7 @@ def _of_joint(by_joint: FloatArray, joint: int) -> FloatArray:
 
 
 def _settle_whole(basis: Basis, field: str, lowest: int, highest: int | None = None) -> None:
-    """Make a field a plain whole number, which a file can hold, whatever kind of one it is."""
+    """Convert a field to a Python integer, which a file can store."""
     object.__setattr__(basis, field, _whole(field, getattr(basis, field), lowest, highest))
 
 
@@ -350,7 +350,7 @@ def _whole(what: str, value: object, lowest: int, highest: int | None = None) ->
 
 
 def plain(value: object) -> Any:
-    """Give a NumPy scalar as Python's number, which a file can hold; anything else as it is."""
+    """A NumPy scalar as a Python number, which a file can store; other values unchanged."""
     return value.item() if isinstance(value, np.generic) else value
 
 
@@ -362,9 +362,9 @@ def _short(value: object) -> str:
 def harmonics(angles: npt.ArrayLike, orders: Sequence[float]) -> FloatArray:
     """Cosine and sine of multiples of joint angles.
 
-    Order 1 is what an eccentric grating does to an encoder, 2 a tilted or oval disc, 4 what four read heads leave;
-    bearings show orders 1 and 2. Orders need not be whole: a ball cage turns at about 0.4 of the shaft. Whole
-    orders repeat after a full turn, others go on with the angle's turns.
+    Order 1 is the error of an encoder by an eccentric grating, order 2 by a tilted or oval disc, order 4 the remainder
+    with four read heads; bearings cause orders 1 and 2. Orders need not be integers: a ball cage turns at about 0.4 of
+    the shaft speed. Integer orders repeat after a full turn, others continue over several turns.
 
     Parameters
     ----------
@@ -385,7 +385,7 @@ def harmonics(angles: npt.ArrayLike, orders: Sequence[float]) -> FloatArray:
 def directions(angles: npt.ArrayLike) -> FloatArray:
     """Sign of each joint's last movement in a sequence of readings, (n, n_joints).
 
-    A joint that stands still keeps its sign; before its first movement it counts as 0.
+    A joint that does not move keeps its sign; before its first movement the sign is 0.
     """
     angles = np.asarray(angles, dtype=float)
     signs = np.sign(np.diff(angles, axis=0, prepend=angles[:1]))

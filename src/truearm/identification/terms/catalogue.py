@@ -1,6 +1,6 @@
-"""The terms of an arm: what is known to make one differ from its drawing.
+"""The catalogue of terms: the known causes by which a real arm differs from its nominal model.
 
-The standard deviations here are where evidence starts from, of the size found on industrial and measuring arms.
+The prior standard deviations are start values of the evidence, of the size seen on industrial and measuring arms.
 """
 
 from __future__ import annotations
@@ -30,41 +30,41 @@ from truearm.identification.terms.term import Term
 from truearm.identification.terms.thermal import link_vectors
 from truearm.typing import FloatArray
 
-# What is free still has a prior, wide beyond any workshop: on an arm of few joints a shift of the base may look like
-# one of the tip, and then it decides.
+# Free parts have a prior too, wider than any workshop: on an arm with few joints a translation of the base may be
+# equivalent to one of the tip, and then the prior decides.
 FREE_BASE = (1.0, 1.0, 1.0, 1e4, 1e4, 1e4)  # rad, mm
 FREE_TIP = 1e3  # mm
 FREE_TOOL = 1.0  # rad
 
 OWN_AXIS = 2  # rotation about z among a motion's six components
-# Beyond 101, the ratio of the strain-wave gears common in robots: one period a turn of the wave generator.
+# Above 101, the ratio of the strain-wave gears common in robots: one period per turn of the wave generator.
 HIGHEST_ORDER_OFFERED = 110
 OWN_AXIS_STD = 2e-4  # rad
-# Periods in a turn over which encoders with gratings or poles of powers of two interpolate.
+# Periods per turn that encoders with a power of two of grating lines or poles interpolate.
 INTERPOLATION_ORDERS = (128, 256, 512)
 INTERPOLATION_STD = 2e-5  # rad
 WOBBLE_ORDERS = (1, 2)
 WOBBLE_ANGLE_STD, WOBBLE_LENGTH_STD = 5e-4, 0.2  # rad, mm; at order 1
 GRAVITY_STD = 2e-5  # rad/(N m)
 GROWTH_STD = 1e-5  # 1/K: steel 1.2e-5, aluminium 2.3e-5, carbon fibre 1e-6
-HYSTERESIS_STD = {"turns": 5e-5, "slides": 0.02}  # rad, mm
-COLUMN_STD = {"turns": 1e-4, "slides": 0.05}  # rad, mm, by a column's spread
+HYSTERESIS_STD = {"revolute": 5e-5, "prismatic": 0.02}  # rad, mm
+COLUMN_STD = {"revolute": 1e-4, "prismatic": 0.05}  # rad, mm, by a column's spread
 
-# Cosine of the angle between a component and a joint's axis from which on one does as the other.
+# Cosine of the angle between a component and a joint's axis above which the two are treated as parallel.
 AS_GOOD_AS_ALONG = 0.99
 
-# A joint that moved by less than a quarter of a harmonic's period shows a slope of it at most.
+# A joint that moved by less than a quarter of a harmonic's period shows at most its slope.
 LEAST_PHASE = np.pi / 2
 
 
 class SkippedTerm(NamedTuple):
-    """A term not offered.
+    """A term that is not offered.
 
     Attributes
     ----------
     name : str
     reason : str
-        What the readings lack.
+        What the readings lack for it.
     """
 
     name: str
@@ -74,23 +74,24 @@ class SkippedTerm(NamedTuple):
 def constants(
     chain: Chain, *, free: tuple[str, ...] = ("base", "tip"), angle_std: float = 3e-3, length_std: float = 3.0
 ) -> list[Term]:
-    """Constant motions of all places: lengths, offsets, twists and zeros of the joints, base and tip.
+    """Constant motions of all places: link lengths, link offsets, twists and joint offsets, base and tip.
 
-    What a free base or tip can make up for, as a shift along the last joint's axis, keeps its prior too: readings tell
-    it together with that only, or by traces of other terms, and must not size the other lengths by them.
+    Constants that are equivalent to a motion of a free base or tip, for example a translation along the last joint's
+    axis, keep their prior: readings determine only their combination with that motion, so that they must not influence
+    the scale of the other lengths.
 
     Parameters
     ----------
     chain : Chain
     free : tuple of str
-        Which of ``"base"`` and ``"tip"`` are unknown altogether: their priors are wide and stay.
+        Which of ``"base"`` and ``"tip"`` are unknown: their priors are wide and are not scaled.
     angle_std, length_std : float
-        Prior standard deviation of the others' rotations [rad] and shifts [mm]; 0 leaves them out.
+        Prior standard deviation of the other rotations [rad] and translations [mm]; 0 omits them.
 
     Raises
     ------
     InputError
-        If something else than base and tip is to be free.
+        If `free` has another part than base and tip.
     """
     unknown = set(free) - {"base", "tip"}
     if unknown:
@@ -98,27 +99,27 @@ def constants(
     terms = []
     for place in range(chain.n_places):
         part = place_name(chain, place)
-        for component in range(3 if part == "tip" else 0, 6):  # turning about the tip moves nothing
+        for component in range(3 if part == "tip" else 0, 6):  # a rotation about the tip does not move it
             turns = component < 3
             if part in free:
                 std, group = FREE_BASE[component] if part == "base" else FREE_TIP, part
             else:
                 std = angle_std if turns else length_std
                 group = (
-                    "joint zeros" if component == OWN_AXIS else "axis directions" if turns else "lengths and offsets"
+                    "joint offsets" if component == OWN_AXIS else "axis directions" if turns else "lengths and offsets"
                 )
                 for other in free:
-                    if (place, component) in _made_up_for(chain, other):
-                        group = f"what a free {other} makes up for"
+                    if (place, component) in _equivalent_constants(chain, other):
+                        group = f"equivalent to a free {other}"
             if std != 0:
                 name = f"{part} {_component_name(component)}"
-                learn = group in ("joint zeros", "axis directions", "lengths and offsets")
+                learn = group in ("joint offsets", "axis directions", "lengths and offsets")
                 terms.append(Term(name, place, _unit(component), Constant(), group, std, learn=learn))
     return terms
 
 
-def _made_up_for(chain: Chain, part: str) -> set[tuple[int, int]]:
-    """Constants (place, component) that a motion of base or tip does the same as."""
+def _equivalent_constants(chain: Chain, part: str) -> set[tuple[int, int]]:
+    """Constants (place, component) that are equivalent to a motion of base or tip."""
     if part == "base":
         return {(1, OWN_AXIS), (1, OWN_AXIS + 3)}
     n = chain.n_joints
@@ -127,12 +128,12 @@ def _made_up_for(chain: Chain, part: str) -> set[tuple[int, int]]:
 
 
 def base_terms(chain: Chain) -> list[Term]:
-    """The six motions of a base of which nothing is known."""
+    """The six motions of a free base."""
     return [term for term in constants(chain, free=("base",), angle_std=0.0, length_std=0.0) if term.place == 0]
 
 
 def tool_rotation(chain: Chain) -> list[Term]:
-    """Rotation of the tool on the flange, free altogether; only references that see orientations need it."""
+    """Free rotation of the tool on the flange; only references of orientations need it."""
     tip = chain.n_places - 1
     return [
         Term(f"tip {_component_name(component)}", tip, _unit(component), Constant(), "tool", FREE_TOOL, learn=False)
@@ -141,11 +142,11 @@ def tool_rotation(chain: Chain) -> list[Term]:
 
 
 def own_axis(chain: Chain, joint: int, *, highest: int = HIGHEST_ORDER_OFFERED) -> list[Term]:
-    """Rotation about a joint's own axis by harmonics of its angle: encoder, gear, what turns with the joint.
+    """Angle error of a joint: rotation about its own axis by harmonics of its angle (encoder, gear).
 
-    Orders stand in bands, 1 to 2, 3 to 4, 5 to 8 and so on, each a group with a scale of its own, which the joints of
-    an arm share: they are of one make. Together they are a Gaussian process on the circle with a staircase as spectrum,
-    and the evidence of each step decides how far up the orders go. No terms for a sliding joint.
+    Orders form bands, 1 to 2, 3 to 4, 5 to 8 and so on. Each band is a group with its own scale, which the joints of an
+    arm share as they are of one make. Together they are a Gaussian process on the circle whose spectrum is a staircase;
+    the evidence of each band decides which orders remain. A prismatic joint has no such terms.
 
     Parameters
     ----------
@@ -155,14 +156,14 @@ def own_axis(chain: Chain, joint: int, *, highest: int = HIGHEST_ORDER_OFFERED) 
     highest : int
         Highest order.
     """
-    return [_own_axis_band(joint, band, band) for band in _bands(highest) if _turns(chain, joint)]
+    return [_own_axis_band(joint, band, band) for band in _bands(highest) if _is_revolute(chain, joint)]
 
 
 def interpolation(chain: Chain, joint: int, orders: tuple[int, ...] = INTERPOLATION_ORDERS) -> list[Term]:
     """Rotation about a joint's own axis by the sub-divisional error of its encoder, one term for each order.
 
-    An encoder reads its grating's periods whole and interpolates between them, with an error that repeats with the
-    period. Each order is a group, which the joints of an arm share. No terms for a sliding joint.
+    An encoder counts the periods of its grating and interpolates between them, with an error that repeats with the
+    period. Each order is a group, which the joints of an arm share. A prismatic joint has no such terms.
 
     Parameters
     ----------
@@ -170,17 +171,17 @@ def interpolation(chain: Chain, joint: int, orders: tuple[int, ...] = INTERPOLAT
     joint : int
         Counted from 1.
     orders : tuple of int
-        Periods in a turn.
+        Periods per turn.
     """
-    if not _turns(chain, joint):
+    if not _is_revolute(chain, joint):
         return []
     return [
         Term(
-            f"J{joint} interpolation, order {k}",
+            f"J{joint} encoder interpolation, order {k}",
             joint,
             _unit(OWN_AXIS),
             Harmonics(joint, (k,)),
-            f"interpolation, order {k}",
+            f"encoder interpolation, order {k}",
             INTERPOLATION_STD,
         )
         for k in orders
@@ -188,11 +189,11 @@ def interpolation(chain: Chain, joint: int, orders: tuple[int, ...] = INTERPOLAT
 
 
 def wobble(chain: Chain, joint: int, orders: tuple[int, ...] = WOBBLE_ORDERS) -> list[Term]:
-    """Tilt and run-out of a joint: the five motions besides its own, by low harmonics of its angle.
+    """Tilt and run-out of a joint: the five motions other than its own, by low harmonics of its angle.
 
-    No terms for a sliding joint.
+    A prismatic joint has no such terms.
     """
-    if not _turns(chain, joint):
+    if not _is_revolute(chain, joint):
         return []
     terms = []
     for component in range(6):
@@ -205,7 +206,7 @@ def wobble(chain: Chain, joint: int, orders: tuple[int, ...] = WOBBLE_ORDERS) ->
                     joint,
                     _unit(component),
                     Harmonics(joint, orders),
-                    f"wobble, {'rotations' if turns else 'shifts'}",
+                    f"wobble, {'rotations' if turns else 'translations'}",
                     tuple(std / k for k in orders for _ in range(2)),
                 )
             )
@@ -213,27 +214,27 @@ def wobble(chain: Chain, joint: int, orders: tuple[int, ...] = WOBBLE_ORDERS) ->
 
 
 def gravity(chain: Chain, joint: int, *, links: LinkMasses | None = None) -> list[Term]:
-    """Rotations of a joint by the torque of the weight there: bending of links and joints, give of drives.
+    """Rotations of a joint by the gravity torque there: link bending and joint compliance.
 
     Parameters
     ----------
     chain : Chain
     joint : int
-        Counted from 1; 0 is the base, which tilts by what joint 1 carries.
+        Counted from 1; 0 is the base, which tilts by the load of joint 1.
     links : LinkMasses, optional
-        The masses the torques will be reckoned with. Without them the terms' names say that weights are taken as
-        uniform.
+        The masses by which the torques are computed. Without them the names of the terms state that uniform link
+        masses are assumed.
     """
     if joint:
-        _turns(chain, joint)
-    guess = "" if links is not None else " (weights taken as uniform)"
+        _is_revolute(chain, joint)
+    guess = "" if links is not None else " (uniform link masses assumed)"
     return [
         Term(
-            f"{place_name(chain, joint)} {_component_name(about)} by the weight's torque about {AXES[axis]}{guess}",
+            f"{place_name(chain, joint)} {_component_name(about)} by the gravity torque about {AXES[axis]}{guess}",
             joint,
             _unit(about),
             GravityTorque(joint, axis),
-            "give of the drives" if about == axis == OWN_AXIS else "bending",
+            "joint compliance" if about == axis == OWN_AXIS else "link bending",
             GRAVITY_STD,
         )
         for about in range(3)
@@ -242,14 +243,14 @@ def gravity(chain: Chain, joint: int, *, links: LinkMasses | None = None) -> lis
 
 
 def thermal(chain: Chain) -> list[Term]:
-    """Growth of the stand and of every link along itself; the coefficient is its expansion [1/K]."""
+    """Thermal expansion of the stand and of every link along itself; the coefficient is in 1/K."""
     return [
         Term(
-            f"growth of {f'link {i}' if i else 'the stand'} with temperature",
+            f"thermal expansion of {f'link {i}' if i else 'the stand'}",
             i,
             (0.0, 0.0, 0.0, *vector.tolist()),
             Temperature(i),
-            "thermal growth",
+            "thermal expansion",
             GROWTH_STD,
         )
         for i, vector in enumerate(link_vectors(chain))
@@ -258,9 +259,9 @@ def thermal(chain: Chain) -> list[Term]:
 
 
 def hysteresis(chain: Chain, joint: int) -> list[Term]:
-    """Motion about, or along, a joint's own axis by the direction it came from: backlash, friction's wind-up."""
+    """Hysteresis: motion about, or along, a joint's own axis by its direction of movement (backlash, friction)."""
     component, how = _own_motion(chain, joint)
-    name, group = f"J{joint} hysteresis", f"hysteresis of what {how}"
+    name, group = f"J{joint} hysteresis", f"hysteresis, {how} joints"
     return [Term(name, joint, _unit(component), Direction(joint), group, HYSTERESIS_STD[how])]
 
 
@@ -273,9 +274,9 @@ def column(chain: Chain, joint: int, name: str, *, prior_std: float) -> list[Ter
     joint : int
         Counted from 1.
     name : str
-        The column. It has a group of its own, as its unit may be any.
+        The column. It is a group of its own, as it may have any unit.
     prior_std : float
-        [rad, of a sliding joint mm, per unit of the column].
+        [rad, or mm for a prismatic joint, per unit of the column].
     """
     component, _ = _own_motion(chain, joint)
     title = f"J{joint} {_component_name(component)} by {name}"
@@ -285,56 +286,56 @@ def column(chain: Chain, joint: int, name: str, *, prior_std: float) -> list[Ter
 def candidate_terms(
     state: ArmState, *, free: tuple[str, ...] = ("base", "tip"), highest: int = HIGHEST_ORDER_OFFERED
 ) -> tuple[list[Term], list[SkippedTerm]]:
-    """Offer all terms that the readings allow, and say which they do not.
+    """List all terms that the readings can determine, and those that they cannot.
 
-    A harmonic is left out where the joint moved by less than a quarter of its period, or where the joint's angles stand
-    half a period apart or more, so that it could not be told from a lower one. A function that is the same at
-    every reading is left out as it cannot be told from a constant.
+    A harmonic is skipped where the joint moved by less than a quarter of its period, or where the angles of the joint
+    are half a period apart or more, so that it is indistinguishable from a lower order. A function that is the same at
+    every reading is skipped as it is indistinguishable from a constant.
 
     Parameters
     ----------
     state : ArmState
-        Of the readings to learn from.
+        Of the training readings.
     free : tuple of str
         As in `constants`.
     highest : int
-        Highest order about the joints' own axes.
+        Highest order of angle errors.
 
     Returns
     -------
     terms : list of Term
-    left_out : list of SkippedTerm
+    skipped : list of SkippedTerm
     """
     chain, joints = state.chain, range(1, state.chain.n_joints + 1)
-    left_out: list[SkippedTerm] = []
+    skipped: list[SkippedTerm] = []
     terms = constants(chain, free=free)
     wobbles: list[Term] = []
     for joint in joints:
         if chain.is_prismatic[joint - 1]:
-            left_out.append(SkippedTerm(f"J{joint} harmonics", f"J{joint} slides"))
+            skipped.append(SkippedTerm(f"J{joint} harmonics", f"J{joint} is prismatic"))
             continue
-        shown, lost = _shown_orders(joint, state.angles[:, joint - 1], max(highest, *WOBBLE_ORDERS))
-        left_out += lost
+        orders, lost = _determined_orders(joint, state.angles[:, joint - 1], max(highest, *WOBBLE_ORDERS))
+        skipped += lost
         for band in _bands(highest):
-            if kept := tuple(k for k in band if k in shown):
+            if kept := tuple(k for k in band if k in orders):
                 terms.append(_own_axis_band(joint, kept, band))
-        # Few sets of readings are fine enough for these; that they are not is no news.
-        fine, _ = _shown_orders(joint, state.angles[:, joint - 1], INTERPOLATION_ORDERS[-1])
+        # Few sessions sample these densely enough; skipping them is not worth a message.
+        fine, _ = _determined_orders(joint, state.angles[:, joint - 1], INTERPOLATION_ORDERS[-1])
         terms += interpolation(chain, joint, tuple(k for k in INTERPOLATION_ORDERS if k in fine))
-        if kept := tuple(k for k in WOBBLE_ORDERS if k in shown):
+        if kept := tuple(k for k in WOBBLE_ORDERS if k in orders):
             wobbles += wobble(chain, joint, kept)
     terms += wobbles
-    offered = [term for joint in range(chain.n_joints + 1) for term in gravity(chain, joint, links=state.links)]
+    candidates = [term for joint in range(chain.n_joints + 1) for term in gravity(chain, joint, links=state.links)]
     if state.temperature_degC is None:
-        left_out.append(SkippedTerm("thermal growth", "the readings have no temperature"))
+        skipped.append(SkippedTerm("thermal expansion", "the readings have no temperature"))
     else:
-        offered += thermal(chain)
+        candidates += thermal(chain)
     if state.directions is None:
-        left_out.append(SkippedTerm("hysteresis", "the joints' directions of movement are not known"))
+        skipped.append(SkippedTerm("hysteresis", "the directions of movement are not known"))
     else:
-        offered += [term for joint in joints for term in hysteresis(chain, joint)]
-    offered += _loads(state, left_out)
-    return terms + list(_varying(offered, state, left_out)), left_out
+        candidates += [term for joint in joints for term in hysteresis(chain, joint)]
+    candidates += _loads(state, skipped)
+    return terms + list(_varying(candidates, state, skipped)), skipped
 
 
 def place_name(chain: Chain, place: int) -> str:
@@ -342,13 +343,13 @@ def place_name(chain: Chain, place: int) -> str:
     return "base" if place == 0 else "tip" if place == chain.n_joints + 1 else f"J{place}"
 
 
-def _shown_orders(joint: int, angles: FloatArray, highest: int) -> tuple[set[int], list[SkippedTerm]]:
-    """Which harmonics a joint's angles can show, and which not."""
+def _determined_orders(joint: int, angles: FloatArray, highest: int) -> tuple[set[int], list[SkippedTerm]]:
+    """Orders of harmonics that the angles of a joint can determine, and the skipped ones."""
     moved = float(np.ptp(angles)) if len(angles) else 0.0
     if moved >= 2 * np.pi:
         angles = np.mod(angles, 2 * np.pi)
     n_angles = _count_apart(angles, LEAST_PHASE / 2 / highest)
-    # Half a period between neighbours, but for rounding: from there on a harmonic looks like one of lower order.
+    # Half a period between neighbours, less rounding: above it a harmonic is indistinguishable from a lower order.
     widest = 0.999 * np.pi * (n_angles - 1)
     orders = range(1, highest + 1)
     slow = [k for k in orders if k * moved < LEAST_PHASE]
@@ -356,8 +357,8 @@ def _shown_orders(joint: int, angles: FloatArray, highest: int) -> tuple[set[int
     lost = [
         SkippedTerm(f"J{joint} {_orders_name(orders)}", reason)
         for orders, reason in (
-            (slow, f"J{joint} moved by {np.degrees(moved):.3g} deg only"),
-            (fast, f"J{joint} stood at {n_angles} angles only"),
+            (slow, f"J{joint} moved by only {np.degrees(moved):.3g} deg"),
+            (fast, f"J{joint} has readings at only {n_angles} angles"),
         )
         if orders
     ]
@@ -365,27 +366,27 @@ def _shown_orders(joint: int, angles: FloatArray, highest: int) -> tuple[set[int
 
 
 def _count_apart(values: FloatArray, apart: float) -> int:
-    """Count values, those closer than `apart` to the first of them as one."""
+    """Count values; values closer than `apart` to the first of them count as one."""
     values, n, at = np.sort(values), 0, 0
     while at < len(values):
         n, at = n + 1, int(np.searchsorted(values, values[at] + apart, side="right"))
     return n
 
 
-def _loads(state: ArmState, left_out: list[SkippedTerm]) -> Iterator[Term]:
-    """Terms by the columns whose names say which joint's load they are, ``load_2_Nm``."""
+def _loads(state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:
+    """Terms by the columns that are named after the load of a joint, ``load_2_Nm``."""
     for name, values in state.columns.items():
         joint = int(found[1]) if (found := re.match(r"load_(\d{1,3})(?:_|$)", name)) else 0
         if not 1 <= joint <= state.chain.n_joints:
-            left_out.append(SkippedTerm(name, "its name does not say which joint it acts on"))
+            skipped.append(SkippedTerm(name, "its name does not give a joint, as load_2_Nm does"))
             continue
         _, how = _own_motion(state.chain, joint)
         spread = float(np.std(values)) if len(values) else 0.0
         yield from column(state.chain, joint, name, prior_std=COLUMN_STD[how] / (spread or 1.0))
 
 
-def _varying(terms: Iterable[Term], state: ArmState, left_out: list[SkippedTerm]) -> Iterator[Term]:
-    """Pass on the terms whose function changes from reading to reading."""
+def _varying(terms: Iterable[Term], state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:
+    """The terms whose function changes from reading to reading."""
     varies: dict[Basis, bool] = {}
     for term in terms:
         if term.basis not in varies:
@@ -393,14 +394,14 @@ def _varying(terms: Iterable[Term], state: ArmState, left_out: list[SkippedTerm]
             size = max(1.0, float(np.abs(values).max(initial=0.0)))
             varies[term.basis] = values.size > 0 and bool(np.ptp(values) > 1e-9 * size)  # more than rounding
             if not varies[term.basis]:
-                left_out.append(SkippedTerm(term.basis.labels()[0], "it is the same at every reading"))
+                skipped.append(SkippedTerm(term.basis.labels()[0], "it is constant in these readings"))
         if varies[term.basis]:
             yield term
 
 
 def _own_axis_band(joint: int, orders: tuple[int, ...], band: tuple[int, ...]) -> Term:
-    name = f"J{joint} own axis, {_orders_name(orders)}"
-    group = f"own axis, {_orders_name(band)}"
+    name = f"J{joint} angle error, {_orders_name(orders)}"
+    group = f"angle error, {_orders_name(band)}"
     return Term(name, joint, _unit(OWN_AXIS), Harmonics(joint, orders), group, OWN_AXIS_STD)
 
 
@@ -415,16 +416,16 @@ def _orders_name(orders: Sequence[int]) -> str:
     return f"orders {orders[0]} to {orders[-1]}" if len(orders) > 1 else f"order {orders[0]}"
 
 
-def _turns(chain: Chain, joint: int) -> bool:
-    """Whether a joint of the chain, counted from 1, turns."""
+def _is_revolute(chain: Chain, joint: int) -> bool:
+    """Whether a joint of the chain, counted from 1, is revolute."""
     if not 1 <= joint <= chain.n_joints:
         raise InputError(f"expected a joint from 1 to {chain.n_joints}, got {joint}")
     return not chain.is_prismatic[joint - 1]
 
 
 def _own_motion(chain: Chain, joint: int) -> tuple[int, str]:
-    """Component of a motion that the joint itself makes, and whether it turns or slides."""
-    return (OWN_AXIS, "turns") if _turns(chain, joint) else (OWN_AXIS + 3, "slides")
+    """Component of the motion that the joint itself makes, and the type of the joint."""
+    return (OWN_AXIS, "revolute") if _is_revolute(chain, joint) else (OWN_AXIS + 3, "prismatic")
 
 
 def _unit(component: int) -> tuple[float, ...]:
@@ -432,4 +433,4 @@ def _unit(component: int) -> tuple[float, ...]:
 
 
 def _component_name(component: int) -> str:
-    return f"rotation about {AXES[component]}" if component < 3 else f"shift along {AXES[component - 3]}"
+    return f"rotation about {AXES[component]}" if component < 3 else f"translation along {AXES[component - 3]}"

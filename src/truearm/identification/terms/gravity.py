@@ -1,4 +1,4 @@
-"""Weight that the joints and links of an arm carry."""
+"""Gravity loads of the joints of an arm."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ STANDARD_GRAVITY = 9.80665
 """Standard acceleration of free fall [m/s^2]."""
 
 STANDARD_GRAVITY_IN_BASE = (0.0, 0.0, -STANDARD_GRAVITY)
-"""The same on an arm that stands upright."""
+"""The same in the base frame of an upright arm."""
 
 
 class GravityLoads(NamedTuple):
-    """What the joints carry at each pose.
+    """Loads of the joints at each pose.
 
     Attributes
     ----------
     torque_in_joint : (n, n_joints, 3) array
-        Torque about joint i's origin by the weight of everything outward of it, along the axes of place i [N m].
+        Torque about the origin of joint i by the weight of all links outward of it, along the axes of place i [N m].
     force_in_joint : (n, n_joints, 3) array
         That weight, along the same axes [N].
     """
@@ -36,10 +36,10 @@ class GravityLoads(NamedTuple):
 
 
 def uniform_links(chain: Chain, *, kg_per_m: float) -> LinkMasses:
-    """Masses for an arm of which none are known: straight links with their mass spread evenly along them.
+    """Masses of an arm whose masses are unknown: straight links of uniform mass per length.
 
     Link i is the straight line from joint i to joint i + 1 (the last one to the tip). Counterweights, springs, encoders
-    and the hand that guides the arm are left out.
+    and the hand that guides the arm are not included.
     """
     vectors = link_vectors(chain)[1:]
     return LinkMasses(kg_per_m * 1e-3 * np.linalg.norm(vectors, axis=1), vectors / 2)
@@ -63,10 +63,10 @@ def gravity_loads(
     *,
     gravity_in_base: npt.ArrayLike = STANDARD_GRAVITY_IN_BASE,
 ) -> GravityLoads:
-    """Weight carried by every joint, at the nominal pose.
+    """Gravity loads of every joint, at the nominal pose.
 
-    ``M_i = sum_k m_k (c_k - o_i) x g`` over the links ``k >= i``. The component along a joint's own axis is what its
-    drive, brake or counterbalance holds; in a joint turned by hand it bends nothing.
+    ``M_i = sum_k m_k (c_k - o_i) x g`` over the links ``k >= i``. The component along a joint's own axis is
+    the load of its drive, brake or counterbalance; in a joint moved by hand it causes no bending.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def gravity_loads(
     Raises
     ------
     InputError
-        If there is not one mass a joint, or gravity is not three finite numbers.
+        If the number of masses is not that of the joints, or gravity is not three finite numbers.
     """
     gravity = np.asarray(gravity_in_base, dtype=float)
     if gravity.shape != (3,) or not np.isfinite(gravity).all():
@@ -106,13 +106,13 @@ def _loads_into(
     torque: FloatArray,
     force: FloatArray,
 ) -> None:
-    """Fill in the loads, from the axes of the places in the base frame, (n_places, 3 axes, 3 components, m)."""
+    """Write the loads, from the axes of the places in the base frame, (n_places, 3 axes, 3 components, m)."""
     vectors = link_vectors(chain)
     by_gravity = np.cross(np.eye(3), gravity).T  # v -> v x g as a matrix
     mass_outward = 0.0
     first_moment = np.zeros((3, axes.shape[-1]))  # sum of m (c - o_i) in the base frame [kg mm]
     for i in range(chain.n_joints, 0, -1):
-        # What hangs at the link's far end and the link itself: one vector fixed in place i.
+        # The load at the far end of the link and the link itself: one vector fixed in place i.
         local = mass_outward * vectors[i] + links.mass_kg[i - 1] * links.centre_in_joint_mm[i - 1]
         first_moment += np.tensordot(local, axes[i], axes=1)
         mass_outward += float(links.mass_kg[i - 1])
@@ -124,6 +124,6 @@ def _loads_into(
 
 
 def _slide(chain: Chain, angles: FloatArray) -> FloatArray | None:
-    """How far sliding joints are out, (n_joints, m) [mm]; None if all joints turn."""
+    """Displacements of prismatic joints, (n_joints, m) [mm]; None if all joints are revolute."""
     assert chain.prismatic is not None  # set in Chain
     return np.where(chain.prismatic, angles, 0.0).T if chain.prismatic.any() else None

@@ -1,4 +1,4 @@
-"""What an arm's small motions may depend on, at n readings."""
+"""The state of an arm at n readings: all that its small motions may depend on."""
 
 from __future__ import annotations
 
@@ -26,33 +26,32 @@ from truearm.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """State of an arm at n readings; the argument of every basis function.
+    """State of an arm at n readings, the argument of every basis function.
 
     Parameters
     ----------
     chain : Chain
-        Nominal kinematics in the arm's own base frame, not placed in a reference's: gravity and the stand are told
-        from it.
+        Nominal kinematics in the base frame of the arm, not in that of a reference: it defines gravity and the stand.
     angles : (n, n_joints) array
-        Joint angles [rad], displacements of sliding joints [mm].
+        Joint angles [rad], displacements of prismatic joints [mm].
     temperature_degC : (n,) or (n, n_joints + 1) array, optional
         Of the arm, or of the stand and each link [degC].
     directions : (n, n_joints) array, optional
-        Sign of each joint's last movement: -1, 1, or 0 where it is not known.
+        Sign of each joint's last movement: -1, 1, or 0 where it is unknown.
     columns : mapping of str to (n,) array
-        Further numbers of the readings by name, in the units the names state.
+        Further columns of the session by name, in the units that the names state.
     links : LinkMasses, optional
-        Masses of the links. Without them 1 kg/m everywhere: the shape of the torques is then a guess and their size
-        is left to the coefficients.
+        Masses of the links; 1 kg/m by default: the pattern of the torques is then a guess, and the coefficients
+        determine their size.
     session : (n,) array of str, optional
-        Name of the set-up of each reading; None: the one in whose frame the chain is.
+        Name of the session of each reading; None: the session in whose frame the chain is.
     gravity_in_base : (3,) array
         Acceleration of free fall along the base frame's axes [m/s^2]; of an upright arm by default.
 
     Raises
     ------
     InputError
-        If a shape does not fit or a number is not finite.
+        If a shape does not match or a number is not finite.
     """
 
     chain: Chain
@@ -102,7 +101,7 @@ class ArmState:
         return len(self.angles)
 
     def rows(self, which: slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> ArmState:
-        """Select the readings that `which` says."""
+        """Select readings."""
         return ArmState(
             self.chain,
             self.angles[which],

@@ -1,4 +1,4 @@
-"""A term: one cause by which a real arm differs from its drawing."""
+"""A term: one cause by which a real arm differs from its nominal model."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from truearm.typing import FloatArray
 class Term:
     """Small motions at one place of a chain, along one direction, shaped by basis functions.
 
-    The motion is ``direction * sum_k x_k basis_k(state)``; the coefficients x are what identification finds. Before it
-    they are normally distributed about zero.
+    The motion is ``direction * sum_k x_k basis_k(state)``; identification estimates the coefficients x. Their
+    prior is normal with mean zero.
 
     Parameters
     ----------
     name : str
     place : int
-        Where it acts, as in `truearm.arm.chain`: 0 the base, i joint i, n_joints + 1 the tip.
+        Where the motion acts, as in `truearm.arm.chain`: 0 the base, i joint i, n_joints + 1 the tip.
     direction : tuple of 6 floats
         Rotation along the place's x, y, z, then translation along them. (0, 0, 1, 0, 0, 0) turns about z, and the
         coefficients are in rad per unit of the basis; (0, 0, 0, 1, 0, 0) shifts along x, in mm per unit.
@@ -33,15 +33,15 @@ class Term:
     group : str
         Terms of one group share the scale of their priors.
     prior_std : float or tuple of float
-        Standard deviation of the coefficients before any reading, one for all or one for each. Within a group their
-        ratios stay and the readings' evidence finds the common factor.
+        Prior standard deviation of the coefficients, one for all or one for each. Within a group their ratios are
+        fixed, and the evidence of the readings determines the common scale.
     learn : bool
-        False keeps the standard deviations as they are.
+        Whether the evidence scales the prior; False keeps the standard deviations.
 
     Raises
     ------
     InputError
-        If one of these is not what it must be.
+        If a parameter is invalid.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Term:
     def __post_init__(self) -> None:
         for what in ("name", "group"):
             if not isinstance(getattr(self, what), str) or not getattr(self, what):
-                raise InputError(f"expected a term's {what} in words, got {getattr(self, what)!r:.60}")
+                raise InputError(f"expected a term's {what} as text, got {getattr(self, what)!r:.60}")
         for what in ("place", "learn", "prior_std"):
             object.__setattr__(self, what, plain(getattr(self, what)))
         if not isinstance(self.place, int) or isinstance(self.place, bool) or self.place < 0:
@@ -80,7 +80,7 @@ class Term:
 
     @property
     def n_coefficients(self) -> int:
-        """Number of coefficients: one a function of the basis."""
+        """Number of coefficients: one for each function of the basis."""
         return self.basis.n_functions
 
     @property
@@ -96,7 +96,7 @@ class Term:
         return tuple(f"{self.name}: {function}" for function in self.basis.labels())
 
     def check_place(self, chain: Chain) -> None:
-        """Refuse a chain that does not have the term's place.
+        """Check that a chain has the place of the term.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class Term:
             raise self._problem(f"expected a place from 0 (base) to {chain.n_places - 1} (tip), got {self.place}")
 
     def as_data(self) -> dict[str, Any]:
-        """Give the term as plain data: numbers, strings, lists and the basis's own data."""
+        """Return the term as plain data: numbers, strings, lists and the data of the basis."""
         return {
             "name": self.name,
             "place": self.place,
@@ -120,12 +120,12 @@ class Term:
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> Self:
-        """Build a term from what `as_data` gave.
+        """Create a term from the data of `as_data`.
 
         Raises
         ------
         InputError
-            If something is missing, unknown or not what it must be.
+            If a field is missing, unknown or invalid.
         """
         names = [f.name for f in fields(cls)]
         if not isinstance(data, Mapping) or sorted(map(str, data)) != sorted(names):

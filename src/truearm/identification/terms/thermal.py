@@ -1,4 +1,4 @@
-"""Growth of the links with temperature."""
+"""Thermal expansion of the links."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from truearm.typing import FloatArray
 
 
 def link_vectors(chain: Chain) -> FloatArray:
-    """Give the chain's links as vectors in the places they start from.
+    """Return the links of the chain as vectors in the places where they start.
 
     Link 0 is the stand, from the base frame's origin to joint 1 along the axes of place 0; link i goes from joint i to
     joint i + 1 along the axes of place i; the last one ends at the tip.
@@ -23,15 +23,15 @@ def link_vectors(chain: Chain) -> FloatArray:
         [mm].
     """
     vectors = chain.fixed[:, :3, 3].copy()
-    vectors[0] = chain.fixed[0, :3, :3].T @ vectors[0]  # place 0 stands after F0 and has its axes
+    vectors[0] = chain.fixed[0, :3, :3].T @ vectors[0]  # place 0 is after F0 and has its axes
     vectors[-1] += chain.fixed[-1, :3, :3] @ chain.tip_in_flange
     return vectors
 
 
 def growth_motions(chain: Chain, temperature_degC: npt.ArrayLike) -> FloatArray:
-    """Give the translations of links with unit expansion coefficient: ``(T - 20 degC)`` times the link's vector.
+    """Return the translations of links with unit expansion coefficient: ``(T - 20 degC)`` times the link vector.
 
-    Multiply link i by its coefficient [1/K] and insert at place i.
+    Multiply that of link i by its coefficient [1/K] and apply it at place i.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def growth_motions(chain: Chain, temperature_degC: npt.ArrayLike) -> FloatArray:
     Raises
     ------
     InputError
-        If the temperatures' shape does not fit.
+        If the shape of the temperatures does not match.
     """
     temperature = np.asarray(temperature_degC, dtype=float)
     n_links = chain.n_joints + 1

@@ -35,7 +35,7 @@ GEOMETRY, ENCODERS, BEARINGS, COMPLIANCE, GROWTH, DEFLECTION, HYSTERESIS, CAGES 
     "encoders",
     "bearings",
     "compliance",
-    "thermal growth",
+    "thermal expansion",
     "tip deflection",
     "hysteresis",
     "ball cages",

@@ -83,5 +83,5 @@ def draw_systematic_errors(arm: Arm, preset: Preset, *, seed: int) -> Systematic
     """
     model = error_model(arm, preset)
     temperature = random_stream("arm", seed, "temperature")
-    temperature.standard_normal(arm.n_joints + 1)  # the coefficients of thermal growth
+    temperature.standard_normal(arm.n_joints + 1)  # the coefficients of thermal expansion
     return SystematicErrors(model, model.draw(seed), preset.lag_s * temperature.uniform(0.5, 1.5, arm.n_joints + 1))

@@ -69,7 +69,7 @@ CLASSES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "encoders": ((ENCODERS,), ()),
     "bearings": ((BEARINGS,), ()),
     "compliance": ((COMPLIANCE,), ()),
-    "thermal growth": ((GROWTH,), ()),
+    "thermal expansion": ((GROWTH,), ()),
     "hysteresis and ball cages": ((HYSTERESIS, CAGES), ()),
     "encoder noise": ((), ("encoder_noise_arcsec",)),
     "hand and contact": ((DEFLECTION,), ("tip_compliance_um_per_N", "seat_std_mm")),
