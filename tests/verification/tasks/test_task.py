@@ -10,18 +10,11 @@ from truearm.arm.arm import Arm
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.verification.tasks import features
+from truearm.verification.tasks.estimate import SHORTEST, Estimate, shortest_interval
 from truearm.verification.tasks.feature_postures import middle_of
 from truearm.verification.tasks.features import FeatureQuantity
-from truearm.verification.tasks.task import (
-    SHORTEST,
-    Estimate,
-    FitnessDecision,
-    advice,
-    describe_fitness,
-    fitness,
-    shortest_interval,
-    simulate_measurements,
-)
+from truearm.verification.tasks.fitness import FitnessDecision, describe_fitness, fitness
+from truearm.verification.tasks.task import advice, simulate_measurements
 
 ARM = load_arm("gao2017")
 MIDDLE, ACROSS = middle_of(ARM)
@@ -60,16 +53,16 @@ KNOWN = Scaled(ARM, 2e-5, 0.01)
 
 
 @pytest.mark.parametrize(("length", "points"), [(50.0, 2), (1000.0, 2), (1000.0, 18)])
-def test_the_arm_s_errors_go_with_the_length_and_the_points_are_averaged(length, points):
+def test_systematic_errors_are_proportional_to_the_length_and_random_ones_average_out(length, points):
     """By hand: u of the arm is the scale's times the length; of n points at each end sqrt(2 / n) of one point's."""
     found = simulate_measurements(
         KNOWN, features.length_at(MIDDLE, ACROSS, length, points=points), n_arms=800
     ).estimates[0]
-    of_arm, of_points = 2e-5 * length, 0.01 * np.sqrt(2 / (points / 2))
+    systematic, random = 2e-5 * length, 0.01 * np.sqrt(2 / (points / 2))
     # 800 draws: a standard deviation is known to 2.5 %; five of them.
-    assert found.u_systematic_mm == pytest.approx(of_arm, rel=0.13)
-    assert found.u_random_mm == pytest.approx(of_points, rel=0.13)
-    assert found.u_mm == pytest.approx(np.hypot(of_arm, of_points), rel=0.13)
+    assert found.u_systematic_mm == pytest.approx(systematic, rel=0.13)
+    assert found.u_random_mm == pytest.approx(random, rel=0.13)
+    assert found.u_mm == pytest.approx(np.hypot(systematic, random), rel=0.13)
     assert abs(found.bias_mm) < 5 * found.standard_errors.bias_mm + 1e-4
     low, high = found.interval_mm
     assert (high - low) / 2 == pytest.approx(1.96 * found.u_mm, rel=0.15)
@@ -82,12 +75,12 @@ def test_the_same_seed_gives_the_same_numbers():
     assert not np.array_equal(one.errors, other.errors)
 
 
-def test_progress_tells_every_arm():
-    told = []
+def test_progress_counts_every_arm():
+    counted = []
     simulate_measurements(
-        KNOWN, features.length_at(MIDDLE, ACROSS, 200.0), n_arms=100, progress=lambda n, _: told.append(n)
+        KNOWN, features.length_at(MIDDLE, ACROSS, 200.0), n_arms=100, progress=lambda n, _: counted.append(n)
     )
-    assert told == list(range(1, 101))
+    assert counted == list(range(1, 101))
 
 
 def test_the_standard_errors_are_those_of_repeated_draws():
@@ -100,7 +93,7 @@ def test_the_standard_errors_are_those_of_repeated_draws():
         assert stated == pytest.approx(scatter, rel=0.45)  # 40 runs know a standard deviation to 11 %
 
 
-def test_the_standard_errors_are_those_of_other_ways_too():
+def test_the_standard_errors_include_the_choice_of_postures():
     """Ten ways of holding, each with an offset of its own, of 20 draws each: their offsets are the larger chance."""
     rng = np.random.default_rng(3)
     runs = []
@@ -125,7 +118,7 @@ def test_the_shortest_interval_by_hand():
 
 
 @pytest.mark.parametrize("n", [300, 1000])
-def test_the_shortest_interval_holds_what_it_says(rng, n):
+def test_the_shortest_interval_contains_95_per_cent(rng, n):
     """Of a normal distribution, on average over 600 Monte Carlos: to 0.45 %, of which 0.05 % is chance."""
     low, high = shortest_interval(np.sort(rng.standard_normal((600, n)), axis=1))
     assert (norm.cdf(high) - norm.cdf(low)).mean() == pytest.approx(0.95, abs=0.0045)
@@ -173,7 +166,7 @@ def test_answers_to_a_tolerance_by_hand(tolerance, answer, ratio, left):
     assert fit.ratio == pytest.approx(ratio)
     assert fit.acceptance_zone_mm == pytest.approx(left)
     said = describe_fitness(found, fit)
-    assert {FitnessDecision.YES: "Yes", FitnessDecision.NO: "No:", FitnessDecision.GUARDED: "guard bands"}[
+    assert {FitnessDecision.YES: "Yes", FitnessDecision.NO: "No, ", FitnessDecision.GUARDED: "guard bands"}[
         answer
     ] in said
     assert "U = 0.0200 mm" in said
@@ -185,8 +178,8 @@ def test_a_tolerance_of_form_has_one_side():
     assert fit.answer is FitnessDecision.YES
     assert fit.acceptance_zone_mm == pytest.approx(0.06)
     said = describe_fitness(found, fit)
-    assert "Parts of up to 0.0600 mm are found to conform" in said
-    assert "up to 0.08 mm of a nearly perfect one" in said
+    assert "Parts that deviate by up to 0.0600 mm are found to conform" in said
+    assert "values up to 0.08 mm that of a nearly perfect part" in said
 
 
 def test_a_form_below_the_uncertainty_can_still_be_shown_of_a_nearly_perfect_part():
@@ -196,7 +189,7 @@ def test_a_form_below_the_uncertainty_can_still_be_shown_of_a_nearly_perfect_par
     assert fit.answer is FitnessDecision.NO
     assert fit.acceptance_zone_mm == 0
     said = describe_fitness(found, fit)
-    assert "A perfect part may be found outside" in said
+    assert "Even a perfect part may be found not to conform" in said
     assert "No measured value" not in said
 
 
@@ -213,13 +206,13 @@ def test_a_measured_flatness_differs_from_the_part_s_by_no_more_than_that_of_the
             assert measured >= true
 
 
-def test_an_arm_without_errors_is_good_for_everything():
+def test_an_arm_without_errors_is_fit_for_every_tolerance():
     fit = fitness(estimate(np.zeros(100)), 1e-6)
     assert fit.answer is FitnessDecision.YES
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -0.1, np.nan, np.inf])
-def test_a_tolerance_that_is_none_is_refused(tolerance):
+def test_a_tolerance_that_is_not_positive_is_refused(tolerance):
     with pytest.raises(InputError, match="tolerance above zero"):
         fitness(estimate([0.0, 1.0]), tolerance)
 
@@ -227,12 +220,12 @@ def test_a_tolerance_that_is_none_is_refused(tolerance):
 @pytest.mark.parametrize(
     ("known", "said"),
     [
-        (Scaled(ARM, 1e-4, 0.001), "arm's own errors dominate"),
+        (Scaled(ARM, 1e-4, 0.001), "systematic errors dominate"),
         (Scaled(ARM, 1e-6, 0.01), "Random errors dominate"),
         (Scaled(ARM, 0.0, 0.0), "no errors"),
     ],
 )
-def test_whether_more_points_would_help(known, said):
+def test_the_advice_names_the_part_that_dominates(known, said):
     found = simulate_measurements(known, features.length_at(MIDDLE, ACROSS, 500.0), n_arms=100)
     assert said in advice(found)
 

@@ -53,21 +53,21 @@ def test_the_exit_code_is_the_answer(capsys, tolerance, answer):
     assert ran("shop", length=300.0, tolerance=tolerance) == CODES[answer]
     told = capsys.readouterr().out
     assert answer in told.lower()
-    assert "Good enough for length" in told
+    assert "fit for length" in told
 
 
 def test_without_a_tolerance_nothing_is_judged(capsys):
     assert ran("shop", length=300.0) == 0
     told = capsys.readouterr().out
-    assert "Good enough" not in told
-    for word in ("length of 300 mm", "u of arm", "u of points", "95 % of errors", "100 drawn arms", "standard errors"):
+    assert "fit for" not in told
+    for word in ("length of 300 mm", "u systematic", "u random", "95 % of errors", "100 drawn arms", "standard errors"):
         assert word in told
 
 
 def test_a_model_s_task(capsys, model_file):
     assert ran(str(model_file), length=300.0, at=["800,0,300"], tolerance=1.0, as_json=True) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["known_of_the_arm"] == "the model arm.truearm"
+    assert found["source"] == "the model arm.truearm"
     assert found["tolerance"]["answer"] == "yes"
     (length,) = found["quantities"]
     assert 0.001 < length["u_mm"] < 0.05
@@ -76,9 +76,9 @@ def test_a_model_s_task(capsys, model_file):
     assert length["expanded_mm"] == max(-low, high)
     points = found["points_mm"]
     assert points[0] == pytest.approx([800, -150, 300], abs=5)  # across the front, which is a degree off the x axis
-    assert any("No repeatability is given" in remark for remark in found["remarks"])
+    assert any("No repeatability is stated" in remark for remark in found["remarks"])
     assert any("The part is perfect and at 20 degC" in remark for remark in found["remarks"])
-    assert length["u_of_points_mm"] == 0
+    assert length["u_random_mm"] == 0
     assert found["expanded_at_limit_mm"] is None
 
 
@@ -87,8 +87,8 @@ def test_more_points_are_advised_only_if_a_repeatability_was_given(capsys, model
     told = capsys.readouterr().out
     page = (tmp_path / "page.html").read_text()
     for one in (told, page):
-        assert "Whether more points would help is not known" in one
-        assert "Take one point some ten times" in one
+        assert "It is unknown whether more points would help" in one
+        assert "Measure one point some ten times" in one
         assert "four times the points" not in one
     ran(str(model_file), length=300.0, repeatability=0.005)
     assert "four times the points" in capsys.readouterr().out
@@ -99,7 +99,7 @@ def test_what_a_repeatability_changes(capsys, model_file):
         ran(str(model_file), length=300.0, repeatability=repeatability, as_json=True)
     outs = capsys.readouterr().out
     found = [json.loads(part) for part in re.split(r"(?<=\n})\n", outs) if part.strip()]
-    small, large = (one["quantities"][0]["u_of_points_mm"] for one in found)
+    small, large = (one["quantities"][0]["u_random_mm"] for one in found)
     assert small == pytest.approx(0.0001 * 2**0.5, rel=0.4)
     assert large == pytest.approx(0.005 * 2**0.5, rel=0.4)
 
@@ -125,10 +125,16 @@ def test_a_specification_sheet_alone(capsys, tmp_path):
     told = capsys.readouterr().out
     assert code == 0
     assert "the specification of measuring arm 2.5 m, arm measuring7" in told
-    assert "Assumed" in told
-    assert "Of arms that just keep the limits, U = " in told
+    assert "The drawn arms conform to " in told
+    assert "For arms whose worst test result equals its limit, U = " in told
     page = (tmp_path / "page.html").read_text()
-    for word in ("Is the arm good enough?", "Would more points help?", "Assumed", "P_Form.Sph.1x25", "<svg"):
+    for word in (
+        "Is the arm fit for the tolerance?",
+        "Would more points help?",
+        "Assumptions",
+        "P_Form.Sph.1x25",
+        "<svg",
+    ):
         assert word in page
 
 
@@ -142,8 +148,8 @@ def test_a_page_of_a_form(tmp_path):
 @pytest.mark.parametrize(
     ("args", "options", "said"),
     [
-        ((None,), {"length": 300.0}, "one of them"),
-        (("shop",), {"length": 300.0, "spec": "x.toml"}, "one of them"),
+        ((None,), {"length": 300.0}, "expected one of"),
+        (("shop",), {"length": 300.0, "spec": "x.toml"}, "expected one of"),
         (("nothing",), {"length": 300.0}, "model file or a preset"),
         (("shop",), {}, "expected --length"),
         (("shop",), {"diameter": 3.0}, "--diameter is not for a length"),
@@ -156,7 +162,7 @@ def test_a_page_of_a_form(tmp_path):
         (
             ("shop",),
             {"feature": "circle", "diameter": 30.0, "tolerance": 50.0},
-            "below the 30 mm that are measured, got 50",
+            "smaller than the measured 30 mm, got 50",
         ),
         (("shop",), {"length": 300.0, "repeatability": 0.01}, "is for a model"),
         (("shop",), {"length": 300.0, "arms": 10}, "arms to draw"),

@@ -1,4 +1,4 @@
-"""The page of a task: the error of a measured feature, and whether the arm is good enough for a tolerance."""
+"""The page of a task: whether the arm is fit for a tolerance, and the errors of the measured feature."""
 
 from __future__ import annotations
 
@@ -9,66 +9,56 @@ from matplotlib.figure import Figure as Drawing
 from truearm.pages.number_format import RoundedNumber, capitalize, format_count, format_mm
 from truearm.pages.page import Column, LabelledValue, Page, Section, Table
 from truearm.pages.plotting import LIMIT, Figure, figure_style, make_panel
-from truearm.verification.tasks.task import Estimate, Fitness, TaskResult, advice, describe_fitness
+from truearm.verification.tasks.estimate import Estimate
+from truearm.verification.tasks.fitness import Fitness, describe_fitness
+from truearm.verification.tasks.task import TaskAssessment, TaskResult
 
 _ORANGE, _NAVY = "#d9730d", "#12407a"
 _BINS = 40
 
 
-def task_page(
-    task: TaskResult,
-    fit: Fitness | None,
-    *,
-    about: str,
-    remarks: Sequence[str] = (),
-    facts: Sequence[tuple[str, str]] = (),
-) -> Page:
+def task_page(task: TaskAssessment, *, source: str, facts: Sequence[tuple[str, str]] = ()) -> Page:
     """Lay out the uncertainty of a measured feature.
 
     Parameters
     ----------
-    task : TaskResult
-    fit : Fitness, optional
-        Against a tolerance of its first quantity.
-    about : str
-        What is known of the arm, in a few words.
-    remarks : sequence of str
-        Assumptions, in sentences.
+    task : TaskAssessment
+    source : str
+        Source of the arm's errors, in a few words.
     facts : sequence of (str, str)
-        What the page rests on.
+        Inputs, as label and value.
     """
-    first = task.estimates[0]
+    result, fit = task.result, task.fitness
+    first = result.estimates[0]
     summary = [
-        LabelledValue(f"{first.quantity.name}: standard uncertainty", first.u_mm, "mm"),
-        LabelledValue("not exceeded by 95 % of errors", first.expanded_mm, "mm"),
+        LabelledValue(f"{first.quantity.name}: expanded uncertainty U (95 %)", first.expanded_mm, "mm"),
+        LabelledValue("standard uncertainty u", first.u_mm, "mm"),
     ]
-    if task.at_limit is not None:
-        summary.append(LabelledValue("the same of arms at their limit", task.at_limit.expanded_mm, "mm"))
+    if result.at_limit is not None:
+        summary.append(LabelledValue("U of arms at their limit", result.at_limit.expanded_mm, "mm"))
     sections = []
     if fit is not None:
-        summary.append(LabelledValue("good enough?", fit.answer.value))
-        sections.append(Section("Is the arm good enough?", describe_fitness(first, fit).replace("+-", "\u00b1")))
-    sections.append(
+        summary.insert(0, LabelledValue("fit for the tolerance?", fit.answer.value))
+        answer = describe_fitness(first, fit).replace("+-", "\u00b1")
+        sections.append(Section("Is the arm fit for the tolerance?", answer))
+    sections += [
         Section(
             "Errors of the measured feature",
-            f"Measured less true value of {format_count(task.n_arms, 'drawn arm')}; what is known of the arm: {about}. The "
-            "interval is the shortest one that holds 95 % of the errors.",
-            figures=(errors_figure(task.estimates, fit),),
-            tables=(_table(task),),
-        )
-    )
-    sections.append(
+            f"Measured minus true value of {format_count(result.n_arms, 'drawn arm')}. The arms are drawn from {source}. "
+            "The interval is the shortest one that contains 95 % of the errors.",
+            figures=(errors_figure(result.estimates, fit),),
+            tables=(_table(result),),
+        ),
         Section(
             "Would more points help?",
-            "The errors of the arm are the same whenever it is held the same way, and alike where it is held nearly "
-            f"so; those of the points change from one to the next, and averaging makes them smaller.\n\n{advice(task)}",
-        )
-    )
-    if remarks:
-        sections.append(Section("What it rests on", "\n\n".join(remarks)))
+            f"{task.advice}\n\nSystematic errors are the same in the same pose and similar in similar poses. Random errors "
+            "differ from point to point; averaging reduces them.",
+        ),
+        Section("Assumptions", "\n\n".join(task.remarks)),
+    ]
     return Page(
-        title=capitalize(task.feature.name),
-        subtitle=f"Uncertainty of measurement by {about}",
+        title=capitalize(result.feature.name),
+        subtitle=f"Uncertainty of measurement by {source}",
         summary=tuple(summary),
         sections=tuple(sections),
         facts=tuple(facts),
@@ -76,15 +66,15 @@ def task_page(
 
 
 def errors_figure(estimates: Sequence[Estimate], fit: Fitness | None = None) -> Figure:
-    """Draw how the errors of each quantity are spread, with their interval and the tolerance of the first."""
+    """Draw the distribution of the errors of each quantity, its interval, and the tolerance of the first."""
     with figure_style():
         panels = tuple(_spread(one, fit if one is estimates[0] else None) for one in estimates)
-    told = "; ".join(f"{one.quantity.name} {_between(one)}" for one in estimates)
+    intervals = "; ".join(f"{one.quantity.name} {_between(one)}" for one in estimates)
     zone = " Grey lines: the tolerance." if fit is not None else ""
     return Figure(
         panels,
-        caption=f"Errors of the drawn arms. Orange: the shortest interval that holds 95 %: {told}.{zone}",
-        alt=f"Histograms of the errors; 95 % of them lie in: {told}.",
+        caption=f"Errors of the drawn arms. Orange: the shortest interval that contains 95 %: {intervals}.{zone}",
+        alt=f"Histograms of the errors; 95 % of them are in: {intervals}.",
         columns=min(len(panels), 2),
     )
 
@@ -111,10 +101,10 @@ def _table(task: TaskResult) -> Table:
     columns = (
         Column("quantity"),
         Column("nominal", "mm"),
-        Column("mean error", "mm"),
+        Column("bias", "mm"),
         Column("u", "mm"),
-        Column("of the arm", "mm", group="u"),
-        Column("of the points", "mm", group="u"),
+        Column("systematic", "mm", group="u"),
+        Column("random", "mm", group="u"),
         Column("from", "mm", group="95 % of the errors"),
         Column("to", "mm", group="95 % of the errors"),
     )
@@ -131,5 +121,5 @@ def _table(task: TaskResult) -> Table:
         )
         for one in task.estimates
     ]
-    caption = "u is the standard uncertainty. Numbers have the decimals that the number of draws supports."
+    caption = "u: standard uncertainty. The number of decimals follows from the number of draws."
     return Table(columns, tuple(rows), caption)
