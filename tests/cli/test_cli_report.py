@@ -24,7 +24,7 @@ def test_an_identified_arm_has_its_uncertainty_and_terms_on_the_page(truearm, ma
     ran = truearm("report", *files, made / "test.csv", "--out", page)
     assert ran.code == 0, ran.err
     text = page.read_text(encoding="utf-8")
-    for said in (">Uncertainty</h2>", "(k = 2)", ">What the arm does</h2>", "lengths and offsets", "held out"):
+    for said in (">Uncertainty</h2>", "(k = 2)", ">Terms of the arm</h2>", "lengths and offsets", "held out"):
         assert said in text, said
     assert "Error of each joint" not in text  # a kinematic model has none
 
@@ -47,7 +47,7 @@ def test_a_session_of_seats_has_a_page(truearm, seated, tmp_path):
     assert ran.code == 0, ran.err
     assert "1 model compared on 75 readings" in ran.out
     text = page.read_text(encoding="utf-8")
-    for said in ("Agreement in the seats", "B1a", ">Lengths</h2>", "a frame is fitted", "These are the readings"):
+    for said in ("Agreement in the seats", "B1a", ">Lengths</h2>", "after a frame was fitted", "These are the readings"):
         assert said in text, said
 
 

@@ -55,11 +55,11 @@ def test_uncertainty_is_stated_with_its_coverage_factor_and_its_parts():
     held_out = HeldOutErrors(200, 20, 0.081, 0.003, 0.17, 0.4)
     section = uncertainty_section(made_up_budget(), held_out)
     assert "U = 0.10 mm (k = 2)" in section.text
-    assert "95\u202f% lie in their ellipsoids" in section.text
+    assert "Coverage: 95\u202f% of the 200 readings" in section.text
     assert "frame" not in section.text
     values = {row.label: row.value for row in section.rows}
-    assert values["standard uncertainty of a coordinate, of the arm's parameters"] == 0.03
-    assert values["standard uncertainty of a coordinate, unexplained"] == 0.04
+    assert values["standard uncertainty of a coordinate from the arm's parameters"] == 0.03
+    assert values["standard uncertainty of a coordinate, residual"] == 0.04
     assert values["expanded uncertainty U of a coordinate, k = 2"] == 0.1
     assert values["half axis of a point's 95\u202f% ellipsoid, 2.80 u"] == pytest.approx(0.05 * 2.7955, rel=1e-4)
     assert values["mean error of 200 readings held out in 20 groups"] == 0.081
@@ -69,8 +69,8 @@ def test_uncertainty_is_stated_with_its_coverage_factor_and_its_parts():
 def test_nothing_is_said_of_points_or_groups_that_there_are_not():
     section = uncertainty_section(made_up_budget(n_points=0, n_covered=0, is_relative=True), None, name="mine")
     assert section.title == "Uncertainty: mine"
-    assert "lie in their ellipsoids" not in section.text
-    assert "a frame is fitted to the points" in section.text
+    assert "Coverage" not in section.text
+    assert "after a frame was fitted to the points" in section.text
     assert not [row for row in section.rows if "held out" in row.label]
     alone = uncertainty_section(made_up_budget(), HeldOutErrors(5, 1, 0.1, np.inf, 0.2, 0.2))
     assert alone.rows[-3].uncertainty is None
@@ -86,8 +86,8 @@ def test_terms_have_a_row_each_and_those_not_needed_are_named():
     (table,) = section.tables
     assert [row[0] for row in table.rows] == ["tip", "bending"]
     assert table.rows[1][3] == pytest.approx(10.0)
-    assert "Not needed: wobble, translations." in section.text
-    assert "35 coefficients were offered; the readings determined 10" in section.text
+    assert "Offered and pruned: wobble, translations." in section.text
+    assert "The readings determined 10 of 35 coefficients" in section.text
     assert terms_section([found[2]]) is None
 
 
@@ -100,7 +100,7 @@ def test_a_joint_has_its_curve_and_its_spectrum_with_units():
         assert curve.axes[0].get_xlabel() == "joint angle [deg]"
         assert curve.axes[0].get_ylabel() == "error [arcsec]"
         assert spectrum.axes[0].get_ylabel() == "amplitude [arcsec]"
-    assert "Of b the readings tell nothing" in figure.caption
+    assert "b: no error larger than its uncertainty" in figure.caption
     # The largest of the curve is within the axes, in arcsec, and the axes are not ten times as large.
     low, high = figure.panels[0].axes[0].get_ylim()
     largest = np.abs(made_up_error().error).max() / ARCSEC
@@ -123,7 +123,7 @@ def test_a_joint_of_which_nothing_is_told_is_not_drawn():
     assert not vague.is_significant
     assert not none.is_significant
     assert joint_errors_section({"model": [none, vague]}, np.zeros((4, 2)), ["J1", "J2"]) is None
-    with pytest.raises(InputError, match="joint of whose error readings tell"):
+    with pytest.raises(InputError, match="a joint with a significant error"):
         joint_error_figure({"model": [none, vague]}, np.zeros((4, 2)))
     with pytest.raises(InputError, match="joints 1 to 2, got one of joint 3"):
         joint_error_figure({"model": [made_up_error(3)]}, np.zeros((4, 2)))
@@ -134,7 +134,7 @@ def test_what_is_open_and_what_is_far_off_is_told_with_its_reason():
         [("hysteresis", "the joints' directions are not known")],
         [(("d1", "base z"), "only together"), (("zero",), "not told")],
     )
-    assert "as the joints&#39; directions are not known" in words(section)
+    assert "the joints&#39; directions are not known" in words(section)
     assert section.tables[0].rows == (("d1, base z", "only together"), ("zero", "not told"))
     assert unidentifiable_section([], []) is None
     far = [Outlier(f"line {i}", 1.0 / i, 10.0 / i, "point") for i in range(1, 40)]
@@ -142,7 +142,7 @@ def test_what_is_open_and_what_is_far_off_is_told_with_its_reason():
     (table,) = section.tables
     assert len(table.rows) == 20
     assert table.rows[0] == ("line 1", 1.0, 10.0)
-    assert "39 readings far off among the readings of this page, the 20 farthest" in table.caption
+    assert "39 outliers among the readings of this page, the 20 largest" in table.caption
     assert outlier_section({"others": []}) is None
 
 

@@ -16,6 +16,7 @@ from truearm.compensation.models.error_figures import (
     joint_ranges,
 )
 from truearm.compensation.models.workspace_figures import error_in_workspace, workspace
+from truearm.pages.number_format import format_mm
 from truearm.pages.page import Column, LabelledValue, Page, Section, Table
 from truearm.pages.plotting import styles_of
 from truearm.typing import FloatArray
@@ -27,13 +28,13 @@ ERROR_COLUMNS = (
     ("max_mm", "largest distance", "mm"),
     ("mean_abs_coordinate_mm", "mean |coordinate|", "mm"),
     ("max_abs_coordinate_mm", "largest |coordinate|", "mm"),
-    ("removed_percent", "removed", "%"),
+    ("removed_percent", "reduction", "%"),
 )
 
 
 @dataclass(frozen=True, eq=False)
 class ModelComparison:
-    """Readings and what models made of them.
+    """Points of a session by the reference and by several models.
 
     Attributes
     ----------
@@ -71,24 +72,24 @@ def comparison_page(
     floor: Mapping[str, float] | None = None,
     more: Sequence[Section] = (),
 ) -> Page:
-    """The page: what was measured, errors before and after, where they come from.
+    """The page: errors before and after compensation, the session, where the errors come from.
 
     Parameters
     ----------
     compared : ModelComparison
     title, subtitle : str
     facts : sequence of (str, str)
-        What the page rests on: versions, fingerprints.
+        Versions and fingerprints of the data.
     remarks : sequence of str
-        What a reader must know before the numbers: readings that a model learned from, or that lie beyond them.
+        Reservations: training readings on the page, readings outside the trained range.
     floor : mapping, optional
-        The figures of `ERROR_COLUMNS` and `n` that no model can beat, where they are known.
+        The figures of `ERROR_COLUMNS` and `n` of an arm without systematic errors, where they are known.
     more : sequence of Section
-        What else there is to say, before the details.
+        Further sections, before the details.
     """
     return Page(
         title=title,
-        subtitle=subtitle,
+        subtitle=f"{_answer(compared)} {subtitle}",
         summary=_summary(compared),
         sections=(
             _result(compared, remarks, floor),
@@ -135,6 +136,20 @@ def _best(compared: ModelComparison) -> str:
     return min(compared.errors, key=lambda name: compared.errors[name]["mean_mm"])
 
 
+def _answer(compared: ModelComparison) -> str:
+    """The answer a reader came for, in a sentence."""
+    mean = {name: errors["mean_mm"] for name, errors in compared.errors.items()}
+    return improvement_sentence("Mean error", mean[next(iter(mean))], mean[_best(compared)])
+
+
+def improvement_sentence(what: str, before_mm: float, after_mm: float) -> str:
+    """Say how large an error is after compensation, and how many times smaller than before."""
+    if not after_mm < before_mm:
+        return f"{what} {format_mm(before_mm)}; compensation does not reduce it."
+    factor = f"{before_mm / after_mm:.2g}" if before_mm < 100 * after_mm else "over 100"
+    return f"{what} {format_mm(after_mm)}, {factor} times smaller than before ({format_mm(before_mm)})."
+
+
 def _summary(compared: ModelComparison) -> tuple[LabelledValue, ...]:
     before, best = next(iter(compared.errors)), _best(compared)
     rows = [LabelledValue(f"mean error, {before}", compared.errors[before]["mean_mm"], "mm")]
@@ -142,7 +157,7 @@ def _summary(compared: ModelComparison) -> tuple[LabelledValue, ...]:
         rows += [
             LabelledValue(f"mean error, {best}", compared.errors[best]["mean_mm"], "mm"),
             LabelledValue(f"largest error, {best}", compared.errors[best]["max_mm"], "mm"),
-            LabelledValue("removed of the mean coordinate error", compared.errors[best]["removed_percent"], "%"),
+            LabelledValue("reduction of the mean coordinate error", compared.errors[best]["removed_percent"], "%"),
         ]
     return tuple(rows)
 
@@ -158,9 +173,9 @@ def _result(compared: ModelComparison, remarks: Sequence[str], floor: Mapping[st
         "Error before and after",
         "\n\n".join(remarks)
         + ("\n\n" if remarks else "")
-        + "Every reading has a point by the reference and one by each model; an error is what lies between them. "
-        "Distances are in space, a coordinate is one of x, y, z. Removed is the share of the nominal arm's mean "
-        "absolute coordinate error that is gone.",
+        + "An error is the difference between a model's point and the reference point of the same reading. Distances "
+        "are in space; a coordinate is one of x, y, z. The reduction is that of the nominal arm's mean absolute "
+        "coordinate error.",
         figures=(before_after(distances, styles=styles), error_distribution(distances, styles=styles)),
         tables=(table,),
     )
@@ -168,8 +183,8 @@ def _result(compared: ModelComparison, remarks: Sequence[str], floor: Mapping[st
 
 def _measured(compared: ModelComparison) -> Section:
     return Section(
-        "What was measured",
-        "Where the joints and the tip were. A model holds where readings like these have taught it.",
+        "Measured range",
+        "Joint positions and tip positions of the readings. A model is valid only in the range it was trained on.",
         figures=(
             joint_ranges(
                 compared.angles,
@@ -187,7 +202,7 @@ def _by_coordinate(compared: ModelComparison) -> Section:
     errors = {name: points - compared.points for name, points in compared.predicted.items()}
     styles = styles_of(errors)
     return Section(
-        "Coordinate by coordinate",
+        "Errors of each coordinate",
         figures=(
             errors_by_reading(errors, styles=styles),
             coordinates_by_reading(compared.points, compared.predicted, styles=styles),
@@ -200,7 +215,7 @@ def _by_cause(compared: ModelComparison) -> Section:
     best = _best(compared)
     return Section(
         "Where the error comes from",
-        "Which joints and places the errors go with. Distances have no sign: a wave shows twice as often.",
+        "Errors by joint position and by place. Distances have no sign: a periodic error shows twice its frequency.",
         figures=(
             error_against_joint(
                 compared.angles,

@@ -29,8 +29,8 @@ from truearm.typing import FloatArray
 
 ARCSEC = float(np.degrees(1.0) * 3600)  # of a radian
 COVERAGE_FACTOR = 1.96  # 95 % of a normal distribution
-_LABELLED = 3  # orders whose amplitudes are known best
-_SMALLEST = 0.003  # amplitude that is drawn, by the largest
+_LABELLED = 3  # orders with the best known amplitudes
+_SMALLEST = 0.003  # smallest amplitude that is drawn, as a share of the largest
 
 
 def joint_error_figure(
@@ -40,14 +40,14 @@ def joint_error_figure(
     names: Sequence[str] | None = None,
     styles: Mapping[str, Style] | None = None,
 ) -> Figure:
-    """Draw the own errors of joints, two panels a joint: over its angle, and by order.
+    """Draw the own errors of joints, two panels per joint: against its angle, and by order.
 
     Parameters
     ----------
     errors : mapping of str to sequence of JointError
-        For each model; joints of whose errors no readings tell are left out.
+        For each model; joints without a significant error are not drawn.
     angles : (n, joints) array
-        Of readings, to show where there were some [rad].
+        Joint angles of the readings, to show their distribution [rad].
     names : sequence of str, optional
         Of the joints; J1, J2, ... by default.
     styles : mapping of str to Style, optional
@@ -56,7 +56,7 @@ def joint_error_figure(
     Raises
     ------
     InputError
-        If the readings tell of no joint's error, or an error is of a joint without angles.
+        If no joint has a significant error, or an error is of a joint without angles.
     """
     read = joint_matrix(angles)
     names = joint_names(names, read.shape[1])
@@ -68,7 +68,7 @@ def joint_error_figure(
             if any(other.is_significant for every in errors.values() for other in every if other.joint == error.joint):
                 by_joint.setdefault(error.joint, {})[model] = error
     if not by_joint:
-        raise InputError("expected a joint of whose error readings tell, got none")
+        raise InputError("expected a joint with a significant error, got none")
     pens = styles_of(errors, styles)
     several = len(errors) > 1
     with figure_style():
@@ -88,15 +88,15 @@ def joint_error_figure(
         for joint, found in sorted(by_joint.items())
     ]
     none = [shorten(name) for joint, name in enumerate(names, 1) if joint not in by_joint]
-    without = f" Of {', '.join(none)} the readings tell nothing that is larger than its uncertainty." if none else ""
+    without = f" {', '.join(none)}: no error larger than its uncertainty." if none else ""
     return Figure(
         panels,
-        caption="What each joint turns further than its encoder shows, over its angle and by order, waves in a full "
-        f"turn{'' if several else ' (numbers at those known best)'}. Bands and whiskers hold the true value with 95 % "
-        "probability. The grey hill is where the readings stood; away from them the band widens. 10 arcsec move a "
-        "point 1 m away by 0.048 mm. Where a joint did not turn all round, neighbouring orders cannot be told apart: "
-        "the curve is known better than its orders are." + without,
-        alt=f"Error of {len(by_joint)} joints about their own axes over their angles, and its amplitude by order. "
+        caption="Rotation of each joint minus the encoder's reading, against the joint angle and by order (periods in "
+        f"a full turn{'' if several else '; the best known are labelled'}). Bands and whiskers are 95 % intervals. The "
+        "grey area shows where the readings were; the band widens outside. 10 arcsec move a point 1 m away by "
+        "0.048 mm. Where a joint did not make a full turn, neighbouring orders are not identifiable one by one: the "
+        "curve is known better than its orders." + without,
+        alt=f"Error of {len(by_joint)} joints about their own axes against their angles, and its amplitude by order. "
         f"Root mean square: {join_phrases(sizes, most=8)}.",
         columns=2,
     )
@@ -121,18 +121,18 @@ def _curves(
         max(float(np.degrees(error.angles.max())) for error in errors.values()),
     )
     axes.set_ylim(-1.5 * largest, 1.25 * largest)
-    _hill(axes, np.degrees(read))
+    _histogram(axes, np.degrees(read))
     axes.axhline(0, color=LIMIT, linewidth=0.6, zorder=1)
-    told = [f"{_rms(error)}{f' ({shorten(model)})' if named else ''}" for model, error in errors.items()]
-    axes.set_title(f"{shorten(name, longest=14)}: {', '.join(told)} arcsec rms")
+    sizes = [f"{_rms(error)}{f' ({shorten(model)})' if named else ''}" for model, error in errors.items()]
+    axes.set_title(f"{shorten(name, longest=14)}: {', '.join(sizes)} arcsec rms")
     axes.set(xlabel="joint angle [deg]", ylabel="error [arcsec]")
     axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(5))
     return drawing
 
 
-def _hill(axes: Axes, read: FloatArray) -> None:
-    """Draw where the readings stood, as a low hill on the lower edge."""
+def _histogram(axes: Axes, read: FloatArray) -> None:
+    """Draw the distribution of the readings, as a low histogram on the lower edge."""
     left, right = axes.get_xlim()
     counts, edges = np.histogram(read, np.linspace(left, right, 121))
     if counts.any():
@@ -153,7 +153,7 @@ def _spectra(errors: Mapping[str, JointError], pens: Mapping[str, Style], name: 
         axes.vlines(at, np.maximum(high - half, floor), high + half, color=pens[model].colour, linewidth=0.6, alpha=0.4)
         axes.scatter(at[seen], high[seen], s=5, color=pens[model].colour, linewidths=0, zorder=3)
         tops += (high + half).tolist()
-        for order in _surest(error) if len(errors) == 1 else ():
+        for order in _best_known(error) if len(errors) == 1 else ():
             label = str(error.orders[order])
             place = (float(at[order]), float(high[order] + half[order]))
             axes.annotate(label, place, xytext=(0, 2), textcoords="offset points", ha="center", fontsize=7.5)
@@ -161,15 +161,15 @@ def _spectra(errors: Mapping[str, JointError], pens: Mapping[str, Style], name: 
     axes.xaxis.set_major_locator(FixedLocator([1, 2, 5, 10, 20, 50, 100, 200, 500]))
     set_log_scale(axes, "y", floor, 1.6 * max(tops))
     axes.set_title(f"{shorten(name, longest=14)} by order")
-    axes.set(xlabel="order: waves in a full turn", ylabel="amplitude [arcsec]")
+    axes.set(xlabel="order: periods in a full turn", ylabel="amplitude [arcsec]")
     return drawing
 
 
-def _surest(error: JointError) -> list[int]:
-    """Give where the amplitudes stand that are known best, none beside another: there is no room for two labels."""
-    found: list[int] = []
+def _best_known(error: JointError) -> list[int]:
+    """Rows of the best known amplitudes, none beside another: there is no room for two labels."""
+    chosen: list[int] = []
     for i in np.argsort(-error.amplitudes / np.maximum(error.amplitudes_std, 1e-12), kind="stable").tolist():
-        apart = all(abs(np.log(error.orders[i] / error.orders[j])) > 0.2 for j in found)
-        if len(found) < _LABELLED and apart and error.amplitudes[i] > COVERAGE_FACTOR * error.amplitudes_std[i]:
-            found.append(i)
-    return found
+        apart = all(abs(np.log(error.orders[i] / error.orders[j])) > 0.2 for j in chosen)
+        if len(chosen) < _LABELLED and apart and error.amplitudes[i] > COVERAGE_FACTOR * error.amplitudes_std[i]:
+            chosen.append(i)
+    return chosen

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from truearm.compensation.models.comparison_page import improvement_sentence
 from truearm.compensation.models.error_figures import (
     before_after,
     error_against_joint,
@@ -23,7 +24,7 @@ from truearm.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class SeatComparison:
-    """Readings in seats and what models made of them.
+    """Points of readings in seats by several models.
 
     Attributes
     ----------
@@ -63,7 +64,7 @@ def seats_page(
     remarks: Sequence[str] = (),
     more: Sequence[Section] = (),
 ) -> Page:
-    """The page: agreement in the seats before and after, lengths, what was measured, where the errors come from.
+    """The page: agreement in the seats before and after compensation, lengths, the session, where the errors come from.
 
     Parameters
     ----------
@@ -76,15 +77,20 @@ def seats_page(
     styles = styles_of(distances)
     return Page(
         title=title,
-        subtitle=subtitle,
+        subtitle=improvement_sentence(
+            "Mean distance from the seat's mean point",
+            *(float(distances[name].mean()) for name in (next(iter(distances)), best)),
+        )
+        + f" {subtitle}",
         summary=_summary(seated, distances, best),
         sections=(
             _agreement(seated, distances, remarks, styles),
             *_lengths(seated),
             *more,
             Section(
-                "What was measured",
-                "Where the joints and the tip were. A model holds where readings like these have taught it.",
+                "Measured range",
+                "Joint positions and tip positions of the readings. A model is valid only in the range it was trained "
+                "on.",
                 figures=(
                     joint_ranges(
                         seated.angles,
@@ -98,7 +104,7 @@ def seats_page(
             ),
             Section(
                 "Where the error comes from",
-                "Which joints the errors go with. Distances have no sign: a wave shows twice as often.",
+                "Errors against joint position. Distances have no sign, so a periodic error shows twice its frequency.",
                 figures=(
                     error_against_joint(
                         seated.angles, distances, names=seated.joint_names, sliding=seated.sliding, styles=styles
@@ -119,11 +125,11 @@ def _from_mean(points: FloatArray, seat: npt.NDArray[np.str_]) -> FloatArray:
 
 def _summary(seated: SeatComparison, distances: Mapping[str, FloatArray], best: str) -> tuple[LabelledValue, ...]:
     before = next(iter(distances))
-    rows = [LabelledValue(f"mean distance from the seat's mean, {before}", float(distances[before].mean()), "mm")]
+    rows = [LabelledValue(f"mean distance from the seat's mean point, {before}", float(distances[before].mean()), "mm")]
     if best != before:
         rows += [
-            LabelledValue(f"the same, {best}", float(distances[best].mean()), "mm"),
-            LabelledValue(f"largest, {best}", float(distances[best].max()), "mm"),
+            LabelledValue(f"mean distance, {best}", float(distances[best].mean()), "mm"),
+            LabelledValue(f"largest distance, {best}", float(distances[best].max()), "mm"),
         ]
     if seated.lengths:
         rows.append(
@@ -159,7 +165,7 @@ def _agreement(
             )
             for name, d in distances.items()
         ),
-        "Distances from the mean of the seat",
+        "Distances from the mean point of the seat",
     )
     of_seats = Table(
         (Column("seat"), Column("readings"), *(Column(name, "mm", group="mean distance") for name in distances)),
@@ -167,7 +173,7 @@ def _agreement(
             (str(name), int(counts[i]), *(float(d[index == i].mean()) for d in distances.values()))
             for i, name in enumerate(names)
         ),
-        "Seat by seat",
+        "Each seat",
     )
     clouds = before_after(distances, styles=styles)
     spread = error_distribution(distances, styles=styles)
@@ -175,10 +181,9 @@ def _agreement(
         "Agreement in the seats",
         "\n\n".join(remarks)
         + ("\n\n" if remarks else "")
-        + f"The tip was held in {format_count(len(names), 'seat')}, in many poses each. An arm without error would come to "
-        "the same point in all poses of a seat; the distance of each point from the mean of its seat is what errors "
-        "and noise make of it. What shifts all points of a seat alike is not seen, nor is the size of the arm: that "
-        "takes lengths.",
+        + f"The tip was in {format_count(len(names), 'seat')}, each in several poses. An arm without errors gives the "
+        "same point in all poses of a seat, so distances from the mean point show its errors and noise. An error that "
+        "shifts all points of a seat alike does not show, nor does an error of scale: that needs known lengths.",
         tables=(of_models, of_seats),
         figures=(clouds, replace(spread, caption=spread.caption.replace("the reference's", "the mean of its seat"))),
     )
@@ -192,7 +197,7 @@ def _lengths(seated: SeatComparison) -> tuple[Section, ...]:
         for i, (a, b, length, u) in enumerate(seated.lengths)
     ]
     worst = {name: float(np.abs(errors).max()) for name, errors in seated.length_errors.items()}
-    told = ", ".join(f"{name} {format_mm(error)}" for name, error in worst.items())
+    largest = ", ".join(f"{name} {format_mm(error)}" for name, error in worst.items())
     table = Table(
         (
             Column("seat"),
@@ -202,13 +207,13 @@ def _lengths(seated: SeatComparison) -> tuple[Section, ...]:
             *(Column(name, "mm", 2, group="error") for name in seated.length_errors),
         ),
         tuple(rows),
-        "Known lengths, and by how much each model's are longer",
+        "Known lengths, and the error of each model: its length minus the known one",
     )
     return (
         Section(
             "Lengths",
-            "The distance between the mean points of two seats, less the length that is known. Lengths that served to "
-            f"identify the arm prove little; others test it. The largest errors: {told}.",
+            f"Largest errors: {largest}. An error is the distance between the mean points of two seats minus the known "
+            "length. Lengths from which the arm was identified are no independent test.",
             tables=(table,),
         ),
     )
