@@ -16,12 +16,23 @@ _HOMES = {
     "truearm.errors": ("InputError",),
     "truearm.identification.virtual": ("VirtualArm",),
     "truearm.readings": ("Lengths", "Session", "import_table", "read_lengths", "read_session"),
+    "truearm.verification.certificate.administrative_data": ("AdministrativeData",),
+    "truearm.verification.standards.artefacts": ("Artefacts", "read_artefacts"),
+    "truearm.verification.standards.measured_points": ("MeasuredPoints", "read_points"),
+    "truearm.verification.standards.specification": ("Specification", "read_specification"),
+    "truearm.verification.standards.verification_plan": ("VerificationPlan", "load_verification_plan"),
+    "truearm.workflows.certificate": ("CertificateResult", "certificate"),
     "truearm.workflows.evaluate": ("Evaluation", "evaluate"),
     "truearm.workflows.fetch": ("PublishedReadings", "fetch"),
     "truearm.workflows.fit": ("FitResult", "fit"),
+    "truearm.workflows.operator_sheet": ("OperatorSheetResult", "operator_sheet"),
+    "truearm.workflows.plan": ("PlanResult", "plan"),
     "truearm.workflows.predict": ("Prediction", "predict"),
     "truearm.workflows.refit": ("RefitResult", "refit"),
     "truearm.workflows.simulate": ("SimulationResult", "simulate"),
+    "truearm.workflows.simulate_verification": ("SimulatedVerification", "simulate_verification"),
+    "truearm.workflows.task": ("TaskResult", "task"),
+    "truearm.workflows.verify": ("VerificationResult", "verify"),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 

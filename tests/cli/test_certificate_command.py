@@ -34,7 +34,10 @@ def bench(tmp_path, monkeypatch):
 def test_a_certificate_for_machines_and_for_people(truearm, bench):
     ran = truearm(*ALL)
     assert (ran.code, ran.err) == (0, ""), ran
-    assert ran.out == "certificate.xml: certificate V-2026-042, conform\n"
+    assert (
+        ran.out
+        == "certificate V-2026-042, conform\ncertificate written to certificate.xml\npage written to certificate.html\n"
+    )
     made = read_dcc("certificate.xml")
     assert made.about.number == "V-2026-042"
     assert (str(made.begin), str(made.end), made.conformity) == ("2026-11-03", "2026-11-03", "pass")
@@ -65,7 +68,10 @@ def test_a_certificate_for_machines_and_for_people(truearm, bench):
 def test_also_what_does_not_conform_gets_its_certificate(truearm, bench):
     Path("points.csv").write_text(Made(too_large=60e-6).iso().text())
     ran = truearm(*ALL)
-    assert (ran.code, ran.out) == (0, "certificate.xml: certificate V-2026-042, not conform\n")
+    assert (ran.code, ran.out) == (
+        0,
+        "certificate V-2026-042, not conform\ncertificate written to certificate.xml\npage written to certificate.html\n",
+    )
     assert read_dcc("certificate.xml").conformity == "fail"
     assert truearm(*ALL, "--simple").code == 0
     assert "simple acceptance" in " ".join(read_dcc("certificate.xml").declarations)
@@ -107,17 +113,17 @@ def test_no_certificate_of_a_value_without_uncertainty(truearm, bench, snapshot)
 
 
 def test_a_file_that_changes_meanwhile_is_noticed(truearm, bench, snapshot, monkeypatch):
-    from truearm.verification.standards import verification
+    from truearm.workflows import verify
 
     def meanwhile(*given, **named):
         Path("mpe.toml").write_text(MPE + "\n")
         return verification_of(*given, **named)
 
-    verification_of = verification.verify
-    monkeypatch.setattr(verification, "verify", meanwhile)
+    verification_of = verify.verify_points
+    monkeypatch.setattr(verify, "verify_points", meanwhile)
     ran = truearm(*ALL)
     assert (ran.code, ran.out) == (2, "")
-    assert "mpe.toml: the file changed while it was read. Try: the same command again" in ran.err
+    assert "mpe.toml: the file changed while it was read. Try: repeat the command" in ran.err
     assert not Path("certificate.xml").exists()
 
 

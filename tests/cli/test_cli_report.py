@@ -62,7 +62,7 @@ def test_a_seat_in_two_sessions_is_refused_by_every_verb(truearm, seated, tmp_pa
         ("evaluate", model, session),
         ("report", model, session, "--out", tmp_path / "page.html"),
         ("check", model, session, "--history", tmp_path / "h.sqlite"),
-        ("plan", "gao2017", "--artefact", "seat", "--taken", session, "--out", tmp_path / "plan.csv"),
+        ("plan", "gao2017", "--artefact", "seat", "--session", session, "--out", tmp_path / "plan.csv"),
     ):
         ran = truearm(verb, *more)
         assert ran.code == 2, (verb, ran.err)

@@ -12,8 +12,7 @@ from truearm.arm import load_arm
 from truearm.compensation.models.model_file import load_model
 from truearm.identification.planning import proposal
 from truearm.identification.virtual import VirtualArm, load_preset
-from truearm.readings import Lengths, write_lengths, write_session
-from truearm.readings.session import Session
+from truearm.readings import Lengths, Session, write_lengths, write_session
 
 QUICK = ("--terms", "constants")
 
@@ -27,33 +26,33 @@ def aims(path):
     return angles, np.array([row["seat"] for row in rows]) if "seat" in rows[0] else None
 
 
-def test_poses_under_a_tracker(truearm, tmp_path):
+def test_the_first_line_of_a_plan_is_its_uncertainty(truearm, tmp_path):
     out = tmp_path / "plan.csv"
     ran = truearm("plan", "gao2017", "--artefact", "tracker", "--poses", 12, *QUICK, "--out", out)
     assert (ran.code, ran.err) == (0, "")
     lines = ran.out.splitlines()
     assert lines[0].startswith("Uncertainty of a point in the volume after 12 poses with a tracker: ")
     assert lines[0].endswith("mm (root mean square; noise of a coordinate 0.02 mm)")
-    assert lines[1] == f"{out}: the session to fill in"
-    assert [line[0] for line in lines[2:-5]] == ["-"] * len(lines[2:-5])
-    assert any(line.startswith("- Not identifiable from this plan: ") for line in lines[2:-5])
-    assert [line.split()[0] for line in lines[-5:]] == ["strategy", "i-optimal", "d-optimal", "technician", "random"]
-    assert [line.endswith("21 of 39  written") for line in lines[-4:]] == [True, False, False, False]
+    assert [line[0] for line in lines[1:-6]] == ["-"] * len(lines[1:-6])
+    assert any(line.startswith("- Not identifiable from this plan: ") for line in lines[1:-6])
+    assert [line.split()[0] for line in lines[-6:-1]] == ["strategy", "i-optimal", "d-optimal", "technician", "random"]
+    assert [line.endswith("21 of 39  chosen") for line in lines[-5:-1]] == [True, False, False, False]
+    assert lines[-1] == f"session written to {out}"
     angles, seat = aims(out)
     assert angles.shape == (12, 6)
     assert seat is None
     assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.csv"]
 
 
-def test_json_has_it_all(truearm, tmp_path):
+def test_json_has_the_files_and_all_strategies(truearm, tmp_path):
     out = tmp_path / "plan.csv"
     arguments = ["plan", "gao2017", "--artefact", "bar", "--length", 250, "--poses", 9, "--seats", 2, *QUICK]
     ran = truearm(*arguments, "--strategy", "random", "--page", tmp_path / "plan.html", "--out", out, "--json")
     assert (ran.code, ran.err) == (0, "")
     found = json.loads(ran.out)
-    assert found["session"] == str(out)
-    assert found["lengths"] == str(tmp_path / "plan-lengths.csv")
-    assert found["page"] == str(tmp_path / "plan.html")
+    assert found["file"] == str(out)
+    assert found["lengths_file"] == str(tmp_path / "plan-lengths.csv")
+    assert found["page_file"] == str(tmp_path / "plan.html")
     assert (found["arm"], found["artefact"], found["strategy"], found["n"]) == ("gao2017", "bar", "random", 9)
     assert found["places"] == 2
     assert list(found["strategies"]) == ["i-optimal", "d-optimal", "technician", "random"]
@@ -67,7 +66,7 @@ def test_json_has_it_all(truearm, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["plan-lengths.csv", "plan.csv", "plan.html"]
 
 
-def test_a_filled_plan_makes_a_model_better_than_the_drawing_without_any_instrument(truearm, tmp_path):
+def test_a_filled_plan_improves_on_the_nominal_arm_without_a_reference_instrument(truearm, tmp_path):
     """The whole way, with a virtual arm in the place of a real one."""
     plan, session, lengths, model = (tmp_path / name for name in ("p.csv", "s.csv", "p-lengths.csv", "m.truearm"))
     ran = truearm("plan", "gao2017", "--artefact", "bar", "--length", 300, "--poses", 40, *QUICK, "--out", plan)
@@ -79,8 +78,8 @@ def test_a_filled_plan_makes_a_model_better_than_the_drawing_without_any_instrum
     points = np.empty((len(angles), 3))
     for name in dict.fromkeys(seat.tolist()):
         points[seat == name] = arm.chain.tip_in_base(angles[seat == name][:1])
-    taken = virtual.measure(angles, seed=4, seat=seat, seat_points=points, reference=False).readings
-    write_session(taken, session)
+    measured = virtual.measure(angles, seed=4, seat=seat, seat_points=points, reference=False).readings
+    write_session(measured, session)
     ends = sorted({name[:-1] for name in seat.tolist()})
     true = [np.linalg.norm(points[seat == f"{place}a"][0] - points[seat == f"{place}b"][0]) for place in ends]
     a, b = np.array([[f"{place}a", f"{place}b"] for place in ends]).T
@@ -118,20 +117,20 @@ def test_the_next_poses_after_those_of_a_model(truearm, made, tmp_path):
     assert louder["after_mm"] > after_model["after_mm"]
 
 
-def test_readings_taken_count_and_their_seats_keep_their_names(truearm, tmp_path):
+def test_readings_measured_already_count_and_new_seats_get_new_names(truearm, tmp_path):
     arguments = ["plan", "gao2017", "--artefact", "seat", "--seats", 2, "--poses", 20, *QUICK, "--json"]
     first = json.loads(truearm(*arguments, "--out", tmp_path / "a.csv").out)
     angles, seat = aims(tmp_path / "a.csv")
     assert sorted(set(seat.tolist())) == ["S1", "S2"]
-    write_session(Session(angles, seat=seat), tmp_path / "taken.csv")
-    then = json.loads(truearm(*arguments, "--taken", tmp_path / "taken.csv", "--out", tmp_path / "b.csv").out)
+    write_session(Session(angles, seat=seat), tmp_path / "measured.csv")
+    then = json.loads(truearm(*arguments, "--session", tmp_path / "measured.csv", "--out", tmp_path / "b.csv").out)
     # The aims are rounded to a tenth of a degree.
     assert then["before_mm"] == pytest.approx(first["after_mm"], rel=0.05)
     assert then["after_mm"] < first["after_mm"]
     assert sorted(set(aims(tmp_path / "b.csv")[1].tolist())) == ["S3", "S4"]
 
 
-def test_a_volume_may_be_named(truearm, tmp_path):
+def test_a_smaller_volume_has_a_smaller_uncertainty(truearm, tmp_path):
     arguments = ["plan", "gao2017", "--artefact", "tracker", "--poses", 20, *QUICK, "--json"]
     found = [
         json.loads(truearm(*arguments, *volume, "--out", tmp_path / f"{i}.csv").out)
@@ -160,10 +159,10 @@ def test_a_volume_may_be_named(truearm, tmp_path):
         (["gao2017", "--artefact", "stick"], "stick"),
         (["gao2017", "--artefact", "tracker", "--strategy", "best"], "best"),
         (["gao2017", "--artefact", "tracker", "--page", "plan.pdf"], r".html"),
-        (["gao2017", "--artefact", "tracker", "--taken", "nothing.csv"], "nothing.csv"),
+        (["gao2017", "--artefact", "tracker", "--session", "nothing.csv"], "nothing.csv"),
     ],
 )
-def test_what_cannot_be_is_said_in_a_line(truearm, snapshot, tmp_path, monkeypatch, arguments, said):
+def test_an_impossible_plan_is_refused_in_one_line(truearm, snapshot, tmp_path, monkeypatch, arguments, said):
     monkeypatch.chdir(tmp_path)
     ran = truearm("plan", *arguments, "--out", "plan.csv")
     assert ran.code == 2
@@ -173,14 +172,17 @@ def test_what_cannot_be_is_said_in_a_line(truearm, snapshot, tmp_path, monkeypat
     assert snapshot(tmp_path) == {}
 
 
-def test_models_that_cannot_be_planned_for(truearm, made, snapshot, tmp_path):
+def test_unsuitable_models_and_sessions_are_refused(truearm, made, snapshot, tmp_path):
     out = ["--artefact", "tracker", "--poses", 4, "--out", tmp_path / "plan.csv"]
     for arguments, said in (
         ([made / "network.truearm", *out], "a network has no terms"),
         ([made / "kinematic.truearm", *QUICK, *out], "a model has its own"),
-        ([made / "kinematic.truearm", "--taken", made / "train.csv", *out], "identified from these readings"),
-        ([made / "kinematic.truearm", "--taken", made / "angles.csv", *out], "points or seats"),
-        ([made / "kinematic.truearm", "--taken", made / "wam.csv", *out], "expected 6 joints"),
+        (
+            [made / "kinematic.truearm", "--session", made / "train.csv", *out],
+            "identified from these readings",
+        ),
+        ([made / "kinematic.truearm", "--session", made / "angles.csv", *out], "points or seats"),
+        ([made / "kinematic.truearm", "--session", made / "wam.csv", *out], "expected 6 joints"),
     ):
         ran = truearm("plan", *arguments)
         assert ran.code == 2
@@ -188,7 +190,7 @@ def test_models_that_cannot_be_planned_for(truearm, made, snapshot, tmp_path):
     assert snapshot(tmp_path) == {}
 
 
-def test_files_that_are_there_stay(truearm, snapshot, tmp_path):
+def test_an_existing_file_is_not_overwritten(truearm, snapshot, tmp_path):
     (tmp_path / "plan.csv").write_text("readings")
     (tmp_path / "other-lengths.csv").write_text("certificate")
     before = snapshot(tmp_path)
@@ -197,7 +199,7 @@ def test_files_that_are_there_stay(truearm, snapshot, tmp_path):
         ran = truearm("plan", "gao2017", *bar, "--out", tmp_path / out)
         assert ran.code == 2
         assert "readings may be in it" in ran.err
-    page = ["--artefact", "tracker", "--taken", tmp_path / "t.html", "--page", tmp_path / "t.html"]
+    page = ["--artefact", "tracker", "--session", tmp_path / "t.html", "--page", tmp_path / "t.html"]
     (tmp_path / "t.html").write_text("readings")
     assert "would be overwritten" in truearm("plan", "gao2017", *page, "--out", tmp_path / "new.csv").err
     (tmp_path / "t.html").unlink()
@@ -205,7 +207,7 @@ def test_files_that_are_there_stay(truearm, snapshot, tmp_path):
 
 
 @pytest.mark.parametrize("at", ["select_candidates", "volume_poses"])
-def test_an_interrupted_plan_leaves_nothing(truearm, snapshot, tmp_path, monkeypatch, at):
+def test_an_interrupted_plan_writes_nothing(truearm, snapshot, tmp_path, monkeypatch, at):
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 

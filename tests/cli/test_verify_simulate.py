@@ -48,7 +48,7 @@ def test_files_of_ones_own_are_used(truearm, tmp_path):
     assert json.loads(truearm(*common, "--json").out) == found
     assert json.loads(truearm(*common, "--seed", 1, "--json").out)["rows"] != found["rows"]
     told = truearm(*common).out
-    assert "3 virtual arms gao2017, shop" in told
+    assert "of 3 virtual arms gao2017 (preset shop) conform" in told
     assert "examples" not in told
     assert "check against your copy of the standard" in told
 
@@ -69,10 +69,13 @@ def test_a_model_takes_the_test_too(truearm, made):
         ([], "expected one of --points, --simulate"),
         (["--simulate", "shop", "--points", "points.csv"], "expected one of --points, --simulate"),
         (["--points", "points.csv"], "--points needs --plan and --artefacts and --mpe as well"),
-        (["--simulate", "shopp"], "a preset or a model file to simulate, got 'shopp'"),
-        (["--simulate", "ur10"], "got the arm 'ur10'. Try: --simulate shop --arm ur10"),
-        (["--simulate", "mine.urdf"], "got the arm 'mine.urdf'. Try: --simulate shop --arm mine.urdf"),
-        (["--simulate", "shop", "--report", "page.html"], "--report does nothing with --simulate"),
+        (
+            ["--simulate", "shopp"],
+            "expected a model file, a specification (.toml) or a preset (perfect, research, shop), got 'shopp'",
+        ),
+        (["--simulate", "ur10"], "got the arm 'ur10'. Try: shop, with --arm ur10"),
+        (["--simulate", "mine.urdf"], "got the arm 'mine.urdf'. Try: shop, with --arm mine.urdf"),
+        (["--simulate", "shop", "--report", "page.html"], "--report does not apply to --simulate"),
         (["--simulate", "shop", "--arm", "panda2"], "there is no arm 'panda2'"),
         (["--simulate", "shop", "--plan", "iso"], "there is no plan 'iso'"),
         (["--simulate", "shop", "--mpe", "none.toml"], "none.toml"),
@@ -95,7 +98,7 @@ def test_an_arm_too_short_for_the_limits_is_told_its_reach(truearm, tmp_path):
     assert "does not reach" in ran.err
     assert "; volumetric, position 2 4 " in ran.err
     assert "add up to 1291 mm" in ran.err
-    assert "without --mpe" in ran.err
+    assert "without a specification" in ran.err
 
 
 def test_the_page_shows_what_the_program_prints(truearm):
@@ -121,7 +124,7 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
     mpe.write_text(MPE)
     ran = truearm("verify", "--sheet", "iso10360-12", "--out", out, "--artefacts", artefacts, "--mpe", mpe)
     assert (ran.code, ran.err) == (0, "")
-    assert ran.out == f"{out}: 310 points of Articulated arm with tactile probe, after ISO 10360-12, to print\n"
+    assert ran.out == f"{out}: operator's sheet, 310 points of Articulated arm with tactile probe, after ISO 10360-12\n"
     command, _, printed = re.findall(r"```console sheet\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[
         0
     ].partition("\n")
@@ -139,9 +142,9 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
     ("arguments", "phrase"),
     [
         (["--sheet", "iso10360-12"], "--sheet needs --out as well"),
-        (["--sheet", "iso10360-12", "--out", "sheet.html", "--arms", 3], "--arms does nothing with --sheet"),
-        (["--simulate", "shop", "--out", "sheet.html"], "--out does nothing with --simulate"),
-        (["--print-plan", "iso10360-12", "--json"], "--json does nothing with --print-plan"),
+        (["--sheet", "iso10360-12", "--out", "sheet.html", "--arms", 3], "--arms does not apply to --sheet"),
+        (["--simulate", "shop", "--out", "sheet.html"], "--out does not apply to --simulate"),
+        (["--print-plan", "iso10360-12", "--json"], "--json does not apply to --print-plan"),
         (["--sheet", "iso10360-12", "--out", "sheet.pdf"], "ends in .html"),
         (["--sheet", "iso10360-12", "--out", "away/sheet.html"], "away"),
         (["--sheet", "iso", "--out", "sheet.html"], "there is no plan 'iso'"),

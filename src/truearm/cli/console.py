@@ -55,7 +55,7 @@ def print_json(result: Mapping[str, Any]) -> None:
     typer.echo(json.dumps(result, indent=2, allow_nan=False))
 
 
-def print_record(record: Record, *, as_json: bool = False, files: Mapping[str, Path] | None = None) -> None:
+def print_record(record: Record, *, as_json: bool = False, files: Mapping[str, Path | None] | None = None) -> None:
     """Print the result of a verb and the names of the files that were written, each with what it is.
 
     Parameters
@@ -64,9 +64,9 @@ def print_record(record: Record, *, as_json: bool = False, files: Mapping[str, P
     as_json : bool
         As JSON: its `to_dict`, with the files before it.
     files : mapping of str to Path
-        By what they hold, such as ``model`` or ``session``; JSON has the first as ``file``.
+        By what they hold, such as ``model`` or ``session``; JSON has the first as ``file``. None: not written.
     """
-    files = files or {}
+    files = {what: path for what, path in (files or {}).items() if path is not None}
     if as_json:
         names = {"file" if i == 0 else f"{what}_file": str(path) for i, (what, path) in enumerate(files.items())}
         print_json({**names, **record.to_dict()})
@@ -101,6 +101,24 @@ def free_parts(text: str) -> tuple[str, ...]:
     if not set(parts) <= {"base", "tip"}:
         raise InputError(f"--free expects base, tip, base,tip or none, got {text!r}", hint="--free base,tip")
     return parts
+
+
+def numbers_of(text: str, option: str, example: str) -> list[float]:
+    """The numbers of an option, separated by commas.
+
+    Raises
+    ------
+    InputError
+        If one of them is no number.
+    """
+    from truearm.errors import InputError
+
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(
+            f"{option} expects numbers separated by commas, got {text!r}", hint=f"{option} {example}"
+        ) from None
 
 
 @contextmanager

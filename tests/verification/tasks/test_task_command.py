@@ -56,7 +56,7 @@ def test_the_exit_code_is_the_answer(capsys, tolerance, answer):
     assert "fit for length" in told
 
 
-def test_without_a_tolerance_nothing_is_judged(capsys):
+def test_without_a_tolerance_there_is_no_verdict(capsys):
     assert ran("shop", length=300.0) == 0
     told = capsys.readouterr().out
     assert "fit for" not in told
@@ -150,14 +150,14 @@ def test_a_page_of_a_form(tmp_path):
     [
         ((None,), {"length": 300.0}, "expected one of"),
         (("shop",), {"length": 300.0, "spec": "x.toml"}, "expected one of"),
-        (("nothing",), {"length": 300.0}, "model file or a preset"),
-        (("shop",), {}, "expected --length"),
-        (("shop",), {"diameter": 3.0}, "--diameter is not for a length"),
-        (("shop",), {"feature": "sphere", "diameter": 25.0, "along": "0,0,1"}, "--along is not for a ball"),
+        (("nothing",), {"length": 300.0}, "expected a model file, a specification"),
+        (("shop",), {}, "the size of the length is missing"),
+        (("shop",), {"diameter": 3.0}, "--diameter does not apply to a length"),
+        (("shop",), {"feature": "sphere", "diameter": 25.0, "along": "0,0,1"}, "a direction does not apply to a sphere"),
         (("shop",), {"feature": "sphere", "diameter": 25.0, "at": ["1,2,3", "4,5,6"]}, "--at once"),
         (("shop",), {"length": 300.0, "at": ["1,2"]}, "three numbers"),
         (("shop",), {"length": 300.0, "at": ["1,2,nan"]}, "three numbers"),
-        (("shop",), {"length": 300.0, "at": ["1,2,3", "4,5,6"]}, "between two seats"),
+        (("shop",), {"length": 300.0, "at": ["1,2,3", "4,5,6"]}, "does not apply to a length between two seats"),
         (("shop",), {"length": 300.0, "tolerance": -1.0}, "above zero"),
         (
             ("shop",),
@@ -172,7 +172,7 @@ def test_a_page_of_a_form(tmp_path):
         (("shop",), {"length": 300.0, "arm": "nowhere"}, "nowhere"),
     ],
 )
-def test_wrong_wishes_are_refused(args, options, said):
+def test_options_that_do_not_fit_are_refused(args, options, said):
     with pytest.raises(InputError, match=said):
         ran(*args, **options)
 
@@ -186,7 +186,7 @@ def test_wrong_wishes_are_refused(args, options, said):
         ("--repeatability", "5um", "expected a number in mm with a decimal point, as 0.2, got '5um'"),
     ],
 )
-def test_numbers_that_are_typed_in_another_way_are_told_how(capsys, option, typed, said):
+def test_a_number_in_another_notation_is_refused_with_an_example(capsys, option, typed, said):
     with pytest.raises(SystemExit) as ended:
         run(["task", "shop", option, typed])
     assert ended.value.code == 2
@@ -207,12 +207,13 @@ def test_the_bar_shows_through_all_of_it(monkeypatch, tmp_path, capsys):
         monkeypatch.setattr(name, lambda *args, **named: (seen.append(function.__name__), function(*args, **named))[1])
 
     import truearm.pages.html
+    from truearm.workflows import task as workflow
 
     monkeypatch.setattr(command, "progress", bar)
-    noted("truearm.cli.task._errors", command._errors)
+    noted("truearm.workflows.task.to_arm_distribution", workflow.to_arm_distribution)
     noted("truearm.pages.html.write_page", truearm.pages.html.write_page)
     ran("shop", length=300.0, report=tmp_path / "page.html")
-    assert seen == ["measuring a length, 100", "_errors", "write_page", "end"]
+    assert seen == ["measuring a length, 100", "to_arm_distribution", "write_page", "end"]
     assert "page.html" in capsys.readouterr().out
 
 
@@ -227,11 +228,11 @@ def test_a_page_must_have_a_page_s_name_and_be_none_of_the_files_read(tmp_path):
 
 
 def test_a_model_has_its_own_arm(model_file):
-    with pytest.raises(InputError, match="--arm is for a preset"):
+    with pytest.raises(InputError, match="a nominal arm is for a preset"):
         ran(str(model_file), length=300.0, arm="gao2017")
 
 
-def test_a_nominal_model_can_be_asked_too(capsys, tmp_path):
+def test_a_nominal_model_has_a_task_uncertainty_too(capsys, tmp_path):
     """Its errors are all unexplained: none of its terms is uncertain but base and tip."""
     arm = load_arm("gao2017")
     virtual = VirtualArm.draw(arm, load_preset("research"), seed=1)

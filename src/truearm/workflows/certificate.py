@@ -1,0 +1,183 @@
+"""`certificate`: a verification as a calibration certificate, for machines (DCC) and for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.verification.certificate.administrative_data import AdministrativeData, read_administrative_data
+from truearm.verification.certificate.certificate import (
+    Certificate,
+    check_uncertainties,
+    make_certificate,
+)
+from truearm.verification.certificate.dcc import dcc, write_dcc
+from truearm.workflows.outputs import PageRecord, check_output_is_not_input, check_page_path
+from truearm.workflows.verify import VerificationResult, digests_of
+
+if TYPE_CHECKING:
+    from truearm.pages.page import Page
+
+AdministrativeDataLike: TypeAlias = AdministrativeData | str | Path
+
+
+@dataclass(frozen=True, eq=False)
+class CertificateResult(PageRecord):
+    """A calibration certificate.
+
+    Attributes
+    ----------
+    certificate : Certificate
+        All that is stated.
+    verification : VerificationResult
+        The results that it states.
+    digests : mapping of Path to str
+        SHA-256 of the input files, with that of the administrative data.
+    """
+
+    certificate: Certificate
+    verification: VerificationResult
+    digests: Mapping[Path, str]
+
+    @property
+    def number(self) -> str:
+        """Number of the certificate."""
+        return self.certificate.about.number
+
+    @property
+    def input_files(self) -> tuple[Path, ...]:
+        """See `PageRecord`."""
+        return tuple(self.digests)
+
+    def save(self, path: str | Path, page: str | Path | None = None) -> None:
+        """Write the digital calibration certificate (DCC, XML) and, if wanted, its page; both or neither.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ``.xml``.
+        page : path, optional
+            The same for people; ends in ``.html``.
+
+        Raises
+        ------
+        InputError
+            If a name has another ending, is that of an input file, or cannot be written.
+        """
+        check_certificate_path(path, *self.input_files)
+        if page is None:
+            write_dcc(self.certificate, path)
+            return
+        from truearm.pages.html import write_page
+
+        check_page_path(page, *self.input_files, path)
+        # Both are complete before either takes its name, the certificate first: no page without its certificate.
+        with atomic_file(page) as page_beside, atomic_file(path) as beside:
+            write_dcc(self.certificate, beside)
+            write_page(self.page(), page_beside)
+
+    def page(self) -> Page:
+        """The certificate for people, to print."""
+        from truearm.verification.certificate.certificate_page import certificate_page
+
+        xml = ("the same for machines (XML)", f"SHA-256 {sha256(dcc(self.certificate)).hexdigest()}")
+        plan, *files, program = self.verification.facts()
+        about = [
+            (file.name, f"SHA-256 {digest}")
+            for file, digest in self.digests.items()
+            if file not in self.verification.digests
+        ]
+        return certificate_page(
+            self.certificate, self.verification.verification, facts=[xml, plan, *files, *about, program]
+        )
+
+    def blocks(self) -> Iterator[str]:
+        """See `Record`."""
+        yield f"certificate {self.number}, {self.verification.verdict.value}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record`."""
+        return {"number": self.number, **self.verification.to_dict()}
+
+
+def certificate(verification: VerificationResult, about: AdministrativeDataLike) -> CertificateResult:
+    """State a verification as a calibration certificate.
+
+    Parameters
+    ----------
+    verification : VerificationResult
+        The results.
+    about : AdministrativeData or path
+        Number, dates, arm, laboratory, customer, persons and environment; see `truearm certificate --template`.
+
+    Returns
+    -------
+    CertificateResult
+        `CertificateResult.save` writes a digital calibration certificate (DCC, the XML format of PTB).
+
+    Raises
+    ------
+    InputError
+        If a value that has a limit has no uncertainty, dates or temperatures do not fit those of the points, or an
+        input file has changed since it was read.
+
+    Examples
+    --------
+    >>> import datetime
+    >>> import truearm as ta
+    >>> simulated = ta.simulate_verification("perfect", n_arms=1)
+    >>> result = ta.verify(simulated.points(0), artefacts=simulated.artefacts, specification=simulated.specification)
+    >>> address = {"city": "Exampletown", "country": "DE", "post_code": "00000"}
+    >>> about = ta.AdministrativeData(
+    ...     number="V-1",
+    ...     issued=datetime.date.today(),
+    ...     place="laboratory",
+    ...     item={"name": "measuring arm", "maker": "Example Arms", "model": "A 2500", "serial_number": "10017"},
+    ...     laboratory={"name": "Example Laboratory", **address},
+    ...     customer={"name": "Example Customer", **address},
+    ...     persons=[{"name": "First Example", "main_signer": True}],
+    ...     conditions={"temperature_degC": (19.5, 20.5)},
+    ... )
+    >>> print(ta.certificate(result, about))
+    certificate V-1, conform
+    """
+    files = [Path(about)] if isinstance(about, str | Path) else []
+    digests = {**verification.digests, **digests_of(files)}
+    stated = about if isinstance(about, AdministrativeData) else read_administrative_data(about)
+    with_file = files[0] if files else None
+    try:
+        check_uncertainties(verification.verification)
+    except InputError as error:
+        raise _in(error, verification.artefacts_file) from None
+    try:
+        made = make_certificate(stated, verification.verification)
+    except InputError as error:
+        raise _in(error, with_file) from None
+    for file, digest in digests_of(list(digests)).items():
+        if digest != digests[file]:
+            raise InputError("the file changed while it was read", file=file, hint="repeat the command")
+    return CertificateResult(made, verification, digests)
+
+
+def check_certificate_path(path: str | Path, *inputs: str | Path) -> None:
+    """Check, before long work, that a certificate can be written under a name that is not the name of an input file.
+
+    Raises
+    ------
+    InputError
+        If the name does not end in .xml, is one of `inputs`, or cannot be written.
+    """
+    path = Path(path)
+    if path.suffix != ".xml":
+        raise InputError(f"expected a file name that ends in .xml, got {path.name!r}", file=path)
+    check_output_is_not_input(path, *inputs)
+    check_writable(path)
+
+
+def _in(error: InputError, file: Path | None) -> InputError:
+    return error if file is None else error.in_file(file)

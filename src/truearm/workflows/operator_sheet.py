@@ -1,0 +1,137 @@
+"""`operator_sheet`: the page by which an operator measures the points of a test plan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from truearm.verification.standards.artefacts import example_artefacts
+from truearm.verification.standards.layout import SHOULDER_SHARE, lay_out_tests
+from truearm.verification.standards.specification import example_specification
+from truearm.workflows.outputs import PageRecord
+from truearm.workflows.verify import (
+    ArtefactsLike,
+    PlanLike,
+    SpecificationLike,
+    to_artefacts,
+    to_plan,
+    to_specification,
+)
+
+if TYPE_CHECKING:
+    from truearm.pages.page import Page
+    from truearm.verification.standards.operator_sheet import OperatorSheet
+
+# Of the example specification [mm].
+RANGE_MM = 2500.0
+
+
+@dataclass(frozen=True, eq=False)
+class OperatorSheetResult(PageRecord):
+    """The operator's sheet of a test plan.
+
+    Attributes
+    ----------
+    sheet : OperatorSheet
+        Plan, places of the artefacts and order of measuring.
+    examples : tuple of str
+        Inputs for which examples were used.
+    files : tuple of Path
+        The files that were read.
+    """
+
+    sheet: OperatorSheet
+    examples: tuple[str, ...]
+    files: tuple[Path, ...]
+
+    @property
+    def input_files(self) -> tuple[Path, ...]:
+        """See `PageRecord`."""
+        return self.files
+
+    @property
+    def n_points(self) -> int:
+        """Number of points to measure."""
+        return sum(len(one.points) for one in self.sheet.layout)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Which inputs are examples."""
+        if not self.examples:
+            return ()
+        return (f"{' and '.join(self.examples)}: examples; give your own specification and artefacts",)
+
+    def page(self) -> Page:
+        """Where the artefacts are placed, from which side and in which order the points are measured."""
+        from truearm.verification.standards.operator_sheet import operator_sheet_page
+
+        return operator_sheet_page(self.sheet)
+
+    def blocks(self) -> Iterator[str]:
+        """See `Record`."""
+        yield f"operator's sheet, {self.n_points} points of {self.sheet.plan.title}"
+        yield from self.remarks
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record`."""
+        return {
+            "plan": self.sheet.plan.name,
+            "points": self.n_points,
+            "measuring_range_mm": self.sheet.measuring_range_mm,
+            "examples": list(self.examples),
+        }
+
+
+def operator_sheet(
+    plan: PlanLike,
+    *,
+    artefacts: ArtefactsLike | None = None,
+    specification: SpecificationLike | None = None,
+) -> OperatorSheetResult:
+    """Lay out the operator's sheet of a test plan: where the artefacts are placed, how and in which order to measure.
+
+    Parameters
+    ----------
+    plan : VerificationPlan, str or path
+        Test plan: ``iso10360-12``, ``asme-b89.4.22``, or a file of your own.
+    artefacts : Artefacts or path, optional
+        Certificates of the artefacts; by default examples.
+    specification : Specification or path, optional
+        States name and measuring range of the arm; by default an example of 2500 mm.
+
+    Returns
+    -------
+    OperatorSheetResult
+        `save_page` writes the sheet.
+
+    Raises
+    ------
+    InputError
+        If there is no such plan, or the artefacts do not suit it.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> print(ta.operator_sheet("asme-b89.4.22"))
+    operator's sheet, 97 points of Articulated arm with contact probe, after ASME B89.4.22
+    measuring range and artefacts: examples; give your own specification and artefacts
+    """
+    from truearm.verification.standards.operator_sheet import OperatorSheet
+
+    files = [Path(one) for one in (plan, artefacts, specification) if isinstance(one, str | Path)]
+    examples = [what for what, given in (("measuring range", specification), ("artefacts", artefacts)) if given is None]
+    arm = example_specification(RANGE_MM) if specification is None else to_specification(specification)
+    range_mm = arm.measuring_range_mm
+    certified = example_artefacts(range_mm) if artefacts is None else to_artefacts(artefacts)
+    planned = to_plan(plan)
+    sheet = OperatorSheet(
+        planned,
+        lay_out_tests(planned, certified, range_mm),
+        certified,
+        measuring_range_mm=range_mm,
+        shoulder_mm=SHOULDER_SHARE * range_mm / 2,
+        arm="" if specification is None else arm.name,
+    )
+    return OperatorSheetResult(sheet, tuple(examples), tuple(files))

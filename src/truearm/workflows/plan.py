@@ -1,0 +1,291 @@
+"""`plan`: which poses to measure next, so that an arm is identified best."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from zipfile import is_zipfile
+
+from truearm.arm import Arm
+from truearm.compensation.models import Compensator
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.model_file import load_model
+from truearm.errors import InputError
+from truearm.identification.planning.candidates import Candidates
+from truearm.identification.planning.plan import SessionPlan, plan_session, usual_places
+from truearm.identification.planning.prior import Terms
+from truearm.identification.planning.proposal import LENGTH_U_MM, Artefact, CalibrationPlan, Strategy
+from truearm.identification.planning.sampling import Sector
+from truearm.identification.planning.sampling.workspace import stance
+from truearm.identification.planning.template import check_template_path, write_bar_lengths, write_template
+from truearm.workflows.inputs import SessionLike, to_arm, to_session, within_limits
+from truearm.workflows.outputs import PageRecord, version_row
+from truearm.workflows.record import TextTable
+
+if TYPE_CHECKING:
+    from truearm.pages.page import Page
+    from truearm.pages.plotting import Figure
+
+ArtefactKind: TypeAlias = Literal["seat", "bar", "tracker"]
+
+_OBSERVABILITY = tuple(f"o{i}" for i in range(1, 6))
+
+
+@dataclass(frozen=True, eq=False)
+class PlanResult(PageRecord):
+    """Poses to measure next, and the uncertainty that they lead to.
+
+    Attributes
+    ----------
+    session_plan : SessionPlan
+        The poses of the chosen strategy, and the proposals of all strategies.
+    session : str
+        Name of the session that was measured already; empty if there is none.
+    seed : int
+        Seed of all random numbers.
+    files : tuple of Path
+        The files that were read.
+    """
+
+    session_plan: SessionPlan
+    session: str
+    seed: int
+    files: tuple[Path, ...] = ()
+
+    @property
+    def input_files(self) -> tuple[Path, ...]:
+        """See `PageRecord`."""
+        return self.files
+
+    @property
+    def plan(self) -> CalibrationPlan:
+        """The proposals of all strategies, to compare."""
+        return self.session_plan.plan
+
+    @property
+    def poses(self) -> Candidates:
+        """The poses in the order of measuring; seats are numbered after those that have been measured already."""
+        return self.session_plan.poses
+
+    @property
+    def limitations(self) -> tuple[str, ...]:
+        """What these poses cannot determine."""
+        return self.session_plan.limitations
+
+    def save(self, path: str | Path) -> tuple[Path, ...]:
+        """Write the session file to fill in; for a bar, also the file of its lengths beside it.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ``.csv``; must be new.
+
+        Returns
+        -------
+        tuple of Path
+            The files written.
+
+        Raises
+        ------
+        InputError
+            If a file is there already, or cannot be written.
+        """
+        files = template_files(path, self.plan.artefact.kind)
+        for file in files:
+            check_template_path(file)
+        for file in files[1:]:
+            write_bar_lengths(self.poses, file)
+        write_template(self.plan.arm, self.poses, path)
+        return files
+
+    def page(self) -> Page:
+        """The plan with pictures of the places and of the joint angles."""
+        from truearm.identification.planning.plan_page import plan_page
+
+        return plan_page(self.session_plan, facts=self._facts())
+
+    def figure(self) -> Figure:
+        """Uncertainty in the volume against the number of poses."""
+        from truearm.identification.planning.plan_page import course_figure
+
+        return course_figure(self.plan.proposals)
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record`."""
+        planned, n = self.session_plan, len(self.poses)
+        plural = "s" * (planned.n_places != 1)
+        where = {
+            "tracker": "with a tracker",
+            "seat": f"in {planned.n_places} seat{plural}",
+            "bar": f"at {planned.n_places} place{plural} of a bar",
+        }[self.plan.artefact.kind]
+        without = ", without the scale" if self.plan.artefact.kind == "seat" else ""
+        yield (
+            f"Uncertainty of a point in the volume after {n} pose{'s' * (n != 1)} {where}: {planned.after_mm:.4g} mm, "
+            f"before {planned.before_mm:.4g} mm (root mean square{without}; noise of a coordinate "
+            f"{self.plan.prior.noise_mm:.4g} mm)"
+        )
+        for sentence in self.limitations:
+            yield f"- {sentence}"
+        rows = [
+            [
+                name,
+                f"{proposal.rms_mm[-1]:.4g}",
+                *(f"{getattr(proposal.observability, index):.3g}" for index in _OBSERVABILITY),
+                f"{proposal.observability.rank} of {proposal.observability.n_parameters}",
+                "chosen" if name == planned.strategy else "",
+            ]
+            for name, proposal in self.plan.proposals.items()
+        ]
+        yield TextTable(["strategy", "after [mm]", *(index.upper() for index in _OBSERVABILITY), "rank", ""], rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record`."""
+        return self.session_plan.to_dict()
+
+    def _facts(self) -> list[tuple[str, str]]:
+        arm, prior, length = self.plan.arm, self.plan.prior, self.plan.artefact.length_mm
+        groups = ", ".join(dict.fromkeys(term.group for term in prior.perturbed_chain.terms))
+        bar = f"{length} mm, standard uncertainty {LENGTH_U_MM:g} mm (assumed)"
+        return [
+            ("arm", f"{arm.name}: {arm.title}. {arm.source}"),
+            ("known before", self.session_plan.known_before),
+            *([("session measured already", self.session)] if self.session else []),
+            ("groups of terms", groups),
+            *([("bar", bar)] if length is not None else []),
+            ("noise of a coordinate", f"{prior.noise_mm:.4g} mm"),
+            ("seed", str(self.seed)),
+            version_row(),
+        ]
+
+
+def plan(
+    arm: Arm | Compensator | str | Path,
+    artefact: ArtefactKind,
+    *,
+    poses: int = 50,
+    seats: int | None = None,
+    length_mm: float | None = None,
+    noise_mm: float | None = None,
+    strategy: Strategy = "i-optimal",
+    terms: Terms | None = None,
+    session: SessionLike | None = None,
+    volume: Sequence[float] | None = None,
+    seed: int = 0,
+    progress: Callable[[int, str], None] | None = None,
+) -> PlanResult:
+    """Plan the poses that determine an arm best.
+
+    Parameters
+    ----------
+    arm : Arm, identified model, str or path
+        Name, arm file or URDF of an arm that nothing is measured of yet; or a model (file), to plan the poses that come
+        next.
+    artefact : {"seat", "bar", "tracker"}
+        What the poses are measured with.
+    poses : int
+        Number of readings.
+    seats : int, optional
+        Number of seats, or of places of the bar; by default one for every ten poses.
+    length_mm : float, optional
+        Of the bar, between its seats [mm].
+    noise_mm : float, optional
+        Standard deviation of a coordinate [mm]; by default that of the model, else 0.02.
+    strategy : {"i-optimal", "d-optimal", "technician", "random"}
+        ``i-optimal``: smallest uncertainty of a point in the volume. ``d-optimal``: smallest overall uncertainty of the
+        parameters. ``technician``: poses as a person chooses them. ``random``: random poses. All four are compared.
+    terms : {"physical", "constants"}, optional
+        What is to be identified of an arm; by default physical. A model has its own terms.
+    session : Session, DataFrame or path, optional
+        Readings measured already that are not the training readings of the model.
+    volume : five floats, optional
+        Where the arm is to be used, seen from its shoulder: nearest and farthest horizontal distance [mm], lowest and
+        highest height [mm], half angle to both sides of the front [deg].
+    seed : int
+        Seed of all random numbers.
+    progress : callable, optional
+        Called with the number of strategies done and a remark.
+
+    Returns
+    -------
+    PlanResult
+
+    Raises
+    ------
+    InputError
+        If the arm cannot be planned for, or cannot reach enough poses in the volume.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> plan = ta.plan("gao2017", "tracker", poses=4, terms="constants")
+    >>> len(plan.poses), plan.session_plan.after_mm < plan.session_plan.before_mm
+    (4, True)
+    """
+    if strategy not in get_args(Strategy):
+        raise InputError(f"expected a strategy out of {', '.join(get_args(Strategy))}, got {strategy!r}")
+    measured_with = Artefact(artefact, usual_places(artefact, poses) if seats is None else seats, length_mm)
+    subject, source = _arm_or_model(arm)
+    nominal = subject if isinstance(subject, Arm) else subject.arm_
+    measured = None
+    if session is not None:
+        measured = within_limits(to_session(session, n_joints=nominal.n_joints), nominal).session
+    planned = plan_session(
+        subject,
+        measured_with,
+        poses,
+        strategy=strategy,
+        terms=terms,
+        noise_mm=noise_mm,
+        measured=measured,
+        volume=None if volume is None else _sector(volume, nominal),
+        seed=seed,
+        progress=progress,
+    )
+    name = ""
+    if measured is not None:
+        name = measured.file.name if measured.file is not None else f"{len(measured)} readings"
+    files = [Path(one) for one in (arm, session) if isinstance(one, str | Path)]
+    if source:
+        planned = replace(planned, known_before=source)
+    return PlanResult(planned, name, seed, tuple(files))
+
+
+def template_files(path: str | Path, artefact: str) -> tuple[Path, ...]:
+    """The files that `PlanResult.save` writes: the session to fill in and, for a bar, its lengths."""
+    path = Path(path)
+    return (path, path.with_name(f"{path.stem}-lengths.csv")) if artefact == "bar" else (path,)
+
+
+def _arm_or_model(arm: Arm | Compensator | str | Path) -> tuple[Arm | IdentifiedModel, str]:
+    """What to plan for and, of a model, where it comes from."""
+    if isinstance(arm, Compensator):
+        model, file = arm, None
+    elif isinstance(arm, str | Path) and Path(arm).is_file() and is_zipfile(arm):
+        model, file = load_model(arm), Path(arm)
+    else:
+        return to_arm(arm), ""
+    if not isinstance(model, IdentifiedModel):
+        raise InputError(
+            "a network has no terms to plan for",
+            file=file,
+            hint="use a kinematic or physical model, or the name of the arm",
+        )
+    return model, f"a model of {model.n_train_} readings" if file is None else f"the model {file.name}"
+
+
+def _sector(volume: Sequence[float], arm: Arm) -> Sector:
+    """A volume in mm as shares of the reach of an arm."""
+    numbers = tuple(map(float, volume))
+    near, far, low, high, half_angle_deg = numbers if len(numbers) == 5 else (0.0,) * 5
+    if not (all(map(isfinite, numbers)) and 0 <= near < far and low < high and 0 < half_angle_deg <= 180):
+        raise InputError(
+            "the volume needs five numbers NEAR,FAR,LOW,HIGH,HALF_ANGLE: distances and heights in mm, each the smaller "
+            f"first, and an angle in deg; got {','.join(f'{number:g}' for number in numbers)}",
+            hint="300,800,-200,400,60",
+        )
+    reach = stance(arm).reach_mm
+    return Sector(near / reach, far / reach, low / reach, high / reach, half_angle_deg)

@@ -1,0 +1,286 @@
+"""`simulate_verification`: the test of a standard, taken by virtual arms before anything is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil, floor
+from pathlib import Path
+from typing import Any
+
+from truearm.arm import Arm
+from truearm.compensation.models import Compensator
+from truearm.errors import InputError
+from truearm.identification.planning.sampling.measuring import check_five_rotary_joints
+from truearm.identification.planning.sampling.workspace import stance
+from truearm.identification.virtual.presets import Preset
+from truearm.verification.standards.artefacts import Artefacts, example_artefacts
+from truearm.verification.standards.decision import DecisionRule, Verdict
+from truearm.verification.standards.layout import lay_out_tests
+from truearm.verification.standards.measured_points import MeasuredPoints
+from truearm.verification.standards.specification import Specification, example_specification
+from truearm.verification.standards.verification import Verification
+from truearm.verification.standards.verification_plan import VerificationPlan
+from truearm.verification.tasks import simulated_verification as simulation
+from truearm.verification.tasks.sampled_arms import ArmDistribution
+from truearm.workflows.inputs import ArmLike
+from truearm.workflows.record import Record, TextTable
+from truearm.workflows.task import to_arm_distribution
+from truearm.workflows.verify import (
+    ArtefactsLike,
+    PlanLike,
+    SpecificationLike,
+    to_artefacts,
+    to_plan,
+    to_specification,
+)
+
+# Without a specification, the measuring range is the largest of these shares of the links' length that is reached.
+RANGE_SHARES = (1.0, 0.9, 0.8, 0.7, 0.6)
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedVerification(Record):
+    """What virtual arms obtain in the test of a standard.
+
+    Attributes
+    ----------
+    source : str
+        What is known of the arms: a preset or a model.
+    arms : ArmDistribution
+        The arms that may be the one in question.
+    posed : PosedTest
+        The points of the test with joint angles.
+    plan, artefacts, specification, rule
+        As of `verify`.
+    artefacts_source : str
+        File of the artefacts; ``example`` if there is none.
+    verifications : tuple of Verification
+        One for each arm.
+    seed : int
+        Seed of arms, poses and noise.
+    """
+
+    source: str
+    arms: ArmDistribution
+    posed: simulation.PosedTest
+    plan: VerificationPlan
+    artefacts: Artefacts
+    artefacts_source: str
+    specification: Specification
+    rule: DecisionRule
+    verifications: tuple[Verification, ...]
+    seed: int
+
+    @property
+    def n_arms(self) -> int:
+        """Number of virtual arms."""
+        return len(self.verifications)
+
+    @property
+    def rows(self) -> tuple[simulation.ResultDistribution, ...]:
+        """How each test value is distributed over the arms."""
+        return simulation.result_distributions(self.verifications)
+
+    @property
+    def shares(self) -> Mapping[Verdict, float]:
+        """Shares of the arms by the verdict of the whole test."""
+        return simulation.verdict_shares(self.verifications)
+
+    @property
+    def n_conform(self) -> int:
+        """Number of arms that conform."""
+        return sum(one.verdict is Verdict.CONFORM for one in self.verifications)
+
+    @property
+    def conform_interval(self) -> tuple[float, float]:
+        """Bounds of the share of all such arms that conform, 95 % confidence."""
+        return simulation.proportion_interval(self.n_conform, self.n_arms)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks of the verification of the first arm: not tested, numbers of the plan to check."""
+        return self.verifications[0].remarks
+
+    def points(self, number: int) -> MeasuredPoints:
+        """The points that one of the arms measures, counted from 0, as `verify` takes them."""
+        own = simulation.MAX_ARMS * self.seed + number
+        return simulation.simulate_points(self.arms.draw(own), self.posed, self.artefacts, seed=own)
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record`."""
+        low, high = self.conform_interval
+        n = self.n_arms
+        yield (
+            f"{self.n_conform} of {n} virtual arms {self.arms.arm.name} ({self.source}) conform: "
+            f"{floor(100 * low)} % to {ceil(100 * high)} % of all such arms (95 % confidence)"
+        )
+        yield f"{self.plan.title}; limits: {self.specification.name}, {self.specification.source}"
+        if self.artefacts_source == "example":
+            yield "artefacts: examples; give your own certificates"
+        heads = ["test", "median [mm]", "95 % [mm]", "limit [mm]", *(verdict.value for verdict in _VERDICTS)]
+        whole = ["all of it", "", "", "", *_percent([self.shares[verdict] for verdict in _VERDICTS])]
+        yield TextTable(heads, [*map(_cells, self.rows), whole])
+        all_conform, _ = simulation.proportion_interval(n, n)
+        yield (
+            "median, 95 %: not exceeded in magnitude by half of the arms, and by 95 % of them; 100 % in a line means "
+            f"{floor(100 * all_conform)} % or more of all such arms"
+        )
+        yield from self.remarks
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record`."""
+        return {
+            "simulated": self.source,
+            "arm": self.arms.arm.name,
+            "arms": self.n_arms,
+            "seed": self.seed,
+            "plan": self.plan.name,
+            "standard": self.plan.standard,
+            "specification": self.specification.name,
+            "artefacts": self.artefacts_source,
+            "rule": self.rule,
+            "rows": [
+                {
+                    "label": row.label,
+                    "unit": row.unit,
+                    "median": row.median,
+                    "quantile_95": row.high,
+                    "limit": row.limit,
+                    "conform": row.conform,
+                    "not_conform": row.not_conform,
+                    "undecided": row.undecided,
+                }
+                for row in self.rows
+            ],
+            "all": {verdict.value.replace(" ", "_"): share for verdict, share in self.shares.items()},
+            "conform_interval_95": list(self.conform_interval),
+            "remarks": list(self.remarks),
+        }
+
+
+def simulate_verification(
+    source: Compensator | Preset | str | Path,
+    *,
+    arm: ArmLike | None = None,
+    plan: PlanLike = "iso10360-12",
+    artefacts: ArtefactsLike | None = None,
+    specification: SpecificationLike | None = None,
+    rule: DecisionRule = "iso14253-1",
+    n_arms: int = 100,
+    seed: int = 0,
+    progress: Callable[[int, str], None] | None = None,
+) -> SimulatedVerification:
+    """Simulate the test of a standard with virtual arms: which share of them conforms.
+
+    Parameters
+    ----------
+    source : Preset, identified model, str or path
+        What is known of the arms: a preset (``research``, ``shop``, ``perfect``), or a model (file).
+    arm : Arm, str or path, optional
+        The nominal arm of a preset; by default ``measuring7``. A model has its own.
+    plan, rule
+        As of `verify`.
+    artefacts : Artefacts or path, optional
+        Certificates of the artefacts; by default examples.
+    specification : Specification or path, optional
+        The limits of the arm; by default an example, with the largest measuring range that the arm reaches.
+    n_arms : int
+        Number of virtual arms.
+    seed : int
+        Seed of arms, poses and noise.
+    progress : callable, optional
+        Called with the number of arms done and a remark.
+
+    Returns
+    -------
+    SimulatedVerification
+
+    Raises
+    ------
+    InputError
+        If the arm does not reach all points, or errs so much that an artefact cannot be recognized.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> simulated = ta.simulate_verification("perfect", n_arms=2)
+    >>> simulated.n_conform
+    2
+    """
+    tell = progress or _silent
+    planned = to_plan(plan)
+    arms, about = to_arm_distribution(source, arm)
+    tell(0, "finding poses")
+    limits, certified, posed = _posed_test(
+        arms.arm,
+        planned,
+        artefacts=None if artefacts is None else to_artefacts(artefacts),
+        specification=None if specification is None else to_specification(specification),
+        seed=seed,
+    )
+    verifications = simulation.simulate_verification(
+        arms,
+        posed,
+        plan=planned,
+        artefacts=certified,
+        specification=limits,
+        n_arms=n_arms,
+        seed=seed,
+        rule=rule,
+        progress=lambda done: tell(done, ""),
+    )
+    where = "example" if artefacts is None else str(artefacts) if isinstance(artefacts, str | Path) else "given"
+    return SimulatedVerification(
+        about, arms, posed, planned, certified, where, limits, rule, tuple(verifications), seed
+    )
+
+
+def _posed_test(
+    arm: Arm,
+    plan: VerificationPlan,
+    *,
+    artefacts: Artefacts | None,
+    specification: Specification | None,
+    seed: int,
+) -> tuple[Specification, Artefacts, simulation.PosedTest]:
+    """The test with poses for an arm, with examples for what is not given.
+
+    The measuring range is that of the specification; without one, the largest in which the arm reaches all points.
+    """
+    check_five_rotary_joints(arm)
+    where = stance(arm)
+    for share in RANGE_SHARES:
+        whole = 2 * share * where.reach_mm
+        # In round numbers, as on data sheets.
+        limits = specification or example_specification(100 * int(whole / 100) or whole)
+        certified = artefacts or example_artefacts(limits.measuring_range_mm)
+        shoulder_mm = float(where.shoulder_in_base[2])
+        layout = lay_out_tests(plan, certified, limits.measuring_range_mm, shoulder_mm=shoulder_mm)
+        try:
+            return limits, certified, simulation.pose(layout, arm, seed=seed)
+        except InputError as error:
+            if specification is not None:
+                hint = f"{error.hint}; without a specification, truearm looks for a range that the arm reaches"
+                raise InputError(error.problem, hint=hint) from None
+            if share == RANGE_SHARES[-1] or where.reach_mm == 0:
+                raise
+    raise AssertionError("the last share returns or raises")
+
+
+_VERDICTS = (Verdict.CONFORM, Verdict.NOT_CONFORM, Verdict.UNDECIDED)
+
+
+def _cells(row: simulation.ResultDistribution) -> list[str]:
+    digits = ".4f" if row.unit == "mm" else "g"  # else a count
+    limit = "" if row.limit is None else format(row.limit, digits)
+    shares = [""] * 3 if row.limit is None else _percent([row.conform, row.not_conform, row.undecided])
+    return [row.label, format(row.median, digits), format(row.high, digits), limit, *shares]
+
+
+def _percent(shares: Sequence[float]) -> list[str]:
+    return [f"{100 * share:.3g} %" for share in shares]
+
+
+def _silent(done: int, note: str) -> None:
+    """Ignore the progress."""

@@ -1,0 +1,310 @@
+"""`task`: the uncertainty of a measured feature, and whether an arm is good enough for a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from zipfile import is_zipfile
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm import Arm, list_arms
+from truearm.compensation.models import Compensator
+from truearm.compensation.models.model_file import load_model
+from truearm.errors import InputError
+from truearm.identification.virtual.presets import PRESETS, Preset, load_preset
+from truearm.verification.standards.specification import Specification, read_specification
+from truearm.verification.tasks import features
+from truearm.verification.tasks.estimate import Estimate
+from truearm.verification.tasks.feature_postures import middle_of
+from truearm.verification.tasks.features import Feature
+from truearm.verification.tasks.fitness import Fitness, describe_fitness
+from truearm.verification.tasks.sampled_arms import ArmDistribution, PosteriorDistribution, PresetDistribution
+from truearm.verification.tasks.specification_sheet import SpecificationDistribution
+from truearm.verification.tasks.task import TaskAssessment, assess_task
+from truearm.workflows.inputs import ArmLike, to_arm
+from truearm.workflows.outputs import PageRecord, version_row
+from truearm.workflows.record import TextTable, format_fixed
+
+if TYPE_CHECKING:
+    from truearm.pages.page import Page
+    from truearm.pages.plotting import Figure
+
+FeatureKind: TypeAlias = Literal["length", "sphere", "plane", "circle"]
+ArmSource: TypeAlias = Compensator | Preset | Specification | str | Path
+
+# The generic measuring arm, of the size that the presets are made for.
+NOMINAL_ARM = "measuring7"
+# The size of each kind of feature.
+SIZES = {"length": "length", "sphere": "diameter", "plane": "size", "circle": "diameter"}
+
+
+@dataclass(frozen=True, eq=False)
+class TaskResult(PageRecord):
+    """The uncertainty of a measured feature and, with a tolerance, whether the arm is fit for it.
+
+    Attributes
+    ----------
+    assessment : TaskAssessment
+        The errors of the simulated measurements, the comparison with the tolerance, and the assumptions.
+    arm : Arm
+        The nominal arm.
+    source : str
+        What is known of the errors of the arm.
+    seed : int
+        Seed of all random numbers.
+    files : tuple of Path
+        The files that were read.
+    """
+
+    assessment: TaskAssessment
+    arm: Arm
+    source: str
+    seed: int
+    files: tuple[Path, ...] = ()
+
+    @property
+    def input_files(self) -> tuple[Path, ...]:
+        """See `PageRecord`."""
+        return self.files
+
+    @property
+    def fitness(self) -> Fitness | None:
+        """The comparison with the tolerance; None without one."""
+        return self.assessment.fitness
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Error and uncertainty of each quantity of the feature; the tolerance is about the first."""
+        return self.assessment.result.estimates
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Conditions and assumptions of the result."""
+        return self.assessment.remarks
+
+    def page(self) -> Page:
+        """The result with the distribution of the errors."""
+        from truearm.verification.tasks.task_page import task_page
+
+        result = self.assessment.result
+        facts = [
+            ("source of the errors", self.source),
+            ("arm", f"{self.arm.name}: {self.arm.title}. {self.arm.source}"),
+            ("arms drawn", f"{result.n_arms}, seed {self.seed}"),
+            ("sets of postures", str(len(result.angles))),
+            version_row(),
+        ]
+        return task_page(self.assessment, source=self.source, facts=facts)
+
+    def figure(self) -> Figure:
+        """Histograms of the errors with their 95 % intervals."""
+        from truearm.verification.tasks.task_page import errors_figure
+
+        return errors_figure(self.estimates, self.fitness)
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record`."""
+        result, first = self.assessment.result, self.estimates[0]
+        if self.fitness is not None:
+            yield describe_fitness(first, self.fitness)
+        yield (
+            f"{result.feature.name}: U = {first.expanded_mm:.4f} mm (95 %), errors of {result.n_arms} drawn arms from "
+            f"{self.source}"
+        )
+        heads = ["quantity", "bias [mm]", "u [mm]", "95 % of errors [mm]", "u systematic", "u random"]
+        yield TextTable(heads, map(_cells, self.estimates))
+        of_draws = first.standard_errors
+        yield (
+            f"standard errors due to the number of draws ({first.quantity.name}): bias {of_draws.bias_mm:.4f}, "
+            f"u {of_draws.u_mm:.4f}, ends of the interval {of_draws.low_mm:.4f} and {of_draws.high_mm:.4f} mm"
+        )
+        yield self.assessment.advice
+        yield from self.remarks
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record`."""
+        return {"source": self.source, **self.assessment.to_dict()}
+
+
+def task(
+    source: ArmSource,
+    feature: FeatureKind | Feature = "length",
+    size_mm: float | None = None,
+    *,
+    tolerance_mm: float | None = None,
+    at: npt.ArrayLike | None = None,
+    along: npt.ArrayLike | None = None,
+    n_points: int | None = None,
+    arm: ArmLike | None = None,
+    repeatability_mm: float | None = None,
+    n_arms: int = 1000,
+    seed: int = 0,
+    progress: Callable[[int, str], None] | None = None,
+) -> TaskResult:
+    """Estimate the uncertainty with which an arm measures a feature, and compare it with a tolerance.
+
+    Many arms are drawn that may be the one in question, and each measures the feature (JCGM 101).
+
+    Parameters
+    ----------
+    source : identified model, Preset, Specification, str or path
+        What is known of the arm. A model (file): the uncertainty that its readings left. A preset (``shop``,
+        ``research``, ``perfect``): any arm like that. A specification (file, ``.toml``): any arm that meets it.
+    feature : {"length", "sphere", "plane", "circle"} or Feature
+        What is measured.
+    size_mm : float, optional
+        Length, diameter of a sphere or circle, side of a square plane [mm]. Not with a length between two seats.
+    tolerance_mm : float, optional
+        Width of the tolerance zone [mm]: 0.1 for +-0.05 mm.
+    at : (3,) or (2, 3) array, optional
+        Middle of the feature, or the two seats of a length [mm], in the base frame of the arm; by default the middle of
+        the volume in which a person works.
+    along : (3,) array, optional
+        Direction of a length (by default across the front), normal of a plane or circle (by default up).
+    n_points : int, optional
+        Points in all: 25; of a length 2, half of them at each end.
+    arm : Arm, str or path, optional
+        The nominal arm of a preset or a specification; by default ``measuring7``.
+    repeatability_mm : float, optional
+        Of a model: standard deviation of a coordinate when a point is measured again in the same pose [mm]. Without it
+        no error counts as random, and the uncertainty of means of many points is overestimated.
+    n_arms : int
+        Number of arms to draw.
+    seed : int
+        Seed of all random numbers.
+    progress : callable, optional
+        Called with the number of arms done and a remark.
+
+    Returns
+    -------
+    TaskResult
+
+    Raises
+    ------
+    InputError
+        If the arm does not reach the feature, or sizes do not suit it.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> result = ta.task("perfect", "length", 300, tolerance_mm=0.1, n_arms=100)
+    >>> result.fitness.answer.value
+    'yes'
+    """
+    if tolerance_mm is not None and not (isfinite(tolerance_mm) and tolerance_mm > 0):
+        raise InputError(
+            f"the tolerance must be a width above zero in mm, got {tolerance_mm}", hint="0.1 for +-0.05 mm"
+        )
+    arms, about = to_arm_distribution(source, arm, repeatability_mm=repeatability_mm)
+    if not isinstance(arms, PosteriorDistribution):
+        about = f"{about}, arm {arms.arm.name}"
+    if not isinstance(feature, Feature):
+        feature = place_feature(feature, size_mm, arms.arm, at=at, along=along, n_points=n_points)
+    assessment = assess_task(arms, feature, tolerance_mm=tolerance_mm, n_arms=n_arms, seed=seed, progress=progress)
+    files = [Path(one) for one in (source, arm) if isinstance(one, str | Path) and Path(one).is_file()]
+    return TaskResult(assessment, arms.arm, about, seed, tuple(files))
+
+
+def place_feature(
+    kind: FeatureKind,
+    size_mm: float | None,
+    arm: Arm,
+    *,
+    at: npt.ArrayLike | None = None,
+    along: npt.ArrayLike | None = None,
+    n_points: int | None = None,
+) -> Feature:
+    """A feature in front of an arm; parameters as of `task`.
+
+    Raises
+    ------
+    InputError
+        If a parameter is missing, or does not apply to the feature.
+    """
+    if kind not in get_args(FeatureKind):
+        raise InputError(f"expected a feature out of {', '.join(get_args(FeatureKind))}, got {kind!r}")
+    place = None if at is None else np.asarray(at, dtype=float)
+    seats = kind == "length" and place is not None and place.shape == (2, 3)
+    if place is not None and not seats and place.shape != (3,):
+        raise InputError(f"expected one place X,Y,Z, for a length one or two; got shape {place.shape}")
+    what = "a length between two seats" if seats else f"a {kind}"
+    if along is not None and (seats or kind == "sphere"):
+        raise InputError(f"a direction does not apply to {what}", hint="omit it")
+    n = (2 if kind == "length" else 25) if n_points is None else n_points
+    if seats:
+        assert place is not None
+        if size_mm is not None:
+            raise InputError(f"a size does not apply to {what}: it is the distance of the seats", hint="omit it")
+        return features.length(place, points=n)
+    if size_mm is None:
+        raise InputError(f"the size of the {kind} is missing", hint=f"its {SIZES[kind]} in mm: 100")
+    middle, across = middle_of(arm)
+    place = middle if place is None else place
+    if kind == "sphere":
+        return features.sphere(place, size_mm, points=n)
+    if kind == "length":
+        return features.length_at(place, across if along is None else along, size_mm, points=n)
+    make = features.plane if kind == "plane" else features.circle
+    return make(place, features.UP if along is None else along, size_mm, points=n)
+
+
+def to_arm_distribution(
+    source: ArmSource, arm: ArmLike | None = None, *, repeatability_mm: float | None = None
+) -> tuple[ArmDistribution, str]:
+    """The arms that may be the one in question, and what is known of it in a few words; parameters as of `task`.
+
+    Raises
+    ------
+    InputError
+        If `source` is nothing of the kind, or the other parameters do not apply to it.
+    """
+    file = Path(source) if isinstance(source, str | Path) and str(source) not in PRESETS else None
+    known = source if file is None else _read_source(file)
+    if isinstance(known, Compensator):
+        if arm is not None:
+            raise InputError("a nominal arm is for a preset or a specification; a model has its own arm", file=file)
+        about = f"the model {file.name}" if file is not None else f"a model of {known.n_train_} readings"
+        try:
+            return PosteriorDistribution(known, repeatability_mm), about
+        except InputError as error:
+            raise (error if file is None else error.in_file(file)) from None
+    if repeatability_mm is not None:
+        raise InputError("a repeatability is for a model; a preset or a specification has its own random errors")
+    nominal = to_arm(NOMINAL_ARM if arm is None else arm)
+    if isinstance(known, Specification):
+        try:
+            return SpecificationDistribution(nominal, known), f"the specification of {known.name}"
+        except InputError as error:
+            raise (error if file is None else error.in_file(file)) from None
+    preset = known if isinstance(known, Preset) else load_preset(str(known))
+    return PresetDistribution(nominal, preset), f"the preset {preset.name}"
+
+
+def _read_source(file: Path) -> Compensator | Specification:
+    if file.is_file() and is_zipfile(file):
+        return load_model(file)
+    is_arm = str(file) in list_arms() or file.suffix.lower() == ".urdf"
+    if file.suffix.lower() == ".toml" and not is_arm:
+        return read_specification(file)
+    raise InputError(
+        f"expected a model file, a specification (.toml) or a preset ({', '.join(PRESETS)}), "
+        f"got {'the arm ' if is_arm else ''}{str(file)!r}",
+        hint=f"shop, with --arm {file}" if is_arm else "truearm fit writes a model file",
+    )
+
+
+def _cells(one: Estimate) -> Sequence[str]:
+    low, high = one.interval_mm
+    return (
+        one.quantity.name,
+        format_fixed(one.bias_mm, sign=True),
+        f"{one.u_mm:.4f}",
+        f"{format_fixed(low, sign=True)} to {format_fixed(high, sign=True)}",
+        f"{one.u_systematic_mm:.4f}",
+        f"{one.u_random_mm:.4f}",
+    )

@@ -1,0 +1,225 @@
+"""`verify`: measured points against the test plan of a standard and the specification of an arm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import file_digest
+from math import isinf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from truearm.verification.standards.artefacts import Artefacts, read_artefacts
+from truearm.verification.standards.decision import COVERAGE_PROBABILITY, ConformityResult, DecisionRule, Verdict
+from truearm.verification.standards.measured_points import MeasuredPoints, read_points
+from truearm.verification.standards.specification import Specification, read_specification
+from truearm.verification.standards.verification import Verification
+from truearm.verification.standards.verification import verify as verify_points
+from truearm.verification.standards.verification_plan import PLANS, VerificationPlan, load_verification_plan
+from truearm.workflows.outputs import PageRecord, version_row
+from truearm.workflows.record import TextTable, format_fixed
+
+if TYPE_CHECKING:
+    from truearm.pages.page import Page
+
+PointsLike: TypeAlias = MeasuredPoints | str | Path
+PlanLike: TypeAlias = VerificationPlan | str | Path
+ArtefactsLike: TypeAlias = Artefacts | str | Path
+SpecificationLike: TypeAlias = Specification | str | Path
+
+_ANSWERS = {
+    Verdict.CONFORM: "the values tested are within their limits",
+    Verdict.NOT_CONFORM: "values are outside their limits",
+    Verdict.UNDECIDED: "a value is within its uncertainty of a limit; a better artefact or set-up can decide",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class VerificationResult(PageRecord):
+    """The test values of an arm with their uncertainties, limits and verdicts.
+
+    Attributes
+    ----------
+    verification : Verification
+        The test values with all inputs.
+    digests : mapping of Path to str
+        SHA-256 of the input files.
+    artefacts_file : Path or None
+        The file of the artefacts, if they come from one.
+    """
+
+    verification: Verification
+    digests: Mapping[Path, str]
+    artefacts_file: Path | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Conform only where every value that has a limit is."""
+        return self.verification.verdict
+
+    @property
+    def rows(self) -> tuple[ConformityResult, ...]:
+        """The test values."""
+        return self.verification.rows
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Suspected mistakes of the operator, what was not tested, and numbers of the plan to check."""
+        return self.verification.remarks
+
+    @property
+    def input_files(self) -> tuple[Path, ...]:
+        """See `PageRecord`."""
+        return tuple(self.digests)
+
+    def page(self) -> Page:
+        """Decision, values, uncertainty budgets and artefacts."""
+        from truearm.verification.standards.verification_page import verification_page
+
+        return verification_page(self.verification, facts=self.facts())
+
+    def facts(self) -> list[tuple[str, str]]:
+        """The sources of the result: plan, files with their SHA-256, program."""
+        plan = self.verification.plan
+        return [
+            ("plan", f"{plan.name}: {plan.standard}"),
+            *((file.name, f"SHA-256 {digest}") for file, digest in self.digests.items()),
+            version_row(),
+        ]
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record`."""
+        yield f"{self.verdict.value}: {_ANSWERS[self.verdict]}"
+        yield f"{self.verification.plan.title}: {self.verification.specification.name}"
+        yield TextTable(
+            ["test", "value [mm]", "U [mm]", "limit [mm]", "verdict", "where"], map(_cells, self.rows), (0, 4, 5)
+        )
+        yield (
+            f"U: expanded uncertainty of artefact and set-up, {COVERAGE_PROBABILITY:.2%} (k = 2, or more with few "
+            "degrees of freedom)"
+        )
+        yield from self.remarks
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record`."""
+        return {
+            "plan": self.verification.plan.name,
+            "standard": self.verification.plan.standard,
+            "specification": self.verification.specification.name,
+            "rule": self.verification.rule,
+            "verdict": self.verdict.value,
+            "rows": [_row_to_dict(row) for row in self.rows],
+            "remarks": list(self.remarks),
+        }
+
+
+def verify(
+    points: PointsLike,
+    *,
+    plan: PlanLike = "iso10360-12",
+    artefacts: ArtefactsLike,
+    specification: SpecificationLike,
+    rule: DecisionRule = "iso14253-1",
+) -> VerificationResult:
+    """Verify an arm by the tests of a standard.
+
+    Parameters
+    ----------
+    points : MeasuredPoints or path
+        The measured points; they may come from any program.
+    plan : VerificationPlan, str or path
+        Test plan: ``iso10360-12``, ``asme-b89.4.22``, or a file of your own.
+    artefacts : Artefacts or path
+        Certificates of the artefacts.
+    specification : Specification or path
+        The limits of the arm.
+    rule : {"iso14253-1", "simple"}
+        Decision rule. ``simple`` ignores the uncertainty where it is at most a quarter of the limit.
+
+    Returns
+    -------
+    VerificationResult
+
+    Raises
+    ------
+    InputError
+        If points do not fit the plan, an artefact or its certificate does not fit the points, or nothing has a limit.
+
+    Examples
+    --------
+    Simulated points of an arm with its examples of artefacts and specification:
+
+    >>> import truearm as ta
+    >>> simulated = ta.simulate_verification("perfect", n_arms=1)
+    >>> result = ta.verify(simulated.points(0), artefacts=simulated.artefacts, specification=simulated.specification)
+    >>> result.verdict.value
+    'conform'
+    """
+    files = [Path(one) for one in (points, artefacts, specification) if isinstance(one, str | Path)]
+    own_plan = Path(plan) if isinstance(plan, str | Path) and str(plan) not in PLANS else None
+    digests = digests_of(files if own_plan is None else [own_plan, *files])
+    plan, specification = to_plan(plan), to_specification(specification)
+    measured = points if isinstance(points, MeasuredPoints) else read_points(points)
+    certified = to_artefacts(artefacts)
+    found = verify_points(
+        measured,
+        plan=plan,
+        artefacts=certified,
+        specification=specification,
+        rule=rule,
+        plan_sha256=None if own_plan is None else digests.get(own_plan),
+    )
+    return VerificationResult(found, digests, Path(artefacts) if isinstance(artefacts, str | Path) else None)
+
+
+def to_plan(plan: PlanLike) -> VerificationPlan:
+    """A test plan as it is, by its name, or from a file."""
+    return plan if isinstance(plan, VerificationPlan) else load_verification_plan(plan)
+
+
+def to_artefacts(artefacts: ArtefactsLike) -> Artefacts:
+    """Artefacts as they are, or from a file."""
+    return artefacts if isinstance(artefacts, Artefacts) else read_artefacts(artefacts)
+
+
+def to_specification(specification: SpecificationLike) -> Specification:
+    """A specification as it is, or from a file."""
+    return specification if isinstance(specification, Specification) else read_specification(specification)
+
+
+def digests_of(files: Sequence[Path]) -> dict[Path, str]:
+    """SHA-256 of the files that can be read more than once: a pipe cannot."""
+    digests = {}
+    for file in files:
+        if file.is_file():
+            with file.open("rb") as stream:
+                digests[file] = file_digest(stream, "sha256").hexdigest()
+    return digests
+
+
+def _cells(row: ConformityResult) -> list[str]:
+    verdict = "" if row.verdict is None else row.verdict.value
+    limit = "" if row.limit is None else f"{row.limit:.4f}"
+    if row.unit != "mm":  # a count
+        return [row.label, f"{row.value:g}", "", limit, verdict, row.where]
+    value = format_fixed(row.value, sign=True)
+    return [row.label, value, f"{row.uncertainty:.4f}", limit, verdict, row.where]
+
+
+def _row_to_dict(row: ConformityResult) -> dict[str, Any]:
+    dof = row.budget.dof
+    return {
+        "label": row.label,
+        "value": row.value,
+        "unit": row.unit,
+        "uncertainty": row.uncertainty,
+        "coverage_factor": row.budget.coverage_factor,
+        "degrees_of_freedom": None if isinf(dof) else dof,
+        "limit": row.limit,
+        "verdict": None if row.verdict is None else row.verdict.value,
+        "where": row.where,
+        "budget": [
+            {"label": one.label, "u": one.u, "degrees_of_freedom": None if isinf(one.dof) else one.dof}
+            for one in row.budget.contributions
+        ],
+    }
