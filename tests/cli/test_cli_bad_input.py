@@ -163,6 +163,22 @@ def test_a_session_mostly_outside_the_limits(refused, bench):
     assert "Try: check the unit, sign and zero" in said
 
 
+def test_a_few_readings_beyond_a_joint_limit_are_named_and_skipped_or_used(truearm, bench, monkeypatch):
+    monkeypatch.chdir(bench)
+    assert truearm("simulate", "ur5", "--poses", 40, "--out", "u.csv").code == 0
+    spoil(bench / "u.csv", changed(6, "q3_deg", "400"))
+    told = "1 of 40 readings are beyond a joint limit and were skipped: line 7."
+    fitted = ["fit", "u.csv", "--arm", "ur5", "--model", "nominal", "--out", "m.truearm"]
+    ran = truearm(*fitted)
+    assert (ran.code, told in ran.out, "39 readings" in ran.out) == (0, True, True)
+    assert told in truearm("evaluate", "m.truearm", "u.csv").out
+    ran = truearm(*fitted, "--limits", "ignore")
+    assert (ran.code, "beyond" in ran.out, "40 readings" in ran.out) == (0, False, True)
+    ran = truearm("predict", "m.truearm", "u.csv", "--out", "p.csv")
+    assert "1 of 40 readings are beyond a joint limit: line 7." in ran.out
+    assert len((bench / "p.csv").read_text().splitlines()) == 41
+
+
 def test_a_wrong_number_of_joints(refused):
     refused([*FIT[:3], "wam", *FIT[4:]], "s.csv, line 1", "expected 7 joints, got 6", "Try: ")
     refused(["fit", "wam.csv", *FIT[2:]], "wam.csv, line 1", "expected 6 joints, got 7", "Try: ")
@@ -358,12 +374,12 @@ def test_too_little_memory(refused, monkeypatch):
         ([*FIT, "--model", "network", "--hidden", "3", "--goal", "nan"], ["goal"]),
         ([*FIT, "--seed", "-1"], ["--seed"]),
         ([*FIT, "--seed", "one"], ["--seed", "integer"]),
-        (["simulate", "gao2017", "--out", "x.csv", "--strategy", "boxes"], ["'boxes'", "Try: --strategy box"]),
+        (["simulate", "gao2017", "--out", "x.csv", "--strategy", "boxes"], ["'boxes'", "Try: strategy box"]),
         (["simulate", "gao2017", "--out", "x.csv", "--preset", "shed"], ["preset", "'shed'", "research"]),
         (["simulate", "gao2017", "--out", "x.csv", "--poses", "0"], ["got 0"]),
         (["simulate", "gao2017", "--out", "x.csv", "--poses", "99999999999999999999"], ["--poses", "10000000"]),
         (["simulate", "gao2017", "--out", "x.csv", "--half-width-deg", "nan"], ["half-width", "nan"]),
-        (["simulate", "gao2017", "--out", "x.csv", "--seats", "2"], ["--seats is for the strategy seat"]),
+        (["simulate", "gao2017", "--out", "x.csv", "--seats", "2"], ["seats are for the strategy seat"]),
         (["split", "s.csv", "--train", "a.csv", "--test", "b.csv"], ["no column 'position'", "Try: by row"]),
         (["split", "s.csv", "--train", "a.csv", "--test", "b.csv", "--by", "mood"], ["'mood'", "position, seat"]),
         (["split", "s.csv", "--train", "a.csv", "--test", "./a.csv"], ["the same file"]),

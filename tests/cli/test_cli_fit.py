@@ -45,7 +45,7 @@ def test_the_simplest_within_one_standard_error_is_kept(truearm, made, tmp_path)
     ran = truearm("fit", made / "test.csv", "--arm", "gao2017", "--free", "none", "--out", out, "--json")
     assert (ran.code, ran.err) == (0, "")
     told = json.loads(ran.out)
-    table = told["compared"]
+    table = told["comparison"]
     assert [row["name"] for row in table] == ["nominal", "kinematic", "physical"]
     best = min(table, key=lambda row: row["mean_mm"])
     most = best["mean_mm"] + best["standard_error_mm"]
@@ -62,14 +62,16 @@ def test_seats_and_lengths_alone(truearm, shop, tmp_path):
     ran = fit(truearm, shop, "seats.csv", out, "--lengths", shop / "lengths.csv")
     assert (ran.code, ran.err) == (0, "")
     lines = ran.out.splitlines()
-    assert lines[0].split()[:2] == ["held", "out"]
-    rows = {line.split()[0]: line for line in lines[1:4]}
+    assert lines[1].startswith("held-out error [mm]")
+    rows = {line.split()[0]: line for line in lines[2:5]}
     assert list(rows) == ["nominal", "kinematic", "physical"]
-    (kept,) = [name for name, row in rows.items() if row.endswith("kept")]
-    assert lines[4].startswith(f"{out}: {kept} model of gao2017 from 60 readings in ")
-    assert lines[5].startswith("training error, distance of points from the mean of their seat: mean 0.0")
-    assert any(line.startswith("unexplained: ") for line in lines)
-    assert "stays as drawn" not in ran.out
+    (kept,) = [name for name, row in rows.items() if row.endswith("selected")]
+    assert lines[0].startswith("Mean error 0.0")
+    assert lines[0].endswith(f" smaller than the nominal arm ({kept} model of gao2017, 60 readings).")
+    assert lines[5].startswith("training error, distance from the mean of the seat: mean 0.0")
+    assert any(line.startswith("residual standard deviation: ") for line in lines)
+    assert "keeps its nominal size" not in ran.out
+    assert lines[-1] == f"model written to {out}"
     told = json.loads(
         truearm("evaluate", out, shop / "seats.csv", "--lengths", shop / "lengths.csv", "--json").out
     )  # fmt: skip
@@ -87,21 +89,23 @@ def test_seats_and_lengths_alone(truearm, shop, tmp_path):
     assert off.mean() < 0.1
 
 
-def test_without_a_length_the_size_is_that_of_the_drawing_and_it_is_said(truearm, shop, tmp_path):
+def test_without_a_length_the_arm_keeps_its_nominal_size_and_a_remark_says_so(truearm, shop, tmp_path):
     ran = fit(truearm, shop, "seats.csv", tmp_path / "m.truearm", "--model", "kinematic")
     assert (ran.code, ran.err) == (0, "")
-    assert "No point and no length is known: the arm's size stays as drawn.\n" in ran.out
+    assert "No reference point and no length is known: the arm keeps its nominal size.\n" in ran.out
     told = json.loads(
         fit(truearm, shop, "seats.csv", tmp_path / "m.truearm", "--model", "kinematic", "--json").out
     )  # fmt: skip
     assert set(told["training"]) == {"seat_mean_mm", "seat_rms_mm", "seat_max_mm", "n_in_seats"}
-    assert set(told) == {"model", "file", "fit_seconds", "training", "unexplained_std_mm"} | {
-        *("groups", "left_out", "identifiability", "outliers", "wrong_lengths", "too_few_on")
+    assert set(told) == {"summary", "model", "arm", "file", "fit_seconds", "n_readings", "held_out", "training"} | {
+        *("residual_std_mm", "comparison", "groups", "skipped_terms", "identifiability", "outliers"),
+        *("length_outliers", "remarks"),
     }
-    assert told["wrong_lengths"] == told["too_few_on"] == []
+    assert told["length_outliers"] == told["comparison"] == []
+    assert told["remarks"] == ["No reference point and no length is known: the arm keeps its nominal size."]
 
 
-def test_a_wrong_length_is_refused_or_named_and_a_sphere_of_three_readings_left_out(truearm, shop, tmp_path):
+def test_a_wrong_length_is_refused_or_named_and_a_sphere_of_three_readings_is_ignored(truearm, shop, tmp_path):
     lengths = pd.read_csv(shop / "lengths.csv")
     lengths["length_mm"] *= 1.2
     lengths.to_csv(tmp_path / "long.csv", index=False)
@@ -121,10 +125,10 @@ def test_a_wrong_length_is_refused_or_named_and_a_sphere_of_three_readings_left_
         *("--lengths", tmp_path / "one.csv"),
     )
     assert (ran.code, ran.err) == (0, "")
-    assert "left out: sphere ball, as 3 of its readings have no point and 4 find a sphere\n" in ran.out
-    (line,) = [line for line in ran.out.splitlines() if line.startswith("far off: length")]
+    assert "sphere ball has 3 usable readings; at least 4 are needed. Ignored.\n" in ran.out
+    (line,) = [line for line in ran.out.splitlines() if line.startswith("contradictory length: ")]
     a, b = lengths.loc[1, ["seat_a", "seat_b"]]
-    assert line.startswith(f"far off: length between seats {a} and {b}, stated ")
+    assert f"seats {a} and {b}: certificate value exceeds the value implied by the other data by " in line
 
 
 def test_points_and_seats_together(truearm, shop, tmp_path):
@@ -147,15 +151,15 @@ def test_points_and_seats_together(truearm, shop, tmp_path):
     assert "the 30 reference points lie within " in ran.err
 
 
-def test_readings_far_off_are_named_by_their_line(truearm, shop, tmp_path):
+def test_outliers_are_named_by_their_line(truearm, shop, tmp_path):
     table = pd.read_csv(shop / "p.csv")
     table.loc[[10, 41], "z_mm"] += 5
     table.to_csv(tmp_path / "s.csv", index=False)
     ran = truearm(
         "fit", tmp_path / "s.csv", "--arm", "gao2017", "--model", "kinematic", "--out", tmp_path / "m.truearm"
     )
-    far = [line for line in ran.out.splitlines() if line.startswith("far off: ")]
-    assert sorted(line.split(",")[0] for line in far) == ["far off: line 12", "far off: line 43"]
+    far = [line for line in ran.out.splitlines() if line.startswith("outlier: ")]
+    assert sorted(line.split(",")[0] for line in far) == ["outlier: line 12", "outlier: line 43"]
 
 
 def test_terms_that_the_readings_cannot_show_are_named(truearm, made, tmp_path):
@@ -171,7 +175,7 @@ def test_terms_that_the_readings_cannot_show_are_named(truearm, made, tmp_path):
 def test_lengths_that_do_not_fit_are_refused(truearm, shop, made, tmp_path, snapshot):
     lengths = tmp_path / "l.csv"
     for rows, session, said in (
-        ("S1,S2,100,0.01\n", made / "test.csv", "lengths are between seats, and the session names none"),
+        ("S1,S2,100,0.01\n", made / "test.csv", "lengths are between seats, and the session has none"),
         ("S1,S9,100,0.01\n", shop / "seats.csv", "l.csv, line 2, column 'seat_b': the session has no seat 'S9'"),
         ("S1,S2,100\n", shop / "seats.csv", "l.csv, line 2"),
         ("S1,S2,100,-1\n", shop / "seats.csv", "l.csv, line 2, column 'u_mm'"),

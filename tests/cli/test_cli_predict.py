@@ -15,7 +15,7 @@ from truearm.compensation.models.model_file import save_model
 from truearm.identification.virtual import PRESETS, VirtualArm
 from truearm.readings import write_session
 
-SAYS = "Not given at all readings, taken at the mean, which is in the uncertainty: directions of movement (0."
+SAYS = "Missing in some readings: directions of movement (0."
 
 
 @pytest.fixture(scope="module")
@@ -32,13 +32,13 @@ def hysteretic(tmp_path_factory):
     return folder
 
 
-def test_directions_that_are_not_given_are_said_once_with_what_they_add(truearm, hysteretic, tmp_path):
+def test_missing_directions_are_named_once_with_the_uncertainty_they_add(truearm, hysteretic, tmp_path):
     std = {}
     for name, times in (("all", 0), ("none", 1)):
         ran = truearm("predict", hysteretic / "m.truearm", hysteretic / f"{name}.csv", "--out", tmp_path / "p.csv")
         assert ran.code == 0, ran.err
         assert ran.out.count(SAYS) == times
-        assert "Not given" not in ran.out.replace(SAYS, "")
+        assert "Missing" not in ran.out.replace(SAYS, "")
         std[name] = pd.read_csv(tmp_path / "p.csv")[["sx_mm", "sy_mm", "sz_mm"]].to_numpy()
     assert (std["none"] > std["all"]).all()
 
@@ -50,7 +50,7 @@ def test_figures_for_machines_are_those_of_the_table(truearm, hysteretic, tmp_pa
     assert told["file"] == str(tmp_path / "p.csv")
     assert told["n_readings"] == len(table)
     assert told["n_outside_training"] == outside.sum()
-    assert told["n_in_no_known_session"] == 0
+    assert told["n_in_unknown_session"] == 0
     assert told["median_u_mm"] == pytest.approx(np.median(std), abs=1e-6)  # mm, the table's digits
-    assert told["not_given_u_mm"].keys() == {"directions of movement"}
-    assert f"({told['not_given_u_mm']['directions of movement']:.4f} mm)" in truearm(*asked).out
+    assert told["unstated_u_mm"].keys() == {"directions of movement"}
+    assert f"({told['unstated_u_mm']['directions of movement']:.4f} mm)" in truearm(*asked).out

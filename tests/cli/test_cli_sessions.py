@@ -22,7 +22,7 @@ def test_a_file_of_two_sessions_is_learned_from_and_found_again(truearm, made, t
 
     ran = truearm("fit", tmp_path / "s.csv", "--arm", "gao2017", "--model", "kinematic", "--out", tmp_path / "m")
     assert (ran.code, ran.err) == (0, "")
-    assert "A frame for each session: points are in that of May, those of June in their own." in ran.out
+    assert "Each session has a frame of its own: coordinates are in that of session May, those of " in ran.out
     errors = json.loads(truearm("evaluate", tmp_path / "m", tmp_path / "s.csv", "--json").out)
     assert errors["max_mm"] < 0.5
     assert errors["removed_percent"] > 80

@@ -34,7 +34,7 @@ def refit(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the choice of readings.")] = 0,
     as_json: Json = False,
 ) -> None:
-    """Transfer a model to a new set-up: identify base and tip again, keep the arm.
+    """Transfer a model to a new set-up of its arm.
 
     The tracker was moved, or the probe was changed: the arm stays as it was identified, with its uncertainty; only
     where its base and its tip are is fitted to the new readings. Four readings or more are needed.

@@ -46,8 +46,7 @@ def report(
         check_angles_fit,
         expanded_lengths,
         session_lengths,
-        to_model,
-        to_session,
+        to_model_and_session,
         with_reference,
         without_refit_readings,
     )
@@ -65,8 +64,7 @@ def report(
         )
     check_page_path(out, *files, *([] if lengths is None else [lengths]))
     with progress("drawing the report"):
-        first = to_model(paths[0])
-        readings = to_session(session, n_joints=first.arm.n_joints)
+        first, readings = to_model_and_session(paths[0], session)
         notes = check_angles_fit(readings, first.arm)
         readings, _, remarks_ = with_reference(readings, first.arm, purpose="compare with")
         # The others are of the same arm, or `compared` refuses them: the readings are checked once for all.

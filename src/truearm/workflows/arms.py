@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
-from zipfile import is_zipfile
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from truearm.arm.transforms import xyz_rpy_from_frame
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
-from truearm.workflows.inputs import ArmLike, ModelLike, to_arm, to_model
+from truearm.workflows.inputs import ArmLike, ModelLike, is_model_file, to_arm, to_model
 from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
 
 Convention = Literal["dh", "mdh"]
@@ -36,7 +35,7 @@ def describe_arm(arm: ArmLike | ModelLike, *, convention: Convention = "dh") -> 
     convention : {"dh", "mdh"}
         Of the table of constants.
     """
-    if isinstance(arm, Compensator) or (isinstance(arm, str | Path) and Path(arm).is_file() and is_zipfile(arm)):
+    if isinstance(arm, Compensator) or (isinstance(arm, str | Path) and is_model_file(arm)):
         return ArmDescription(identified_arm(arm), convention)
     return ArmDescription(to_arm(arm), convention)
 

@@ -244,7 +244,7 @@ class DemoResult(Record):
         models = self._numbers["models"]
         n_train, n = models["network"]["n_train"], models["network"]["n"]
         yield self.summary()
-        yield f"{n_train} training poses; {n} test poses in the same box of joint angles, {n} of everyday measuring outside."
+        yield f"{n_train} training poses; {n} test poses in the same box of joint angles, {n} of everyday work outside."
         yield "Absolute error of a coordinate [mm]:"
         yield self._table()
         mean, largest = PAPER_NETWORK_MM

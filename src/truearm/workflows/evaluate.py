@@ -30,8 +30,7 @@ from truearm.workflows.inputs import (
     expanded_lengths,
     has_repeated_seat,
     session_lengths,
-    to_model,
-    to_session,
+    to_model_and_session,
     within_limits,
     without_refit_readings,
 )
@@ -81,8 +80,7 @@ def evaluate(
     >>> evaluation.errors["model"]["mean_mm"] < evaluation.errors["nominal"]["mean_mm"]
     True
     """
-    fitted = to_model(model)
-    given = to_session(session, n_joints=fitted.arm.n_joints)
+    fitted, given = to_model_and_session(model, session)
     allowed = within_limits(given, fitted.arm, limits)
     check_has_reference(allowed.session, fitted.arm, purpose="evaluate against")
     used, rows, refit_remarks = without_refit_readings(allowed.session, fitted)

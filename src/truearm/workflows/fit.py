@@ -28,10 +28,8 @@ from truearm.workflows.inputs import (
     LengthsLike,
     Limits,
     SessionLike,
-    check_nominal_error,
     check_session_fits,
     has_repeated_seat,
-    nominal_error_mm,
     session_lengths,
     to_arm,
     to_free_parts,
@@ -48,7 +46,8 @@ ModelName = Literal["auto", "nominal", "kinematic", "physical", "network"]
 
 # With fewer readings the training error of a kinematic model says little: it determines some 27 constants.
 FEW_READINGS = 50
-NOMINAL_HINT = "check the arm, the units, signs and zeros of the angles, the unit of the points, and the free parts"
+    "check the arm, the units, signs and zeros of the angles, the unit of the points, and what is free (--free)"
+)
 # Share of the reach by which the nominal arm may miss its readings before it is questioned.
 SUSPECT_NOMINAL_ERROR = 0.01
 # Groups of terms that are printed, those with most determined coefficients.
@@ -120,7 +119,6 @@ def fit(
     if "base" in parts:
         check_spread(used, nominal_arm)
     nominal = NominalModel(nominal_arm, free=parts).fit_readings(used, lengths=known)
-    check_nominal_error(nominal, used, hint=NOMINAL_HINT)
     comparison: tuple[ModelScore, ...] = ()
     fitted: Compensator
     if chosen is None:
@@ -208,7 +206,7 @@ class FitResult(Record):
             compared = "" if self.model_name == "nominal" else compare_with_nominal(error, nominal)
             return f"Mean error {format_mm(error)} on held-out readings{compared}{about}"
         if self.training is not None and "mean_mm" in self.training:
-            nominal = nominal_error_mm(self.nominal)
+            nominal = self.nominal.nominal_error()
             return (
                 f"Mean error {format_mm(self.training['mean_mm'])} on the training readings"
                 f"{compare_with_nominal(self.training['mean_mm'], nominal)}{about}"
@@ -318,7 +316,7 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
     if isinstance(model, KinematicModel | PhysicalModel):
         if len(session) < FEW_READINGS:
             yield f"Only {len(session)} readings: the training error says little. Use some {FEW_READINGS} or more."
-        if (error := nominal_error_mm(model)) > SUSPECT_NOMINAL_ERROR * model.arm.chain.reach:
+        if (error := model.nominal_error()) > SUSPECT_NOMINAL_ERROR * model.arm.chain.reach:
             yield f"The nominal arm misses the readings by {error:.1f} mm on average: is {model.arm.name} right?"
 
 

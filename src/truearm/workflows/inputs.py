@@ -5,7 +5,7 @@ The command line gives paths, so that messages name file, line and column; in Py
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
@@ -36,7 +36,7 @@ from truearm.readings.thermal_expansion import (
     at_measured_temperature,
     thermal_expansion_of,
 )
-from truearm.typing import IntArray
+from truearm.typing import BoolArray, IntArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,11 +81,27 @@ def to_session(session: SessionLike, *, n_joints: int | None = None) -> Session:
     if isinstance(session, Session):
         return session
     if isinstance(session, str | Path):
-        path = Path(session)
-        if path.is_file() and is_zipfile(path):
-            raise InputError("expected a session file, got a model file", file=path, hint="give the model first")
-        return read_session(path, n_joints=n_joints)
+        return read_session(session, n_joints=n_joints)
     return Session.from_frame(session)
+
+
+def to_model_and_session(model: ModelLike, session: SessionLike) -> tuple[Compensator, Session]:
+    """A model and a session of as many joints.
+
+    Raises
+    ------
+    InputError
+        If one of them cannot be read, or they are given the other way round.
+    """
+    if isinstance(session, str | Path) and is_model_file(session):
+        raise InputError("expected a session file, got a model file", file=session, hint="give the model first")
+    fitted = to_model(model)
+    return fitted, to_session(session, n_joints=fitted.arm.n_joints)
+
+
+def is_model_file(path: str | Path) -> bool:
+    """Whether a file begins as model files do."""
+    return Path(path).is_file() and is_zipfile(path)
 
 
 def to_model(model: ModelLike) -> Compensator:
@@ -205,29 +221,6 @@ def has_repeated_seat(session: Session) -> bool:
     return bool(np.unique(session.seat[session.seat != ""], return_counts=True)[1].max(initial=0) > 1)
 
 
-def nominal_error_mm(model: Compensator) -> float:
-    """Mean residual of the nominal arm, its base and tip fitted, at the model's own references [mm]."""
-    residuals = [np.linalg.norm(reference.residuals, axis=0) for reference in model.nominal_.references]
-    return float(np.concatenate(residuals).mean())
-
-
-def check_nominal_error(model: Compensator, session: Session, *, hint: str) -> None:
-    """Refuse readings that the nominal arm misses by more than any arm of this type can.
-
-    Raises
-    ------
-    InputError
-        If the mean residual exceeds 5 % of the reach: another arm, a wrong unit, sign or zero.
-    """
-    error, reach = nominal_error_mm(model), model.arm.chain.reach
-    if not error < MAX_NOMINAL_ERROR * reach:
-        raise session.error(
-            f"the nominal arm {model.arm.name!r} misses its references by {error:.4g} mm on average at a reach of "
-            f"{reach:.4g} mm: the readings are of another arm, or the arm is described wrongly",
-            hint=hint,
-        )
-
-
 def session_lengths(
     lengths: LengthsLike | None, session: Session, used: Session | None = None
 ) -> tuple[Lengths | None, tuple[str, ...]]:
@@ -320,6 +313,13 @@ def without_refit_readings(session: Session, *models: Compensator) -> tuple[Sess
     return session.rows(rows), rows, (remark,)
 
 
+def describe_outside(inputs: Mapping[str, BoolArray]) -> str:
+    """How many readings are outside the trained range, and in which inputs; a sentence without its full stop."""
+    rows = np.logical_or.reduce(list(inputs.values()))
+    what = ", ".join(f"{name} {int(outside.sum())}" for name, outside in inputs.items())
+    return f"{int(rows.sum())} of {len(rows)} readings are outside the trained range ({what})"
+
+
 def evaluation_remarks(model: Compensator, session: Session) -> list[str]:
     """What a person must know of a model before the errors on these readings are believed."""
     remarks = []
@@ -330,8 +330,8 @@ def evaluation_remarks(model: Compensator, session: Session) -> list[str]:
                 f"The nominal arm misses these points by {nominal:.0f} mm: they are probably of another arm or set-up, "
                 "or a unit, sign or zero is wrong. Check the session."
             )
-    if outside := int(model.outside_training(session.angles).sum()):
-        remarks.append(f"{outside} of {len(session)} readings have a joint outside the trained range.")
+    if inputs := model.inputs_outside_training(session):
+        remarks.append(f"{describe_outside(inputs)}.")
     if model.is_trained_on(session):
         remarks.append("These are the training readings of the model: a fair test needs others (split).")
     return remarks

@@ -17,7 +17,7 @@ from truearm.files.delimited import escape_formula
 from truearm.readings import Session
 from truearm.readings.session import NAMED
 from truearm.typing import BoolArray, FloatArray
-from truearm.workflows.inputs import ModelLike, SessionLike, check_angles_fit, to_model, to_session
+from truearm.workflows.inputs import ModelLike, SessionLike, check_angles_fit, describe_outside, to_model_and_session
 from truearm.workflows.record import Record, format_fixed, to_plain
 
 if TYPE_CHECKING:
@@ -53,8 +53,7 @@ def predict(model: ModelLike, session: SessionLike) -> Prediction:
     >>> list(prediction.to_frame())[:6]
     ['x_mm', 'y_mm', 'z_mm', 'sx_mm', 'sy_mm', 'sz_mm']
     """
-    fitted = to_model(model)
-    readings = to_session(session, n_joints=fitted.arm.n_joints)
+    fitted, readings = to_model_and_session(model, session)
     remarks = check_angles_fit(readings, fitted.arm)
     points, covariances = fitted.predict_readings(readings, return_cov=True)
     unstated = fitted.unstated_input_covariances(readings) if isinstance(fitted, IdentifiedModel) else {}
@@ -63,7 +62,7 @@ def predict(model: ModelLike, session: SessionLike) -> Prediction:
         session=readings,
         points=points,
         covariances=covariances,
-        outside_training=fitted.outside_training(readings.angles),
+        inputs_outside=fitted.inputs_outside_training(readings),
         unstated_u_mm={
             name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in unstated.items()
         },
@@ -83,8 +82,8 @@ class Prediction(Record):
         Tip [mm], in the frame of the reference; after a fit to several sessions in that of the reading's session.
     covariances : (n, 3, 3) array
         Their covariances [mm^2].
-    outside_training : (n,) array of bool
-        Whether a reading is outside the trained range.
+    inputs_outside : dict of str to (n,) array of bool
+        By input (J1 to Jn, temperature, a load) which readings are outside the trained range; only such inputs.
     unstated_u_mm : dict of str to float
         Standard uncertainty due to each input that the session does not state at all readings [mm].
     remarks : tuple of str
@@ -102,7 +101,7 @@ class Prediction(Record):
     session: Session
     points: FloatArray
     covariances: FloatArray
-    outside_training: BoolArray
+    inputs_outside: Mapping[str, BoolArray]
     unstated_u_mm: Mapping[str, float]
     remarks: tuple[str, ...]
 
@@ -111,6 +110,12 @@ class Prediction(Record):
         """(n, 3) standard uncertainties of the coordinates [mm]."""
         std: FloatArray = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2))
         return std
+
+    @property
+    def outside_training(self) -> BoolArray:
+        """(n,) Whether an input of a reading is outside the trained range."""
+        none = np.zeros(len(self.points), bool)
+        return np.asarray(np.logical_or.reduce([none, *self.inputs_outside.values()]))
 
     def to_frame(self) -> pd.DataFrame:
         """A DataFrame: x_mm, y_mm, z_mm, their standard uncertainties sx_mm .. sz_mm, outside_training, names."""
@@ -153,8 +158,8 @@ class Prediction(Record):
         if n := self._in_unknown_session.sum():
             first = next(iter(self.model.session_frames_))
             yield f"{n} readings are in no session that the model knows: their points are in the frame of {first}."
-        if n := int(self.outside_training.sum()):
-            yield f"{n} of {len(self.points)} readings have a joint outside the trained range{self._advice()}."
+        if self.inputs_outside:
+            yield f"{describe_outside(self.inputs_outside)}{self._advice()}."
         yield from self.remarks
 
     def to_dict(self) -> dict[str, Any]:
@@ -167,6 +172,7 @@ class Prediction(Record):
                 "median_u_mm": float(np.median(self.u_mm)),
                 "unstated_u_mm": self.unstated_u_mm,
                 "n_outside_training": int(outside.sum()),
+                "inputs_outside_training": {name: int(rows.sum()) for name, rows in self.inputs_outside.items()},
                 "median_u_outside_training_mm": float(np.median(self.u_mm[outside])) if outside.any() else None,
                 "n_in_unknown_session": int(self._in_unknown_session.sum()),
                 "remarks": self.remarks,

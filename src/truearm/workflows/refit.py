@@ -21,11 +21,9 @@ from truearm.workflows.inputs import (
     ModelLike,
     SessionLike,
     check_has_reference,
-    check_nominal_error,
     session_lengths,
     to_free_parts,
-    to_model,
-    to_session,
+    to_model_and_session,
     within_limits,
 )
 from truearm.workflows.record import Record, format_fixed, to_plain
@@ -87,8 +85,7 @@ def refit(
     parts = to_free_parts(free)
     if not parts:
         raise InputError("expected base or tip to be free: else nothing is new", hint="free base,tip")
-    known = to_model(model)
-    given = to_session(session, n_joints=known.arm.n_joints)
+    known, given = to_model_and_session(model, session)
     allowed = within_limits(given, known.arm, limits)
     check_has_reference(allowed.session, known.arm, purpose="refit to")
     n_allowed = len(allowed.session)
@@ -98,7 +95,6 @@ def refit(
     new = refit_model(known, used, free=parts, lengths=between, progress=progress)
     assert isinstance(known, IdentifiedModel)  # a network was refused
     assert isinstance(new, IdentifiedModel)
-    check_nominal_error(new, given, hint="check the model, and units, signs and zeros in the session")
     _, covariance = new.predict_readings(allowed.session, return_cov=True)
     return RefitResult(
         model=new,

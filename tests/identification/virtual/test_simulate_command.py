@@ -20,7 +20,7 @@ def test_a_session_file_comes_out_with_what_was_rejected_and_the_floor(tmp_path,
     assert len(readings) == 50
     assert readings.points is not None
     told = capsys.readouterr().out
-    for word in ("50 readings", "research", "rejected", "nominal error", "noise floor", "mm on average"):
+    for word in ("50 readings", "research", "rejected", "nominal error", "noise floor", "mean 0."):
         assert word in told
 
 
@@ -42,7 +42,7 @@ def test_seats_are_named_and_points_can_be_left_out(tmp_path, capsys):
     result = json.loads(capsys.readouterr().out)
     assert result["n"] == 10
     assert result["noise_floor"] is None
-    assert result["nominal"]["mean_mm"] < 0.2
+    assert result["nominal_error"]["mean_mm"] < 0.2
 
 
 @pytest.mark.parametrize("seats", [None, 2])
@@ -77,13 +77,13 @@ def test_the_box_can_be_narrowed(tmp_path):
     [
         ({"strategy": "grid"}, "box, uniform, sobol-box, sobol, measuring, seat, got 'grid'"),
         ({"preset": "laboratory"}, "expected a preset out of"),
-        ({"seats": 2}, "--seats is for the strategy seat, not for box"),
-        ({"strategy": "seat", "half_width_deg": 5.0}, "--half-width-deg is for the strategies box and sobol-box"),
+        ({"seats": 2}, "seats are for the strategy seat, not for box"),
+        ({"strategy": "seat", "half_width_deg": 5.0}, "a half width is for the strategies box and sobol-box"),
         ({"poses": 0}, "at least one of poses, got 0"),
         ({"half_width_deg": -5.0}, "positive half-width"),
         ({"strategy": "seat", "bars": 1}, "--bars and --lengths belong together"),
         ({"strategy": "seat", "lengths": "lengths.csv"}, "--bars and --lengths belong together"),
-        ({"bars": 1, "lengths": "lengths.csv"}, "--bars is for the strategy seat, not for box"),
+        ({"bars": 1, "lengths": "lengths.csv"}, "bars are for the strategy seat, not for box"),
         ({"strategy": "seat", "bars": 1, "lengths": "session.csv"}, "are the same file"),
         ({"strategy": "seat", "bars": 1, "lengths": "lengths.txt"}, "ends in .csv"),
         ({"strategy": "seat", "bars": 30, "poses": 50, "lengths": "lengths.csv"}, "at least one pose a seat"),

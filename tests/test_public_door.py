@@ -1,0 +1,125 @@
+"""Laws of `import truearm`: it is quick, lists every name, and every name is documented with an example that runs."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import inspect
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import truearm as ta
+
+PACKAGE = Path(ta.__file__).parent
+NAMES = [name for name in ta.__all__ if name not in ("__version__", "datasets")]
+HEAVY = {"numpy", "scipy", "pandas", "sklearn", "matplotlib", "pydantic", "jinja2", "pooch", "typer", "rich"}
+LONGEST_EXAMPLE_S = 5.0  # of a second, on a slow machine
+
+
+def test_the_import_loads_no_heavy_package():
+    ran = subprocess.run(
+        [sys.executable, "-c", "import truearm, sys; dir(truearm); print(*sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert not HEAVY & set(ran.stdout.split())
+
+
+def test_every_name_is_listed_and_loads():
+    assert sorted(dir(ta)) == sorted(ta.__all__)
+    for name in ta.__all__:
+        assert getattr(ta, name) is not None
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="has no attribute 'calibrate'"):
+        ta.calibrate  # noqa: B018
+
+
+def test_type_checkers_see_the_same_names():
+    """`__init__.pyi` beside the lazy module."""
+    stub = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
+    seen = {"__version__"}
+    for node in stub.body:
+        if isinstance(node, ast.ImportFrom):
+            seen |= {alias.asname for alias in node.names}
+    assert seen == set(ta.__all__)
+    for module, names in ta._HOMES.items():
+        imported = {
+            alias.name
+            for node in stub.body
+            if isinstance(node, ast.ImportFrom) and node.module == module
+            for alias in node.names
+        }
+        assert imported == set(names), module
+
+
+def test_no_public_name_hides_a_module():
+    """A package attribute cannot be both: `truearm.fit` is the function, and no module has that name."""
+    modules = {path.stem for path in PACKAGE.glob("*.py")} | {path.name for path in PACKAGE.iterdir() if path.is_dir()}
+    assert not modules & set(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_has_an_example_that_runs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    thing = getattr(ta, name)
+    text = inspect.getdoc(thing) or ""
+    example = doctest.DocTestParser().get_doctest(text, {"ta": ta}, name, None, None)
+    assert "Examples\n--------" in text, f"{name} has no Examples section"
+    assert example.examples
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL, verbose=False)
+    said: list[str] = []
+    begun = time.perf_counter()
+    runner.run(example, out=said.append)
+    assert runner.failures == 0, "".join(said)
+    assert time.perf_counter() - begun < LONGEST_EXAMPLE_S
+
+
+def test_records_read_as_text_and_as_html_and_as_json():
+    """What a record prints is what a notebook shows and what machines get."""
+    import json
+
+    session = ta.simulate("ur10", poses=40, seed=1).session
+    fitted = ta.fit("ur10", session, model="kinematic")
+    for record in (fitted, ta.evaluate(fitted.model, session), ta.predict(fitted.model, session)):
+        text, html = str(record), record._repr_html_()
+        assert text.splitlines()[0] == record.summary() == record.to_dict()["summary"]
+        assert record.summary().split("<")[0] in html.replace("&lt;", "<")
+        assert repr(record).startswith(f"<{type(record).__name__}: ")
+        json.dumps(record.to_dict(), allow_nan=False)
+    assert "<svg" in fitted._repr_html_()
+    assert "<table" in ta.evaluate(fitted.model, session)._repr_html_()
+
+
+@pytest.mark.slow
+def test_the_ur10_chain_takes_ten_lines_and_has_the_published_figures(tmp_path):
+    """Read, split, fit, evaluate and predict measured data with nothing but `ta`; the README prints the same."""
+    if ta.datasets.find_local("ur10-a") is None:
+        pytest.skip("the published readings are not here (TRUEARM_DATA)")
+    ta.fetch("ur10-a").save(tmp_path / "ur10.csv")
+
+    arm = ta.load_arm("ur10")
+    session = ta.read_session(tmp_path / "ur10.csv")
+    train, test = session.split(by="position", hold_out=0.3, seed=1)
+    fit = ta.fit(arm, train)
+    evaluation = ta.evaluate(fit.model, test)
+    xyz, cov = fit.model.predict(test.angles, return_cov=True)
+    prediction = ta.predict(fit.model, test)
+    fit.save(tmp_path / "ur10.truearm")
+
+    assert (len(train), len(test)) == (8339, 3572)
+    assert [score.name for score in fit.comparison if score.kept] == ["physical"]
+    assert [round(score.mean_mm, 4) for score in fit.comparison] == pytest.approx([0.7577, 0.4136, 0.0577], abs=2e-4)
+    assert evaluation.errors["nominal"]["mean_mm"] == pytest.approx(0.7497, abs=2e-4)
+    assert evaluation.errors["model"]["mean_mm"] == pytest.approx(0.0562, abs=2e-4)
+    assert evaluation.errors["model"]["p95_mm"] == pytest.approx(0.1231, abs=5e-4)
+    assert 0.93 < evaluation.coverage < 0.97
+    assert xyz.shape == prediction.points.shape == (3572, 3)
+    assert cov.shape == (3572, 3, 3)
+    assert "Mean error 0.058 mm on held-out readings, 13 times smaller than the nominal arm" in str(fit)
