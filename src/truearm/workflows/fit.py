@@ -46,8 +46,6 @@ ModelName = Literal["auto", "nominal", "kinematic", "physical", "network"]
 
 # With fewer readings the training error of a kinematic model says little: it determines some 27 constants.
 FEW_READINGS = 50
-    "check the arm, the units, signs and zeros of the angles, the unit of the points, and what is free (--free)"
-)
 # Share of the reach by which the nominal arm may miss its readings before it is questioned.
 SUSPECT_NOMINAL_ERROR = 0.01
 # Groups of terms that are printed, those with most determined coefficients.
