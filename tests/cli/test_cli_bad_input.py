@@ -239,7 +239,7 @@ def test_a_model_file_that_is_none(refused, bench):
         for verb in (EVALUATE, PREDICT, REPORT):
             refused([name if a == "kinematic.truearm" else a for a in verb], name)
     refused(["evaluate", "cut.truearm", "s.csv"], "cut.truearm", "expected a model file", "Try: truearm fit")
-    refused(["evaluate", "none.truearm", "s.csv"], "none.truearm", "no such file", "Try: truearm fit")
+    refused(["evaluate", "none.truearm", "s.csv"], "none.truearm", "does not exist", "Try: truearm fit")
 
 
 def test_model_and_session_the_other_way_round(refused):

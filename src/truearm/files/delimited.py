@@ -27,8 +27,8 @@ MAX_NAME = 200
 # About three million readings; reading them takes about five times the size in memory.
 MAX_BYTES = 2**29
 
-# Rows that are converted together: few enough to stay small as text, many enough to be fast.
-_CHUNK = 20_000
+# Rows that are converted together: few enough to stay in the cache, many enough to be fast.
+_CHUNK = 500
 
 # Files that people offer instead of text, by how they begin.
 _FOREIGN = {

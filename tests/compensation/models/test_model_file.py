@@ -467,7 +467,7 @@ def test_many_unknowns_are_not_written_beyond_what_is_read(mixed, tmp_path, monk
 
 def test_what_is_no_model_file_is_refused(tmp_path):
     path = tmp_path / "m.truearm"
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="does not exist"):
         load_model(path)
     path.write_text("q1_deg,q2_deg\n")
     with pytest.raises(InputError, match="expected a model file"):

@@ -49,7 +49,6 @@ FREE_PARTS = ("base", "tip")
 MAX_NOMINAL_ERROR = 0.05
 # Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
 MIN_ROWS = 4
-# Share of the readings that may have a joint outside its limits; with more of them the unit is wrong.
 
 
 class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]

@@ -142,9 +142,7 @@ def load_model(path: str | Path) -> Compensator:
         If the file is missing, too large, damaged, not a model file, or of another format.
     """
     try:
-        if not Path(path).exists():
-            raise InputError("there is no such file", hint=WRITE_HINT)
-        content = read_limited(path, limit_bytes=MAX_BYTES)
+        content = read_limited(path, limit_bytes=MAX_BYTES, hint=WRITE_HINT)
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             header = _read_header(archive)
             arrays = {name: _read_array(archive, name, entry) for name, entry in header.arrays.items()}
