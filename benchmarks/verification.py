@@ -20,8 +20,8 @@ from truearm.verification.shapes.circumscribed_sphere import circumscribed_spher
 from truearm.verification.shapes.cylinder import fit_cylinder
 from truearm.verification.shapes.sphere import fit_sphere
 from truearm.verification.standards.artefacts import example_artefacts
-from truearm.verification.standards.specification import example_specification
 from truearm.verification.standards.layout import lay_out_tests
+from truearm.verification.standards.specification import example_specification
 from truearm.verification.standards.verification_plan import load_verification_plan
 from truearm.verification.tasks.sampled_arms import PresetDistribution
 from truearm.verification.tasks.simulated_verification import pose, simulate_verification

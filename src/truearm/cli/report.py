@@ -52,7 +52,7 @@ def report(
     )
 
     *paths, session = files
-    if paths and all(is_zipfile(path) for path in files):
+    if paths and all(path.is_file() and is_zipfile(path) for path in files):
         raise InputError(
             "expected a session file after the model files, got a model file",
             file=session,

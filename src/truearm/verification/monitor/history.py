@@ -16,6 +16,7 @@ import datetime
 import json
 import re
 import sqlite3
+import sys
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -25,6 +26,7 @@ from typing import Any
 
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import check_writable
+from truearm.files.file_reading import check_readable
 from truearm.verification.monitor.assessment import Assessment, assess, describe_assessment, is_measured
 from truearm.verification.monitor.interim_check import CheckValue, InterimCheck
 from truearm.verification.standards.dates import format_date
@@ -235,8 +237,7 @@ class History:
     def _records(self) -> list[_Record]:
         if not self.path.exists():
             return []
-        if self.path.is_dir():
-            raise InputError("expected a history, got a folder", file=self.path, hint="name a file, .sqlite")
+        check_readable(self.path, limit_bytes=sys.maxsize)
         size = self.path.stat().st_size
         if size > MAX_BYTES:
             raise self._foreign(f"a file of {size >> 20} MiB, larger than a history can be")
