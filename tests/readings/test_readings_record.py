@@ -101,3 +101,44 @@ def test_a_message_names_the_line_where_there_is_one():
     assert in_file.called(1) == "line 3"
     assert in_file.error("odd", 1).line == 3
     assert Session([[1.0]]).called(0) == "reading 1"
+
+
+@pytest.mark.parametrize(
+    ("degC", "said", "hint"),
+    [
+        (-273.2, "-273.2 degC is below absolute zero", "check the temperature"),
+        (293.15, "expected a temperature of -50 to 100 degC, got 293.15 degC", "kelvin less 273.15"),
+        (-50.1, "got -50.1 degC", "Fahrenheit"),
+        (1e308, r"got 1e\+308 degC", "kelvin"),
+    ],
+)
+def test_a_temperature_that_is_none_of_an_arm_is_refused(degC, said, hint):
+    with pytest.raises(InputError, match=said) as caught:
+        Session(np.zeros((3, 1)), temperature_degC=[20.0, degC, 20.0])
+    assert caught.value.row == "reading 2"
+    assert hint in caught.value.hint
+    with pytest.raises(InputError) as caught:
+        Session(
+            np.zeros((3, 1)), temperature_degC=[20.0, degC, 20.0], file=Path("s.csv"), numbers=[2, 3, 4], by_line=True
+        )
+    assert (caught.value.line, caught.value.column) == (3, "temperature_degC")
+
+
+@pytest.mark.parametrize("degC", [-50.0, 0.0, 100.0])
+def test_the_coldest_and_the_warmest_arm_are_read(degC):
+    assert Session([[0.0]], temperature_degC=[degC]).temperature_degC.tolist() == [degC]
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"points": [[1, 2, 1e300]]}, r"up to 1e\+09 mm in points, got 1e\+300 mm"),
+        ({"points": [[1, 2, 3]], "point_std": [[1, 1e300, 1]]}, r"up to 1e\+09 mm in point_std, got 1e\+300 mm"),
+        ({"sphere": ["A"], "sphere_distance": [[1e300, 1]]}, r"in sphere_distance, got 1e\+300 mm"),
+        ({"columns": {"load_1": [1e300]}}, r"up to 1e\+100 in load_1, got 1e\+300"),
+    ],
+)
+def test_numbers_too_large_to_be_squared_are_refused(fields, said):
+    with pytest.raises(InputError, match=said) as caught:
+        Session([[0.0]], **fields)
+    assert "check the unit" in caught.value.hint

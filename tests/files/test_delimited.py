@@ -1,0 +1,64 @@
+"""Delimited text: physical lines are right whatever the line ends, and cells come back as they were written."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truearm.errors import InputError
+from truearm.files.delimited import escape_formula, read_columns, read_sheet, write_columns
+
+names = st.text(st.characters(blacklist_categories=("Cs", "Cc")) | st.sampled_from("'=+-@\t"), max_size=8)
+
+
+@settings(deadline=None)
+@given(cells=st.lists(names, min_size=1, max_size=5))
+def test_names_come_back_as_they_were_written(tmp_path_factory, cells):
+    path = tmp_path_factory.mktemp("names") / "table.csv"
+    write_columns(path, {"number": np.arange(float(len(cells))), "name": np.array(cells)})
+    assert read_columns(read_sheet(path), [0], [1])[1][0].tolist() == np.array(cells).tolist()
+
+
+@pytest.mark.parametrize("cell", ["=cmd|' /C calc'!A0", "+1+cmd", "-2+3+cmd|x", "@SUM(A1)", "\t=1", "'=1"])
+def test_what_a_spreadsheet_would_run_is_written_as_text(cell):
+    assert escape_formula(cell) == f"'{cell}"
+
+
+@pytest.mark.parametrize("cell", ["", "A", "-0.8 0.6 1.2", "+5", "'", "it's", "a=b", "5-3"])
+def test_other_cells_are_written_as_they_are(cell):
+    assert escape_formula(cell) == cell
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_lines_are_counted_whatever_they_end_in(tmp_path, end, mark):
+    path = tmp_path / "table.csv"
+    path.write_bytes((mark + end.join(["a,b", "1,x", "2,y", "three,z"]) + end).encode())
+    with pytest.raises(InputError, match="expected a number, got 'three'") as caught:
+        read_columns(read_sheet(path), [0])
+    assert (caught.value.line, caught.value.column) == (4, "a")
+
+
+def test_a_quotation_mark_that_is_never_closed_is_found_where_it_opens(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text('a,b\n1,x\n2,"y\n' + "3,z\n" * 50_000)
+    with pytest.raises(InputError, match="quotation mark") as caught:
+        read_columns(read_sheet(path), [0])
+    assert caught.value.line == 3
+
+
+@settings(deadline=None)
+@given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
+def test_numbers_come_back_to_the_last_bit(tmp_path_factory, values):
+    path = tmp_path_factory.mktemp("numbers") / "table.csv"
+    write_columns(path, {"a": np.array(values)})
+    np.testing.assert_array_equal(read_columns(read_sheet(path), [0])[0][:, 0], values)
+
+
+def test_a_decimal_comma_is_one_and_a_point_is_not(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("a;b\n1,5;-0,25e1\n")
+    assert read_columns(read_sheet(path, separator=";", decimal=","), [0, 1])[0].tolist() == [[1.5, -2.5]]
+    path.write_text("a;b\n1.5;2\n")
+    with pytest.raises(InputError, match="decimal ',', got '1.5'"):
+        read_columns(read_sheet(path, separator=";", decimal=","), [0, 1])
