@@ -2,7 +2,7 @@
 The network of the founding paper, inside and outside its box
 =============================================================
 
-A network learns coordinates from angles, without kinematics. It needs thousands of readings and is valid only inside the
+A network learns coordinates from angles, without kinematics. It needs thousands of readings and is valid only in the
 range it was trained on; the kinematic model is valid outside as well.
 """
 
@@ -13,7 +13,7 @@ train = ta.simulate(arm, poses=2500, strategy="box", seed=1).session
 inside = ta.simulate(arm, poses=200, strategy="box", seed=2).session
 outside = ta.simulate(arm, poses=200, strategy="measuring", seed=3).session
 
-network = ta.NetworkModel(arm, hidden=(30,), trainer="varpro", epochs=80, seed=0).fit(train.angles, train.points)
+network = ta.NetworkModel(arm, hidden=(20, 20), trainer="varpro", epochs=60, seed=0).fit(train.angles, train.points)
 kinematic = ta.KinematicModel(arm).fit(train.angles, train.points)
 
 for name, model in (("network", network), ("kinematic", kinematic)):
