@@ -86,7 +86,7 @@ def test_seats_may_be_given():
     points = where.shoulder_in_base + 0.5 * where.reach_mm * np.array([[1.0, 0.2, 0.0], [0.9, -0.3, 0.1]])
     found = seat_poses(arm, seats=points, poses=5, seed=0)
     assert found.seat_points[::5] == pytest.approx(points)
-    with pytest.raises(InputError, match=r"reached by fewer than 5 postures.*in front of the shoulder"):
+    with pytest.raises(InputError, match=r"fewer than 5 postures reach the seat.*in front of the shoulder"):
         seat_poses(arm, seats=[*points, [9e3, 0, 0]], poses=5, seed=0)
 
 

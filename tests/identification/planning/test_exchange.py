@@ -92,11 +92,11 @@ def test_updates_are_exact(seed, prior):
     problem = made_up(seed, prior=prior)
     posterior = _Posterior(problem, [])
     for row in (3, 5, 0, 7, 9):
-        posterior.mend()
+        posterior.refresh()
         posterior.add(row)
-    posterior.mend()
+    posterior.refresh()
     posterior = posterior.without(5)
-    posterior.mend()
+    posterior.refresh()
     rows = posterior.rows
     assert sorted(rows) == [0, 3, 7, 9]
     C = np.linalg.inv(problem.information(rows))
@@ -214,7 +214,7 @@ def test_the_choice_does_not_depend_on_the_parameters_units(strategy):
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_what_is_taken_stays_and_only_what_is_allowed_is_chosen(strategy):
     problem = made_up(6)
-    chosen = select_candidates(problem, 3, strategy=strategy, taken=[0, 1], among=[0, 1, 2, 3, 4, 5])
+    chosen = select_candidates(problem, 3, strategy=strategy, already=[0, 1], among=[0, 1, 2, 3, 4, 5])
     assert set(chosen.rows.tolist()) <= {2, 3, 4, 5}
     more = DesignProblem(problem.factors[2:6], problem.information([0, 1]), problem.target)
     assert (select_candidates(more, 3, strategy=strategy).rows + 2 == chosen.rows).all()
@@ -340,14 +340,14 @@ def test_a_problem_is_checked():
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        ({"strategy": "A-optimal"}, "there is no strategy"),
+        ({"strategy": "A-optimal"}, "expected a strategy among"),
         ({"strategy": "random", "seed": -1}, "seed"),
         ({"n": 0}, "1 to 12"),
         ({"n": 13}, "1 to 12"),
         ({"n": 3, "among": [1, 2]}, "1 to 2"),
-        ({"taken": range(12)}, "1 to 0"),
-        ({"taken": [12]}, "from 0 to 11"),
-        ({"taken": [-1]}, "from 0 to 11"),
+        ({"already": range(12)}, "1 to 0"),
+        ({"already": [12]}, "from 0 to 11"),
+        ({"already": [-1]}, "from 0 to 11"),
         ({"among": [1, 1]}, "different"),
         ({"among": [0.5]}, "numbers"),
     ],

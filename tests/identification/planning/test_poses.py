@@ -164,7 +164,7 @@ def test_what_was_rejected_is_counted_by_reason(technician):
 
 
 def test_a_sector_out_of_reach_is_told_with_its_reason():
-    with pytest.raises(InputError, match=r"only 0 of 3 poses found for arm 'gao2017' in 90 targets: \d+ x target"):
+    with pytest.raises(InputError, match=r"arm 'gao2017' takes only 0 of 3 poses in 90 targets: \d+ x target"):
         measuring_poses(load_arm("gao2017"), 3, seed=0, sector=Sector(near=1.2, far=1.4))
 
 
@@ -246,14 +246,14 @@ def with_a_slider():
         (lambda: box(limited(), 5, seed=0, half_width=float("nan")), "positive half-width"),
         (lambda: box(slider(), 5, seed=0), "sliding joints"),
         (lambda: uniform(slider(), 5, seed=0), "sliding joint J1 of arm 'gantry' has no limits"),
-        (lambda: measuring_poses(limited(), 5, seed=0), "need five joints, arm 'limited' has 2"),
+        (lambda: measuring_poses(limited(), 5, seed=0), "need five joints; arm 'limited' has 2"),
         (lambda: measuring_poses(load_arm("gao2017"), 0, seed=0), "at least one"),
-        (lambda: measuring_poses(with_a_slider(), 5, seed=0), "J6 of arm 'with_a_slider' slides"),
+        (lambda: measuring_poses(with_a_slider(), 5, seed=0), "J6 of arm 'with_a_slider' is prismatic"),
         (lambda: seat(limited(), 5, seed=0), "need five joints"),
         (lambda: seat(load_arm("gao2017"), 2, seed=0, seats=3), "2 poses for 3 seats"),
         (lambda: seat(load_arm("gao2017"), 2, seed=0, seats=0), "at least one of seats"),
         (lambda: seat(load_arm("gao2017"), 2, seed=0, seats=[[1, 2]]), r"\(n_seats, 3\)"),
-        (lambda: seat(load_arm("gao2017"), 2, seed=0, seats=[[9000.0, 0, 0]]), "reached by fewer than 2 postures"),
+        (lambda: seat(load_arm("gao2017"), 2, seed=0, seats=[[9000.0, 0, 0]]), "fewer than 2 postures reach the seat"),
     ],
 )
 def test_what_does_not_fit_is_refused(call, says):

@@ -108,9 +108,9 @@ def test_a_bar_with_one_end_used_has_no_length(places):
 def test_what_to_do_is_said_once_a_place(seats, places):
     said = notes(seats)
     x, y, z = seats.seat_points[3]
-    assert said[3] == f"seat fixed, S2 at x {x:.0f} y {y:.0f} z {z:.0f} mm; tip in seat S2"
+    assert said[3] == f"fix the seat, S2 at x {x:.0f} y {y:.0f} z {z:.0f} mm; tip in seat S2"
     assert said[4] == "tip in seat S2"
-    assert sum("bar fixed, B" in phrase for phrase in notes(places)) == 2
+    assert sum("fix the bar, B" in phrase for phrase in notes(places)) == 2
 
 
 def test_places_are_numbered_in_the_order_of_the_poses_and_on_from_those_taken(seats, places):

@@ -1,8 +1,8 @@
-"""What a person can measure: poses with the tip in a seat, places of a bar, poses under a tracker.
+"""Candidates for a plan: poses with the tip in a seat, places of a bar, poses with a tracker.
 
-A candidate is what is set up and measured at once: a pose, or an artefact at a place with all its poses. All of them
-are feasible by hand: the tip is in the seat, joints keep 2 deg off their limits, and no joint is under the table. That
-parts of an arm do not touch each other, or hide a tracker's target, is not checked.
+A candidate is a pose, or an artefact at a place with all its poses. All candidates are feasible by hand: the tip is in
+the seat, joints stay 2 deg within their limits, and no joint is below the table. Collisions of the arm with itself and
+the line of sight of a tracker are not checked.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from truearm.identification.planning.sampling.seat import (
     SEAT_SECTOR,
     SWING_RAD,
     TOO_FEW,
+    checked_points,
     farthest_points,
 )
 from truearm.identification.planning.sampling.workspace import (
@@ -44,12 +45,12 @@ from truearm.identification.planning.sampling.workspace import (
 )
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
-OUTSIDE, UNDER_TABLE, NO_ROOM = "tip outside the volume", "elbow under the table", "bar reaches out of the volume"
-# Joint angles drawn for each pose wanted, at most; of a usual arm one in ten to one in a hundred is in the volume.
+OUTSIDE, UNDER_TABLE, NO_ROOM = "tip outside the volume", "joint below the table", "bar not inside the volume"
+# Maximum draws of joint angles per pose; of a usual arm one in ten to one in a hundred is in the volume.
 _DRAWS = 2000
-_PLACES = 300  # places of a bar drawn for each wanted, at most
-_SPARE = 3  # seats and bars to try for each wanted
-# A technician's stylus and joints, as `measuring_poses` has them; a seat looks up.
+_PLACES = 300  # maximum draws of places of a bar per place
+_SPARE = 3  # seats and bars to try per seat or bar
+# A technician's stylus and joints, as in `measuring_poses`; a seat faces up.
 _CONE_DEG, _SWING_STD_DEG, _ROLL_STD_DEG = 40.0, 35.0, 60.0
 
 
@@ -72,10 +73,10 @@ class Candidates:
     length_mm : float, optional
         Between the two seats of a bar [mm].
     technician : (m,) bool array, optional
-        Poses as a person takes them who measures parts (`truearm.identification.planning.sampling.measuring`), which is the strategy of the
-        founding paper: data "according to the actual measurement behaviour in the joint space".
+        Poses as a person chooses them who measures parts (`sampling.measuring`). This is the strategy of Gao et al.
+        2017: data "according to the actual measurement behaviour in the joint space".
     rejected : mapping of str to int
-        What was not taken, by reason.
+        Number of rejected poses and places, by reason.
     """
 
     angles: FloatArray
@@ -111,7 +112,7 @@ class Candidates:
         )
 
     def group_by_place(self) -> Candidates:
-        """Make every place of the artefact with all its poses one candidate: to choose where it should stand."""
+        """Make every place of the artefact with all its poses one candidate, to choose between places."""
         if self.place is None:
             raise InputError("these candidates have no seats")
         _, first, which = np.unique(self.place, return_index=True, return_inverse=True)
@@ -130,24 +131,23 @@ def seat_poses(
 ) -> Candidates:
     """Poses with the tip in seats, each a candidate.
 
-    For each seat five times as many and more postures are found, with the stylus within 60 deg of the vertical and the
-    joints within 100 deg of the working pose turned to the seat; those farthest from one another are kept, the farthest
+    At least five times as many postures are found for each seat, with the stylus within 60 deg of the vertical and the
+    joints within 100 deg of the working pose turned to the seat. Those farthest from one another are kept, the farthest
     first.
 
     Parameters
     ----------
     arm : Arm
-        Base z up, at least five joints that turn.
+        Base z up, at least five rotary joints.
     seats : int or (n_seats, 3) array
-        How many seats, set well apart in the sector, or where they are in the base frame [mm].
+        Number of seats, placed well apart in the sector, or their positions in the base frame [mm].
     poses : int
         Candidates in each seat.
     seed : int
     sector : Sector
-        Where seats may stand.
+        Where seats may be.
     technician : bool
-        Postures as a person takes them who measures parts, of which nothing is known but that the tip is in a seat: the
-        stylus and the joints as in `truearm.identification.planning.sampling.measuring`, as they come.
+        Postures of a person who measures parts: stylus and joints as in `sampling.measuring`, without a choice.
 
     Raises
     ------
@@ -164,17 +164,17 @@ def seat_poses(
         held = _held_in_turn(arm, points[:, None], wanted, per_seat, where, rng, rejected, technician)
         if len(held) < wanted:
             raise InputError(
-                f"only {len(held)} of {wanted} seats found that arm {arm.name!r} reaches by {per_seat} postures each",
-                hint="fewer poses in a seat, or another sector",
+                f"arm {arm.name!r} reaches only {len(held)} of {wanted} seats in {per_seat} postures each",
+                hint="use fewer poses in a seat, or another sector",
             )
     else:
-        points = _checked_points(seats)
+        points = checked_points(seats)
         held = _held_in_turn(arm, points[:, None], len(points), per_seat, where, rng, rejected, technician)
         if len(held) < len(points):
             missed = min(set(range(len(points))) - {place for place, _ in held})
             raise InputError(
-                f"the seat at {np.round(points[missed], 1).tolist()} mm is reached by fewer than {per_seat} postures",
-                hint=f"a seat about {0.5 * where.reach_mm:.0f} mm in front of the shoulder, or fewer poses",
+                f"fewer than {per_seat} postures reach the seat at {np.round(points[missed], 1).tolist()} mm",
+                hint=f"place the seat about {0.5 * where.reach_mm:.0f} mm in front of the shoulder, or use fewer poses",
             )
     angles = np.concatenate([angles for _, (angles,) in held])
     return Candidates(
@@ -198,21 +198,21 @@ def bar_places(
     sector: Sector = SEAT_SECTOR,
     technician: bool = False,
 ) -> Candidates:
-    """Places of a bar with a seat at each end, in any direction, each with the tip in both seats in turn.
+    """Places of a bar with a seat at each end, in any direction, with poses in both seats.
 
     Parameters
     ----------
     arm : Arm
-        Base z up, at least five joints that turn.
+        Base z up, at least five rotary joints.
     n : int
         Number of places.
     length_mm : float
         Between the seats [mm].
     poses : int
-        In each seat, as different as they can be.
+        Number of poses in each seat, as different as possible.
     seed : int
     sector : Sector
-        Both seats are in it.
+        Region of both seats.
     technician : bool
         As in `seat_poses`.
 
@@ -231,9 +231,9 @@ def bar_places(
     held = _held_in_turn(arm, ends, wanted, per_seat, where, rng, rejected, technician)
     if len(held) < wanted:
         raise InputError(
-            f"only {len(held)} of {wanted} places found for a bar of {length_mm:g} mm that arm {arm.name!r} reaches by "
-            f"{per_seat} postures at each end",
-            hint="a shorter bar, fewer poses at each end, or another sector",
+            f"arm {arm.name!r} reaches only {len(held)} of {wanted} places of a bar of {length_mm:g} mm in {per_seat} "
+            "postures at each end",
+            hint="use a shorter bar, fewer poses at each end, or another sector",
         )
     names = [f"B{count}{end}" for count in range(1, wanted + 1) for end in "ab"]
     return Candidates(
@@ -251,8 +251,8 @@ def bar_places(
 def tracker_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) -> Candidates:
     """Poses with the tip in a volume, each a candidate.
 
-    Half of them, if the arm has the five turning joints for it, are a technician's (see `volume_poses`). The others
-    have joint angles drawn evenly over all that the joints can do, which drives each joint through its range.
+    If the arm has five rotary joints, half of them are a technician's (see `volume_poses`). The others are
+    uniform in the ranges of the joints.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def tracker_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) 
     Raises
     ------
     InputError
-        If too few joint angles bring the tip there.
+        If too few joint angles move the tip there.
     """
     sector = sector or Sector()
     of_technician = checked_count(n) // 2 if supports_technician_poses(arm) else 0
@@ -278,10 +278,9 @@ def tracker_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) 
 
 
 def volume_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) -> FloatArray:
-    """Poses as the arm is to be used in a volume: those at which uncertainty matters, (n, n_joints) [rad, or mm].
+    """Poses of later use in a volume, at which the uncertainty is evaluated, (n, n_joints) [rad, or mm].
 
-    A technician's poses (`truearm.identification.planning.sampling.measuring`); for arms that cannot choose where the stylus points, joint angles
-    drawn evenly.
+    A technician's poses (`sampling.measuring`); uniform joint angles for arms that cannot choose the stylus direction.
     """
     sector = sector or Sector()
     if supports_technician_poses(arm):
@@ -290,7 +289,7 @@ def volume_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) -
 
 
 def supports_technician_poses(arm: Arm) -> bool:
-    """Whether an arm can choose where its stylus points: five joints, all of which turn."""
+    """Whether an arm can choose the direction of its stylus: five joints or more, all rotary."""
     return arm.n_joints >= 5 and not bool(arm.chain.is_prismatic.any())
 
 
@@ -329,7 +328,7 @@ def _postures_in(
     rejected: Counter[str],
     technician: bool,
 ) -> list[FloatArray | None]:
-    """Find n postures with the tip at each of the points, (n, n_joints) [rad], or None where there are fewer."""
+    """Find n postures with the tip at each of the points, (n, n_joints) [rad], or None if there are fewer."""
     m = POOL * n + 20
     tips = np.repeat(points, m, axis=0)
     down = np.tile([0.0, 0.0, -1.0], (len(tips), 1))
@@ -357,7 +356,7 @@ def _postures_in(
 def _ends(
     where: Stance, n: int, length_mm: float, sector: Sector, rng: np.random.Generator, rejected: Counter[str]
 ) -> FloatArray:
-    """Both ends of bars that lie in the sector, evenly over places and directions, (n, 2, 3) [mm]."""
+    """Draw both ends of bars in the sector, uniform over places and directions, (n, 2, 3) [mm]."""
     found = np.zeros((0, 2, 3))
     for _ in range(_PLACES):
         first = draw_points(where, n, sector=sector, rng=rng)
@@ -369,13 +368,13 @@ def _ends(
         if len(found) >= n:
             return found[:n]
     raise InputError(
-        f"a bar of {length_mm:g} mm hardly fits into the volume, which the arm's reach of {where.reach_mm:.0f} mm sets",
-        hint="a shorter bar, or another sector",
+        f"a bar of {length_mm:g} mm hardly fits into the volume of an arm with a reach of {where.reach_mm:.0f} mm",
+        hint="use a shorter bar, or another sector",
     )
 
 
 def _spread(arm: Arm, n: int, sector: Sector, rng: np.random.Generator) -> tuple[FloatArray, Counter[str]]:
-    """Joint angles drawn evenly of which the tip is in the sector and no joint under the table, (n, n_joints)."""
+    """Draw uniform joint angles with the tip in the sector and no joint below the table, (n, n_joints)."""
     where = stance(arm)
     (lower, upper), (low, high) = joint_travel_limits(arm), inner_limits(arm)
     lower, upper = np.maximum(lower, low), np.minimum(upper, high)
@@ -392,12 +391,13 @@ def _spread(arm: Arm, n: int, sector: Sector, rng: np.random.Generator) -> tuple
         if len(found) >= n:
             return found[:n], rejected
     raise InputError(
-        f"only {len(found)} of {n} poses of arm {arm.name!r} found with the tip in the volume", hint="a larger sector"
+        f"found only {len(found)} of {n} poses of arm {arm.name!r} with the tip in the volume",
+        hint="use a larger sector",
     )
 
 
 def _within_a_turn(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Angles of joints without limits at most half a turn from the working pose: full turns more are the same pose."""
+    """Reduce angles of joints without limits to half a turn about the working pose: full turns give the same pose."""
     free = np.isinf(arm.limits).all(axis=1) & ~arm.chain.is_prismatic
     turned = (angles - arm.working + np.pi) % (2 * np.pi) - np.pi + arm.working
     return np.asarray(np.where(free, turned, angles))
@@ -413,12 +413,3 @@ def _in_sector(points: FloatArray, where: Stance, sector: Sector) -> BoolArray:
         & (ahead[:, 2] <= sector.high)
         & (np.abs(azimuth_of(points, where)) <= np.radians(sector.half_angle_deg))
     )
-
-
-def _checked_points(seats: npt.ArrayLike) -> FloatArray:
-    points = np.asarray(seats, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 1 or not np.isfinite(points).all():
-        raise InputError(
-            f"expected a number of seats or their finite points (n_seats, 3) in mm, got shape {points.shape}"
-        )
-    return points

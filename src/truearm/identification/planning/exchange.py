@@ -1,23 +1,23 @@
-"""Choose the readings that leave the least uncertainty where it matters: greedy selection, then exchange.
+"""Choose the readings for the smallest uncertainty: greedy selection, then exchange.
 
 With information ``A = Lambda + sum over chosen i of J_i^T J_i`` (Lambda the prior precision, J_i a candidate's Jacobian
 over its noise) and covariance ``C = A^-1``, the two criteria are
 
 - I-optimal: ``trace(M C)``, where M is the mean over the volume of ``J_t^T J_t``: the mean squared uncertainty of a
   measured point there, three-dimensional [mm^2];
-- D-optimal: ``-log det A``: the volume of the parameters' confidence ellipsoid, whatever they are needed for.
+- D-optimal: ``-log det A``: the volume of the parameters' confidence ellipsoid.
 
-What a candidate with k rows takes off them follows from two k x k matrices, ``S_i = J_i C J_i^T`` and
+The decrease of the criterion by a candidate with k rows follows from two k x k matrices, ``S_i = J_i C J_i^T`` and
 ``T_i = J_i C M C J_i^T`` (Woodbury):
 
     I: trace((I + S_i)^-1 T_i),        D: log det(I + S_i).
 
-When candidate s is taken, with ``U = C J_s^T`` and ``G = (I + S_s)^-1``, C falls by ``U G U^T``. The matrices of all
+When candidate s is added, with ``U = C J_s^T`` and ``G = (I + S_s)^-1``, C falls by ``U G U^T``. The matrices of all
 candidates follow from ``J_i U`` and ``J_i C M U`` alone, one product of all Jacobians with 2 k columns: a choice costs
-n k^2 p operations, not n k p^2. To leave a reading out is the same with ``G = -(I - S_s)^-1``. A chosen reading is
-exchanged for the best other one as long as that lowers the criterion (Fedorov's algorithm as modified by Cook and
-Nachtsheim: each in turn, rather than the best of all pairs). It ends where no swap of one for one helps, which need not
-be the best choice there is.
+n k^2 p operations, not n k p^2. A reading is removed in the same way with ``G = -(I - S_s)^-1``. A chosen reading
+is exchanged for the best other one as long as that lowers the criterion (Fedorov's algorithm as modified by Cook and
+Nachtsheim: each in turn, rather than the best of all pairs). The search ends at a local optimum, where no exchange of
+one for one helps.
 
 Sources: V. V. Fedorov, "Theory of Optimal Experiments", Academic Press 1972; R. D. Cook, C. J. Nachtsheim,
 "A comparison of algorithms for constructing exact D-optimal designs", Technometrics 22 (1980) 315; I-optimality with a
@@ -46,39 +46,39 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
 Progress = Callable[[str, int, int], None]
-"""Told what is being done, how much of it is done, and of how much."""
+"""Called with the name of a step, the number done, and the total."""
 
-# Rows of all Jacobians that go through a product together: their products are copies of them.
+# Rows of all Jacobians in one product, which bounds the memory of the copies.
 _ROWS = 4096
-# A drop so near to the best, as a share of it, is as good: rounding must not decide, the first of them is taken.
+# Decreases within this share of the best are equal: rounding must not decide, the first of them is chosen.
 _TIE = 1e-9
-# A swap must bring so much more than what it replaces, as a share of it, or rounding might swap for ever.
+# Smallest relative gain of an exchange; without it rounding might exchange for ever.
 _LEAST = 1e-6
-# Updates since the last exact calculation may have taken so many times what is left; rounding is that times 1e-16.
-_MOST_WEAR = 1e8
-# Share of a direction's information that must stay when a reading is left out by an update.
+# Largest reduction by updates since the last exact calculation; the rounding error is this times 1e-16.
+_MAX_REDUCTION = 1e8
+# Smallest share of a direction's information that must remain when an update removes a reading.
 _LEAST_LEFT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
-    """What can be measured, what is known before, and what is to be known.
+    """Candidates, prior knowledge and target of an optimal design.
 
     Parameters
     ----------
     factors : (n, k, p) array
-        Of every candidate, the Jacobian J_i, rows divided by the standard deviation of their noise: its information is
+        Jacobian J_i of every candidate, rows divided by the standard deviation of their noise: its information is
         ``J_i^T J_i``. A candidate with fewer rows than others has rows of zeros (see `stack_factors`).
     prior_precision : (p, p) array
-        Inverse of the covariance of the parameters before; readings already taken add their ``J^T J`` to it.
+        Inverse of the prior covariance of the parameters; readings already measured add their ``J^T J`` to it.
     target : (p, p) array
         M [mm^2 per squared unit of the parameters], see `moment_matrix`.
 
     Notes
     -----
-    The parameters may have any units: the criteria do not depend on them. Unknowns that several candidates share, such
-    as the centre of a seat that is touched by each of them, are parameters with zeros in the target; those that one
-    candidate has for itself are taken out of it (see `project_out`).
+    The criteria do not depend on the units of the parameters. Unknowns shared by several candidates, such as the
+    position of a common seat, are parameters with zeros in the target; unknowns of one candidate are eliminated (see
+    `project_out`).
 
     Raises
     ------
@@ -97,14 +97,15 @@ class DesignProblem:
             raise InputError(f"expected factors of shape (candidates, rows, parameters), got {factors.shape}")
         if not np.isfinite(factors).all():
             bad = int(np.argmin(np.isfinite(factors).all(axis=(1, 2))))
-            raise InputError(f"factors must be finite, but those of candidate {bad} are not")
+            raise InputError(f"the factors of candidate {bad} are not finite")
         object.__setattr__(self, "factors", factors)
         for name in ("prior_precision", "target"):
             object.__setattr__(self, name, _symmetric(name, getattr(self, name), factors.shape[2]))
         with one_blas_thread():
             if _variance(self.prior_precision, self._target_factor) is None:
                 raise InputError(
-                    "the prior precision must be positive definite", hint="a prior for every parameter, however wide"
+                    "the prior precision must be positive definite",
+                    hint="state a prior, however wide, for every parameter",
                 )
 
     @property
@@ -118,7 +119,7 @@ class DesignProblem:
         return self.prior_precision + chosen.T @ chosen
 
     def variance(self, rows: npt.ArrayLike) -> float:
-        """``trace(M C)`` once the candidates `rows` have been measured [mm^2], calculated afresh."""
+        """``trace(M C)`` once the candidates `rows` have been measured [mm^2], without updates."""
         variance = _variance(self.information(rows), self._target_factor)
         assert variance is not None  # no less definite than the prior
         return variance
@@ -142,14 +143,14 @@ class DesignProblem:
 
 
 class Criterion(Protocol):
-    """What a selection makes small."""
+    """What a selection minimises."""
 
     def value(self, problem: DesignProblem, rows: npt.ArrayLike) -> float:
-        """The criterion with candidates `rows` measured, calculated afresh."""
+        """The criterion with candidates `rows` measured, without updates."""
         ...
 
     def drops(self, S: FloatArray, T: FloatArray) -> FloatArray:
-        """(n,) what every candidate takes off the criterion, from its (n, k, k) matrices S and T."""
+        """(n,) decrease of the criterion by every candidate, from its (n, k, k) matrices S and T."""
         ...
 
 
@@ -179,15 +180,15 @@ class DOptimality:
 
 @dataclass(frozen=True, eq=False)
 class DesignSelection:
-    """Candidates chosen.
+    """Chosen candidates.
 
     Attributes
     ----------
     rows : (n,) int array
-        In the order to take them: each is the best of those left (random ones: as drawn), so that who stops early has
-        a good start.
+        In the order of measurement: each is the best of the remaining ones (random ones: as drawn), so that an early
+        stop leaves a good selection.
     swaps : int
-        How many were exchanged after the greedy choice.
+        Number of exchanges after the greedy choice.
     """
 
     rows: IntArray
@@ -195,7 +196,7 @@ class DesignSelection:
 
 
 STRATEGIES = ("I-optimal", "D-optimal", "random")
-"""The strategies that `select_candidates` knows."""
+"""The strategies of `select_candidates`."""
 
 
 def select_candidates(
@@ -203,26 +204,26 @@ def select_candidates(
     n: int,
     *,
     strategy: str = "I-optimal",
-    taken: Sequence[int] | IntArray = (),
+    already: Sequence[int] | IntArray = (),
     among: Sequence[int] | IntArray | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> DesignSelection:
-    """Choose candidates by one of the strategies to be compared.
+    """Choose candidates by a strategy.
 
     Parameters
     ----------
     problem : DesignProblem
     n : int
-        How many, each at most once.
+        Number of candidates, each at most once.
     strategy : str
         One of `STRATEGIES`.
-    taken : sequence of int, optional
+    already : sequence of int, optional
         Candidates that are in the plan already; they stay.
     among : sequence of int, optional
         Candidates that may be chosen, all by default.
     seed : int
-        Of the random strategy; the others are the same every time.
+        Seed of the random strategy; the others are deterministic.
     progress : callable, optional
 
     Raises
@@ -231,25 +232,25 @@ def select_candidates(
         If the strategy is unknown, or there are fewer candidates than asked for.
     """
     if strategy not in STRATEGIES:
-        raise InputError(f"there is no strategy {strategy!r}; there are {', '.join(STRATEGIES)}")
-    fixed = _checked_rows("taken", taken, problem.n_candidates)
+        raise InputError(f"expected a strategy among {', '.join(STRATEGIES)}, got {strategy!r}")
+    fixed = _checked_rows("already", already, problem.n_candidates)
     pool = np.setdiff1d(
         np.arange(problem.n_candidates) if among is None else _checked_rows("among", among, problem.n_candidates), fixed
     )
     if not 1 <= n <= len(pool):
-        raise InputError(f"expected to choose 1 to {len(pool)} candidates, as many as there are, got {n}")
+        raise InputError(f"expected to choose 1 to {len(pool)} candidates, got {n}")
     if strategy == "random":
         return DesignSelection(np.random.default_rng(checked_seed(seed)).permutation(pool)[:n])
     criterion: Criterion = IOptimality() if strategy == "I-optimal" else DOptimality()
     starting: list[Criterion] = [criterion] if strategy == "D-optimal" else [criterion, DOptimality()]
     with one_blas_thread():
         free = DesignProblem(problem.factors[pool], problem.information(fixed), problem.target)
-        # Where candidates are worth something only together, as the first two poses in a seat are, the I-criterion sees
-        # nothing in the first of them. Determinants do: the selection starts from both.
+        # Some candidates are useful only together, as the first two poses in a seat: the first alone does not lower the
+        # I-criterion, but it changes the determinant. The selection starts from both.
         starts = [greedy(free, n, start, progress=progress) for start in starting]
         best = min(
             (fedorov_exchange(free, start.rows, criterion, progress=progress) for start in starts),
-            key=lambda found: criterion.value(free, found.rows),
+            key=lambda selection: criterion.value(free, selection.rows),
         )
         chosen = DesignProblem(free.factors[best.rows], free.prior_precision, free.target)
         order = greedy(chosen, n, criterion).rows
@@ -303,7 +304,7 @@ def fedorov_exchange(
         posterior = _Posterior(problem, best.tolist())
         tried, made = _one_round(posterior, criterion, progress)
         lowered = criterion.value(problem, tried)
-        # Calculated afresh: what rounding made look better ends the search.
+        # Without updates: an improvement that is rounding only ends the search.
         if not made or lowered >= value:
             return DesignSelection(best, swaps)
         best, value, swaps = tried, lowered, swaps + made
@@ -312,17 +313,17 @@ def fedorov_exchange(
 def moment_matrix(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None, *, scale: bool = False) -> FloatArray:
     """Target of the I-criterion: the mean over poses of ``J_t^T J_t``, (p, p).
 
-    With `tips` it is of what is left once the frame is fitted to the points. That is how an arm errs whose coordinates
-    are compared with each other only, as a hand-held one's are; no seat and no bar tells where its base is.
+    With `tips`, the frame is first fitted to the points: these are the errors of an arm whose coordinates are compared
+    with each other only, as those of a hand-guided arm. No seat and no bar determines its base position.
 
     Parameters
     ----------
     jacobians : (n, 3, p) array
-        Derivatives of the tip by the parameters at poses spread as the arm is to be used [mm per unit].
+        Derivatives of the tip by the parameters at poses of the later use of the arm [mm per unit].
     tips : (n, 3) array, optional
         The tip at these poses [mm].
     scale : bool
-        Whether a scale is fitted with the frame: seats without a known length do not tell it.
+        Whether a scale is fitted with the frame: seats without a known length do not determine it.
 
     Raises
     ------
@@ -341,7 +342,7 @@ def moment_matrix(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None, *
 
 
 def stack_factors(factors: Sequence[FloatArray]) -> FloatArray:
-    """Bring candidates of different numbers of rows into one array (n, k, p), filled up with zeros.
+    """Stack candidates of different numbers of rows into one array (n, k, p), padded with zeros.
 
     Parameters
     ----------
@@ -358,10 +359,10 @@ def stack_factors(factors: Sequence[FloatArray]) -> FloatArray:
 
 
 def project_out(jacobian: npt.ArrayLike, nuisance: npt.ArrayLike) -> FloatArray:
-    """Rows that tell of the parameters what is left once unknowns of no interest are determined from the same readings.
+    """Eliminate unknowns that are estimated from the same readings: rows of information about the parameters alone.
 
     The information of ``[J B]`` about the parameters alone is ``J^T (I - B B^+) J``, the Schur complement of ``B^T B``;
-    the rows returned are J in the directions that B does not reach. A seat touched k times leaves 3 k - 3 of 3 k rows.
+    the rows returned are J in the orthogonal complement of B. A seat with k poses leaves 3 k - 3 of 3 k rows.
 
     Parameters
     ----------
@@ -395,23 +396,25 @@ def factor_of(information: npt.ArrayLike) -> FloatArray:
     """
     matrix = np.asarray(information, dtype=float)
     matrix = _symmetric("an information matrix", matrix, len(np.atleast_1d(matrix)))
-    scale = np.sqrt(np.abs(matrix.diagonal()))  # what is rounding must not depend on the parameters' units
+    scale = np.sqrt(np.abs(matrix.diagonal()))  # rounding must not depend on the parameters' units
     divisor = np.where(scale > 0, scale, 1.0)
     unit = matrix / np.outer(divisor, divisor)
     values, vectors = np.linalg.eigh(unit)
     rounding = len(values) * np.finfo(float).eps * np.abs(values).max()
     if values[0] < -10 * rounding:
-        raise InputError(f"an information matrix has no eigenvalue below zero, got {values[0]:.3g} of the largest")
+        raise InputError(
+            f"expected an information matrix without an eigenvalue below zero, got {values[0]:.3g} of the largest"
+        )
     kept = values > rounding
     return np.ascontiguousarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T * scale)
 
 
 def _one_round(posterior: _Posterior, criterion: Criterion, progress: Progress | None) -> tuple[IntArray, int]:
-    """Offer every chosen candidate for exchange once; give what is chosen then, and the number of swaps."""
+    """Try to exchange every chosen candidate once; return the choice and the number of exchanges."""
     swaps = 0
     offered = list(posterior.rows)
     for count, row in enumerate(offered):
-        posterior.mend()
+        posterior.refresh()
         without = posterior.without(row)
         drops = without.drops(criterion)
         own = drops[row]
@@ -432,18 +435,18 @@ class _Posterior:
     C: FloatArray
     S: FloatArray
     T: FloatArray
-    # Traces of S and T when they were last calculated afresh: rounding since is 1e-16 of them.
+    # Traces of S and T at the last exact calculation: rounding since then is 1e-16 of them.
     S_then: FloatArray
     T_then: FloatArray
 
     def __init__(self, problem: DesignProblem, rows: list[int]) -> None:
         self.problem = problem
         self.rows = list(rows)
-        self._afresh()
+        self._recalculate()
 
     def drops(self, criterion: Criterion) -> FloatArray:
-        """(n,) what every candidate takes off the criterion."""
-        self.mend()
+        """(n,) decrease of the criterion by every candidate."""
+        self.refresh()
         return criterion.drops(self.S, self.T)
 
     def add(self, row: int) -> None:
@@ -452,26 +455,26 @@ class _Posterior:
         self.rows.append(row)
 
     def without(self, row: int) -> _Posterior:
-        """Leave out a candidate that is in."""
-        left = np.eye(self.S.shape[1]) - self.S[row]
+        """Remove a measured candidate."""
+        remaining = np.eye(self.S.shape[1]) - self.S[row]
         rows = [other for other in self.rows if other != row]
-        if np.linalg.eigvalsh(left)[0] < _LEAST_LEFT:
+        if np.linalg.eigvalsh(remaining)[0] < _LEAST_LEFT:
             return _Posterior(self.problem, rows)
         other = copy(self)
         other.rows = rows
-        other._update(row, -np.linalg.inv(left))
+        other._update(row, -np.linalg.inv(remaining))
         return other
 
-    def mend(self) -> None:
-        """Calculate everything afresh if the updates' rounding may show."""
+    def refresh(self) -> None:
+        """Recalculate everything if the rounding of the updates may matter."""
         S, T = self._sizes()
         S = 1 + np.abs(S)
         best = np.abs(T / S).max()
-        if (self.S_then / S).max() > _MOST_WEAR or (self.T_then / S).max() > _MOST_WEAR * best:
-            self._afresh()
+        if (self.S_then / S).max() > _MAX_REDUCTION or (self.T_then / S).max() > _MAX_REDUCTION * best:
+            self._recalculate()
 
     def _update(self, row: int, G: FloatArray) -> None:
-        """``C - U G U^T`` and what follows for S and T, in new arrays: `without` shares the old ones."""
+        """``C - U G U^T`` and the same for S and T, in new arrays: `without` shares the old ones."""
         factors, M = self.problem.factors, self.problem.target
         U = self.C @ factors[row].T
         MU = M @ U
@@ -483,8 +486,8 @@ class _Posterior:
         self.S = self.S - AG @ A.transpose(0, 2, 1)
         self.T = self.T - BGA - BGA.transpose(0, 2, 1) + AG @ (U.T @ MU) @ AG.transpose(0, 2, 1)
 
-    def _afresh(self) -> None:
-        """Calculate everything from the candidates that are in."""
+    def _recalculate(self) -> None:
+        """Calculate everything from the measured candidates."""
         factors, M = self.problem.factors, self.problem.target
         p = factors.shape[2]
         L = np.linalg.cholesky(self.problem.information(self.rows))
@@ -510,7 +513,7 @@ def _first_best(drops: FloatArray) -> int:
 
 
 def _variance(information: FloatArray, target_factor: FloatArray) -> float | None:
-    """``trace(F A^-1 F^T)``, or None where A is not positive definite."""
+    """``trace(F A^-1 F^T)``, or None if A is not positive definite."""
     half = whiten(information.copy(), target_factor.T)
     return None if half is None else float(np.vdot(half, half))
 
@@ -537,7 +540,7 @@ def _checked_rows(name: str, rows: Sequence[int] | IntArray, n: int) -> IntArray
     if array.size == 0:
         return np.zeros(0, dtype=np.intp)
     if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
-        raise InputError(f"expected {name} as numbers of candidates, got {rows!r}")
+        raise InputError(f"expected {name} as indices of candidates, got {rows!r}")
     if array.min() < 0 or array.max() >= n or len(np.unique(array)) != len(array):
-        raise InputError(f"expected {name} as different numbers from 0 to {n - 1}, got {array.tolist()}")
+        raise InputError(f"expected {name} as different indices from 0 to {n - 1}, got {array.tolist()}")
     return array.astype(np.intp)

@@ -1,4 +1,4 @@
-"""What candidates tell of the terms: from poses and artefacts to a design problem."""
+"""Information of candidates about the terms: from poses and artefacts to a design problem."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from truearm.readings.lengths import PLACE_U_MM
 from truearm.typing import FloatArray
 
 SEAT_STD_MM = 1e4
-"""Prior of a seat's point: nothing is known of it. A wider one would cost digits and tell no less."""
+"""Prior standard deviation of an unknown position of a seat. A wider one would cost digits."""
 
 
 def tip_jacobian(
@@ -29,7 +29,7 @@ def tip_jacobian(
     state : ArmState
         n poses.
     coefficients : (p,) array, optional
-        Where; zeros, the arm as drawn, by default.
+        Point of linearisation; zeros by default.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def tip_jacobian(
     p = perturbed_chain.n_coefficients
     x = np.zeros(p) if coefficients is None else np.asarray(coefficients, dtype=float)
     if x.shape != (p,) or not np.isfinite(x).all():
-        raise InputError(f"expected {p} finite coefficients, one for each of the terms', got shape {x.shape}")
+        raise InputError(f"expected {p} finite coefficients of the terms, got shape {x.shape}")
     tips, jacobian = np.empty((len(state), 3)), np.empty((len(state), 3, p))
     for rows, some, columns in perturbed_chain.derivatives(state, x):
         tips[rows] = some.T
@@ -61,15 +61,15 @@ def design_problem(
     scale: bool = False,
     coefficients: npt.ArrayLike | None = None,
 ) -> DesignProblem:
-    """The problem of which candidates to measure, for the least uncertainty in a volume up to a rigid motion.
+    """Pose the problem of which candidates to measure for the smallest uncertainty in a volume, up to a rigid motion.
 
-    Under a tracker a reading tells the tip. In a seat it tells the tip from the unknown point of the seat, and a bar
-    tells the distance of its two seats besides. A seat's point is eliminated where all its readings belong to one
-    candidate; where they are spread over several it becomes three more parameters, after those of the terms. What a
-    bar tells of its two seats is then known before, as the prior is, else it belongs to the candidate.
+    A tracker measures the tip itself. A seat gives the tip relative to the unknown position of the seat, a bar also the
+    distance of its two seats. The position of a seat is eliminated if all its readings belong to one candidate; else it
+    adds three parameters after those of the terms. The length of a bar between two such seats is then part of the
+    prior, else of the candidate.
 
-    The bar is one, with one certificate, whatever its places: its length is the last parameter. So plans with many
-    places do not pretend to know the scale better than the certificate does.
+    There is one bar with one certificate at all its places: its length is the last parameter. Plans with many places
+    therefore do not determine the scale better than the certificate does.
 
     Parameters
     ----------
@@ -79,15 +79,15 @@ def design_problem(
     state : ArmState
         At the readings of the candidates: ``ArmState(chain, candidates.angles)``, or with temperatures and the like.
     volume : ArmState
-        At poses as the arm is to be used.
+        At poses of the later use of the arm.
     prior_precision : (p, p) array
-        Of the coefficients: the diagonal of inverse prior variances, or the inverse of the covariance found so far.
+        Of the coefficients: the diagonal of inverse prior variances, or the inverse of a posterior covariance.
     noise_mm : float
-        Standard deviation of a coordinate of a reading, by the reference, by the touch, and by what no term explains.
+        Standard deviation of a coordinate of a reading: reference, contact, and effects without a term.
     length_u_mm : float
-        Standard uncertainty of a bar's length; from place to place it differs by `PLACE_U_MM` besides.
+        Standard uncertainty of a bar's length; it also varies by `PLACE_U_MM` from place to place.
     scale : bool
-        Whether the uncertainty in the volume is up to a scale as well.
+        Whether the uncertainty in the volume is evaluated up to a scale too.
     coefficients : (p,) array, optional
         As in `tip_jacobian`.
 
@@ -99,16 +99,16 @@ def design_problem(
     if len(state) != len(candidates.angles):
         raise InputError(f"expected a state of {len(candidates.angles)} readings, got {len(state)}")
     if not (np.isfinite(noise_mm) and noise_mm > 0):
-        raise InputError(f"expected the positive noise of a reading in mm, got {noise_mm}")
+        raise InputError(f"expected a positive noise of a reading in mm, got {noise_mm}")
     bar = candidates.length_mm is not None
     if bar and not (np.isfinite(length_u_mm) and length_u_mm > 0):
-        raise InputError(f"expected the positive uncertainty of the bar's length in mm, got {length_u_mm}")
+        raise InputError(f"expected a positive uncertainty of the bar's length in mm, got {length_u_mm}")
     tips, jacobian = tip_jacobian(perturbed_chain, state, coefficients)
     tips_there, jacobian_there = tip_jacobian(perturbed_chain, volume, coefficients)
     n_seats, seat = _seats(candidates)
     bars = _bars(candidates, seat, tips)
     shared = {number for number in range(n_seats) if len(np.unique(candidates.candidate[seat == number])) > 1}
-    # A bar of which one seat is shared: the other is known by the length too.
+    # A bar with one shared seat: the length determines the other seat too.
     shared |= {end for one, other, _ in bars if one in shared or other in shared for end in (one, other)}
     p, q = jacobian.shape[2], 3 * len(shared) + bar
     column = {number: p + 3 * place for place, number in enumerate(sorted(shared))}
@@ -145,7 +145,7 @@ def design_problem(
 
 
 def _seats(candidates: Candidates) -> tuple[int, npt.NDArray[np.intp]]:
-    """How many seats there are, and the number of each reading's, -1 where it is in none."""
+    """Number of seats, and the seat of each reading, -1 if it is in none."""
     if candidates.seat is None:
         return 0, np.full(len(candidates.angles), -1)
     names, seat = np.unique(candidates.seat, return_inverse=True)

@@ -1,12 +1,10 @@
 """Observability indices: how well readings determine the parameters, from the singular values of their Jacobian.
 
-The indices compare parameters with each other, so they mean nothing before units are settled: another unit of one
-parameter changes all of them. Here they are those of the *whitened* Jacobian: each row divided by the standard
-deviation of its reading's noise, each column multiplied by its parameter's prior standard deviation. The Jacobian is
-then a pure number, and a singular value s says that the readings determine one combination of the parameters s times
-as sharply as was known before: its posterior variance is 1 / (1 + s^2) of the prior one. What is below 1 comes from
-the prior. The indices were published for columns in the parameters' own units; numbers from papers compare with these
-only where their scaling is the same.
+The indices depend on the units of the parameters. Here they are those of the *whitened* Jacobian: each row divided by
+the standard deviation of its reading's noise, each column multiplied by its parameter's prior standard deviation. It is
+dimensionless. With a singular value s the posterior variance of one combination of the parameters is 1 / (1 + s^2) of
+the prior variance: below s = 1 the prior dominates. The indices were published for columns in the parameters' own
+units; published numbers are comparable only with the same scaling.
 
 ====== ==================================== ===========================================================================
 index  definition, s1 >= ... >= sL          source
@@ -26,8 +24,8 @@ O5     1 / (1/s1 + ... + 1/sL)              Y. Sun, J. M. Hollerbach, "Observabi
                                             calibration", IEEE Int. Conf. Robotics and Automation 2008, 831
 ====== ==================================== ===========================================================================
 
-Larger is better for each. n is the number of poses. O1 is D-optimality, O3 is E-optimality and O5 stands for
-A-optimality (which proper sums the inverse squares), as Sun and Hollerbach say.
+Larger is better for each. n is the number of poses. O1 is D-optimality, O3 is E-optimality and O5 is close
+to A-optimality, which sums the inverse squares (Sun and Hollerbach).
 """
 
 from __future__ import annotations
@@ -41,13 +39,13 @@ from truearm.errors import InputError
 from truearm.typing import FloatArray
 
 CLEAR_GAP = 1e4
-"""Ratio of neighbouring singular values from which on the smaller one counts as zero.
+"""Ratio of neighbouring singular values above which the smaller one counts as zero.
 
-Where readings cannot tell a combination of parameters, rounding leaves some 1e-16 of the largest singular value; what
-they can tell, even badly, is far above.
+Of a combination of parameters that is not identifiable, rounding leaves some 1e-16 of the largest singular value; an
+identifiable one, even if poorly determined, is far above.
 """
 ROUNDING = 1e-14
-"""Share of the largest singular value below which they are taken for rounding."""
+"""Share of the largest singular value below which a singular value counts as rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,19 +55,19 @@ class Observability:
     Attributes
     ----------
     singular_values : (p,) array
-        Of the whitened Jacobian, in falling order; zeros where there are fewer rows than parameters.
+        Of the whitened Jacobian, in descending order; zeros if there are fewer rows than parameters.
     rank : int
         Identifiable combinations of the parameters.
     gap : float
-        How clear the rank is: the last singular value kept over the first one lost (see `rank_and_gap`), of the
-        Jacobian with columns of unit length. If none is lost, the largest ratio of neighbours.
+        Clearness of the rank: last nonzero over first zero singular value (see `rank_and_gap`), of the Jacobian with
+        columns of unit length. At full rank, the largest ratio of neighbours.
     n_poses : int
-        What O1 is divided by the square root of.
+        Number of poses, for O1.
 
     Notes
     -----
-    The published indices take for granted that what cannot be identified has been left out of the parameters. They are
-    taken over the `rank` identifiable combinations, for the same reason; with rank 0 they are 0.
+    The published indices assume that all parameters are identifiable. Here they are those of the `rank` identifiable
+    combinations; with rank 0 they are 0.
     """
 
     singular_values: FloatArray
@@ -83,24 +81,24 @@ class Observability:
         return len(self.singular_values)
 
     @property
-    def kept(self) -> FloatArray:
+    def nonzero(self) -> FloatArray:
         """(rank,) singular values of the identifiable combinations."""
         return self.singular_values[: self.rank]
 
     @property
     def o1(self) -> float:
         """Root of the product of the singular values, over the square root of the number of poses."""
-        return float(np.exp(np.log(self.kept).mean()) / np.sqrt(self.n_poses)) if self.rank else 0.0
+        return float(np.exp(np.log(self.nonzero).mean()) / np.sqrt(self.n_poses)) if self.rank else 0.0
 
     @property
     def o2(self) -> float:
         """Inverse condition number."""
-        return float(self.kept[-1] / self.kept[0]) if self.rank else 0.0
+        return float(self.nonzero[-1] / self.nonzero[0]) if self.rank else 0.0
 
     @property
     def o3(self) -> float:
         """Smallest singular value."""
-        return float(self.kept[-1]) if self.rank else 0.0
+        return float(self.nonzero[-1]) if self.rank else 0.0
 
     @property
     def o4(self) -> float:
@@ -110,7 +108,7 @@ class Observability:
     @property
     def o5(self) -> float:
         """Inverse of the sum of the inverse singular values."""
-        return float(1 / (1 / self.kept).sum()) if self.rank else 0.0
+        return float(1 / (1 / self.nonzero).sum()) if self.rank else 0.0
 
 
 def observability(jacobian: npt.ArrayLike, *, n_poses: int) -> Observability:
@@ -120,7 +118,7 @@ def observability(jacobian: npt.ArrayLike, *, n_poses: int) -> Observability:
     ----------
     jacobian : (m, p) array
         Whitened: rows over the noise, columns times the parameters' prior standard deviations; without rows for the
-        prior, which would make everything look identifiable.
+        prior, which would make everything identifiable.
     n_poses : int
         Number of poses that the rows come from.
 
@@ -134,7 +132,7 @@ def observability(jacobian: npt.ArrayLike, *, n_poses: int) -> Observability:
         raise InputError(f"expected a Jacobian of shape (rows, parameters), got {J.shape}")
     if not np.isfinite(J).all():
         row, column = np.argwhere(~np.isfinite(J))[0]
-        raise InputError(f"a Jacobian must be finite, got {J[row, column]} in row {row}, parameter {column}")
+        raise InputError(f"expected a finite Jacobian, got {J[row, column]} in row {row}, parameter {column}")
     m, p = J.shape
     if m > p:  # the triangular factor has the same singular values
         J = np.asarray(np.linalg.qr(J, mode="r"))
@@ -150,8 +148,8 @@ def observability_of(singular_values: npt.ArrayLike, *, n_poses: int) -> Observa
     Parameters
     ----------
     singular_values : (p,) array
-        Of a whitened Jacobian, in any order, one for each parameter. Square roots of the eigenvalues of ``J^T J`` will
-        not do where parameters cannot be identified: they are known to 1e-8 of the largest only.
+        Of a whitened Jacobian, in any order, one for each parameter. Square roots of the eigenvalues of ``J^T J`` are
+        unsuitable if parameters are not identifiable: they are accurate to 1e-8 of the largest only.
     n_poses : int
         Number of poses.
 
@@ -165,24 +163,23 @@ def observability_of(singular_values: npt.ArrayLike, *, n_poses: int) -> Observa
 
 
 def rank_and_gap(singular_values: npt.ArrayLike) -> tuple[int, float]:
-    """Numerical rank, and the gap that it rests on.
+    """Numerical rank, and the gap that determines it.
 
-    The rank is where neighbouring singular values, taken as `ROUNDING` times the largest if they are below, have the
-    largest ratio. If that is less than `CLEAR_GAP` they fall away without a gap: the rank is then the number above
-    rounding, and the ratio there tells how unclear it is.
+    The rank is where neighbouring singular values have the largest ratio; those below `ROUNDING` times the largest
+    count as equal to it. If the ratio is less than `CLEAR_GAP`, there is no gap: the rank is then the number of values
+    above rounding, and the ratio there shows how unclear it is.
 
     Parameters
     ----------
     singular_values : (p,) array
-        In any order. Those of a Jacobian with columns of unit length are best: the rank does not depend on the columns'
-        units, but what rounding does to it.
+        In any order. Use those of a Jacobian with columns of unit length: rounding depends on the units of the columns.
 
     Returns
     -------
     rank : int
     gap : float
-        Ratio of the last one kept to the first one lost; of the neighbours farthest apart if none is lost; infinite if
-        all are zero.
+        Ratio of the last nonzero to the first zero value; at full rank the largest ratio of neighbours; infinite if all
+        are zero.
     """
     values = _checked_values(singular_values)
     if values[0] == 0:
@@ -197,7 +194,7 @@ def rank_and_gap(singular_values: npt.ArrayLike) -> tuple[int, float]:
 
 
 def _singular_values(J: FloatArray) -> FloatArray:
-    """(p,) singular values, with zeros where there are fewer rows than columns."""
+    """(p,) singular values, with zeros if there are fewer rows than columns."""
     values = np.zeros(J.shape[1])
     values[: min(J.shape)] = np.linalg.svd(J, compute_uv=False)
     return values

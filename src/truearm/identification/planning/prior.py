@@ -1,4 +1,4 @@
-"""What is known of an arm before the next readings: its terms, and how surely."""
+"""Prior knowledge of an arm before the next readings: its terms and the covariance of their coefficients."""
 
 from __future__ import annotations
 
@@ -27,9 +27,10 @@ from truearm.typing import FloatArray
 Terms = Literal["physical", "constants"]
 
 HIGHEST_ORDER = 4
-"""Of the harmonics about a joint's own axis that a plan for an arm as drawn reckons with.
+"""Highest order of the harmonics about a joint's own axis in a plan for a nominal arm.
 
-A disc's eccentricity and tilt and a grating's two heads make orders 1, 2 and 4; some ten poses cannot tell higher ones.
+Eccentricity and tilt of a disc and the two heads of a grating give orders 1, 2 and 4; some ten poses cannot identify
+higher ones.
 """
 # Share of the largest below which an eigenvalue of a correlation matrix is rounding.
 _ROUNDING = 1e-12
@@ -37,21 +38,20 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Terms of an arm and what is known of their coefficients.
+    """Terms of an arm and the prior knowledge of their coefficients.
 
-    Where the base stands is not among them: nothing that is compared within a set-up depends on it.
+    The base position is not among them: comparisons within a set-up do not depend on it.
 
     Attributes
     ----------
     perturbed_chain : PerturbedChain
-        Chain, as well as it is known, and terms by which it may still differ, with p coefficients that are expected to
-        be zero.
+        Best known chain, and terms by which it may still differ, with p coefficients of mean zero.
     precision : (p, p) array
         Inverse of their covariance.
     noise_mm : float
         Standard deviation of a coordinate of a reading.
     state : callable
-        From angles (n, n_joints) to the arm's state there.
+        From angles (n, n_joints) to the state of the arm.
     """
 
     perturbed_chain: PerturbedChain
@@ -61,7 +61,7 @@ class Prior:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.noise_mm) and self.noise_mm > 0):
-            raise InputError(f"expected the positive noise of a reading in mm, got {self.noise_mm}")
+            raise InputError(f"expected a positive noise of a reading in mm, got {self.noise_mm}")
 
     @property
     def covariance(self) -> FloatArray:
@@ -69,7 +69,7 @@ class Prior:
         return _inverse(self.precision)
 
     def with_frame(self) -> Prior:
-        """The same in a reference's frame of which nothing is known: the base is free, its terms come last."""
+        """Add a free base, for a reference frame in an unknown position; its terms come last."""
         chain = self.perturbed_chain.chain
         base = base_terms(chain)
         p, q = self.perturbed_chain.n_coefficients, len(base)
@@ -83,13 +83,13 @@ class Prior:
         )
 
     def updated(self, rows: FloatArray) -> Prior:
-        """The same after readings that told `rows` (m, p), over their noise."""
+        """Add the information of readings: `rows` (m, p) of their Jacobian over the noise."""
         return replace(self, precision=self.precision + rows.T @ rows)
 
     def after(self, readings: Session) -> Prior:
-        """What is known once readings have been taken too: points seen by a reference, and tips in seats.
+        """Add the information of readings: points measured by a reference, and tips in seats.
 
-        The frame of each session is unknown, and so is the place of a seat. Readings on surfaces are not counted.
+        The frame of each session is unknown, and so is the position of a seat. Readings on surfaces are ignored.
 
         Raises
         ------
@@ -102,36 +102,36 @@ class Prior:
         seen = readings.has_point
         held = (seat != "") & ~seen
         if not (seen | held).any():
-            raise readings.error("expected readings with points or seats, to know what they told; there are none")
+            raise readings.error("expected readings with points or seats; there are none")
         prior = self
         for names, which in ((session, seen), (seat, held)):
             for name in np.unique(names[which]):
                 rows = np.flatnonzero(which & (names == name))
                 angles = readings.angles[rows]
                 if which is held:
-                    # Tips that scatter would look as if the seat told the scale, and where the base is.
+                    # Scattered tips would pretend that the seat determines the scale and the base position.
                     tips = self.perturbed_chain.chain.tip_in_base(angles)
                     middle = np.broadcast_to(tips.mean(axis=0), tips.shape)
                     angles = solve_inverse_kinematics(self.perturbed_chain.chain, middle, start=angles).angles
                 tips, jacobian = tip_jacobian(self.perturbed_chain, self.state(angles))
                 shifts = rigid_motions(tips)
                 unknown = shifts if which is seen else shifts[:, :3]
-                told = project_out(jacobian.reshape(3 * len(rows), -1) / self.noise_mm, unknown)
-                prior = prior.updated(told)
+                information = project_out(jacobian.reshape(3 * len(rows), -1) / self.noise_mm, unknown)
+                prior = prior.updated(information)
         return prior
 
 
 def nominal_prior(arm: Arm, *, terms: Terms = "physical", noise_mm: float) -> Prior:
-    """What is known of an arm of which no reading has been taken: its drawing, and the priors of the terms.
+    """Prior knowledge of a nominal arm: the priors of its terms.
 
     Parameters
     ----------
     arm : Arm
     terms : {"physical", "constants"}
-        The constants of joints and tip (see `truearm.identification.terms.catalogue.constants`), harmonics about the joints' own axes
-        up to order `HIGHEST_ORDER`, wobble, and gravity; or the constants alone.
+        The constants of joints and tip (see `terms.catalogue.constants`), harmonics about the joints' own axes up
+        to order `HIGHEST_ORDER`, wobble, and gravity; or the constants alone.
     noise_mm : float
-        Standard deviation of a coordinate of a reading, by the reference, by the touch, and by what no term explains.
+        Standard deviation of a coordinate of a reading: reference, contact, and effects without a term.
     """
     chain, joints = arm.chain, range(1, arm.n_joints + 1)
     chosen: list[Term] = [term for term in constants(chain, free=()) if term.place > 0]
@@ -151,25 +151,24 @@ def nominal_prior(arm: Arm, *, terms: Terms = "physical", noise_mm: float) -> Pr
 
 
 def identified_prior(
-    arm: Arm, found: IdentificationResult, *, noise_mm: float, state: Callable[[FloatArray], ArmState]
+    arm: Arm, fit: IdentificationResult, *, noise_mm: float, state: Callable[[FloatArray], ArmState]
 ) -> tuple[Arm, Prior]:
-    """What is known of an arm that has been identified.
+    """Prior knowledge of an identified arm.
 
     Parameters
     ----------
     arm : Arm
-        As drawn.
-    found : IdentificationResult
-        Of it.
+        Nominal.
+    fit : IdentificationResult
     noise_mm : float
-        Standard deviation of a coordinate that its terms do not explain.
+        Residual standard deviation of a coordinate.
     state : callable
-        From angles to the arm's state, as its terms need it.
+        From angles to the state of the arm that its terms need.
 
     Returns
     -------
     arm : Arm
-        With the constants identified, on the base as drawn.
+        With the identified constants, on the nominal base.
     prior : Prior
 
     Raises
@@ -177,22 +176,22 @@ def identified_prior(
     InputError
         If nothing but the base has been identified.
     """
-    sizes = [term.n_coefficients for term in found.perturbed_chain.terms]
-    kept = [term.place > 0 or not isinstance(term.basis, Constant | InSession) for term in found.perturbed_chain.terms]
+    sizes = [term.n_coefficients for term in fit.perturbed_chain.terms]
+    kept = [term.place > 0 or not isinstance(term.basis, Constant | InSession) for term in fit.perturbed_chain.terms]
     columns = np.flatnonzero(np.repeat(kept, sizes))
     if not len(columns):
         raise InputError(
-            "nothing but the base has been identified: there is nothing to plan for",
-            hint="a kinematic or physical model, or the name of the arm",
+            "the model has no identified terms except the base; there is nothing to plan for",
+            hint="use a kinematic or physical model, or the name of the arm",
         )
-    fixed = found.chain.fixed.copy()
+    fixed = fit.chain.fixed.copy()
     fixed[0] = arm.chain.fixed[0]
-    chain = replace(found.chain, fixed=fixed)
+    chain = replace(fit.chain, fixed=fixed)
     prior = Prior(
         PerturbedChain(
-            chain, tuple(term for term, wanted in zip(found.perturbed_chain.terms, kept, strict=True) if wanted)
+            chain, tuple(term for term, wanted in zip(fit.perturbed_chain.terms, kept, strict=True) if wanted)
         ),
-        _inverse(found.covariance[np.ix_(columns, columns)]),
+        _inverse(fit.covariance[np.ix_(columns, columns)]),
         noise_mm,
         state,
     )
@@ -200,7 +199,7 @@ def identified_prior(
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
-    """Inverse of a covariance or precision, whatever the units; what rounding left below zero counts as zero."""
+    """Inverse of a covariance or precision, in any units; eigenvalues that rounding made negative count as zero."""
     scale = np.sqrt(matrix.diagonal())
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     unit = (vectors / np.maximum(values, _ROUNDING * values[-1])) @ vectors.T

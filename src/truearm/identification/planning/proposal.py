@@ -1,4 +1,4 @@
-"""A plan to measure by: places of the artefact and poses, by each strategy, and what they will tell."""
+"""Proposals of poses and places of the artefact, by each strategy, with their predicted uncertainty."""
 
 from __future__ import annotations
 
@@ -32,39 +32,39 @@ Progress = Callable[[int, str], None]
 Strategy = Literal["i-optimal", "d-optimal", "technician", "random"]
 
 STRATEGIES: tuple[Strategy, ...] = ("i-optimal", "d-optimal", "technician", "random")
-"""Least uncertainty in the volume; least confidence ellipsoid; poses as of a person who measures; poses drawn."""
+"""Smallest uncertainty in the volume; smallest confidence ellipsoid; poses of a person who measures; random poses."""
 
 LENGTH_U_MM = 0.005
-"""Standard uncertainty of a bar's length that a plan reckons with [mm]."""
+"""Assumed standard uncertainty of the length of a bar [mm]."""
 
 VOLUME_POSES = 200
-# Poses to choose from, for each wanted: of a tracker's half are a technician's.
+# Candidates per pose; with a tracker half of them are a technician's.
 _PER_POSE, _FEWEST = 8, 300
 _PER_POSE_IN_SEAT, _MOST_SPARE = 4, 60
-# Places to choose from, for each wanted.
+# Candidate places per place.
 _PER_PLACE = 3
-# Share of a column's length, and of the longest over their priors, below which what is left of a column is rounding.
+# Share of a column's length, and of the longest over their priors, below which the rest of a column is rounding.
 _GONE = 1e-9
-# Numbers of poses at which the course of the uncertainty is calculated.
+# Numbers of poses at which the uncertainty is calculated.
 _COURSE = 24
 
 
 @dataclass(frozen=True)
 class Artefact:
-    """What readings are taken with.
+    """The artefact or instrument of a session.
 
     Parameters
     ----------
     kind : {"tracker", "seat", "bar"}
     places : int
-        How many seats there are, or how many places the bar is put to.
+        Number of seats, or of places of the bar.
     length_mm : float, optional
-        Between the two seats of a bar.
+        Length between the two seats of a bar.
 
     Raises
     ------
     InputError
-        If a bar has no length, or something else has one.
+        If a bar has no length, or another artefact has one.
     """
 
     kind: Literal["tracker", "seat", "bar"]
@@ -73,17 +73,17 @@ class Artefact:
 
     def __post_init__(self) -> None:
         if self.kind == "bar" and self.length_mm is None:
-            raise InputError("a bar has a length between its seats, in mm; none is given", hint="--length 500")
+            raise InputError("a bar needs the length between its seats in mm", hint="--length 500")
         if self.kind != "bar" and self.length_mm is not None:
-            raise InputError(f"a length is for the artefact bar, not for {self.kind}", hint="--artefact bar")
+            raise InputError(f"a length applies to the artefact bar only, not to {self.kind}", hint="--artefact bar")
         if self.kind == "tracker" and self.places:
-            raise InputError("a number of seats is for the artefacts seat and bar, not for tracker")
+            raise InputError("a number of seats applies to the artefacts seat and bar only, not to tracker")
         if self.kind != "tracker":
             checked_count(self.places, "places")
 
     @property
     def seats(self) -> int:
-        """How many seats all places have."""
+        """Number of seats of all places."""
         return self.places * (2 if self.kind == "bar" else 1)
 
 
@@ -94,15 +94,15 @@ class Proposal:
     Attributes
     ----------
     poses : Candidates
-        Each a candidate, in the order to take them: under a tracker the most useful first, with an artefact place after
-        place and seat after seat.
+        Each a candidate, in the order of measurement: with a tracker the most useful first, with an artefact place by
+        place and seat by seat.
     counts : (m,) int array
         Numbers of poses, from 0 to all.
     rms_mm : (m,) array
-        Uncertainty of a point in the volume after so many, three-dimensional root mean square; with seats, apart from
-        the scale, which they do not tell.
+        Uncertainty of a point in the volume after so many poses, three-dimensional root mean square; with seats, apart
+        from the scale, which they do not determine.
     observability : Observability
-        Of the terms by these poses alone, each in units of how surely it was known before.
+        Of the terms by these poses alone; each coefficient is scaled by its prior standard deviation.
     """
 
     poses: Candidates
@@ -123,16 +123,16 @@ class Proposal:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationPlan:
-    """What can be done, and what it will bring.
+    """The proposals of all strategies, and their inputs.
 
     Attributes
     ----------
     arm : Arm
     prior : Prior
-        Before.
+        Knowledge before the session.
     artefact : Artefact
     volume : (n, n_joints) array
-        Poses as the arm is to be used.
+        Poses of the later use of the arm.
     proposals : mapping of str to Proposal
         By strategy.
     """
@@ -156,30 +156,30 @@ def propose(
 ) -> CalibrationPlan:
     """Propose the next poses by every strategy.
 
-    With a seat or a bar, the places are chosen first, each with the poses in it that differ most; then the poses in the
-    places chosen. Poses drawn and a technician's are in places drawn.
+    With a seat or a bar, the places are chosen first, each with its most different poses; then the poses in the chosen
+    places. Random poses and a technician's are in random places.
 
     Parameters
     ----------
     arm : Arm
         Base z up.
     prior : Prior
-        What is known of it before.
+        Knowledge of the arm before the session.
     artefact : Artefact
     n : int
         Number of poses; two and more for each seat.
     volume : Sector, optional
-        Where the arm is to be used, that of `Sector()` by default. There too are a technician's poses under a tracker;
-        other poses may be anywhere in the sector that the arm works in.
+        Where the arm is to be used, by default `Sector()`. With a tracker, a technician's poses are there too; other
+        poses may be anywhere in the sector in which the arm works.
     seed : int
-        Of all that is drawn.
+        Seed of all random choices.
     progress : callable, optional
-        Told the strategies done, and how it stands.
+        Called with the number of strategies done and a note.
 
     Returns
     -------
     CalibrationPlan
-        Without a technician's poses for an arm that cannot choose where its stylus points.
+        Without a technician's poses if the arm cannot choose the direction of its stylus.
 
     Raises
     ------
@@ -190,13 +190,13 @@ def propose(
     if checked_count(n) < 2 * artefact.seats:
         raise InputError(
             f"expected two poses or more for each of {artefact.seats} seats, got {n} in all",
-            hint=f"--poses {2 * artefact.seats}, or fewer seats",
+            hint=f"use --poses {2 * artefact.seats}, or fewer seats",
         )
     volume = volume or Sector()
-    told = progress or _silent
-    told(0, "poses in the volume")
+    report = progress or _silent
+    report(0, "poses in the volume")
     there = volume_poses(arm, VOLUME_POSES, seed=seed + 1, sector=volume)
-    told(0, "poses to choose from")
+    report(0, "candidate poses")
     chooser = _Chooser(arm, prior, artefact, n, there, seed)
     pool = chooser.pool(volume)
     proposals: dict[Strategy, Proposal] = {}
@@ -205,16 +205,16 @@ def propose(
             continue
 
         def tell(what: str, done: int, total: int, number: int = number, strategy: Strategy = strategy) -> None:
-            told(number, f"{strategy}: {what} {done} of {total}")
+            report(number, f"{strategy}: {what} {done} of {total}")
 
-        told(number, strategy)
-        proposals[strategy] = chooser.proposal(chooser.chosen(pool, strategy, tell))
+        report(number, strategy)
+        proposals[strategy] = chooser.proposal(chooser.choose(pool, strategy, tell))
     return CalibrationPlan(arm, prior, artefact, there, proposals)
 
 
 @dataclass(frozen=True, eq=False)
 class _Chooser:
-    """Everything a choice depends on but the strategy."""
+    """Chooses poses by a strategy; holds all other inputs."""
 
     arm: Arm
     prior: Prior
@@ -228,11 +228,12 @@ class _Chooser:
         return ceil(self.n / self.artefact.seats)
 
     def pool(self, volume: Sector) -> Candidates:
-        """Poses to choose from, in more places than are wanted."""
+        """Candidate poses, in more places than will be chosen."""
         if self.artefact.kind == "tracker":
             found = tracker_poses(self.arm, max(_PER_POSE * self.n, _FEWEST), seed=self.seed)
             assert found.technician is not None  # tracker_poses says so
-            if volume != Sector() and found.technician.any():  # a technician measures there; others may be anywhere
+            if volume != Sector() and found.technician.any():
+                # A technician measures in the volume; other poses may be anywhere.
                 angles = found.angles.copy()
                 n_there = int(found.technician.sum())
                 angles[found.technician] = volume_poses(self.arm, n_there, seed=self.seed, sector=volume)
@@ -241,8 +242,8 @@ class _Chooser:
         per_seat = min(_PER_POSE_IN_SEAT * self.per_seat, self.per_seat + _MOST_SPARE)
         return self._in_places(_PER_PLACE * self.artefact.places, per_seat, technician=False)
 
-    def chosen(self, pool: Candidates, strategy: Strategy, tell: Callable[[str, int, int], None]) -> Candidates:
-        """Poses by a strategy, in the order to take them."""
+    def choose(self, pool: Candidates, strategy: Strategy, tell: Callable[[str, int, int], None]) -> Candidates:
+        """Poses by a strategy, in the order of measurement."""
         if self.artefact.kind == "tracker":
             assert pool.technician is not None  # tracker_poses says so
             which = np.arange(len(pool))
@@ -263,7 +264,7 @@ class _Chooser:
         return there.split_into_poses(rows[sorted(range(self.n), key=order.__getitem__)])
 
     def proposal(self, poses: Candidates) -> Proposal:
-        """What poses will tell, in their order."""
+        """Predicted uncertainty of poses, in their order."""
         problem = self._problem(poses)
         counts = np.unique(np.concatenate([[0], np.geomspace(1, self.n, _COURSE).round()])).astype(np.intp)
         rms = np.sqrt([problem.variance(range(count)) for count in counts])
@@ -272,7 +273,7 @@ class _Chooser:
         return Proposal(poses, counts, rms, observability(J * std, n_poses=self.n))
 
     def _places(self, pool: Candidates, strategy: Strategy, tell: Callable[[str, int, int], None]) -> list[int]:
-        """Places of the artefact, the most useful first; in each the poses that differ most stand for all."""
+        """Places of the artefact, the most useful first, judged by the most different poses in each."""
         assert pool.seat is not None  # poses in seats
         _, first = np.unique(pool.seat, return_index=True)
         rows = np.concatenate([np.arange(start, start + self.per_seat) for start in np.sort(first)])
@@ -309,16 +310,16 @@ class _Chooser:
 
 
 def information_rows(prior: Prior, poses: Candidates) -> FloatArray:
-    """What poses tell of the terms alone, as rows (m, p) over their noise.
+    """Information of poses about the terms alone, as rows (m, p) over their noise.
 
-    The frame of a tracker and the places of seats are eliminated: they are found from the same readings.
+    The frame of a tracker and the positions of seats are eliminated: they are estimated from the same readings.
     """
     state = prior.state(poses.angles)
     tips, jacobian = tip_jacobian(prior.perturbed_chain, state)
     J = jacobian.reshape(3 * len(state), -1) / prior.noise_mm
     if poses.seat is None:
         rows = project_out(J, rigid_motions(tips))
-    else:  # as by `design_problem`, with a target that plays no part
+    else:  # as in `design_problem`; its target is not used
         problem = design_problem(
             prior.perturbed_chain,
             poses.group_by_place(),
@@ -329,22 +330,22 @@ def information_rows(prior: Prior, poses: Candidates) -> FloatArray:
             length_u_mm=LENGTH_U_MM,
         )
         rows = problem.factors.reshape(-1, problem.factors.shape[2])
-        if poses.length_mm is not None:  # the bar's length is found too, and known before
+        if poses.length_mm is not None:  # the length of the bar is estimated too, with its certificate as prior
             certificate = np.zeros((1, rows.shape[1]))
             certificate[0, -1] = 1 / LENGTH_U_MM
             rows = np.concatenate([rows, certificate])
         rows = project_out(rows[:, : J.shape[1]], rows[:, J.shape[1] :])
-    if not len(rows):  # too few poses to tell anything
+    if not len(rows):  # too few poses for any information
         return np.zeros((1, J.shape[1]))
-    # What moves all points alike, or none, is gone but for rounding, which must not look like something told.
+    # What moves all points alike, or none, has zero information but for rounding, which is removed.
     size = np.linalg.norm(rows, axis=0)
-    told = size * np.sqrt(prior.covariance.diagonal())
-    gone = (size < _GONE * np.linalg.norm(J, axis=0)) | (told < _GONE * told.max())
+    scaled = size * np.sqrt(prior.covariance.diagonal())
+    gone = (size < _GONE * np.linalg.norm(J, axis=0)) | (scaled < _GONE * scaled.max())
     return np.where(gone, 0.0, rows)
 
 
 def _shared_out(poses: Candidates, n: int) -> IntArray:
-    """Rows of n poses, as evenly as can be among the seats, place after place."""
+    """Rows of n poses, distributed as evenly as possible over the seats, place by place."""
     assert poses.seat is not None  # poses in seats
     _, seat = np.unique(poses.seat, return_inverse=True)
     turn = np.array([(seat[:row] == seat[row]).sum() for row in range(len(seat))])
@@ -352,4 +353,4 @@ def _shared_out(poses: Candidates, n: int) -> IntArray:
 
 
 def _silent(done: int, note: str) -> None:
-    """Tell nobody."""
+    """Report no progress."""

@@ -1,4 +1,4 @@
-"""A plan as a session file to fill in, and the lengths of its bar."""
+"""A plan as a session file to fill in, and the file of the lengths of its bar."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ from truearm.typing import NameArray
 
 
 def check_template_path(path: str | Path) -> None:
-    """Check, before long work, that a template can be written, and that nothing is there: it may have been filled in.
+    """Check, before long work, that a template can be written and overwrites no file: it may contain readings.
 
     Raises
     ------
     InputError
-        If the name does not end in ``.csv``, there is such a file, or its folder is not writable.
+        If the name does not end in ``.csv``, the file exists, or its folder is not writable.
     """
     path = Path(path)
     if path.suffix != ".csv":
         raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
     if path.exists():
-        raise InputError("there is such a file, and readings may be in it", file=path, hint="another name")
+        raise InputError("the file exists, and readings may be in it", file=path, hint="choose another name")
     check_writable(path)
 
 
 def write_template(arm: Arm, poses: Candidates, path: str | Path) -> None:
-    """Write poses as a session file in which the readings are to be filled in.
+    """Write poses as a session file to fill in.
 
-    The angles to aim at stand in columns of notes. Those of the readings are empty, and no fit takes the file before
-    they are filled in: it would learn that the arm is as drawn.
+    The angles to aim at are in columns of notes. The columns of the readings are empty, and a fit refuses the file
+    before they are filled in: otherwise it would identify the nominal arm.
 
     Parameters
     ----------
     arm : Arm
     poses : Candidates
-        In the order to take them.
+        In the order of measurement.
     path : path
         Ends in ``.csv``.
 
@@ -78,7 +78,7 @@ def write_template(arm: Arm, poses: Candidates, path: str | Path) -> None:
 
 
 def write_bar_lengths(poses: Candidates, path: str | Path) -> None:
-    """Write the length of the bar at each of its places, as a fit takes it: one artefact, with one certificate.
+    """Write the length of the bar at each of its places for a fit: one artefact with one certificate.
 
     Raises
     ------
@@ -86,7 +86,9 @@ def write_bar_lengths(poses: Candidates, path: str | Path) -> None:
         As `check_template_path`.
     """
     check_template_path(path)
-    note = "as planned; put in length and standard uncertainty from the bar's certificate, and its expansion if known"
+    note = (
+        "as planned; enter length and standard uncertainty from the certificate of the bar, and its expansion if known"
+    )
     with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow((*ENDS, *NUMBERS, ARTEFACT, *EXPANSION, "note"))
@@ -103,20 +105,22 @@ def bars(poses: Candidates) -> list[tuple[str, str]]:
 
 
 def place_names(poses: Candidates) -> NameArray:
-    """Name of the place of each reading: its seat, or what both seats of a bar have in common."""
+    """Name of the place of each reading: its seat, or the common part of the names of a bar's seats."""
     assert poses.seat is not None  # poses in seats
     return poses.seat if poses.length_mm is None else np.array([name[:-1] for name in poses.seat.tolist()])
 
 
-def continue_seat_numbers(poses: Candidates, taken: Iterable[str]) -> Candidates:
-    """Name the places 1, 2, ... in the order of the poses, on from the seats taken: the same name is the same seat."""
+def continue_seat_numbers(poses: Candidates, used: Iterable[str]) -> Candidates:
+    """Number the places in the order of the poses, after the seats already used: the same name is the same seat."""
     if poses.seat is None:
         return poses
     letter = poses.seat[0][0]
-    numbers = (re.fullmatch(rf"{letter}([0-9]{{1,9}})[ab]?", name) for name in taken)
-    used = [int(found[1]) for found in numbers if found]
+    numbers = (re.fullmatch(rf"{letter}([0-9]{{1,9}})[ab]?", name) for name in used)
+    numbers_used = [int(match[1]) for match in numbers if match]
     places = place_names(poses)
-    number = {name: max(used, default=0) + count for count, name in enumerate(dict.fromkeys(places.tolist()), start=1)}
+    number = {
+        name: max(numbers_used, default=0) + count for count, name in enumerate(dict.fromkeys(places.tolist()), start=1)
+    }
     named = [
         f"{letter}{number[place]}{seat[len(place) :]}"
         for place, seat in zip(places.tolist(), poses.seat.tolist(), strict=True)
@@ -125,22 +129,22 @@ def continue_seat_numbers(poses: Candidates, taken: Iterable[str]) -> Candidates
 
 
 def notes(poses: Candidates) -> list[str]:
-    """What to do for each pose, in words."""
+    """Instruction for each pose."""
     if poses.seat is None:
-        return ["tip in sight of the tracker"] * len(poses.angles)
+        return ["tip visible to the tracker"] * len(poses.angles)
     assert poses.seat_points is not None  # poses in seats
-    said, before = [], ""
+    instructions, before = [], ""
     places = place_names(poses)
     for row, seat in enumerate(poses.seat.tolist()):
         if places[row] == before:
-            said.append(f"tip in seat {seat}")
+            instructions.append(f"tip in seat {seat}")
             continue
         before = str(places[row])
         ends = dict.fromkeys(poses.seat[places == before].tolist())
         where = "; ".join(f"{end} at {_point(poses, end)}" for end in sorted(ends))
-        what = "seat fixed" if poses.length_mm is None else "bar fixed"
-        said.append(f"{what}, {where}; tip in seat {seat}")
-    return said
+        what = "fix the seat" if poses.length_mm is None else "fix the bar"
+        instructions.append(f"{what}, {where}; tip in seat {seat}")
+    return instructions
 
 
 def _point(poses: Candidates, seat: str) -> str:

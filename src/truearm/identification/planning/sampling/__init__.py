@@ -1,4 +1,4 @@
-"""Where to put the joints: sampling strategies, each a function of an arm, a number of poses and a seed."""
+"""Sampling strategies for poses: each is a function of an arm, a number of poses and a seed."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -17,6 +17,6 @@ STRATEGIES: Mapping[str, Callable[..., Poses]] = {
     "measuring": measuring_poses,
     "seat": seat,
 }
-"""Strategies by the names that the command line knows: ``STRATEGIES[name](arm, n, seed=seed)``."""
+"""Strategies by the names of the command line: ``STRATEGIES[name](arm, n, seed=seed)``."""
 
 __all__ = ["HALF_WIDTH_RAD", "STRATEGIES", "Poses", "Sector", "box", "measuring_poses", "seat", "uniform"]

@@ -1,8 +1,8 @@
-"""Poses as a person takes them who measures parts.
+"""Poses of a person who measures parts.
 
-How operators place the joints has hardly been published. This is a working model: targets in the front sector, the
-stylus within a cone about the surface's normal, which mostly points up or sideways, and the elbow somewhere to either
-side, but not under the table.
+There is hardly any publication on how operators place the joints. This is a working model: targets in the front sector,
+the stylus within a cone about the surface normal, which points up or sideways, and the elbow to either side, but not
+below the table.
 """
 
 from __future__ import annotations
@@ -29,10 +29,14 @@ from truearm.identification.planning.sampling.workspace import (
 from truearm.typing import FloatArray
 
 END_STOP_MARGIN_RAD = float(np.radians(2.0))
-"""Operators are told to keep off the end stops, where the tubes bend and no encoder sees it."""
+"""Operators stay away from the end stops, where the tubes bend and no encoder measures it."""
 
 TRIES_PER_POSE = 30
-OUT_OF_REACH, AT_LIMIT, UNDER_TABLE = "target not reached", "target only at a joint's limit", "elbow under the table"
+OUT_OF_REACH, AT_LIMIT, UNDER_TABLE = (
+    "target not reached",
+    "target reached at a joint limit only",
+    "joint below the table",
+)
 
 
 def measuring_poses(
@@ -46,14 +50,13 @@ def measuring_poses(
     swing_std_deg: float = 35.0,
     roll_std_deg: float = 60.0,
 ) -> Poses:
-    """Poses of a person who measures parts in front of the arm, which stands upright.
+    """Poses of a person who measures parts in front of an upright arm.
 
-    Each pose has a target point, evenly drawn from `sector`, and a surface normal there: up with probability
-    `from_above`, otherwise sideways and not away from the arm. The stylus points against the normal but for
-    an angle within the cone. What freedom the arm has left follows a posture drawn about the working pose turned to the
-    target: the elbow swings by N(0, `swing_std_deg`) and a handle that turns freely (7 axes) rolls by
-    N(0, `roll_std_deg`). Inverse kinematics finds the angles, 2 deg off the limits; no joint may lie below the base and
-    the target.
+    Each pose has a target point, uniform in `sector`, and a surface normal: up with probability `from_above`, else
+    sideways and not away from the arm. The stylus points against the normal up to an angle within the cone. The
+    remaining freedom follows a posture drawn about the working pose turned to the target: the elbow swings by
+    N(0, `swing_std_deg`) and a freely turning handle (7 axes) rolls by N(0, `roll_std_deg`). Inverse kinematics solves
+    for the angles, 2 deg within the limits; no joint may be below both base and target.
 
     Parameters
     ----------
@@ -65,26 +68,26 @@ def measuring_poses(
     sector : Sector, optional
         Where the targets are.
     cone_deg : float
-        Half opening of the cone of stylus directions about the surface's normal [deg].
+        Half angle of the cone of stylus directions about the surface normal [deg].
     from_above : float
-        Share of surfaces that look up.
+        Share of surfaces that face up.
     swing_std_deg, roll_std_deg : float
         Standard deviations [deg].
 
     Returns
     -------
     Poses
-        With the number of targets not taken, by reason.
+        With the number of rejected targets, by reason.
 
     Raises
     ------
     InputError
-        If the arm has too few joints, or thirty targets a pose do not give enough poses.
+        If the arm has too few joints, or thirty targets per pose do not give enough poses.
     """
     check_five_rotary_joints(arm)
     rng = np.random.default_rng(checked_seed(seed))
     where, sector = stance(arm), sector or Sector()
-    taken: list[FloatArray] = []
+    accepted: list[FloatArray] = []
     rejected: Counter[str] = Counter()
     tries_left = TRIES_PER_POSE * checked_count(n)
     missing = n
@@ -97,35 +100,35 @@ def measuring_poses(
         angles, reason = reach(arm, tips, axes, posture)
         enough = _rows_until(reason == "", missing)
         rejected.update(reason[:enough][reason[:enough] != ""].tolist())
-        taken.append(angles[:enough][reason[:enough] == ""])
-        missing -= len(taken[-1])
+        accepted.append(angles[:enough][reason[:enough] == ""])
+        missing -= len(accepted[-1])
         tries_left -= enough
     if missing:
-        found = f"only {n - missing} of {n} poses found for arm {arm.name!r} in {TRIES_PER_POSE * n} targets"
+        summary = f"arm {arm.name!r} takes only {n - missing} of {n} poses in {TRIES_PER_POSE * n} targets"
         raise InputError(
-            f"{found}: {describe_rejections(rejected)}",
-            hint="a nearer sector, a wider cone or the strategy box",
+            f"{summary}: {describe_rejections(rejected)}",
+            hint="use a nearer sector, a wider cone or the strategy box",
         )
-    return Poses(np.concatenate(taken), dict(rejected))
+    return Poses(np.concatenate(accepted), dict(rejected))
 
 
 def check_five_rotary_joints(arm: Arm) -> None:
-    """Refuse an arm that cannot choose where its stylus points, or whose joints slide."""
+    """Refuse an arm that cannot choose the direction of its stylus, or has prismatic joints."""
     if arm.n_joints < 5:
         raise InputError(
-            f"a tip and a stylus direction need five joints, arm {arm.name!r} has {arm.n_joints}",
-            hint="the strategy box or uniform",
+            f"a tip position and a stylus direction need five joints; arm {arm.name!r} has {arm.n_joints}",
+            hint="use the strategy box or uniform",
         )
     if arm.chain.is_prismatic.any():
-        joint = arm.joint_names[int(np.argmax(arm.chain.is_prismatic))]
+        joint = int(np.argmax(arm.chain.is_prismatic)) + 1
         raise InputError(
-            f"postures are drawn for turning joints, but {joint} of arm {arm.name!r} slides",
-            hint="the strategy uniform",
+            f"postures need rotary joints; J{joint} of arm {arm.name!r} is prismatic",
+            hint="use the strategy uniform",
         )
 
 
 def surface_normals(tips: FloatArray, where: Stance, *, from_above: float, rng: np.random.Generator) -> FloatArray:
-    """Draw normals of the surfaces touched: up, or sideways within 110 deg of the direction to the arm, (n, 3)."""
+    """Draw normals of the measured surfaces: up, or sideways within 110 deg of the direction to the arm, (n, 3)."""
     back = np.arctan2(*(where.shoulder_in_base - tips)[:, 1::-1].T)
     azimuth = back + np.radians(rng.uniform(-110, 110, len(tips)))
     sideways = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(tips))])
@@ -137,7 +140,7 @@ def surface_normals(tips: FloatArray, where: Stance, *, from_above: float, rng: 
 def postures(
     arm: Arm, tips: FloatArray, where: Stance, *, swing_std_deg: float, roll_std_deg: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Postures to stay near to: the working pose, turned to the targets and swung at random, (n, n_joints) [rad]."""
+    """Draw nominal postures: the working pose, turned to the targets and swung at random, (n, n_joints) [rad]."""
     out = arm.working + np.radians(swing_std_deg) * rng.standard_normal((len(tips), arm.n_joints))
     out[:, 0] += azimuth_of(tips, where)
     if arm.n_joints > 6:
@@ -148,31 +151,31 @@ def postures(
 
 
 def inner_limits(arm: Arm) -> tuple[FloatArray, FloatArray]:
-    """Limits less a margin, so that no pose leans on an end stop; never past the working pose."""
+    """Joint limits with a margin, so that no pose is at an end stop; the working pose is always inside."""
     lower, upper = arm.limits.T
     margin = np.where(arm.chain.is_prismatic, 0.0, END_STOP_MARGIN_RAD)
     return np.minimum(lower + margin, arm.working), np.maximum(upper - margin, arm.working)
 
 
 def reach(arm: Arm, tips: FloatArray, axes: FloatArray, posture: FloatArray) -> tuple[FloatArray, npt.NDArray[np.str_]]:
-    """Angles that reach targets, and for each the reason why not, or an empty string."""
+    """Angles that reach targets, and for each the reason of a failure, or an empty string."""
     lower, upper = inner_limits(arm)
     found = solve_inverse_kinematics(
         arm.chain, tips, start=posture, probe_axis_in_base=axes, posture=posture, lower=lower, upper=upper
     )
     at_limit = ((found.angles <= lower) | (found.angles >= upper)).any(axis=1)
-    # The table is at the base, or as low as the target if that is lower.
+    # The table is at the height of the base, or of the target if that is lower.
     under = joint_origins(arm.chain, found.angles)[:, :, 2].min(axis=1) < np.minimum(tips[:, 2], 0.0)
     reason = np.where(~found.reached, np.where(at_limit, AT_LIMIT, OUT_OF_REACH), np.where(under, UNDER_TABLE, ""))
     return found.angles, reason
 
 
 def describe_rejections(rejected: Mapping[str, int]) -> str:
-    """Say what was rejected in a few words."""
+    """Describe the rejected poses in a few words."""
     return ", ".join(f"{count} x {reason}" for reason, count in sorted(rejected.items())) or "none rejected"
 
 
 def _rows_until(good: npt.NDArray[np.bool_], wanted: int) -> int:
-    """Count the rows up to and with the wanted-th good one; all if there are fewer."""
+    """Count the rows up to and including the wanted-th good one; all if there are fewer."""
     places = np.flatnonzero(good)
     return int(places[wanted - 1]) + 1 if len(places) >= wanted else len(good)

@@ -1,4 +1,4 @@
-"""What a sampling strategy returns."""
+"""The result of a sampling strategy."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from truearm.typing import FloatArray, NameArray
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Poses to take, in order.
+    """Poses in the order of measurement.
 
     Attributes
     ----------
     angles : (n, n_joints) array
-        Inside the arm's limits [rad, or mm for sliding joints].
+        Inside the joint limits [rad, or mm for prismatic joints].
     rejected : mapping of str to int
-        How many candidates were not taken, by reason. Empty if the strategy rejects nothing.
+        Number of rejected candidates, by reason.
     seat : (n,) array of str, optional
         The seat that holds the tip.
     seat_points : (n, 3) array, optional
-        Where that seat is in the base frame [mm]; the nominal tip is in it.
+        Position of that seat in the base frame [mm]; the nominal tip is in it.
     """
 
     angles: FloatArray
@@ -38,7 +38,7 @@ class Poses:
 
 
 def checked_count(n: int, what: str = "poses") -> int:
-    """Check a number of things to make."""
+    """Check a number of poses, seats or places."""
     if n < 1:
         raise InputError(f"expected at least one of {what}, got {n}")
     return n
@@ -52,22 +52,22 @@ def checked_seed(seed: int) -> int:
 
 
 def joint_travel_limits(arm: Arm) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper ends of what the joints can do [rad, or mm].
+    """Lower and upper ends of the joint ranges [rad, or mm].
 
-    A turning joint without limits gets one full turn about its working pose; with one limit, a full turn from it.
+    A rotary joint without limits gets one full turn about its working pose; with one limit, a full turn from it.
 
     Raises
     ------
     InputError
-        If a sliding joint has no limits.
+        If a prismatic joint has no limits.
     """
     lower, upper = arm.limits.T.copy()
     open_slide = arm.chain.is_prismatic & ~(np.isfinite(lower) & np.isfinite(upper))
     if open_slide.any():
-        joint = arm.joint_names[int(np.argmax(open_slide))]
+        joint = int(np.argmax(open_slide)) + 1
         raise InputError(
-            f"sliding joint {joint} of arm {arm.name!r} has no limits to spread poses over",
-            hint="limits in the arm file",
+            f"prismatic joint J{joint} of arm {arm.name!r} has no limits",
+            hint="state its limits in the arm file",
         )
     free_below, free_above = np.isinf(lower), np.isinf(upper)
     both = free_below & free_above

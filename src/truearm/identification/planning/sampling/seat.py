@@ -1,4 +1,4 @@
-"""Poses with the tip in a seat and the joints as different as they can be."""
+"""Poses with the tip in a seat and joint angles as different as possible."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ from truearm.identification.planning.sampling.workspace import (
 from truearm.typing import FloatArray
 
 SEAT_SECTOR = Sector(near=0.35, far=0.75, low=-0.25, high=0.25, half_angle_deg=60.0)
-"""Seats stand on the table or on posts, where the arm has room to turn about them."""
+"""Seats are on the table or on posts, where the arm has room to turn about them."""
 
-CONE_RAD = float(np.radians(60.0))  # the stylus leans off the vertical at most so far
-SWING_RAD = float(np.radians(100.0))  # postures lie from the working pose at most so far, joint by joint
-POOL = 5  # candidates a pose, from which the most different are taken
+CONE_RAD = float(np.radians(60.0))  # largest angle of the stylus to the vertical
+SWING_RAD = float(np.radians(100.0))  # largest distance of postures from the working pose, per joint
+POOL = 5  # candidates per pose, of which the most different are chosen
 SPARE_SEATS = 20
-NOT_REACHED, TOO_FEW = "seat not reached in that posture", "seat reached by too few postures"
+NOT_REACHED, TOO_FEW = "seat not reached in a posture", "seat reached in too few postures"
 
 
 def seat(arm: Arm, n: int, *, seed: int, seats: int | npt.ArrayLike = 3) -> Poses:
     """Poses with the tip in seats: all motion is null-space motion, as in a single-point articulation test.
 
-    For each seat many poses are found, with the stylus within 60 deg of the vertical and postures within 100 deg of
-    the working pose turned to the seat, 2 deg off the limits; those are taken that lie farthest from one another.
+    Many poses are found for each seat, with the stylus within 60 deg of the vertical and postures within 100 deg of the
+    working pose turned to the seat, 2 deg within the limits. Those farthest from one another are chosen.
 
     Parameters
     ----------
     arm : Arm
         Base z up, at least five joints.
     n : int
-        Number of poses in all, shared out evenly among the seats.
+        Number of poses, distributed evenly over the seats.
     seed : int
     seats : int or (n_seats, 3) array
-        How many seats, set well apart in front of the arm, or where they are in the base frame [mm].
+        Number of seats, placed well apart in front of the arm, or their positions in the base frame [mm].
 
     Returns
     -------
@@ -55,12 +55,12 @@ def seat(arm: Arm, n: int, *, seed: int, seats: int | npt.ArrayLike = 3) -> Pose
     Raises
     ------
     InputError
-        If the arm has too few joints, there are more seats than poses, or a seat is not reached by enough postures.
+        If the arm has too few joints, there are more seats than poses, or a seat is not reached in enough postures.
     """
     check_five_rotary_joints(arm)
     rng = np.random.default_rng(checked_seed(seed))
     where = stance(arm)
-    given = None if isinstance(seats, int | np.integer) else _checked_points(seats)
+    given = None if isinstance(seats, int | np.integer) else checked_points(seats)
     n_seats = checked_count(int(seats), "seats") if given is None else len(given)  # type: ignore[arg-type]
     counts = _shares(checked_count(n), n_seats)
     rejected: Counter[str] = Counter()
@@ -71,14 +71,14 @@ def seat(arm: Arm, n: int, *, seed: int, seats: int | npt.ArrayLike = 3) -> Pose
             held.append((point, angles))
         elif given is not None:
             raise InputError(
-                f"the seat at {np.round(point, 1).tolist()} mm is reached by fewer than {counts[len(held)]} postures",
-                hint=f"a seat about {0.5 * where.reach_mm:.0f} mm in front of the shoulder, or fewer poses",
+                f"fewer than {counts[len(held)]} postures reach the seat at {np.round(point, 1).tolist()} mm",
+                hint=f"place the seat about {0.5 * where.reach_mm:.0f} mm in front of the shoulder, or use fewer poses",
             )
         else:
             rejected[TOO_FEW] += 1
         if len(held) == n_seats:
             return _in_order(held, rejected)
-    raise InputError(f"only {len(held)} of {n_seats} seats found that arm {arm.name!r} reaches by enough postures")
+    raise InputError(f"arm {arm.name!r} reaches only {len(held)} of {n_seats} seats in enough postures")
 
 
 def farthest_points(angles: FloatArray, n: int) -> npt.NDArray[np.intp]:
@@ -107,18 +107,19 @@ def _postures_in(
 
 
 def _apart(where: Stance, n: int, rng: np.random.Generator) -> FloatArray:
-    """Points in the sector, each as far as can be from those before it."""
+    """Points in the sector, each as far as possible from those before it."""
     pool = draw_points(where, 10 * n, sector=SEAT_SECTOR, rng=rng)
     return pool[farthest_points(pool, n)]
 
 
 def _shares(n: int, n_seats: int) -> list[int]:
     if n_seats > n:
-        raise InputError(f"expected at least one pose a seat, got {n} poses for {n_seats} seats")
+        raise InputError(f"expected at least one pose per seat, got {n} poses for {n_seats} seats")
     return [n // n_seats + (i < n % n_seats) for i in range(n_seats)]
 
 
-def _checked_points(seats: npt.ArrayLike) -> FloatArray:
+def checked_points(seats: npt.ArrayLike) -> FloatArray:
+    """Check positions of seats, (n_seats, 3) [mm]."""
     points = np.asarray(seats, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 1 or not np.isfinite(points).all():
         raise InputError(

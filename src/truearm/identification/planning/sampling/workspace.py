@@ -1,4 +1,4 @@
-"""Where a person works with an arm: the front sector, seen from its shoulder."""
+"""The volume in which a person works with an arm: the front sector, seen from the shoulder."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from truearm.typing import FloatArray
 
 @dataclass(frozen=True)
 class Sector:
-    """The sector that parts stand in, in shares of the reach.
+    """The sector in which parts are measured, relative to the reach.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class Sector:
     low, high : float
         Height above the shoulder.
     half_angle_deg : float
-        To both sides of the front, which is where the working pose has its tip.
+        To both sides of the front, the azimuth of the tip in the working pose.
     """
 
     near: float = 0.30
@@ -35,7 +35,7 @@ class Sector:
 
 @dataclass(frozen=True, eq=False)
 class Stance:
-    """How an arm stands before its work.
+    """Shoulder, reach and front of an arm.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ def stance(arm: Arm) -> Stance:
 
 
 def joint_origins(chain: Chain, angles: FloatArray) -> FloatArray:
-    """Where the joints are, (n, n_joints, 3) [mm] in the base frame."""
+    """Origins of the joints, (n, n_joints, 3) [mm] in the base frame."""
     out = np.empty((len(angles), chain.n_joints, 3))
     out[:, 0] = chain.fixed[0, :3, 3]
     for i in range(1, chain.n_joints):  # the chain cut at the next joint has its tip there
@@ -71,8 +71,8 @@ def joint_origins(chain: Chain, angles: FloatArray) -> FloatArray:
 
 
 def draw_points(where: Stance, n: int, *, sector: Sector, rng: np.random.Generator) -> FloatArray:
-    """Points evenly spread over the sector's volume, (n, 3) [mm] in the base frame."""
-    # Evenly over an area between two radii: the square of the radius is even.
+    """Draw points uniform in the volume of the sector, (n, 3) [mm] in the base frame."""
+    # Uniform over an area between two radii: the square of the radius is uniform.
     radius = where.reach_mm * np.sqrt(rng.uniform(sector.near**2, sector.far**2, n))
     azimuth = where.front_rad + np.radians(rng.uniform(-sector.half_angle_deg, sector.half_angle_deg, n))
     height = where.reach_mm * rng.uniform(sector.low, sector.high, n)
@@ -86,7 +86,7 @@ def azimuth_of(points: FloatArray, where: Stance) -> FloatArray:
 
 
 def within_cone(axes: FloatArray, *, half_angle_rad: float, rng: np.random.Generator) -> FloatArray:
-    """Directions evenly spread over the cones about unit vectors `axes` (n, 3)."""
+    """Draw directions uniform in the cones about unit vectors `axes` (n, 3)."""
     n = len(axes)
     cosine = rng.uniform(np.cos(half_angle_rad), 1.0, n)
     turn = rng.uniform(0, 2 * np.pi, n)
