@@ -1,4 +1,4 @@
-"""``truearm reproduce``: what it writes and says, and how it refuses."""
+"""``truearm reproduce``: its files, its output, its refusals."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def small(monkeypatch):
     effort = replace(
         gao2017_training_plan.FULL_EFFORT,
         epochs=5,
-        lm_epochs={2: 3, 3: 3, 4: 3},
+        varpro_epochs={2: 3, 3: 3, 4: 3},
         starts=((math.inf, 1),),
         starts_by_row={},
     )
@@ -42,15 +42,16 @@ def test_a_table_is_printed_and_written_with_its_page(truearm, small, tmp_path):
     assert lines[0].startswith("Table 3, simulation 2")
     assert lines[1].split()[:4] == ["row", "network", "by", "mean"]
     assert lines[2].split() == ["12", "4-4", "paper", "150", "119", "3.0"]
-    for line, side, verdict in ((lines[3], "faithful", "verdict"), (lines[4], "ours", "verdict_ours")):
-        assert line.split()[0] == row[side]["trainer"]
-        assert line.split()[1] == f"{row[side]['median']['mean_many_mm']:.4g}"
-        assert line.endswith(row[verdict])
+    for line, method in ((lines[3], "trainlm"), (lines[4], "varpro")):
+        result = row["results"][method]
+        assert line.split()[0] == result["trainer"]
+        assert line.split()[1] == f"{result['median']['mean_many_mm']:.4g}"
+        assert line.endswith(row["verdict"][method])
     assert "table-3.html" in lines[-1]
     assert "Table 3" in (folder / "table-3.html").read_text()
 
 
-def test_a_second_run_says_the_same_and_trains_nothing(truearm, small, tmp_path, monkeypatch):
+def test_a_second_run_prints_the_same_and_trains_nothing(truearm, small, tmp_path, monkeypatch):
     arguments = ["reproduce", "gao2017", "--table", 4, "--out", tmp_path]
     first = truearm(*arguments)
     monkeypatch.setattr("truearm.papers.gao2017.training._train", None)  # called, it would fail
@@ -66,7 +67,7 @@ def test_json_is_what_the_file_holds(truearm, small, tmp_path):
     found = json.loads(ran.out)
     assert found == json.loads((tmp_path / "table-3.json").read_text())
     assert found["quick"]
-    assert len(found["left_out"]) == 2
+    assert len(found["skipped"]) == 2
 
 
 @pytest.mark.parametrize("number", [1, 6])
@@ -80,7 +81,7 @@ def test_a_figure_is_drawn(truearm, tmp_path, number):
     assert not list((tmp_path / "runs").iterdir())
 
 
-def test_stopped_it_says_that_it_goes_on(truearm, small, tmp_path, monkeypatch):
+def test_an_interrupted_reproduction_resumes(truearm, small, tmp_path, monkeypatch):
     from truearm.papers.gao2017 import training as gao2017_training
 
     calls, train = [], gao2017_training._train
@@ -96,7 +97,7 @@ def test_stopped_it_says_that_it_goes_on(truearm, small, tmp_path, monkeypatch):
     ran = truearm(*arguments)
     assert (ran.code, ran.out) == (130, "")
     assert ran.err.splitlines() == [
-        f"truearm: the same command goes on from what is in {tmp_path / 'runs'}",
+        f"truearm: finished trainings are in {tmp_path / 'runs'}; the same command resumes with the next one",
         "truearm: interrupted",
     ]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["runs"]
@@ -139,7 +140,7 @@ def test_a_file_where_the_folder_should_be_is_refused(truearm, tmp_path):
     assert (tmp_path / "g").read_text() == "mine"
 
 
-def test_a_spoilt_training_is_named_with_what_to_do(truearm, small, tmp_path):
+def test_a_damaged_training_is_named_with_the_remedy(truearm, small, tmp_path):
     arguments = ["reproduce", "gao2017", "--table", 3, "--out", tmp_path]
     assert truearm(*arguments).code == 0
     file = sorted((tmp_path / "runs").iterdir())[0]

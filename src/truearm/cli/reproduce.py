@@ -1,4 +1,4 @@
-"""``truearm reproduce``: a paper's tables and figures, computed anew beside what it prints."""
+"""``truearm reproduce``: the tables and figures of a paper beside their reproduction."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ def reproduce(
     ] = None,
     everything: Annotated[bool, typer.Option("--all", help="All of it: about an hour on two cores.")] = False,
     quick: Annotated[
-        bool, typer.Option("--quick", help="One start a row, long trainings left out: minutes; alone: --all.")
+        bool, typer.Option("--quick", help="One start a row, long trainings skipped: minutes; alone: --all.")
     ] = False,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the page and the trainings.")] = Path(
         "truearm-gao2017"
     ),
     as_json: Json = False,
 ) -> None:
-    """Compute a paper's tables and figures anew.
+    """Reproduce the tables and figures of a paper.
 
-    Every row of the paper's tables is trained as MATLAB would and by truearm's own trainer, and set beside the printed
-    numbers. A training that was run stays in the folder: stopped, the same command goes on where it was.
+    Trains every row of the paper's tables by MATLAB's rules (trainlm) and by truearm's own trainer (varpro), and
+    compares the results with the printed numbers. Finished trainings stay in the folder: after an
+    interruption the same command resumes with the next one.
     """
     del paper  # there is one
     import json
@@ -46,36 +47,38 @@ def reproduce(
     from truearm.pages.html import render
     from truearm.pages.plotting import save_png
     from truearm.papers.gao2017.reproduction import reproduce as reproduced
-    from truearm.papers.gao2017.reproduction_page import reproduction_page
+    from truearm.papers.gao2017.reproduction_page import paper_figure, reproduction_page
     from truearm.papers.gao2017.training_plan import FULL_EFFORT, PARTS, QUICK_EFFORT
+    from truearm.workflows.record import to_plain
 
     parts = _parts(PARTS, table=table, figure=figure, everything=everything, quick=quick)
     if out.exists() and not out.is_dir():
         raise InputError("expected a folder to write to, got a file", file=out)
     runs = out / "runs"
     runs.mkdir(parents=True, exist_ok=True)
-    # A part has names of its own: it is not to take the place of the page of all.
+    # A part has file names of its own, so that it does not replace the page of everything.
     stem = parts[0].replace(" ", "-") if len(parts) == 1 else "reproduction"
     files = [out / f"{stem}{kind}" for kind in (".json", ".html", *([".png"] if figure else []))]
     for file in files:
         check_writable(file)
     try:
         with progress("reproducing", total=STEPS) as tell:
-            found = reproduced(
+            results = reproduced(
                 parts,
                 effort=QUICK_EFFORT if quick else FULL_EFFORT,
                 folder=runs,
-                tell=lambda share, how: tell(round(STEPS * share), how),
+                progress=lambda share, note: tell(round(STEPS * share), note),
             )
     except (KeyboardInterrupt, SystemExit):
-        print_status(f"truearm: the same command goes on from what is in {runs}")
+        print_status(f"truearm: finished trainings are in {runs}; the same command resumes with the next one")
         raise
     with progress("drawing the page"):
-        page = reproduction_page(found)
+        page = reproduction_page(results)
         html = render(page)
-    for picture in (picture for section in page.sections for picture in section.figures if figure):
-        if picture.caption.startswith(f"Figure {figure} "):
-            save_png(picture, files[2])
+    picture = None if figure is None else paper_figure(page, figure)
+    if picture is not None:
+        save_png(picture, files[2])
+    found = to_plain(results)
     for file, text in zip(files, (json.dumps(found, indent=1, allow_nan=False) + "\n", html), strict=False):
         with atomic_file(file) as beside:
             beside.write_text(text, encoding="utf-8", newline="\n")
@@ -110,7 +113,7 @@ def _parts(
 
 def _say(found: Mapping[str, Any], files: Sequence[Path]) -> None:
     if any(found["tables"].values()):
-        print_line("trainlm fits 70 % of the poses (15 % stop it, 15 % are MATLAB's test set), lm fits all of them.")
+        print_line("trainlm fits 70 % of the poses (15 % for validation, 15 % for test), varpro fits all of them.")
     for number, head in TABLE_HEADS.items():
         rows = found["tables"][str(number)]
         if rows is not None:
@@ -123,28 +126,27 @@ def _say(found: Mapping[str, Any], files: Sequence[Path]) -> None:
             print_line("")
     if found["final_test"] is not None:
         _say_final(found["final_test"])
-    for part in found["left_out"]:
-        print_line(f"left out: {part}")
-    print_line(
-        f"Look at {files[1]}; the numbers are in {files[0]}{''.join(f', the picture in {f}' for f in files[2:])}."
-    )
+    for part in found["skipped"]:
+        print_line(f"skipped: {part}")
+    pictures = "".join(f", the picture in {file}" for file in files[2:])
+    print_line(f"The page is {files[1]}; the numbers are in {files[0]}{pictures}.")
 
 
 def _lines(row: Mapping[str, Any]) -> list[list[str]]:
-    paper, network = row["paper"], "-".join(map(str, row["hidden"]))
-    lines = [
-        [str(row["row"]), network, "paper", f"{paper['mean_mm']:.4g}", "", *_effort(paper), "", ""],
-    ]
-    for side, verdict in (("faithful", row["verdict"]), ("ours", row["verdict_ours"])):
-        one = row[side]
+    paper = row["paper"]
+    network = "-".join(map(str, paper["hidden"]))
+    lines = [[str(paper["row"]), network, "paper", f"{paper['mean_mm']:.4g}", "", *_effort(paper), "", ""]]
+    for method, one in row["results"].items():
+        verdict = row["verdict"][method] or ""
         if one is None:
-            lines.append(["", "", side, "", "", "", "", "", verdict or ""])
+            lines.append(["", "", method, "", "", "", "", "", verdict])
             continue
+        if not verdict and row["same_training_as"]:
+            verdict = f"as row {row['same_training_as']}"
         low, high = one["range_mm"]
         spread = f"[{low:.3g}, {high:.3g}]" if len(one["runs"]) > 1 else ""
-        mean, ratio = one["median"]["mean_many_mm"], row["ratio"][side]
-        told = verdict or (f"as row {row['same_training_as']}" if row["same_training_as"] else "")
-        lines.append(["", "", one["trainer"], f"{mean:.4g}", spread, *_effort(one["median"]), f"{ratio:.2f}", told])
+        mean, ratio = one["median"]["mean_many_mm"], row["ratio"][method]
+        lines.append(["", "", one["trainer"], f"{mean:.4g}", spread, *_effort(one["median"]), f"{ratio:.2f}", verdict])
     return lines
 
 
@@ -153,25 +155,14 @@ def _effort(result: Mapping[str, Any]) -> list[str]:
 
 
 def _say_final(test: Mapping[str, Any]) -> None:
-    paper = test["paper"]
     print_line(f"Final test: {test['poses']} further poses of each arm, absolute error of a coordinate [mm]")
-    rows = [
-        ["paper", "nominal", f"{paper['nominal']['mean_mm']:.4f}", f"{paper['nominal']['max_mm']:.4f}", "", "", ""],
-        ["", "network", *_compensated(paper["network"])],
-    ]
-    for run in test["runs"]:
-        nominal = [f"{run['nominal']['mean_mm']:.4f}", f"{run['nominal']['max_mm']:.4f}"]
-        rows.append([f"seed {run['seed']}", "nominal", *nominal, "", "", ""])
-        rows += [["", model, *_compensated(run[model])] for model in ("faithful", "ours", "kinematic") if run[model]]
+    arms = {"paper": test["paper"], **{f"seed {run['seed']}": run["errors"] for run in test["runs"]}}
+    rows = []
+    for arm, models in arms.items():
+        for i, (model, errors) in enumerate(models.items()):
+            over = [str(count) for count in errors["over_mm"].values()]
+            compensated = ["", "", ""] if model == "nominal" else [*over, f"{errors['removed_percent']:.1f}"]
+            size = [f"{errors['mean_mm']:.4f}", f"{errors['max_mm']:.4f}"]
+            rows.append(["" if i else arm, model, *size, *compensated])
     print_table(["arm", "model", "mean", "max", "> 0.05", "> 0.08", "removed %"], rows, left_aligned=(0, 1))
     print_line("")
-
-
-def _compensated(errors: Mapping[str, Any]) -> list[str]:
-    return [
-        f"{errors['mean_mm']:.4f}",
-        f"{errors['max_mm']:.4f}",
-        str(errors["over_0.05"]),
-        str(errors["over_0.08"]),
-        f"{errors['removed_percent']:.1f}",
-    ]

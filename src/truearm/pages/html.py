@@ -1,4 +1,4 @@
-"""A page as one HTML document without scripts, other files or network access."""
+"""A page as one HTML document that has no script and loads no other file."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Drawings of an arm: its links and joint axes in space, and the frames by Denavit and Hartenberg at each joint.
+"""Drawings of the arm: its links and joint axes in space, and the Denavit-Hartenberg frames at each joint.
 
-Seen from afar in parallel lines (an orthographic view), so that lengths of one direction compare.
+The view is orthographic, so that lengths of one direction are comparable.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 
-from truearm.errors import InputError
 from truearm.pages.number_format import format_in_text, format_number
 from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, join_phrases
 from truearm.typing import FloatArray
@@ -24,116 +23,64 @@ from truearm.typing import FloatArray
 _AZIMUTH_DEG, _ELEVATION_DEG = -122.0, 16.0
 _X, _Z, _Y = "#d9730d", "#12407a", "#8a9099"
 _LINK, _EDGE, _JOINT = "#dfe3e8", "#8a9099", "#5a616b"
-_NEAR = 0.12  # of the arm's length: frames so close together are drawn in one detail
+_NEAR = 0.12  # of the arm's length: frames closer than this are drawn in one detail
 _LETTER_IN, _LINE_IN = 0.082, 0.15  # room for a letter of a label
 
 
-def arm_figure(frames: npt.ArrayLike, tip: npt.ArrayLike) -> Figure:
-    """Draw the arm: links, joint axes with their turn, tip, and a scale.
+def arm_figure(frames: FloatArray, tip: FloatArray) -> Figure:
+    """Draw the arm: links, joint axes with their positive direction, tip, and a scale.
 
     Parameters
     ----------
     frames : (n_joints + 1, 4, 4) array
-        Frames by Denavit and Hartenberg at a pose, the base first [mm]; joint i turns about z of the frame before it.
+        Denavit-Hartenberg frames at a pose, the base first [mm]; joint i turns about z of the frame before it.
     tip : (3,) array
         The tip in the base frame [mm].
-
-    Raises
-    ------
-    InputError
-        If a frame does not follow from the one before by a turn and shift along z and then along x.
     """
-    links = denavit_hartenberg(frames)
-    frames, tip = np.asarray(frames, dtype=float), np.asarray(tip, dtype=float)
+    joints = len(frames) - 1
     reach = _reach(frames, tip)
     with figure_style():
         drawing = _whole(frames, tip, reach)
-    told = f"{len(links)} turning joints, {format_number(round(reach))} mm from the base to the tip along the links"
+    summary = f"{joints} revolute joints, {format_number(round(reach))} mm from the base to the tip along the links"
     place = ", ".join(f"{axis} {format_number(round(value))}" for axis, value in zip("xyz", tip, strict=True))
     return Figure(
         (drawing,),
-        caption=f"The arm to scale, {told}. Dash-dotted lines are the axes of the joints q1 to q{len(links)}, "
-        f"arrows the positive turn; x and y belong to the base frame. The tip is at {place} mm.",
-        alt=f"Drawing of an arm in space: {told}, with the axes of its joints q1 to q{len(links)}. The tip is at "
+        caption=f"The arm to scale, {summary}. Dash-dotted lines are the axes of the joints J1 to J{joints}, "
+        f"arrows their positive direction; x and y are axes of the base frame. The tip is at {place} mm.",
+        alt=f"Drawing of an arm in space: {summary}, with the axes of its joints J1 to J{joints}. The tip is at "
         f"{place} mm.",
     )
 
 
-def frame_figure(frames: npt.ArrayLike, tip: npt.ArrayLike) -> Figure:
-    """Draw the frames by Denavit and Hartenberg, each group of neighbours as a detail.
+def frame_figure(frames: FloatArray, tip: FloatArray) -> Figure:
+    """Draw the Denavit-Hartenberg frames, each group of neighbours as a detail.
 
     Parameters
     ----------
     frames, tip
         As in `arm_figure`.
     """
-    links = denavit_hartenberg(frames)
-    frames, tip = np.asarray(frames, dtype=float), np.asarray(tip, dtype=float)
     groups = _groups(frames, _reach(frames, tip))
     with figure_style():
         panels = tuple(_detail(frames, tip, group) for group in groups)
-    told = join_phrases((f"frame{'s' * (len(group) > 1)} {_numbers(group)}" for group in groups), most=6)
+    summary = join_phrases((f"frame{'s' * (len(group) > 1)} {_numbers(group)}" for group in groups), most=6)
     return Figure(
         panels,
-        caption=f"The frames by Denavit and Hartenberg, one detail for neighbours, each with its own scale ({told}). "
-        "Frame 0 is the base; joint i turns about z of frame i \u2212 1 and carries frame i. y, not labelled, "
-        "completes each frame to a right-handed one.",
-        alt=f"{len(groups)} enlarged details of the arm with coordinate frames 0 to {len(links)}: {told}.",
+        caption=f"The Denavit-Hartenberg frames, one detail for neighbours, each with its own scale ({summary}). "
+        "Frame 0 is the base; joint i turns about z of frame i \u2212 1 and moves frame i. The y axes are not "
+        "labelled; all frames are right-handed.",
+        alt=f"{len(groups)} enlarged details of the arm with coordinate frames 0 to {len(frames) - 1}: {summary}.",
         columns=2 if len(panels) > 1 else 1,
     )
 
 
-def denavit_hartenberg(frames: npt.ArrayLike) -> FloatArray:
-    """Give the parameters that lead from each frame to the next: a [mm], d [mm], theta [rad], alpha [rad].
-
-    T = Rz(theta) Tz(d) Tx(a) Rx(alpha) (Denavit and Hartenberg 1955, in the standard form).
-
-    Parameters
-    ----------
-    frames : (n_joints + 1, 4, 4) array
-        Rigid frames, the base first.
-
-    Returns
-    -------
-    (n_joints, 4) array
-
-    Raises
-    ------
-    InputError
-        If `frames` are not rigid frames, or one does not follow from the one before by these four parameters.
-    """
-    frames = _rigid(frames)
-    rows = []
-    for i, (before, after) in enumerate(pairwise(frames), start=1):
-        step = np.linalg.inv(before) @ after
-        # The third row of a turn about z then x starts with zero: x of a frame is normal to z of the one before.
-        theta, alpha = math.atan2(step[1, 0], step[0, 0]), math.atan2(step[2, 1], step[2, 2])
-        along, across = (
-            step[:3, 3] @ [math.cos(theta), math.sin(theta), 0],
-            step[:3, 3]
-            @ [
-                -math.sin(theta),
-                math.cos(theta),
-                0,
-            ],
-        )
-        if abs(step[2, 0]) > 1e-6 or abs(across) > 1e-6 * max(1.0, float(np.abs(frames[:, :3, 3]).max())):
-            raise InputError(
-                f"expected frame {i} to follow from frame {i - 1} by theta, d, a and alpha, but its x axis does not "
-                "meet the z axis before it at a right angle",
-                hint="frames by Denavit and Hartenberg, standard form, the base first",
-            )
-        rows.append([along, step[2, 3], theta, alpha])
-    return np.array(rows)
-
-
 @dataclass(eq=False)
 class _View:
-    """Axes that a part of space is drawn on, and what has taken room there already [mm on the paper]."""
+    """Axes with the lines and labels that are drawn on them [mm in the view]."""
 
     axes: Axes
     per_in: float
-    taken: list[FloatArray] = field(default_factory=list)
+    occupied: list[FloatArray] = field(default_factory=list)
     labels: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
 
     def line(self, points: npt.ArrayLike, *, colour: str, width: float, dash: object = "-", layer: int = 2) -> None:
@@ -141,13 +88,13 @@ class _View:
         flat = project(points)
         style = {"solid_capstyle": "round", "solid_joinstyle": "round"} if dash == "-" else {}
         self.axes.plot(*flat.T, color=colour, linewidth=width, linestyle=dash, zorder=layer, **style)  # type: ignore[arg-type]
-        self.take(flat)
+        self.occupy(flat)
 
-    def take(self, flat: FloatArray) -> None:
-        """Note that a polyline (n, 2) is there."""
+    def occupy(self, flat: FloatArray) -> None:
+        """Mark a polyline (n, 2) as occupied."""
         for start, end in pairwise(flat):
             n = max(2, int(np.linalg.norm(end - start) / (0.04 * self.per_in)))
-            self.taken.append(start + np.linspace(0, 1, n)[:, None] * (end - start))
+            self.occupied.append(start + np.linspace(0, 1, n)[:, None] * (end - start))
 
     def arrow(self, start: FloatArray, end: FloatArray, *, colour: str, width: float) -> None:
         """Draw an arrow from a point in space to another."""
@@ -165,13 +112,13 @@ class _View:
             },
             zorder=6,
         )
-        self.take(flat)
+        self.occupy(flat)
 
     def label(self, text: str, point: FloatArray, *, colour: str = INK, bold: bool = False) -> None:
-        """Write beside a point in space, where it covers the least of what is there."""
+        """Write beside a point in space, where the label covers the least."""
         at = project([point])[0]
         half = 0.5 * np.array([_LETTER_IN * len(text) + 0.04, _LINE_IN]) * self.per_in
-        dots = np.concatenate(self.taken) if self.taken else np.empty((0, 2))
+        dots = np.concatenate(self.occupied) if self.occupied else np.empty((0, 2))
         low, high = np.array([self.axes.get_xlim(), self.axes.get_ylim()]).T
 
         def cost(centre: FloatArray) -> float:
@@ -182,7 +129,7 @@ class _View:
 
         turns = np.linspace(0, 2 * np.pi, 24, endpoint=False)
         ways = np.column_stack([np.cos(turns), np.sin(turns)])
-        # So far along each way that the label just clears the point; farther ones cost more.
+        # At the distance where the label just clears the point, and farther; farther ones cost more.
         centres = [
             at + way * (float(np.abs(way) @ half) + gap * self.per_in) for gap in (0.05, 0.14, 0.26) for way in ways
         ]
@@ -201,25 +148,12 @@ class _View:
 
 
 def project(points: npt.ArrayLike) -> FloatArray:
-    """Give points in space (n, 3) as they lie on the paper (n, 2), in parallel view."""
+    """Project points in space (n, 3) onto the view (n, 2)."""
     a, e = math.radians(_AZIMUTH_DEG), math.radians(_ELEVATION_DEG)
     right = [-math.sin(a), math.cos(a), 0.0]
     up = [-math.sin(e) * math.cos(a), -math.sin(e) * math.sin(a), math.cos(e)]
     flat: FloatArray = np.asarray(points, dtype=float) @ np.array([right, up]).T
     return flat
-
-
-def _rigid(frames: npt.ArrayLike) -> FloatArray:
-    array = np.asarray(frames, dtype=float)
-    if array.ndim != 3 or array.shape[1:] != (4, 4) or len(array) < 2:
-        raise InputError(f"expected frames as an array (n_joints + 1, 4, 4), got the shape {array.shape}")
-    finite = np.isfinite(array).all(axis=(1, 2))
-    turns = np.where(finite[:, None, None], array[:, :3, :3], 0.0)
-    off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    bad = (off > 1e-6) | (np.linalg.det(turns) < 0) | (array[:, 3] != [0, 0, 0, 1]).any(axis=1)
-    if bad.any():
-        raise InputError(f"expected rigid frames, a rotation and a place, but frame {int(np.argmax(bad))} is none")
-    return array
 
 
 def _reach(frames: FloatArray, tip: FloatArray) -> float:
@@ -228,7 +162,7 @@ def _reach(frames: FloatArray, tip: FloatArray) -> float:
 
 
 def _links(frames: FloatArray) -> list[FloatArray]:
-    """Give each link as points in space: along the joint's axis first, then across to the next frame."""
+    """Each link as points in space: along the joint axis first, then across to the next frame."""
     return [_link(before, after[:3, 3]) for before, after in pairwise(frames)]
 
 
@@ -257,12 +191,12 @@ def _whole(frames: FloatArray, tip: FloatArray, reach: float) -> Drawing:
         _turn(view, frame, origin + 1.02 * size * axis, 0.2 * size)
     for k, (letter, colour) in enumerate(zip("xyz", (_X, _Y, _Z), strict=True)):
         if letter == "z":
-            continue  # the first joint's axis is drawn there
+            continue  # the axis of the first joint is drawn there
         end = frames[0, :3, 3] + 0.8 * size * frames[0, :3, k]
         view.arrow(frames[0, :3, 3], end, colour=colour, width=1.3)
     view.axes.plot(*project([tip]).T, marker="o", markersize=5.5, color=INK, zorder=7)
     for i, frame in enumerate(frames[:-1], start=1):
-        view.label(f"q{i}", frame[:3, 3] + 1.25 * size * frame[:3, 2], colour=_Z, bold=True)
+        view.label(f"J{i}", frame[:3, 3] + 1.25 * size * frame[:3, 2], colour=_Z, bold=True)
     for k, letter in enumerate("xy"):
         view.label(letter, frames[0, :3, 3] + 0.8 * size * frames[0, :3, k], colour=(_X, _JOINT)[k], bold=True)
     view.label("tip", tip, bold=True)
@@ -272,7 +206,7 @@ def _whole(frames: FloatArray, tip: FloatArray, reach: float) -> Drawing:
 
 
 def _lengths(view: _View, frames: FloatArray, tip: FloatArray, reach: float) -> None:
-    """Write the length of every long straight piece beside its middle."""
+    """Write the length of every long straight piece beside its centre."""
     for link in [*_links(frames), _link(frames[-1], tip)]:
         for start, end in pairwise(link):
             length = float(np.linalg.norm(end - start))
@@ -291,7 +225,7 @@ def _detail(frames: FloatArray, tip: FloatArray, group: Sequence[int]) -> Drawin
     corners = np.concatenate([frames[group, :3, 3] + size * frames[group, :3, k] for k in range(3)])
     view, drawing = _paper(np.vstack([shown, corners]), width_in=4.3, margin_in=0.42, largest_in=3.4, title=True)
     _tubes(view, frames, tip, width=9.0)
-    # A later frame at nearly the same place is drawn smaller, so that both can be told apart.
+    # A later frame at nearly the same place is drawn smaller, so that both are distinguishable.
     close = {
         i: any(np.linalg.norm(frames[j, :3, 3] - frames[i, :3, 3]) < 0.4 * size for j in group if j < i) for i in group
     }
@@ -314,7 +248,7 @@ def _detail(frames: FloatArray, tip: FloatArray, group: Sequence[int]) -> Drawin
 def _paper(
     points: FloatArray, *, width_in: float, margin_in: float, largest_in: float, title: bool = False
 ) -> tuple[_View, Drawing]:
-    """Make axes without frame, on one scale, that hold points in space with a margin."""
+    """Axes without frame, on one scale, around points in space with a margin."""
     flat = project(points)
     low, high = flat.min(axis=0), flat.max(axis=0)
     top_in, foot_in = 0.2 if title else 0.05, 0.2
@@ -352,7 +286,7 @@ def _floor(view: _View, frame: FloatArray, radius: float) -> None:
 
 
 def _turn(view: _View, frame: FloatArray, centre: FloatArray, radius: float) -> None:
-    """Draw the positive turn about z as three quarters of a circle with an arrow head."""
+    """Draw the positive rotation about z as three quarters of a circle with an arrow head."""
     turns = np.linspace(0.3, 0.3 + 1.5 * np.pi, 40)
     arc = centre + radius * (np.cos(turns)[:, None] * frame[:3, 0] + np.sin(turns)[:, None] * frame[:3, 1])
     view.line(arc[:-3], colour=_Z, width=1.0, layer=6)
@@ -370,7 +304,7 @@ def _scale_bar(view: _View, length: float) -> None:
 
 
 def _round_length(about: float) -> float:
-    """Give a round length near one: 1, 2 or 5 times a power of ten."""
+    """A round length: 1, 2 or 5 times a power of ten, at most `about`."""
     power = 10.0 ** math.floor(math.log10(about))
     return max(step * power for step in (1, 2, 5) if step * power <= about * 1.0001)
 
@@ -387,10 +321,6 @@ def _groups(frames: FloatArray, reach: float) -> list[list[int]]:
 
 
 def _numbers(group: Sequence[int]) -> str:
-    return (
-        str(group[0])
-        if len(group) == 1
-        else f"{group[0]} to {group[-1]}"
-        if len(group) > 2
-        else (f"{group[0]} and {group[1]}")
-    )
+    if len(group) > 2:
+        return f"{group[0]} to {group[-1]}"
+    return " and ".join(map(str, group))

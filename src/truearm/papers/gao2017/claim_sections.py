@@ -1,148 +1,254 @@
-"""What the claims of Gao et al. (2017) are worth, in sentences made from the findings, each with a picture."""
+"""Sections on the final test and on the paper's claims; every number in a sentence comes from the results."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from statistics import median
 
 import numpy as np
 
+from truearm.compensation.models.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.pages.number_format import (
-    capitalize,
     format_count,
     format_exact,
     format_in_text,
     format_mm,
     format_percent,
 )
-from truearm.pages.page import Section
-from truearm.pages.plotting import Style
+from truearm.pages.page import Cell, Column, Section, Table
+from truearm.pages.plotting import Figure, Style, join_phrases
 from truearm.papers.gao2017.claim_figures import (
+    box_figure,
     crossings,
-    error_against_box,
-    error_against_rate,
-    error_outside,
-    scatter_of_starts,
+    learning_rate_figure,
+    outside_figure,
+    scatter_figure,
+    share_figure,
 )
-from truearm.papers.gao2017.phrases import USED_TO_FIX_BOX, MissingPart, format_degrees, format_row_numbers
-from truearm.papers.gao2017.reproduction_file import ReproductionResult, TableRow
+from truearm.papers.gao2017.phrases import (
+    SHARES_NOTE,
+    MissingPart,
+    as_count,
+    format_degrees,
+    format_row_numbers,
+    range_cell,
+    with_figure_number,
+)
+from truearm.papers.gao2017.results import FITTED_BOX, FinalTestResult, ModelErrors, Reproduction, RowResult
+from truearm.typing import FloatArray
+
+# The final test ------------------------------------------------------------------------------------------------------
 
 
-def learning_rate_section(found: ReproductionResult, *, styles: Mapping[str, Style]) -> Section | MissingPart:
-    """Say that there is no learning rate."""
-    claim = found.claims.learning_rate
+def final_test_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section | MissingPart:
+    """The final test beside the paper's, with Figures 6 to 8."""
+    title = "Error before and after (Figures 6 to 8)"
+    data, test = results.figures, results.final_test
+    figures: list[Figure] = []
+    if data.figure_6 is not None:
+        figures.append(with_figure_number(6, errors_by_reading(data.figure_6.deviations(), styles=styles)))
+    if data.figure_7 is not None:
+        points, predicted = data.figure_7.points_mm, data.figure_7.predicted_mm
+        figures.append(with_figure_number(7, coordinates_by_reading(points, predicted, styles=styles)))
+    if data.figure_8 is not None:
+        figures.append(with_figure_number(8, errors_by_reading(data.figure_8.deviations(), styles=styles)))
+    made = {6: data.figure_6, 7: data.figure_7, 8: data.figure_8}
+    missing = [str(MissingPart(f"Figure {k}", f"--figure {k}")) for k, part in made.items() if part is None]
+    if test is None:
+        no_test = MissingPart("The final test", "--table 4")
+        return Section(title, "\n\n".join([str(no_test), *missing]), figures=tuple(figures)) if figures else no_test
+    removed = join_phrases(f"{name} {format_percent(share / 100)}" for name, share in removed_percent(test).items())
+    text = (
+        f"Share of the nominal error that is removed, median on {format_count(len(test.runs), 'virtual arm')}: "
+        f"{removed or 'no model was fitted'}. The paper reports "
+        f"{format_percent(test.paper['network'].removed_percent / 100)}. The test has {test.poses} further poses; an "
+        f"error is the absolute error of one coordinate, of {3 * test.poses} in all. {SHARES_NOTE}"
+    )
+    return Section(title, "\n\n".join([text, *missing]), tables=(_final_table(test),), figures=tuple(figures))
+
+
+def removed_percent(test: FinalTestResult) -> dict[str, float]:
+    """Median share of the nominal error that each fitted model removes."""
+    return {name: median(one.removed_percent for one in errors) for name, errors in test.models().items()}
+
+
+def _final_table(test: FinalTestResult) -> Table:
+    def spread(values: Sequence[float]) -> list[Cell]:
+        return [float(median(values)), range_cell(values)]
+
+    def line(name: str, errors: Sequence[ModelErrors], *, compensated: bool = True) -> tuple[Cell, ...]:
+        cells = [*spread([one.mean_mm for one in errors]), *spread([one.max_mm for one in errors])]
+        if not compensated:
+            return (name, *cells, *[None] * 4)
+        counts = [as_count(float(median(one.over_mm[level] for one in errors))) for level in levels]
+        seconds = [one.seconds for one in errors if one.seconds is not None]
+        removed = float(median(one.removed_percent for one in errors))
+        return (name, *cells, *counts, removed, float(median(seconds)) if seconds else None)
+
+    levels = list(test.paper["network"].over_mm)
+    rows = [
+        line("paper, nominal", [test.paper["nominal"]], compensated=False),
+        line("paper, network", [test.paper["network"]]),
+        line("nominal", test.of("nominal"), compensated=False),
+        *(line(name, errors) for name, errors in test.models().items()),
+        ("noise floor", *spread([run.noise_floor_mm for run in test.runs]), *[None] * 6),
+    ]
+    return Table(
+        (
+            Column("model"),
+            Column("median", "mm", group="mean error"),
+            Column("range", "mm", group="mean error"),
+            Column("median", "mm", group="largest error"),
+            Column("range", "mm", group="largest error"),
+            *(Column(f"> {level:g}\u00a0mm", group=f"of {3 * test.poses} coordinates") for level in levels),
+            Column("removed", "%"),
+            Column("fit", "s"),
+        ),
+        tuple(rows),
+        f"The final test on {format_count(len(test.runs), 'virtual arm')}: medians and ranges",
+    )
+
+
+def share_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section | MissingPart:
+    """What the removed share means."""
+    test = results.final_test
+    if test is None or not test.of("varpro"):
+        return MissingPart("The meaning of a removed share", "--table 4")
+    nominal = float(median(one.mean_mm for one in test.of("nominal")))
+    floor = float(median(run.noise_floor_mm for run in test.runs))
+    errors = {name: float(median(one.mean_mm for one in fits)) for name, fits in test.models().items()}
+    remaining = errors["varpro"]
+    text = (
+        f"With varpro, {format_percent(1 - remaining / nominal)} of a mean error of {format_mm(nominal)} is removed; "
+        f"{format_mm(remaining)} remains. The noise of the readings alone, which no model can predict, causes "
+        f"{format_mm(floor)}: more than {format_percent(1 - floor / nominal)} could not be removed, and the error of "
+        f"varpro is {format_in_text(remaining / floor)} times that floor.\n\n"
+        "A share depends on the arm before compensation as much as on the model. With an arm that is ten times better, "
+        f"{format_mm(nominal / 10)}, the same remaining {format_mm(remaining)} would be "
+        f"{format_percent(1 - remaining / (nominal / 10))} removed. In use, the remaining error counts, and where it "
+        f"applies: inside the box of joint angles in which the network was trained. {SHARES_NOTE}"
+    )
+    drawn = {"nominal": nominal, "paper": test.paper["network"].mean_mm, **errors, "noise floor": floor}
+    return Section(
+        f"What {format_percent(test.paper['network'].removed_percent / 100)} means",
+        text,
+        figures=(share_figure(drawn, before="nominal", styles=styles),),
+    )
+
+
+# The claims ----------------------------------------------------------------------------------------------------------
+
+
+def learning_rate_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section | MissingPart:
+    """The learning rate has no effect."""
+    claim = results.claims.learning_rate
     if claim is None:
-        return MissingPart("What the learning rate does", "--table 2")
+        return MissingPart("The effect of the learning rate", "--table 2")
     rates = ", ".join(format_exact(rate) for rate in sorted(claim.rates))
     text = (
-        "It has no effect, because there is none: a step of the Levenberg-Marquardt method is settled by its "
-        f"damping, and trainlm takes no learning rate. The paper's {format_row_numbers(claim.rows)}, with the rates {rates}, "
-        f"are one training. Here it ends with a mean error of {format_mm(claim.mean_mm)}, the median of its starts; "
-        f"the paper's values go from {format_mm(min(claim.paper_mean_mm))} to "
+        "The learning rate has no effect: the damping alone determines a step of the Levenberg-Marquardt method, and "
+        f"trainlm has no learning rate. The paper's {format_row_numbers(claim.rows)}, with the rates {rates}, "
+        f"are one training. Here its mean error is {format_mm(claim.mean_mm)}, the median of its starts; "
+        f"the paper's values range from {format_mm(min(claim.paper_mean_mm))} to "
         f"{format_mm(max(claim.paper_mean_mm))}."
     )
-    picture = error_against_rate(claim.rates, claim.paper_mean_mm, claim.mean_mm, style=styles["faithful"])
-    return Section("The learning rate", text, figures=(picture,))
+    return Section("The learning rate", text, figures=(learning_rate_figure(claim, style=styles["trainlm"]),))
 
 
-def scatter_section(found: ReproductionResult, *, styles: Mapping[str, Style]) -> Section | MissingPart:
-    """Set the spread of the paper's values beside that of random starts."""
-    claim = found.claims.scatter
+def scatter_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section | MissingPart:
+    """The spread of the paper's values beside that of random starts."""
+    claim = results.claims.scatter
     if claim is None:
         return MissingPart("The scatter of starts", "--table 2")
     starts, many, published = claim.mean_mm, claim.mean_many_mm, claim.paper_rows_mean_mm
     text = (
-        f"{claim.what.strip().rstrip('.')}: mean errors from {format_mm(min(starts))} to "
-        f"{format_mm(max(starts))}, and nothing differs but the random numbers. From the least to the largest is "
-        f"{format_percent(claim.relative_spread)} of the median. The paper's {format_count(len(published), 'value')} "
-        f"({format_row_numbers(claim.paper_rows)}), from {format_mm(min(published))} to {format_mm(max(published))}, are "
-        f"put down to other goals and learning rates; they spread over {format_percent(claim.paper_relative_spread)} of "
-        "theirs. Only the spreads are compared: the level depends on the box. On 2000 poses the same starts go from "
-        f"{format_mm(min(many))} to {format_mm(max(many))}; the rest is the choice of ten test poses."
+        f"Random starts alone spread the mean error by {format_percent(claim.relative_spread)} of the median, from "
+        f"{format_mm(min(starts))} to {format_mm(max(starts))} ({claim.what.strip().rstrip('.')}). The paper's "
+        f"{format_count(len(published), 'value')} ({format_row_numbers(claim.paper_rows)}), from "
+        f"{format_mm(min(published))} to {format_mm(max(published))}, spread by "
+        f"{format_percent(claim.paper_relative_spread)}; the paper attributes this to other goals and learning rates. "
+        "Only the spreads are comparable: the level depends on the box. On 2000 poses the same starts range from "
+        f"{format_mm(min(many))} to {format_mm(max(many))}; the choice of ten test poses causes the rest."
     )
-    picture = scatter_of_starts(starts, published, name=claim.what, style=styles["faithful"])
-    return Section("The scatter of starts", text, figures=(picture,))
+    return Section("The scatter of starts", text, figures=(scatter_figure(claim, style=styles["trainlm"]),))
 
 
-def joint_ranges_section(found: ReproductionResult, *, styles: Mapping[str, Style]) -> Section:
-    """Say how the joint ranges were fixed, and what follows if they are wrong."""
+def joint_ranges_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section:
+    """How the joint ranges were chosen, and the consequences if they are wrong."""
     title = "The joint ranges"
-    chosen = found.boxes.simulation_deg
-    limits = f"\u00b1{format_degrees(chosen)} in simulations, \u00b1{format_degrees(found.boxes.experiment_deg)} in the experiment"
-    told = [f"Every joint is drawn evenly from a range about one working pose: {limits}. {found.boxes.how.strip()}"]
-    told += _what_remains(found.rows_by_table().get(2, []))
-    claim = found.claims.boxes
-    if claim is None:
-        return Section(title, "\n\n".join([*told, str(MissingPart("The study of boxes of other widths", "--all"))]))
-    networks = {"row 1": (claim.row1_mean_mm, claim.paper_row1), "row 15": (claim.row15_mean_mm, claim.paper_row15)}
-    for name, (errors, published) in networks.items():
-        met = crossings(claim.half_width_deg, errors, published)
-        places = " and ".join(f"\u00b1{format_degrees(place)}" for place in met)
-        told.append(
-            f"{capitalize(name)} of Table 2 has the paper's mean error, {format_mm(published)}, "
-            + (f"in a box of {places}." if met else "in none of the boxes tried.")
-            + _if_wrong(claim.half_width_deg, errors, chosen)
-        )
-    picture = error_against_box(
-        claim.half_width_deg,
-        {name: errors for name, (errors, _) in networks.items()},
-        {name: published for name, (_, published) in networks.items()},
-        chosen=chosen,
-        styles=styles,
+    boxes, claim = results.boxes, results.claims.boxes
+    first = (
+        "Every joint angle is drawn uniformly from a range about one working pose: "
+        f"\u00b1{format_degrees(boxes.simulation_deg)} in simulations, \u00b1{format_degrees(boxes.experiment_deg)} in "
+        f"the experiment. {boxes.how}"
     )
-    return Section(title, "\n\n".join(told), figures=(picture,))
+    text = [first, *_remaining_ratios(results.tables.get(2) or ())]
+    if claim is None:
+        return Section(title, "\n\n".join([*text, str(MissingPart("The study of boxes of other widths", "--all"))]))
+    for row, errors in claim.mean_mm.items():
+        published = claim.paper_mean_mm[row]
+        places = " and ".join(
+            f"\u00b1{format_degrees(place)}" for place in crossings(claim.half_width_deg, errors, published)
+        )
+        text.append(
+            f"Row {row} of Table 2 has the paper's mean error, {format_mm(published)}, "
+            + (f"in a box of {places}." if places else "in none of the boxes tried.")
+            + _nearby_errors(claim.half_width_deg, errors, boxes.simulation_deg)
+        )
+    picture = box_figure(claim, chosen=boxes.simulation_deg, styles=styles)
+    return Section(title, "\n\n".join(text), figures=(picture,))
 
 
-def _what_remains(rows: Sequence[TableRow]) -> list[str]:
-    """Tell how well the rows that fixed the box agree with it."""
-    fixed = [row.ratio["faithful"] for row in rows if row.verdict == USED_TO_FIX_BOX]
-    ratios = [ratio for ratio in fixed if ratio]
+def _remaining_ratios(rows: Sequence[RowResult]) -> list[str]:
+    """How well the rows that were used to fit the box agree with it."""
+    ratios = [ratio for row in rows if row.verdict["trainlm"] == FITTED_BOX and (ratio := row.ratio["trainlm"])]
     if not ratios:
         return []
     mean = format_in_text(float(np.exp(np.mean(np.log(ratios)))))
-    told = (
-        f"What remains: in this run the {format_count(len(ratios), 'row')} of Table 2 that fixed it err, faithful, by "
-        f"{format_in_text(min(ratios))} to {format_in_text(max(ratios))} times the paper's average, {mean} times in "
-        "the geometric mean."
+    text = (
+        f"In this run the {format_count(len(ratios), 'row')} of Table 2 that were used to fit the box have, with "
+        f"trainlm, {format_in_text(min(ratios))} to {format_in_text(max(ratios))} times the paper's mean error, {mean} "
+        "times in the geometric mean."
     )
-    return [told]
+    return [text]
 
 
-def _if_wrong(widths: Sequence[float], errors: Sequence[float], chosen: float, *, by: float = 5.0) -> str:
-    """Tell the error in boxes somewhat narrower and wider, where they lie within what was tried."""
+def _nearby_errors(widths: Sequence[float], errors: Sequence[float], chosen: float, *, by: float = 5.0) -> str:
+    """Errors in boxes somewhat narrower and wider, inside the range that was tried."""
     order = np.argsort(widths)
     x, y = np.array(widths)[order], np.log(np.array(errors)[order])
-    told = [
+    parts = [
         f"{format_mm(float(np.exp(np.interp(width, x, y))))} at \u00b1{format_degrees(width)}"
         for width in (chosen - by, chosen, chosen + by)
         if x[0] <= width <= x[-1]
     ]
-    return f" The error is {', '.join(told)}." if told else ""
+    return f" The error is {', '.join(parts)}." if parts else ""
 
 
-def outside_section(found: ReproductionResult, *, styles: Mapping[str, Style]) -> Section | MissingPart:
-    """Say how the direct network fails outside its box."""
-    title = "Outside the box"
-    claim = found.claims.outside
+def outside_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section | MissingPart:
+    """The errors of the direct network outside its box."""
+    claim = results.claims.outside
     if claim is None:
         return MissingPart("The error outside the box", "--table 4")
     order = np.argsort(claim.distance_deg)
     distance = np.array(claim.distance_deg)[order]
-    lm, nominal, kinematic = (
-        np.array(values)[order] for values in (claim.lm_median_mm, claim.nominal_median_mm, claim.kinematic_median_mm)
-    )
-    worse = [float(distance[0]), *crossings(distance, lm / nominal, 1.0)] if lm[-1] > nominal[-1] else []
+    errors = {name: np.array(values)[order] for name, values in claim.median_mm.items()}
+    varpro, nominal = errors["varpro"], errors["nominal"]
+    worse = [float(distance[0]), *crossings(distance, varpro / nominal, 1.0)] if varpro[-1] > nominal[-1] else []
+    near, far = format_degrees(float(distance[0])), format_degrees(float(distance[-1]))
     text = (
-        "A direct network knows only the joint angles it was taught; beyond them it guesses. With the farthest joint "
-        f"{format_degrees(float(distance[0]))} beyond the box the median of the errors of lm is {format_mm(float(lm[0]))}, "
-        f"with it {format_degrees(float(distance[-1]))} beyond {format_mm(float(lm[-1]))}; of the uncompensated nominal "
-        f"arm {format_mm(float(nominal[0]))} and {format_mm(float(nominal[-1]))}; of a kinematic model identified "
-        f"from the same readings {format_mm(float(kinematic[0]))} and {format_mm(float(kinematic[-1]))}."
-        + (f" From {format_degrees(worse[-1])} on lm errs by more than the nominal arm." if worse else "")
+        "A direct network is valid only in the range of joint angles it was trained on. "
+        f"Median errors with the farthest joint {near} and {far} outside the box: varpro {_pair(varpro)}; the nominal "
+        f"arm without compensation {_pair(nominal)}; a kinematic model identified from the same readings "
+        f"{_pair(errors['kinematic'])}."
+        + (
+            f" From {format_degrees(worse[-1])} on the error of varpro exceeds that of the nominal arm."
+            if worse
+            else ""
+        )
     )
-    picture = error_outside(
-        claim.distance_deg,
-        (claim.lm_median_mm, claim.lm_p95_mm),
-        {"nominal": claim.nominal_median_mm, "kinematic": claim.kinematic_median_mm},
-        styles=styles,
-    )
-    return Section(title, text, figures=(picture,))
+    return Section("Outside the box", text, figures=(outside_figure(claim, styles=styles),))
+
+
+def _pair(values: FloatArray) -> str:
+    return f"{format_mm(float(values[0]))} and {format_mm(float(values[-1]))}"

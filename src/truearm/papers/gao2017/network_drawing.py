@@ -1,4 +1,4 @@
-"""A network drawn: its layers from left to right, units as circles, biases as squares."""
+"""Drawing of a network: its layers from left to right, units as circles, biases as squares."""
 
 from __future__ import annotations
 
@@ -12,15 +12,13 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Circle, Rectangle
 
-from truearm.errors import InputError
-from truearm.pages.number_format import format_number
+from truearm.pages.number_format import format_count, format_number
 from truearm.pages.plotting import INK, LIMIT, Figure, figure_style
 from truearm.typing import FloatArray
 
 _HIDDEN, _OUTPUT, _INPUT, _BIAS = "#12407a", "#d9730d", "#5a616b", "#8a9099"
 _MOST = 8  # a layer of more units is drawn as its first four, dots, and its last two
 _STEP_IN, _RADIUS_IN, _HEAD_IN, _FOOT_IN = 0.36, 0.115, 0.32, 0.62
-_MOST_LAYERS = 12
 
 
 def network_layers(sizes: Sequence[int], *, activation: str = "tansig") -> Figure:
@@ -32,34 +30,23 @@ def network_layers(sizes: Sequence[int], *, activation: str = "tansig") -> Figur
         Inputs, units of each hidden layer, outputs.
     activation : str
         Of the hidden units; the outputs are linear.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two layers, or one without units.
     """
-    sizes = [int(size) for size in sizes]
-    if not 2 <= len(sizes) <= _MOST_LAYERS or min(sizes) < 1:
-        raise InputError(f"expected 2 to {_MOST_LAYERS} layers, each of one unit or more, got the sizes {sizes}")
     with figure_style():
-        drawing = _drawn(sizes, activation)
+        drawing = _draw_network(sizes, activation)
     name = "-".join(str(size) for size in sizes)
     weights = sum((before + 1) * after for before, after in pairwise(sizes))
-    hidden = [f"{format_number(size)} {activation} unit{'s' * (size > 1)}" for size in sizes[1:-1]]
+    hidden = [format_count(size, f"{activation} unit") for size in sizes[1:-1]]
     inside = f"hidden layers: {', then '.join(hidden)}" if hidden else "no hidden layer"
-    told = (
-        f"{format_number(sizes[0])} input{'s' * (sizes[0] > 1)}, {inside}, and {format_number(sizes[-1])} linear "
-        f"output{'s' * (sizes[-1] > 1)}"
-    )
+    summary = f"{format_count(sizes[0], 'input')}, {inside}, and {format_count(sizes[-1], 'linear output')}"
     return Figure(
         (drawing,),
-        caption=f"The network {name}: {told}. Every unit is joined to all of the layer before and to a bias "
-        f"(square): {format_number(weights)} weights.",
-        alt=f"Drawing of a network of connected layers: {told}; {format_number(weights)} weights with biases.",
+        caption=f"The network {name}: {summary}. Every unit is connected to all units of the layer before and to a "
+        f"bias (square): {format_number(weights)} weights.",
+        alt=f"Drawing of a network of connected layers: {summary}; {format_number(weights)} weights with biases.",
     )
 
 
-def _drawn(sizes: Sequence[int], activation: str) -> Drawing:
+def _draw_network(sizes: Sequence[int], activation: str) -> Drawing:
     shown = [_shown(size) for size in sizes]
     apart_in = max(0.72, min(1.55, 4.4 / (len(sizes) - 1)))
     width_in = 2 * 0.55 + apart_in * (len(sizes) - 1)
@@ -93,7 +80,7 @@ def _drawn(sizes: Sequence[int], activation: str) -> Drawing:
 
 
 def _shown(size: int) -> list[int | None]:
-    """Give the units that are drawn, counted from 1; None stands for all that are left out."""
+    """The units that are drawn, counted from 1; None for the others."""
     if size <= _MOST:
         return list(range(1, size + 1))
     return [1, 2, 3, 4, None, size - 1, size]
@@ -121,7 +108,7 @@ def _layer(axes: Axes, units: Sequence[int | None], where: FloatArray, layer: in
             )
         )
         if layer == 0:
-            axes.text(x - 0.2, y, f"q{unit}", ha="right", va="center")
+            axes.text(x - 0.2, y, f"J{unit}", ha="right", va="center")
         elif layer == layers - 1:
             outputs = units[-1]
             axes.text(x + 0.2, y, "xyz"[unit - 1] if outputs == 3 else f"y{unit}", ha="left", va="center")
@@ -131,6 +118,6 @@ def _below(axes: Axes, x: float, sizes: Sequence[int], layer: int, activation: s
     size = sizes[layer]
     last = layer == len(sizes) - 1
     what = "input" if layer == 0 else "output" if last else "unit"
-    axes.text(x, 0.42, f"{format_number(size)} {what}{'s' * (size > 1)}", ha="center", va="center", color=INK)
+    axes.text(x, 0.42, format_count(size, what), ha="center", va="center", color=INK)
     kind = "joint angles" if layer == 0 else "linear" if last else activation
     axes.text(x, 0.22, kind, ha="center", va="center", color=_INPUT, style="italic")

@@ -1,226 +1,201 @@
-"""The page that sets a paper's tables and figures beside what was found: Gao et al. (2017), reproduced.
+"""The page that compares the paper's tables and figures with their reproduction.
 
-Every sentence with a number is made from the findings; what was not run is said to be missing, with the command for it.
+Every number in a sentence comes from the results; a part that was not run is listed with the command that runs it.
 """
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from truearm.pages.number_format import format_count, format_in_text
 from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
-from truearm.pages.plotting import Style, styles_of
-from truearm.papers.gao2017.arm_drawing import arm_figure, denavit_hartenberg, frame_figure
+from truearm.pages.plotting import Figure, Style, styles_of
+from truearm.papers.gao2017.arm_drawing import arm_figure, frame_figure
+from truearm.papers.gao2017.claim_figures import predictions_figure
 from truearm.papers.gao2017.claim_sections import (
+    final_test_section,
     joint_ranges_section,
     learning_rate_section,
     outside_section,
+    removed_percent,
     scatter_section,
+    share_section,
 )
-from truearm.papers.gao2017.final_test_sections import final_test_section, share_section
 from truearm.papers.gao2017.network_drawing import network_layers
 from truearm.papers.gao2017.phrases import COMMAND, MissingPart, as_count, format_degrees, with_figure_number
-from truearm.papers.gao2017.prediction_figure import predictions_by_pose
-from truearm.papers.gao2017.reproduction_file import ArmFrames, ReproductionResult, read_reproduction
+from truearm.papers.gao2017.results import METHODS, ArmPose, Reproduction
 from truearm.papers.gao2017.table_figure import PAPER_STYLE
 from truearm.papers.gao2017.table_sections import count_verdicts, describe_accuracy, speedups, table_section
+from truearm.papers.gao2017.tables import TABLE_1
 
 TITLE = "Gao et al. 2017, reproduced"
-CITED = (
+CITATION = (
     "Gao, Zhang, San, Wu, Wang: Modeling and Error Compensation of Robotic Articulated Arm Coordinate Measuring "
     "Machines Using BP Neural Network. Complexity 2017, article 5156264"
 )
 _PURPOSE = (
-    "The paper trains networks that turn the six joint angles of a measuring arm into x, y and z. Here its tables and "
-    "figures stand beside ours. Faithful is the paper's own way: MATLAB's training functions by their documentation, "
-    "with each row's settings and stops. lm is the trainer of truearm: the output layer is solved exactly at every "
-    "step, and the damping follows Nielsen's rule."
+    "The paper trains networks that calculate x, y and z from the six joint angles of a measuring arm. This page sets "
+    "its tables and figures beside a reproduction. trainlm is the paper's own way: MATLAB's training functions by "
+    "their documentation (two rows of Table 3 use gradient descent), with the settings and stops of each row. varpro "
+    "is the trainer of truearm: it solves the output layer exactly at every step, with the damping of Nielsen's rule."
 )
-_PENS: dict[str, Style] = {
-    **styles_of(("faithful", "lm", "kinematic", "noise floor", "nominal")),
+_STYLES: dict[str, Style] = {
+    **styles_of((*METHODS, "kinematic", "noise floor", "nominal")),
     "paper": PAPER_STYLE,
-    "row 1": styles_of(("row 1", "row 15"))["row 1"],
-    "row 15": styles_of(("row 1", "row 15"))["row 15"],
+    **styles_of(("row 1", "row 15")),
 }
 
 
-def reproduction_page(found: Mapping[str, Any]) -> Page:
-    """Make the page of a reproduction.
-
-    Parameters
-    ----------
-    found : mapping
-        The findings as ``reproduction.json`` holds them: lengths in mm, times in s; a part that was not run is None.
-
-    Returns
-    -------
-    Page
-
-    Raises
-    ------
-    InputError
-        If a key is missing, or a value is not what it must be. The key is named with its place.
-    """
-    all_found = read_reproduction(found)
-    tables = all_found.rows_by_table()
+def reproduction_page(results: Reproduction) -> Page:
+    """Make the page of a reproduction."""
     parts: list[Section | MissingPart] = [
-        _in_short(all_found),
-        _arm(all_found),
-        _network(all_found),
-        *(table_section(number, tables.get(number), all_found.rule, styles=_PENS) for number in (2, 3, 4)),
-        _some_poses(all_found),
-        final_test_section(all_found, styles=_PENS),
-        share_section(all_found, styles=_PENS),
-        learning_rate_section(all_found, styles=_PENS),
-        scatter_section(all_found, styles=_PENS),
-        joint_ranges_section(all_found, styles=_PENS),
-        outside_section(all_found, styles=_PENS),
+        _answer(results),
+        *(table_section(number, rows, results.rule, styles=_STYLES) for number, rows in results.tables.items()),
+        final_test_section(results, styles=_STYLES),
+        share_section(results, styles=_STYLES),
+        learning_rate_section(results, styles=_STYLES),
+        scatter_section(results, styles=_STYLES),
+        joint_ranges_section(results, styles=_STYLES),
+        outside_section(results, styles=_STYLES),
+        _arm(results),
+        _network(results),
+        _ten_poses(results),
     ]
     sections = [part for part in parts if isinstance(part, Section)]
-    if len(sections) < len(parts):
-        missing = [str(part) for part in parts if isinstance(part, MissingPart)]
+    missing = [str(part) for part in parts if isinstance(part, MissingPart)]
+    if missing:
         sections.append(Section("Not part of this run", "\n\n".join(missing)))
-    if all_found.left_out:
-        sections.append(_left_out(all_found))
-    quick = " A quick run; what it left out stands at the end." if all_found.quick and all_found.left_out else ""
+    if results.skipped:
+        table = Table((Column("skipped"),), tuple((part,) for part in results.skipped), "Parts that this run skipped")
+        sections.append(Section("Skipped parts", f"To make all of them: {COMMAND} --all", tables=(table,)))
+    quick = " A quick run; the skipped parts are listed at the end." if results.quick and results.skipped else ""
     return Page(
         title=TITLE,
-        subtitle=f"{CITED}.{quick}",
-        summary=_summary(all_found),
+        subtitle=f"{CITATION}.{quick}",
+        summary=_summary(results),
         sections=tuple(sections),
-        facts=_facts(all_found),
+        facts=_facts(results),
     )
 
 
-def _summary(found: ReproductionResult) -> tuple[LabelledValue, ...]:
+def paper_figure(page: Page, number: int) -> Figure | None:
+    """The reproduction of a figure of the paper on the page; None if it was not made."""
+    figures = (figure for section in page.sections for figure in section.figures)
+    return next((figure for figure in figures if figure.caption.startswith(f"Figure {number} of the paper")), None)
+
+
+def _summary(results: Reproduction) -> tuple[LabelledValue, ...]:
     rows = []
-    for name in ("faithful", "lm"):
-        verdicts = count_verdicts(found.rows(), name)
+    for method in METHODS:
+        verdicts = count_verdicts(results.rows(), method)
         if verdicts:
             good = verdicts["reproduced"] + verdicts["better"]
-            counted_rows = good + verdicts["not reached"]
-            rows.append(LabelledValue(f"table rows reproduced or better, {name}", f"{good} of {counted_rows}"))
-    times = speedups(found.rows())
+            value = f"{good} of {good + verdicts['not reached']}"
+            rows.append(LabelledValue(f"table rows reproduced or better, {method}", value))
+    times = speedups(results.rows())
     if times:
-        label = "as fast as faithful is lm at the paper's mean error, median of rows"
+        label = "time of trainlm to the paper's mean error by that of varpro, median of rows"
         rows.append(LabelledValue(label, float(np.median(times)), "times"))
-    if found.final_test is not None:
-        for name, share in found.final_test.removed_percent().items():
+    test = results.final_test
+    if test is not None:
+        for name, share in removed_percent(test).items():
             if name != "kinematic":
-                rows.append(
-                    LabelledValue(f"error removed on {found.final_test.poses} further poses, {name}", share, "%")
-                )
+                rows.append(LabelledValue(f"error removed on {test.poses} further poses, {name}", share, "%"))
     return tuple(rows)
 
 
-def _in_short(found: ReproductionResult) -> Section:
-    rows = found.rows()
-    run = [row for row in rows if row.by_trainer()]
-    told = [_PURPOSE]
+def _answer(results: Reproduction) -> Section:
+    rows = results.rows()
+    run = [row for row in rows if any(row.results.values())]
+    text = []
     if rows:
-        told.append(f"{format_count(len(run), 'row')} of {len(rows)} were run. " + describe_accuracy(rows))
+        text.append(f"{format_count(len(run), 'row')} of {len(rows)} were run. {describe_accuracy(rows)}")
     times = speedups(rows)
     if times:
         span = f" (from {format_in_text(min(times))} to {format_in_text(max(times))})" if len(times) > 1 else ""
-        told.append(
-            f"In {format_count(len(times), 'row')} both get there; on the same machine faithful then takes "
-            f"{format_in_text(float(np.median(times)))} times as long as lm in the median{span}. The paper's own times "
-            "are of a machine it does not describe."
+        text.append(
+            f"In {format_count(len(times), 'row')} both reach it; on the same machine trainlm then takes "
+            f"{format_in_text(float(np.median(times)))} times as long as varpro in the median{span}. The paper does "
+            "not describe the machine of its own times."
         )
-    tables = (_verdicts(found),) if rows else ()
-    return Section("In short", "\n\n".join(told), tables=tables)
+    tables = (_verdict_table(results),) if rows else ()
+    return Section("In short", "\n\n".join([*text, _PURPOSE]), tables=tables)
 
 
-def _verdicts(found: ReproductionResult) -> Table:
-    by_trainer = {name: count_verdicts(found.rows(), name) for name in ("faithful", "lm")}
-    heads = [(name, verdict) for name, verdicts in by_trainer.items() for verdict in verdicts]
+def _verdict_table(results: Reproduction) -> Table:
+    heads = [(name, verdict) for name in METHODS for verdict in count_verdicts(results.rows(), name)]
     return Table(
         (Column("table"), Column("rows"), *(Column(verdict, group=f"{name}, rows") for name, verdict in heads)),
         tuple(
             (f"Table {number}", len(rows), *(count_verdicts(rows, name)[verdict] for name, verdict in heads))
-            for number, rows in found.rows_by_table().items()
+            for number, rows in results.tables.items()
+            if rows
         ),
-        "Trainings by verdict, of those that were run, each once; the rule stands with each table",
+        "Verdicts of the trainings that were run, each once; each table's section states the rule",
     )
 
 
-def _arm(found: ReproductionResult) -> Section | MissingPart:
-    arm = found.figures.arm
-    title = "The arm (Figures 1 and 2)"
+def _arm(results: Reproduction) -> Section | MissingPart:
+    arm = results.figures.arm
     if arm is None:
         return MissingPart("The drawing of the arm", "--figure 1")
-    frames, tip = [list(frame) for frame in arm.frames], arm.tip_mm
-    pictures = (with_figure_number(1, arm_figure(frames, tip)), with_figure_number(2, frame_figure(frames, tip)))
+    angles = ", ".join(f"J{i} = {format_degrees(angle)}" for i, angle in enumerate(arm.angles_deg.tolist(), start=1))
     return Section(
-        title,
-        "The paper's arm has six turning joints and a stylus. It is drawn at the pose that the boxes of joint angles "
-        f"lie around: {', '.join(f'q{i} = {format_degrees(a)}' for i, a in enumerate(arm.angles_deg, start=1))}. The paper "
-        "gives no such pose; it was chosen here.",
-        tables=(_parameters(arm),),
-        figures=pictures,
+        "The arm (Figures 1 and 2)",
+        "The paper's arm has six revolute joints and a stylus. It is drawn at the centre of the boxes of joint "
+        "angles: "
+        f"{angles}. The paper gives no such pose; it was chosen here.",
+        tables=(_parameter_table(arm),),
+        figures=(
+            with_figure_number(1, arm_figure(arm.frames, arm.tip_mm)),
+            with_figure_number(2, frame_figure(arm.frames, arm.tip_mm)),
+        ),
     )
 
 
-def _parameters(arm: ArmFrames) -> Table:
-    parameters = denavit_hartenberg([list(frame) for frame in arm.frames])
+def _parameter_table(arm: ArmPose) -> Table:
     rows: list[tuple[Cell, ...]] = []
-    for i, (a, d, theta, alpha) in enumerate(parameters, start=1):
-        rows.append((i, *(as_count(round(float(v), 6) + 0.0) for v in (a, d, np.degrees(theta), np.degrees(alpha)))))
+    for i, (joint, angle) in enumerate(zip(TABLE_1, arm.angles_deg, strict=True), start=1):
+        numbers = joint.a_mm, joint.d_mm, joint.theta_deg + float(angle), joint.alpha_deg
+        rows.append((f"J{i}", *(as_count(round(float(number), 6) + 0.0) for number in numbers)))
     return Table(
         (Column("joint"), Column("a", "mm"), Column("d", "mm"), Column("theta", "deg"), Column("alpha", "deg")),
         tuple(rows),
-        "Parameters of Denavit and Hartenberg that lead from each frame to the next at this pose, taken from the "
-        "drawing's own frames (the paper's Table 1 has theta at zero angles)",
+        "Denavit-Hartenberg parameters of each joint at this pose (the paper's Table 1 has theta at zero joint angles)",
     )
 
 
-def _network(found: ReproductionResult) -> Section | MissingPart:
-    title = "The network (Figure 3)"
-    if found.figures.network is None:
+def _network(results: Reproduction) -> Section | MissingPart:
+    sizes = results.figures.network
+    if sizes is None:
         return MissingPart("The drawing of the network", "--figure 3")
-    return Section(title, figures=(with_figure_number(3, network_layers(found.figures.network.sizes)),))
+    return Section("The network (Figure 3)", figures=(with_figure_number(3, network_layers(sizes)),))
 
 
-def _some_poses(found: ReproductionResult) -> Section | MissingPart:
-    title = "Some poses in detail (Figure 4)"
-    poses = found.figures.figure_4
-    by_name = {} if poses is None else {key: points for key, points in poses.predicted_mm.items() if points is not None}
-    if poses is None or not by_name:
+def _ten_poses(results: Reproduction) -> Section | MissingPart:
+    poses = results.figures.figure_4
+    if poses is None:
         return MissingPart("Figure 4", "--figure 4")
-    predicted = {"lm" if key == "ours" else key: points for key, points in by_name.items()}
-    pens = {**styles_of(predicted), **_PENS}
-    return Section(
-        title, figures=(with_figure_number(4, predictions_by_pose(poses.points_mm, predicted, styles=pens)),)
-    )
+    figure = with_figure_number(4, predictions_figure(poses, styles=_STYLES))
+    return Section("Some poses in detail (Figure 4)", figures=(figure,))
 
 
-def _left_out(found: ReproductionResult) -> Section:
-    return Section(
-        "What was left out",
-        f"All of it is made by: {COMMAND} --all",
-        tables=(Table((Column("left out"),), tuple((part,) for part in found.left_out), "Parts left out of this run"),),
-    )
-
-
-def _facts(found: ReproductionResult) -> tuple[tuple[str, str], ...]:
-    boxes, seconds = found.boxes, found.training_seconds
-    trained = f"{format_in_text(seconds, unit='s')} ({format_in_text(seconds / 60, unit='min')})"
-    if found.trained:
-        trained += f", ended {' to '.join(dict.fromkeys(found.trained))}"
+def _facts(results: Reproduction) -> tuple[tuple[str, str], ...]:
+    boxes, seconds = results.boxes, results.training_seconds
+    time = f"{format_in_text(seconds, unit='s')} ({format_in_text(seconds / 60, unit='min')})"
+    if results.trained:
+        time += f", ended {' to '.join(dict.fromkeys(results.trained))}"
+    simulation, experiment = format_degrees(boxes.simulation_deg), format_degrees(boxes.experiment_deg)
+    machines = [
+        f"{one['cpu']}, {format_count(int(one['cores']), 'core')}, Python {one['python']}, NumPy {one['numpy']}"
+        for one in results.machines
+    ]
+    skipped = format_count(len(results.skipped), "part")
     return (
-        *(
-            ("machine", f"{one.cpu}, {format_count(one.cores, 'core')}, Python {one.python}, NumPy {one.numpy}")
-            for one in found.machines
-        ),
-        ("version", f"truearm {found.truearm}"),
-        ("training time", trained),
-        ("extent", f"quick; {format_count(len(found.left_out), 'part')} left out" if found.quick else "full settings"),
-        (
-            "boxes of joint angles",
-            f"simulations \u00b1{format_degrees(boxes.simulation_deg)}, experiment \u00b1{format_degrees(boxes.experiment_deg)}",
-        ),
-        ("paper", CITED),
+        *(("machine", machine) for machine in machines),
+        ("version", f"truearm {results.truearm}"),
+        ("training time", time),
+        ("extent", f"quick; {skipped} skipped" if results.quick else "full settings"),
+        ("boxes of joint angles", f"simulations \u00b1{simulation}, experiment \u00b1{experiment}"),
+        ("paper", CITATION),
     )

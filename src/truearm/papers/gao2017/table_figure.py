@@ -1,4 +1,4 @@
-"""Rows of a published table beside what was found: every start a mark, so that scatter is seen, not only a median."""
+"""Figure of a table of the paper beside the reproduction, with a mark for every start to show the scatter."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ _SOFT = "#5a616b"
 
 @dataclass(frozen=True)
 class TableFigureRow:
-    """One row of a published table and what was found for it.
+    """One row of a table of the paper, and the starts of its trainings.
 
     Parameters
     ----------
     label : tuple of str
-        The row's settings, a cell for each heading of the figure.
+        Settings of the row, a cell for each heading of the figure.
     paper_mm, paper_s : float
         Mean error [mm] and training time [s] as published.
     errors_mm : mapping of str to sequence of float
         For each trainer the mean error of each of its starts [mm].
     seconds : mapping of str to sequence of (float or None)
-        For each trainer, when each start first was as accurate as the paper [s]; None for one that never was.
+        For each trainer, when each start first reached the paper's mean error [s]; None for one that never did.
     """
 
     label: tuple[str, ...]
@@ -47,13 +47,13 @@ class TableFigureRow:
 def table_figure(
     rows: Sequence[TableFigureRow], *, headings: Sequence[str], styles: Mapping[str, Style] | None = None
 ) -> Figure:
-    """Draw the mean error of every start beside the paper's, and how long it took to be as accurate as the paper.
+    """Draw the mean error of every start beside the paper's, and the time until it reached the paper's mean error.
 
     Parameters
     ----------
     rows : sequence of TableFigureRow
     headings : sequence of str
-        Over the cells of the rows' labels.
+        Of the cells of the labels.
     styles : mapping of str to Style, optional
         From `styles_of`.
     """
@@ -70,19 +70,13 @@ def table_figure(
     return Figure(
         panels,
         caption="Left: mean error of each start (small marks) and the median (large) beside the paper's value (black "
-        "diamond). Right: time until the error first was at or below the paper's, median of the starts that got there, "
-        "beside the paper's training time, which was measured on another machine; the numbers at the edge are the "
-        "starts that got there. Faithful fits 70 % of the poses, lm all. Both scales are logarithmic.",
+        "diamond). Right: time until the error first was at or below the paper's, median of the starts that reached "
+        "it, beside the paper's training time, which was measured on another machine; the numbers at the edge are the "
+        "starts that reached it. trainlm fits 70 % of the poses, varpro all. Both scales are logarithmic.",
         alt=f"Dot plots, a row for each of {len(rows)} rows of the paper's table: mean errors, and times to the "
         "paper's accuracy.",
         columns=2,
     )
-
-
-def reaches_paper_error(seconds: Sequence[float | None]) -> bool:
-    """Whether at least half of the starts became as accurate as the paper."""
-    reached = sum(second is not None for second in seconds)
-    return len(seconds) > 0 and 2 * reached >= len(seconds)
 
 
 def _errors(rows: Sequence[TableFigureRow], headings: Sequence[str], pens: Mapping[str, Style]) -> Drawing:
@@ -98,7 +92,11 @@ def _times(rows: Sequence[TableFigureRow], headings: Sequence[str], pens: Mappin
     title = "time to the paper's mean error"
     drawing, axes = _sheet(rows, headings, pens, title=title, right_in=0.2 + 0.36 * len(pens))
     got = {name: [[s for s in row.seconds.get(name, ()) if s is not None] for row in rows] for name in pens}
-    medians = {name: [reaches_paper_error(row.seconds.get(name, ())) for row in rows] for name in pens}
+    # A median only where at least half of the starts reached the error.
+    medians = {
+        name: [0 < len(row.seconds.get(name, ())) <= 2 * len(times) for row, times in zip(rows, got[name], strict=True)]
+        for name in pens
+    }
     _draw(axes, [row.paper_s for row in rows], got, medians, pens)
     for k, (name, pen) in enumerate(pens.items()):
         for base, row, times in zip(_bases(rows), rows, got[name], strict=True):
@@ -126,12 +124,12 @@ def _draw(
     with_median: Mapping[str, Sequence[bool]],
     pens: Mapping[str, Style],
 ) -> None:
-    """Draw the paper's value of every row, and each trainer's values with a median where one is asked for."""
+    """Draw the paper's value of every row, and each trainer's values with a median where it is wanted."""
     white: Any = {"linestyle": "none", "markeredgecolor": "white", "markeredgewidth": 0.65}
     positive = [value for value in paper if value > 0]
     heights = [base for base, value in zip(_bases(paper), paper, strict=True) if value > 0]
     values = [value for by_row in found.values() for row in by_row for value in row if value > 0]
-    # Zero has no place on a logarithmic scale.
+    # A logarithmic scale has no zero.
     set_log_scale(axes, "x", min([*positive, *values], default=1.0) / 1.5, max([*positive, *values], default=1.0) * 1.5)
     for shift, (name, pen) in zip(_shifts(pens), pens.items(), strict=True):
         dots, middles = [], []
@@ -151,7 +149,7 @@ def _columns(places: Sequence[tuple[float, float]]) -> tuple[list[float], list[f
 def _sheet(
     rows: Sequence[TableFigureRow], headings: Sequence[str], pens: Mapping[str, Style], *, title: str, right_in: float
 ) -> tuple[Drawing, Axes]:
-    """Make a panel with a line for each row, the cells of its label in columns on the left, and a key."""
+    """Panel with a line for each row, the cells of its label in columns on the left, and a key."""
     widths = [
         _LETTER_IN * max(len(headings[k]), *(len(shorten(row.label[k], longest=24)) for row in rows)) + 0.1
         for k in range(len(headings))
@@ -173,6 +171,16 @@ def _sheet(
     axes.grid(visible=False, axis="y")
     axes.spines["left"].set_visible(False)
     axes.hlines(list(_bases(rows)), 0, 1, transform=axes.get_yaxis_transform(), color=FAINT, linewidth=0.5, zorder=0)
+    _labels(axes, rows, headings, widths, left_in)
+    drawing.text(0.06 / _WIDTH_IN, 1 - 0.06 / height_in, title, va="top", fontsize=9, weight="bold")
+    _key(drawing, pens, height_in)
+    return drawing, axes
+
+
+def _labels(
+    axes: Axes, rows: Sequence[TableFigureRow], headings: Sequence[str], widths: Sequence[float], left_in: float
+) -> None:
+    """Write the headings and the cells of the labels in columns left of the axes."""
     where_in = 0.06
     for k, width in enumerate(widths):
         cells = [(float(base), shorten(row.label[k], longest=24)) for base, row in zip(_bases(rows), rows, strict=True)]
@@ -188,9 +196,6 @@ def _sheet(
                 color=_SOFT if height > len(rows) - 0.5 else INK,
             )
         where_in += width
-    drawing.text(0.06 / _WIDTH_IN, 1 - 0.06 / height_in, title, va="top", fontsize=9, weight="bold")
-    _key(drawing, pens, height_in)
-    return drawing, axes
 
 
 def _key(drawing: Drawing, pens: Mapping[str, Style], height_in: float) -> None:
@@ -214,10 +219,10 @@ def _key(drawing: Drawing, pens: Mapping[str, Style], height_in: float) -> None:
 
 
 def _bases(rows: Sequence[object]) -> range:
-    """Give each row its height, the first on top."""
+    """Heights of the rows, the first on top."""
     return range(len(rows) - 1, -1, -1)
 
 
 def _shifts(pens: Mapping[str, Style]) -> list[float]:
-    """Give each trainer its height within a row, the first on top."""
+    """Height of each trainer within a row, the first on top."""
     return [0.22 - 0.44 * k / max(len(pens) - 1, 1) if len(pens) > 1 else 0.0 for k in range(len(pens))]

@@ -1,4 +1,4 @@
-"""Tables 2, 3 and 4 of Gao et al. (2017) beside what was found: accuracy, effort, verdicts."""
+"""Tables 2, 3 and 4 of the paper beside the reproduction: accuracy, effort, verdicts."""
 
 from __future__ import annotations
 
@@ -10,217 +10,171 @@ import numpy as np
 from truearm.pages.number_format import capitalize, format_count, format_exact, format_in_text, format_number
 from truearm.pages.page import Cell, Column, Section, Table
 from truearm.pages.plotting import Style, join_phrases
-from truearm.papers.gao2017.phrases import (
-    TRAINING_SHARES_NOTE,
-    USED_TO_FIX_BOX,
-    MissingPart,
-    format_row_numbers,
-    range_cell,
-)
-from truearm.papers.gao2017.reproduction_file import TableRow, TrainerSummary
-from truearm.papers.gao2017.table_figure import TableFigureRow, reaches_paper_error, table_figure
+from truearm.papers.gao2017.phrases import SHARES_NOTE, MissingPart, format_row_numbers, range_cell
+from truearm.papers.gao2017.results import FITTED_BOX, METHODS, Method, RowResult, TrainerResult, trained
+from truearm.papers.gao2017.table_figure import TableFigureRow, table_figure
 
 _SUBJECT = {
-    2: "a simulation: one hidden layer, other numbers of poses, goals, learning rates and units",
-    3: "a simulation: larger networks, and three training functions",
+    2: "a simulation with one hidden layer: numbers of poses, goals, learning rates and units vary",
+    3: "a simulation with larger networks and three training functions",
     4: "the experiment on a real arm, here on virtual arms",
 }
 
 
 def table_section(
-    number: int, rows: Sequence[TableRow] | None, rule: str, *, styles: Mapping[str, Style]
+    number: int, rows: Sequence[RowResult] | None, rule: str, *, styles: Mapping[str, Style]
 ) -> Section | MissingPart:
-    """Set a table of the paper beside what was found: accuracy, effort, and a picture of both.
+    """A table of the paper beside the reproduction: accuracy, effort, and a figure of both.
 
     Parameters
     ----------
     number : int
         Of the table: 2, 3 or 4.
-    rows : sequence of TableRow, optional
-        None or empty if the table was not run.
+    rows : sequence of RowResult, optional
+        None if the table was not run.
     rule : str
         Of the verdicts.
     styles : mapping of str to Style
-        For ``faithful`` and ``lm``.
+        For ``trainlm`` and ``varpro``.
     """
     title = f"Table {number}"
     if not rows:
         return MissingPart(title, f"--table {number}")
-    told = [
-        f"Table {number} of the paper is {_SUBJECT[number]}. " + describe_accuracy(rows),
+    parts = [
+        describe_accuracy(rows),
+        f"Table {number} of the paper is {_SUBJECT[number]}.",
         f"Rule of the verdicts. {capitalize(rule.rstrip('.'))}.",
-        _starts_told(rows),
-        *_notes_told(rows),
+        _describe_starts(rows),
+        *_notes(rows),
     ]
     return Section(
         title,
-        "\n\n".join(part for part in told if part),
+        "\n\n".join(part for part in parts if part),
         tables=(_accuracy(number, rows), _effort(number, rows)),
-        figures=(table_figure([_beside(row) for row in rows], headings=("row", "poses", "units"), styles=styles),),
+        figures=(table_figure([_figure_row(row) for row in rows], headings=("row", "poses", "units"), styles=styles),),
     )
 
 
-def _accuracy(number: int, rows: Sequence[TableRow]) -> Table:
-    columns = [
-        Column("row"),
-        Column("poses"),
-        Column("units"),
-        Column("paper", "mm", group="mean error"),
-        Column("faithful", "mm", group="mean error"),
-        Column("range", "mm", group="mean error"),
-        Column("lm", "mm", group="mean error"),
-        Column("range", "mm", group="mean error"),
-        Column("paper", "mm", group="largest error"),
-        Column("faithful", "mm", group="largest error"),
-        Column("lm", "mm", group="largest error"),
-        Column("faithful", group="mean / paper's", digits=2),
-        Column("lm", group="mean / paper's", digits=2),
-        Column("faithful", group="verdict"),
-        Column("lm", group="verdict"),
-    ]
-    lines: list[tuple[Cell, ...]] = [
-        (
-            row.row,
-            row.n_train,
-            _units(row),
-            row.paper.mean_mm,
-            *_median_and_range(row, "faithful"),
-            *_median_and_range(row, "lm"),
-            row.paper.max_mm,
-            *(_of(row, name, lambda trained: trained.median.max_mm) for name in ("faithful", "lm")),
-            row.ratio["faithful"],
-            row.ratio["ours"],
-            row.verdict or f"as row {row.same_training_as}",
-            row.verdict_ours,
+def _accuracy(number: int, rows: Sequence[RowResult]) -> Table:
+    columns: dict[Column, list[Cell]] = {
+        Column("row"): [row.paper.row for row in rows],
+        Column("poses"): [row.paper.n_train for row in rows],
+        Column("units"): [_units(row) for row in rows],
+        Column("paper", "mm", group="mean error"): [row.paper.mean_mm for row in rows],
+    }
+    for name in METHODS:
+        columns[Column(name, "mm", group="mean error")] = _cells(rows, name, lambda one: one.median["mean_many_mm"])
+        columns[Column(f"{name}, range", "mm", group="mean error")] = _cells(
+            rows, name, lambda one: range_cell(one.range_mm if len(one.runs) > 1 else (0.0,))
         )
-        for row in rows
-    ]
-    one_size = len({row.n_train for row in rows}) == 1
-    keep = [k for k in range(len(columns)) if not (k == 1 and one_size) and (k < 3 or _filled(lines, k))]
-    poses = f", {format_number(rows[0].n_train)} poses" if one_size else ""
-    return Table(
-        tuple(columns[k] for k in keep),
-        tuple(tuple(line[k] for k in keep) for line in lines),
+    columns[Column("paper", "mm", group="largest error")] = [row.paper.max_mm for row in rows]
+    for name in METHODS:
+        columns[Column(name, "mm", group="largest error")] = _cells(rows, name, lambda one: one.median["max_mm"])
+    for name in METHODS:
+        columns[Column(name, group="mean / paper's", digits=2)] = [row.ratio[name] for row in rows]
+    for name in METHODS:
+        columns[Column(name, group="verdict")] = [
+            row.verdict[name] or (f"as row {row.same_training_as}" if name == "trainlm" else None) for row in rows
+        ]
+    one_size = len({row.paper.n_train for row in rows}) == 1
+    if one_size:
+        del columns[Column("poses")]
+    poses = f", {format_number(rows[0].paper.n_train)} poses" if one_size else ""
+    return _table(
+        columns,
         f"Table {number}, accuracy{poses}. Error of a single coordinate. Mean error: on 2000 further poses, "
         "median and range of the starts. Largest error: on as many poses as the paper tested, median of the starts. "
-        f"{TRAINING_SHARES_NOTE.rstrip('.')}",
+        f"{SHARES_NOTE.rstrip('.')}",
     )
 
 
-def _effort(number: int, rows: Sequence[TableRow]) -> Table:
-    columns = [
-        Column("row"),
-        Column("units"),
-        Column("learning rate"),
-        Column("goal"),
-        Column("paper", group="epochs"),
-        Column("faithful", group="epochs"),
-        Column("lm", group="epochs"),
-        Column("paper", "s", group="training time"),
-        Column("faithful", "s", group="training time"),
-        Column("lm", "s", group="training time"),
-        Column("faithful", "s", group="time to the paper's mean error"),
-        Column("starts", "s", group="time to the paper's mean error"),
-        Column("lm", "s", group="time to the paper's mean error"),
-        Column("starts", "s", group="time to the paper's mean error"),
-        Column("faithful stopped by"),
-    ]
-    lines: list[tuple[Cell, ...]] = [
-        (
-            row.row,
-            _units(row),
-            format_exact(row.learning_rate),
-            _power(row.goal),
-            row.paper.epochs,
-            *(_of(row, name, lambda trained: round(trained.median.epochs)) for name in ("faithful", "lm")),
-            row.paper.seconds,
-            *(_of(row, name, lambda trained: trained.median.seconds) for name in ("faithful", "lm")),
-            *_time_to_paper(row, "faithful"),
-            *_time_to_paper(row, "lm"),
-            _stops(row),
+def _effort(number: int, rows: Sequence[RowResult]) -> Table:
+    columns: dict[Column, list[Cell]] = {
+        Column("row"): [row.paper.row for row in rows],
+        Column("units"): [_units(row) for row in rows],
+    }
+    # Settings that no row of the table varies are stated in its caption.
+    settings: dict[str, list[Cell]] = {
+        "learning rate": [format_exact(row.paper.learning_rate) for row in rows],
+        "goal": [_power(row.paper.goal) for row in rows],
+    }
+    columns |= {Column(name): cells for name, cells in settings.items() if len(set(cells)) > 1}
+    fixed = "".join(f", {name} {cells[0]}" for name, cells in settings.items() if len(set(cells)) == 1)
+    columns[Column("paper", group="epochs")] = [row.paper.epochs for row in rows]
+    for name in METHODS:
+        columns[Column(name, group="epochs")] = _cells(rows, name, lambda one: round(one.median["epochs"]))
+    columns[Column("paper", "s", group="training time")] = [row.paper.seconds for row in rows]
+    for name in METHODS:
+        columns[Column(name, "s", group="training time")] = _cells(rows, name, lambda one: one.median["seconds"])
+    group = "time to the paper's mean error"
+    timed = [row for row in rows if row.timed]
+    for name in METHODS:
+        columns[Column(name, "s", group=group)] = _cells(
+            rows, name, lambda one: float(np.median(one.seconds_to_paper)) if one.seconds_to_paper else None, only=timed
         )
-        for row in rows
-    ]
-    # Settings that no row of the table varies are said in its caption.
-    same = {k: {line[k] for line in lines} for k in (2, 3)}
-    keep = [k for k in range(len(columns)) if (k not in same or len(same[k]) > 1) and (k < 2 or _filled(lines, k))]
-    fixed = "".join(f", {columns[k].heading} {next(iter(values))}" for k, values in same.items() if len(values) == 1)
-    return Table(
-        tuple(columns[k] for k in keep),
-        tuple(tuple(line[k] for k in keep) for line in lines),
+        columns[Column(f"{name}, starts", "s", group=group)] = _cells(
+            rows, name, lambda one: f"{len(one.seconds_to_paper)}/{len(one.runs)}", only=timed
+        )
+    columns[Column("trainlm stopped by")] = _cells(rows, "trainlm", _stops)
+    return _table(
+        columns,
         f"Table {number}, effort{fixed}. Medians of the starts. Time to the paper's mean error: until the error on "
-        "2000 further poses first was at or below it, median of the starts that got there, and how many did. "
-        f"{TRAINING_SHARES_NOTE.rstrip('.')}",
+        "2000 further poses first was at or below it, median of the starts that reached it, and their number. "
+        f"{SHARES_NOTE.rstrip('.')}",
     )
 
 
-def _filled(lines: Iterable[Sequence[Cell]], column: int) -> bool:
-    return any(line[column] is not None for line in lines)
+def _table(columns: Mapping[Column, Sequence[Cell]], caption: str) -> Table:
+    """A table without its empty columns."""
+    filled = {column: cells for column, cells in columns.items() if any(cell is not None for cell in cells)}
+    return Table(tuple(filled), tuple(zip(*filled.values(), strict=True)), caption)
 
 
-def _median_and_range(row: TableRow, name: str) -> tuple[Cell, Cell]:
-    trained = row.by_trainer().get(name)
-    if trained is None:
-        return None, None
-    return trained.median.mean_many_mm, range_cell(trained.range_mm if len(trained.runs) > 1 else (0.0,))
+def _cells(
+    rows: Sequence[RowResult],
+    name: Method,
+    value: Callable[[TrainerResult], Cell],
+    *,
+    only: Sequence[RowResult] | None = None,
+) -> list[Cell]:
+    """A value of each row's result by a trainer; None where it was not run or is not among `only`."""
+    results = [row.results[name] if only is None or row in only else None for row in rows]
+    return [None if result is None else value(result) for result in results]
 
 
-def _timed(row: TableRow) -> bool:
-    """Whether a time to the paper's error says something: gradient descent gets nowhere."""
-    return row.paper.trainer == "trainlm"
-
-
-def _time_to_paper(row: TableRow, name: str) -> tuple[Cell, Cell]:
-    trained = row.by_trainer().get(name)
-    if trained is None or not _timed(row):
-        return None, None
-    times = [run.seconds_to_paper for run in trained.runs]
-    reached = [time for time in times if time is not None]
-    return (float(np.median(reached)) if reached else None), f"{len(reached)}/{len(times)}"
-
-
-def _stops(row: TableRow) -> str | None:
-    if row.faithful is None:
-        return None
-    stops = Counter(run.stop.strip().rstrip(".") for run in row.faithful.runs)
-    # MATLAB's "Maximum epoch reached" and the like: the words a MATLAB user knows.
+def _stops(result: TrainerResult) -> str:
+    stops = Counter(run.stop.strip().rstrip(".") for run in result.runs)
+    # MATLAB's "Maximum epoch reached" and the like: the words that a MATLAB user knows.
     return join_phrases((stop if len(stops) == 1 else f"{stop} ({n})" for stop, n in stops.most_common()), most=2)
 
 
-def _of(row: TableRow, name: str, value: Callable[[TrainerSummary], Cell]) -> Cell:
-    trained = row.by_trainer().get(name)
-    return None if trained is None else value(trained)
-
-
-def _units(row: TableRow) -> str:
-    hidden = ", ".join(str(units) for units in row.hidden)
+def _units(row: RowResult) -> str:
+    hidden = ", ".join(str(units) for units in row.paper.hidden)
     activation = "" if row.activation == "tansig" else f" {row.activation}"
     trainer = "" if row.paper.trainer == "trainlm" else f" {row.paper.trainer}"
     return f"{hidden}{activation}{trainer}"
 
 
-def _beside(row: TableRow) -> TableFigureRow:
-    trained = row.by_trainer()
+def _figure_row(row: RowResult) -> TableFigureRow:
+    results = {name: result for name, result in row.results.items() if result is not None}
     return TableFigureRow(
-        (str(row.row), str(row.n_train), _units(row)),
+        (str(row.paper.row), str(row.paper.n_train), _units(row)),
         row.paper.mean_mm,
         row.paper.seconds,
-        {name: [run.mean_many_mm for run in t.runs] for name, t in trained.items()},
-        {name: [run.seconds_to_paper for run in t.runs] for name, t in trained.items() if _timed(row)},
+        {name: [run.mean_many_mm for run in one.runs] for name, one in results.items()},
+        {name: [run.seconds_to_paper for run in one.runs] for name, one in results.items() if row.timed},
     )
 
 
-def _starts_told(rows: Sequence[TableRow]) -> str:
-    told = []
-    for name in ("faithful", "lm"):
+def _describe_starts(rows: Sequence[RowResult]) -> str:
+    parts = []
+    for name in METHODS:
         by_starts: dict[int, list[int]] = {}
         by_limit: dict[float, list[int]] = {}
-        for row in rows:
-            trained = row.by_trainer().get(name)
-            if trained is not None:
-                by_starts.setdefault(len(trained.runs), []).append(row.row)
-                if trained.time_limit_s is not None:
-                    by_limit.setdefault(trained.time_limit_s, []).append(row.row)
+        for row, result in trained(rows, name):
+            by_starts.setdefault(len(result.runs), []).append(row.paper.row)
+            if result.time_limit_s is not None:
+                by_limit.setdefault(result.time_limit_s, []).append(row.paper.row)
         if not by_starts:
             continue
         most = max(by_starts, key=lambda n: len(by_starts[n]))
@@ -230,66 +184,65 @@ def _starts_told(rows: Sequence[TableRow]) -> str:
             f"{format_in_text(limit, unit='s')} in {format_row_numbers(numbers)}"
             for limit, numbers in sorted(by_limit.items())
         ]
-        told.append(text + (f", time limit {', '.join(limits)}" if limits else ""))
-    return f"Random starts of each row. {'; '.join(told)}." if told else ""
+        parts.append(text + (f", time limit {', '.join(limits)}" if limits else ""))
+    return f"Random starts of each row. {'; '.join(parts)}." if parts else ""
 
 
-def _notes_told(rows: Sequence[TableRow]) -> list[str]:
+def _notes(rows: Sequence[RowResult]) -> list[str]:
     notes: dict[str, list[int]] = {}
     for row in rows:
         if row.note:
-            notes.setdefault(row.note.strip(), []).append(row.row)
+            notes.setdefault(row.note.strip(), []).append(row.paper.row)
     return [f"{capitalize(format_row_numbers(numbers))}: {note}" for note, numbers in notes.items()]
 
 
 def _power(value: float) -> str:
-    """Give 4e-05 as 4e-5: as MATLAB's users type it."""
+    """4e-05 as 4e-5: as MATLAB's users write it."""
     mantissa, _, exponent = f"{value:g}".partition("e")
     return f"{mantissa}e{int(exponent)}" if exponent else mantissa
 
 
-def as_accurate(rows: Iterable[TableRow], name: str) -> tuple[int, int]:
-    """In how many rows at least half of the starts became as accurate as the paper, and how many rows were run.
+# Comparison of the trainers over rows --------------------------------------------------------------------------------
 
-    A training that several rows share counts once, a row that fixed the box or that has no time is not counted.
+
+def as_accurate(rows: Iterable[RowResult], name: Method) -> tuple[int, int]:
+    """The number of rows in which at least half of the starts reach the paper's error, and the number of rows.
+
+    A training that several rows share counts once; rows that were used to fit the box or have no time do not.
     """
-    run = [
-        [start.seconds_to_paper for start in row.by_trainer()[name].runs]
-        for row in rows
-        if _timed(row) and row.verdicts().get(name, USED_TO_FIX_BOX) != USED_TO_FIX_BOX
-    ]
-    return sum(map(reaches_paper_error, run)), len(run)
+    counted = [row for row in rows if row.timed and row.verdicts.get(name, FITTED_BOX) != FITTED_BOX]
+    results = [result for _, result in trained(counted, name)]
+    return sum(result.reaches_paper_error for result in results), len(results)
 
 
-def speedups(rows: Iterable[TableRow]) -> list[float]:
-    """For each row where both get there, how many times sooner lm has the paper's mean error than faithful.
+def speedups(rows: Iterable[RowResult]) -> list[float]:
+    """For each row in which both reach the paper's mean error: trainlm's time to it by varpro's.
 
-    Only rows of trainlm whose two trainings no other row has.
+    Only rows of trainlm that share neither training with another row.
     """
     ratios = []
     for row in rows:
-        times = {}
-        for name in row.verdicts() if _timed(row) else ():
-            seconds = [run.seconds_to_paper for run in row.by_trainer()[name].runs]
-            if reaches_paper_error(seconds):
-                times[name] = float(np.median([s for s in seconds if s is not None]))
-        if len(times) == 2 and times["lm"] > 0:
-            ratios.append(times["faithful"] / times["lm"])
+        results = [row.results[name] for name in row.verdicts] if row.timed else []
+        times = [
+            float(np.median(one.seconds_to_paper)) for one in results if one is not None and one.reaches_paper_error
+        ]
+        if len(times) == 2 and times[1] > 0:
+            ratios.append(times[0] / times[1])
     return ratios
 
 
-def count_verdicts(rows: Iterable[TableRow], name: str) -> Counter[str]:
+def count_verdicts(rows: Iterable[RowResult], name: Method) -> Counter[str]:
     """Verdicts of the trainings that were run, each once."""
-    return Counter(verdicts[name] for row in rows if name in (verdicts := row.verdicts()))
+    return Counter(row.verdicts[name] for row in rows if name in row.verdicts)
 
 
-def describe_accuracy(rows: Sequence[TableRow]) -> str:
-    """Tell in how many rows each trainer gets as accurate as the paper; empty if nothing was run."""
-    counts = {name: as_accurate(rows, name) for name in ("faithful", "lm")}
-    told = [f"in {good} of {format_count(run, 'row')} with {name}" for name, (good, run) in counts.items() if run]
-    if not told:
+def describe_accuracy(rows: Sequence[RowResult]) -> str:
+    """In how many rows each trainer reaches the paper's accuracy; empty if none was run."""
+    counts = {name: as_accurate(rows, name) for name in METHODS}
+    parts = [f"in {good} of {format_count(run, 'row')} with {name}" for name, (good, run) in counts.items() if run]
+    if not parts:
         return ""
     return (
-        f"Half of the starts or more reach the paper's mean error {' and '.join(told)}; rows that fixed the box, and "
-        f"repeats, are not counted. {TRAINING_SHARES_NOTE}"
+        f"Half of the starts or more reach the paper's mean error {' and '.join(parts)}; rows that were used to fit "
+        f"the box, and repeated rows, are not counted. {SHARES_NOTE}"
     )

@@ -37,13 +37,13 @@ class PaperRow:
     Attributes
     ----------
     row : int
-        Its number in the paper.
+        Number in the paper.
     n_train : int
         Training poses.
     hidden : tuple of int
         Units of the hidden layers.
     learning_rate : float
-        As printed; Levenberg-Marquardt has none.
+        As printed; Levenberg-Marquardt has no learning rate.
     goal : float
         Mean squared error of the outputs scaled to [-1, 1].
     trainer : str
@@ -89,7 +89,7 @@ TABLE_2 = (
 """Simulation 1, tested on 10 poses."""
 
 # The text says learning rate 0.01 and goal 4e-9, the table's own column 4e-5. With 4e-5, about 3 mm of mean error in
-# our box, rows 1 to 3 and 5 to 10 could not be as good as printed.
+# our box, rows 1 to 3 and 5 to 10 could not have the printed errors.
 TABLE_3 = (
     PaperRow(1, 9000, (100,), 0.01, 4e-9, "trainlm", 1000, 922, 2.5544, 0.2452),
     PaperRow(2, 9000, (200,), 0.01, 4e-9, "trainlm", 1000, 2298, 0.6351, 0.0967),
@@ -104,7 +104,7 @@ TABLE_3 = (
     PaperRow(11, 9000, (50, 50), 0.01, 4e-9, "traingd", 1000, 24, 633.8425, 119.36),
     PaperRow(12, 9000, (50, 50), 0.01, 4e-9, "traingdx", 119, 3, 383.9885, 105.247),
 )
-"""Simulation 2, tested on 10 poses. Its functions "LM", "ND" and "DX" stand under MATLAB's names."""
+"""Simulation 2, tested on 10 poses. Its functions "LM", "ND" and "DX" have MATLAB's names here."""
 
 TABLE_4 = (
     PaperRow(1, 3000, (50, 50), 0.01, 4e-9, "trainlm", 100, 176, 0.3199, 0.0293),
@@ -121,7 +121,7 @@ N_TEST = {2: 10, 3: 10, 4: 100}
 
 @dataclass(frozen=True)
 class FinalTest:
-    """Section 4's last test: further poses, the network of Table 4, row 4, against the nominal parameters.
+    """The last test of section 4: further poses, the network of Table 4, row 4, and the nominal parameters.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ class FinalTest:
     nominal_mean_mm, nominal_max_mm, network_mean_mm, network_max_mm : float
         Absolute errors of coordinates.
     over_mm : dict of float to int
-        How many of the 3 x `poses` coordinates of the network err by more than so much [mm].
+        Number of the 3 x `poses` coordinates of the network with an error above each length [mm].
     removed_percent : float
         As printed.
     """

@@ -1,0 +1,57 @@
+"""The paper can be deleted: without its folder every other module imports, and every command but `reproduce` starts."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import truearm
+from truearm.cli.main import VERBS
+
+IMPORT_ALL = """
+import importlib, pkgutil, truearm
+for module in pkgutil.walk_packages(truearm.__path__, "truearm."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+for name in truearm.__all__:
+    if name != "reproduce":
+        getattr(truearm, name)
+"""
+
+START_ALL = """
+import sys
+from typer.testing import CliRunner
+from truearm.cli.main import make_app
+for verb in sys.argv[1:]:
+    assert CliRunner().invoke(make_app(), [verb, "--help"]).exit_code == 0, verb
+"""
+
+
+def test_without_papers_every_other_module_imports_and_every_other_command_starts(tmp_path):
+    shutil.copytree(Path(truearm.__file__).parent, tmp_path / "truearm", ignore=shutil.ignore_patterns("papers"))
+
+    def python(code, *arguments):
+        environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+        ran = subprocess.run(
+            [sys.executable, "-B", "-c", code, *arguments],
+            env=environment,
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+        )
+        assert ran.returncode == 0, ran.stderr
+        return ran.stdout
+
+    python(IMPORT_ALL)
+    python(START_ALL, *(verb for verb, _ in VERBS if verb != "reproduce"))
+
+
+def test_no_source_outside_the_papers_folder_imports_it_but_the_reproduce_verb():
+    package = Path(truearm.__file__).parent
+    users = {
+        path.relative_to(package).as_posix()
+        for path in package.rglob("*.py")
+        if "truearm.papers" in path.read_text(encoding="utf-8") and "papers" not in path.relative_to(package).parts
+    }
+    assert users <= {"cli/reproduce.py", "workflows/reproduce.py"}
