@@ -22,6 +22,7 @@ _HOMES = {
     "truearm.verification.standards.specification": ("Specification", "read_specification"),
     "truearm.verification.standards.verification_plan": ("VerificationPlan", "load_verification_plan"),
     "truearm.workflows.certificate": ("CertificateResult", "certificate"),
+    "truearm.workflows.check": ("CheckResult", "check"),
     "truearm.workflows.evaluate": ("Evaluation", "evaluate"),
     "truearm.workflows.fetch": ("PublishedReadings", "fetch"),
     "truearm.workflows.fit": ("FitResult", "fit"),

@@ -27,6 +27,8 @@ from truearm.verification.standards.verification_plan import VerificationPlan as
 from truearm.verification.standards.verification_plan import load_verification_plan as load_verification_plan
 from truearm.workflows.certificate import CertificateResult as CertificateResult
 from truearm.workflows.certificate import certificate as certificate
+from truearm.workflows.check import CheckResult as CheckResult
+from truearm.workflows.check import check as check
 from truearm.workflows.evaluate import Evaluation as Evaluation
 from truearm.workflows.evaluate import evaluate as evaluate
 from truearm.workflows.fetch import PublishedReadings as PublishedReadings

@@ -84,7 +84,9 @@ def test_a_plan_of_the_user_is_stated_as_such(truearm, bench):
     ran = truearm(*[("iso10360-12.toml" if part == "iso10360-12" else part) for part in ALL])
     assert ran.code == 0, ran
     digest = sha256(plan.encode()).hexdigest()
-    assert f"the user, named iso10360-12, SHA-256 {digest}. Numbers" in read_dcc("certificate.xml").methods[1].description
+    assert (
+        f"the user, named iso10360-12, SHA-256 {digest}. Numbers" in read_dcc("certificate.xml").methods[1].description
+    )
     assert digest in Path("certificate.html").read_text()
 
 

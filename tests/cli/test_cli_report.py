@@ -47,7 +47,13 @@ def test_a_session_of_seats_has_a_page(truearm, seated, tmp_path):
     assert ran.code == 0, ran.err
     assert "1 model compared on 75 readings" in ran.out
     text = page.read_text(encoding="utf-8")
-    for said in ("Agreement in the seats", "B1a", ">Lengths</h2>", "after a frame was fitted", "These are the readings"):
+    for said in (
+        "Agreement in the seats",
+        "B1a",
+        ">Lengths</h2>",
+        "after a frame was fitted",
+        "These are the readings",
+    ):
         assert said in text, said
 
 

@@ -1,0 +1,348 @@
+"""`check`: an interim check in a history of checks, which shows whether the arm has changed."""
+
+from __future__ import annotations
+
+import datetime
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from hashlib import file_digest
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from truearm.compensation.models import Compensator
+from truearm.compensation.models.compensator import fingerprint
+from truearm.compensation.models.model_file import save_model
+from truearm.errors import InputError
+from truearm.readings import Lengths, Session, check_sessions
+from truearm.verification.monitor.assessment import Assessment, RecalibrationAdvice, Trend, describe_assessment
+from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS
+from truearm.verification.monitor.history import History, OtherModel
+from truearm.verification.monitor.interim_check import CheckValue, InterimCheck, interim_values
+from truearm.verification.monitor.recorded_check import RecordedCheck, record_check
+from truearm.verification.standards.dates import format_date, now, parse_moment
+from truearm.workflows.inputs import (
+    LengthsLike,
+    ModelLike,
+    SessionLike,
+    check_angles_fit,
+    session_lengths,
+    to_model,
+    to_session,
+)
+from truearm.workflows.outputs import PageRecord, check_output_is_not_input, version_row
+from truearm.workflows.record import TextTable, format_fixed, to_plain
+from truearm.workflows.verify import SpecificationLike, to_specification
+
+if TYPE_CHECKING:
+    from truearm.pages.page import Page
+    from truearm.pages.plotting import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult(PageRecord):
+    """An interim check beside the earlier checks of the model, and whether it is time to recalibrate.
+
+    Attributes
+    ----------
+    record : RecordedCheck
+        The check with its history and assessment.
+    model : Compensator
+    model_name : str
+        Name of the model file, or of the kind of model.
+    history : Path
+        The file of the history.
+    input_remarks : tuple of str
+        What was ignored of session and lengths, and readings outside the trained range.
+    files : tuple of Path
+        The files that were read.
+    """
+
+    record: RecordedCheck
+    model: Compensator
+    model_name: str
+    history: Path
+    input_remarks: tuple[str, ...]
+    files: tuple[Path, ...]
+
+    @property
+    def input_files(self) -> tuple[Path, ...]:
+        """See `PageRecord`."""
+        return (*self.files, self.history)
+
+    @property
+    def recalibrate(self) -> RecalibrationAdvice:
+        """Whether to recalibrate."""
+        return self.assessment.recalibrate
+
+    @property
+    def assessment(self) -> Assessment:
+        """The charts of the values and what follows from them."""
+        return self.record.assessment
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was ignored, what could not be judged, and the results of other models."""
+        return (*self.input_remarks, *self.assessment.remarks, *self.record.remarks)
+
+    def page(self) -> Page:
+        """The control charts with the advice."""
+        from truearm.verification.monitor.interim_check_page import drift_page
+
+        arm, check = self.model.arm, self.record.check
+        facts = [
+            ("model", f"{self.model_name}, {self.model.n_train_} training readings, SHA-256 {check.model}"),
+            ("arm", f"{arm.name}: {arm.title}. {arm.source}"),
+            ("history", self.history.name),
+            version_row(),
+        ]
+        return drift_page(self.record.checks, self.assessment, arm=arm.name, remarks=self.record.remarks, facts=facts)
+
+    def figure(self) -> Figure | None:
+        """The control charts."""
+        from truearm.verification.monitor.interim_check_page import trend_figure
+
+        charted = [trend for trend in self.assessment.trends if trend.chart is not None]
+        return trend_figure(charted) if charted else None
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record`."""
+        checks, record = self.record.checks, self.record
+        yield describe_assessment(self.assessment, checks)
+        yield from self.assessment.reasons
+        last = checks[-1]
+        temperature = "" if last.temperature_degC is None else f", {last.temperature_degC:.1f} degC"
+        yield f"check {len(checks)} of {self.model_name}, {format_date(last.date)}{temperature}"
+        if record.completed:
+            yield "this session completes the last check of the history"
+        elif not record.added:
+            yield (
+                f"this session is check {record.number} of {format_date(checks[record.number - 1].date)} in the "
+                "history already, and is not added again; the results are those of the last check"
+            )
+        current = [trend for trend in self.assessment.trends if trend.current]
+        heads = ["value", "result [mm]", "mean before [mm]", "limits of the chart [mm]", "drift", "MPE [mm]", ""]
+        rows = [_cells(trend) for trend in current]
+        shown = [i for i in range(len(heads)) if i < 2 or any(row[i] for row in rows)]
+        left = (0, *(at for at, i in enumerate(shown) if not heads[i]))
+        yield TextTable([heads[i] for i in shown], [[row[i] for i in shown] for row in rows], left)
+        charts = [trend.chart for trend in current if trend.chart is not None and trend.chart.n_before[-1] > 1]
+        if charts:
+            yield (
+                "drift: the larger cumulative sum, in standard deviations; above "
+                f"{charts[0].rules.decision_interval:.2f} it shows a change"
+            )
+        yield from self.remarks
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record`."""
+        record, assessment = self.record, self.assessment
+        last, since = record.checks[-1], assessment.since
+        return {
+            "added": record.added,
+            "completed": record.completed,
+            "model": last.model,
+            "session": last.session,
+            "date": format_date(last.date),
+            "temperature_degC": last.temperature_degC,
+            "n_checks": len(record.checks),
+            "n_needed": MIN_BASELINE_CHECKS,
+            "recalibrate": assessment.recalibrate.value,
+            "since": None if since is None else {"check": since + 1, "date": format_date(record.checks[since].date)},
+            "reasons": list(assessment.reasons),
+            "remarks": list(self.remarks),
+            "values": [_trend_to_dict(trend) for trend in assessment.trends],
+            "other_models": [_model_to_dict(*one) for one in record.other_models],
+        }
+
+
+def check(
+    model: ModelLike,
+    session: SessionLike,
+    history: History | str | Path,
+    *,
+    lengths: LengthsLike | None = None,
+    specification: SpecificationLike | None = None,
+    retired: Sequence[str] = (),
+    date: datetime.datetime | str | None = None,
+) -> CheckResult:
+    """Check whether the arm is still as it was identified, and add the check to its history.
+
+    Scatter, length error, form and diameter of a few readings in a seat, in both seats of a bar or on a sphere are
+    compared with those of the earlier checks (control charts). A session that is in the history already is not added
+    again; the last one is completed if it comes with more, such as lengths.
+
+    Parameters
+    ----------
+    model : model or path
+    session : Session, DataFrame or path
+        Readings measured since the model was identified.
+    history : History or path
+        File of the checks so far, ``.sqlite``; the first check creates it.
+    lengths : Lengths or path, optional
+        Known lengths between seats of the session.
+    specification : Specification or path, optional
+        Limits for the values.
+    retired : sequence of str
+        Artefacts that were repaired or replaced, and are no longer assessed.
+    date : datetime or str, optional
+        Date of the check, such as ``2026-11-03`` or ``2026-11-03T08:30``; by default now.
+
+    Returns
+    -------
+    CheckResult
+
+    Raises
+    ------
+    InputError
+        If the session has no readings to check, the model was trained on them, or the history is of another arm or
+        has a later check. The history stays as it was.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import truearm as ta
+    >>> readings = ta.simulate("gao2017", poses=30, preset="perfect").session
+    >>> model = ta.NominalModel(ta.load_arm("gao2017")).fit_readings(readings)
+    >>> in_seats = ta.simulate("gao2017", poses=8, strategy="seat", seats=2, preset="perfect", seed=1).session
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     result = ta.check(model, in_seats, f"{folder}/history.sqlite")
+    >>> result.recalibrate.value
+    'not enough checks yet'
+    """
+    files = [Path(one) for one in (model, session, lengths, specification) if isinstance(one, str | Path)]
+    file = history.path if isinstance(history, History) else Path(history)
+    check_output_is_not_input(file, *files)
+    moment = now() if date is None else date if isinstance(date, datetime.datetime) else parse_moment(date)
+    limits = None if specification is None else to_specification(specification)
+    kept = history if isinstance(history, History) else History(history)
+    fitted = to_model(model)
+    readings = to_session(session, n_joints=fitted.arm.n_joints)
+    remarks = [*check_angles_fit(readings, fitted.arm)]
+    if fitted.is_trained_on(readings):
+        raise readings.error(
+            "these are the training readings of the model, which agree with it whatever the arm does",
+            hint="use readings measured since",
+        )
+    known, ignored = session_lengths(lengths, readings)
+    remarks += [*ignored, *single_reading_remarks(readings, known)]
+    check_sessions(readings, known, own_frame="base" not in fitted.free)
+    if outside := int(fitted.outside_training(readings.angles).sum()):
+        remarks.append(f"{outside} of {len(readings)} readings have a joint outside the trained range.")
+    temperature = None if readings.temperature_degC is None else float(readings.temperature_degC.mean())
+    values = _values(fitted, readings, known, temperature)
+    new = InterimCheck(moment, _model_fingerprint(model), fingerprint(readings), temperature, values)
+    name = Path(model).name if isinstance(model, str | Path) else type(fitted).__name__
+    record = record_check(kept, new, specification=limits, retired=retired, name=name, arm=fitted.arm.name)
+    return CheckResult(record, fitted, name, file, tuple(remarks), tuple(files))
+
+
+def single_reading_remarks(session: Session, lengths: Lengths | None) -> list[str]:
+    """Name seats with a single reading, which have no scatter: they are often misspelled names of other seats."""
+    if session.seat is None:
+        return []
+    counts = Counter(name for name in session.seat.tolist() if name)
+    ends = set() if lengths is None else {*lengths.seat_a.tolist(), *lengths.seat_b.tolist()}
+    remarks = []
+    for name in sorted(name for name, count in counts.items() if count == 1 and name not in ends):
+        close = get_close_matches(name, [other for other, count in counts.items() if count > 1], n=1)
+        meant = f"; is it {close[0]!r}, misspelled?" if close else ""
+        remarks.append(f"Seat {name!r} has a single reading; ignored{meant}")
+    return remarks
+
+
+def _values(
+    model: Compensator, session: Session, lengths: Lengths | None, temperature_degC: float | None
+) -> tuple[CheckValue, ...]:
+    """The test values of the points that the model predicts."""
+    # Unexplained by the model: the other part of its uncertainty is the same in every check.
+    _, unexplained = model.covariance_parts(session)
+    try:
+        return interim_values(
+            model.predict_readings(session),
+            std_mm=np.sqrt(np.trace(unexplained, axis1=1, axis2=2) / 3),
+            seat=session.seat,
+            sphere=session.sphere,
+            lengths=lengths,
+            temperature_degC=temperature_degC,
+        )
+    except InputError as error:
+        raise (error.in_file(session.file) if session.file is not None and error.file is None else error) from None
+
+
+def _model_fingerprint(model: ModelLike) -> str:
+    """SHA-256 of the model file: another model, even of the same readings, starts a new baseline."""
+    if isinstance(model, str | Path):
+        with Path(model).open("rb") as stream:
+            return file_digest(stream, "sha256").hexdigest()
+    with TemporaryDirectory() as folder:  # the same model gives the same file
+        file = Path(folder) / "model.truearm"
+        save_model(model, file)
+        return _model_fingerprint(file)
+
+
+def _cells(trend: Trend) -> list[str]:
+    chart, latest = trend.chart, trend.latest
+    limit = "" if trend.limit_mm is None else f"{trend.limit_mm:.4f}"
+    sign = latest.quantity == "length error"
+    value = format_fixed(latest.value_mm, sign=sign)
+    if chart is None or np.isnan(chart.centre[-1]):
+        return [latest.label, value, "", "", "", limit, "over MPE" if trend.over_limit else ""]
+    low, high = chart.lower[-1], format_fixed(chart.upper[-1], sign=sign)
+    verdicts = {
+        "beyond": chart.out_of_limits[-1],
+        "drift": chart.signal_index is not None,
+        "over MPE": trend.over_limit,
+    }
+    return [
+        latest.label,
+        value,
+        format_fixed(chart.centre[-1], sign=sign),
+        f"up to {high}" if np.isnan(low) else f"{format_fixed(low, sign=sign)} to {high}",
+        f"{chart.cusum[:, -1].max():.2f}",
+        limit,
+        ", ".join(verdict for verdict, holds in verdicts.items() if holds),
+    ]
+
+
+def _trend_to_dict(trend: Trend) -> dict[str, Any]:
+    latest, chart = trend.latest, trend.chart
+    row = {
+        "check": int(trend.checks[-1]) + 1,
+        "quantity": latest.quantity,
+        "artefact": latest.artefact,
+        "value_mm": latest.value_mm,
+        "u_mm": latest.u_mm,
+        "u_artefact_mm": latest.u_artefact_mm,
+        "at_20_degC": latest.length_mm is not None if latest.quantity == "length error" else None,
+        "n": latest.n,
+        "mpe_mm": trend.limit_mm,
+        "over_mpe": trend.over_limit,
+    }
+    if chart is None:
+        return row
+    return row | {
+        "n_before": int(chart.n_before[-1]),
+        "mean_before_mm": to_plain(chart.centre[-1]),
+        "lower_mm": to_plain(chart.lower[-1]),
+        "upper_mm": to_plain(chart.upper[-1]),
+        "beyond": bool(chart.out_of_limits[-1]),
+        "cusum_up": float(chart.cusum[0, -1]),
+        "cusum_down": float(chart.cusum[1, -1]),
+        "decision_interval": chart.rules.decision_interval,
+        "changed_since_check": None if trend.since is None else trend.since + 1,
+    }
+
+
+def _model_to_dict(model: OtherModel, assessment: Assessment) -> dict[str, Any]:
+    return {
+        "model": model.model,
+        "name": model.name or None,
+        "n_checks": len(model.checks),
+        "last": format_date(model.checks[-1].date),
+        "recalibrate": assessment.recalibrate.value,
+    }
