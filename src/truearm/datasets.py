@@ -1,8 +1,8 @@
 """Real arms measured by others: joint angles with an external reference, from their public repositories.
 
-The files are not part of this package. They are looked for in the folder that ``TRUEARM_DATA`` names, then in
-``../shared/datasets`` beside the working directory or the checkout, and else downloaded once, at a pinned commit.
-Wherever they come from, their checksums must fit (``datasets.sha256`` beside this file).
+The files are not part of this package. truearm searches the folder named by the environment variable ``TRUEARM_DATA``,
+then ``../shared/datasets`` beside the working directory or the checkout; otherwise it downloads them once, at a pinned
+commit. Their checksums must always fit (``datasets.sha256`` beside this file).
 """
 
 from __future__ import annotations
@@ -62,9 +62,9 @@ class DataSet:
     angle_unit : {"deg", "rad"}
         The unit in which it was published.
     load : callable
-        Reads it.
+        Function that reads it.
     lengths : callable, optional
-        Gives the known lengths between its seats.
+        Function that returns the known lengths between its seats.
     """
 
     source: Source
@@ -82,7 +82,7 @@ def load_readings(name: str) -> Session:
 
 
 def load_lengths(name: str) -> Lengths | None:
-    """Load the known lengths between the seats of a set, by its name in `DATASETS`; None where none are known."""
+    """Load the known lengths between the seats of a set, by its name in `DATASETS`; None if there are none."""
     lengths = _named(name).lengths
     return None if lengths is None else lengths()
 
@@ -128,7 +128,7 @@ def load_ur5() -> Session:
     Returns
     -------
     Session
-        Commanded angles; points in the robot's base frame as its nominal kinematics has it.
+        Commanded angles; points in the base frame of the nominal robot.
     """
     return _load_tsinghua("ur5", 6)
 
@@ -136,12 +136,12 @@ def load_ur5() -> Session:
 def load_wam() -> Session:
     """Load the Barrett WAM measured by a laser tracker (Tsinghua University): 216 readings, each its own position.
 
-    The publisher gives differences from the targets without their sign; added, they let the arm hang low, as it must.
+    The publisher gives differences from the targets without their sign; added, they let the arm sag, as gravity demands.
 
     Returns
     -------
     Session
-        Commanded angles; points in the robot's base frame as its nominal kinematics has it.
+        Commanded angles; points in the base frame of the nominal robot.
     """
     return _load_tsinghua("wam", 7)
 
@@ -178,10 +178,10 @@ def load_mukca(robot: MukcaRobot, *positions: str) -> Session:
 
 
 def load_mukca_lengths(robot: MukcaRobot, *positions: str) -> Lengths:
-    """Give the distance between the two sockets of every tool position of `load_mukca`: 50 mm.
+    """Return the distance between the two sockets of every tool position of `load_mukca`: 50 mm.
 
     The publisher states no uncertainty. The sockets are in one 3D-printed part; a standard uncertainty of
-    `MUKCA_U_MM` is assumed of it here, and it is the same part at every position.
+    `MUKCA_U_MM` is assumed, and it is the same part at every position.
     """
     chosen = [f"{robot}/{position}" for position in _tool_positions(robot, positions)]
     n = len(chosen)
@@ -190,7 +190,7 @@ def load_mukca_lengths(robot: MukcaRobot, *positions: str) -> Lengths:
     return Lengths(hole_0, hole_1, np.full(n, MUKCA_LENGTH_MM), np.full(n, MUKCA_U_MM), artefact=part)
 
 
-# Distance of the sockets as published, and what a printed part may be off by: an assumption of ours.
+# Distance of the sockets as published, and the standard uncertainty of a printed part: our assumption.
 MUKCA_LENGTH_MM = 50.0
 MUKCA_U_MM = 0.1
 
@@ -250,7 +250,7 @@ DATASETS: dict[str, DataSet] = {
 
 
 def find_local(name: str) -> Path | None:
-    """Find a set that is at hand already, without downloading it.
+    """Find a set on this computer, without downloading it.
 
     Returns
     -------
@@ -307,8 +307,8 @@ def _load_tsinghua(name: str, n_joints: int) -> Session:
     off = import_table(path, TableColumns(joints, ("x_dif", "y_dif", "z_dif")), JointScale("deg"))
     assert target.points is not None
     assert off.points is not None
-    # The publisher does not say the sign of the differences. Added to the target, they let the cable-driven WAM hang
-    # low, as gravity demands.
+    # The publisher does not say the sign of the differences. Added to the target, they let the cable-driven WAM sag,
+    # as gravity demands.
     return replace(target, points=target.points + off.points)
 
 
@@ -339,7 +339,11 @@ def _local_folders() -> list[Path]:
     folders = []
     if named := os.environ.get("TRUEARM_DATA"):
         if not Path(named).is_dir():
-            raise InputError("TRUEARM_DATA names a folder that does not exist", file=named, hint="unset TRUEARM_DATA")
+            raise InputError(
+                "TRUEARM_DATA names a folder that does not exist",
+                file=named,
+                hint="unset TRUEARM_DATA or create the folder",
+            )
         folders.append(Path(named))
     checkout = next((p for p in Path(__file__).resolve().parents if (p / "pyproject.toml").is_file()), None)
     for beside in (Path.cwd(), checkout):
@@ -364,7 +368,7 @@ def _check(path: Path, checksum: str) -> None:
     raise InputError(
         "the file differs from the published one" + (" in its line ends" if only_endings else ""),
         file=path,
-        hint="take the file away, and it is downloaded again",
+        hint="delete the file; truearm then downloads it again",
     )
 
 
@@ -379,7 +383,8 @@ def _download(source: Source, path: str, checksum: str) -> None:
         pooch.retrieve(url, known_hash=f"sha256:{checksum}", fname=target.name, path=target.parent)
     except ValueError:
         raise InputError(
-            f"what {url} sends differs from the published file", hint="again later; a proxy may have answered instead"
+            f"the download from {url} differs from the published file",
+            hint="try again later; a proxy may have answered",
         ) from None
     except OSError as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.arm import Arm, Chain, LinkMasses, chain_from_dh, chain_from_mdh, list_arms, load_arm, read_arm, write_arm
-from truearm.arm.transforms import frame_from_xyz_rpy
+from truearm.arm.rigid_motions import frame_from_xyz_rpy
 from truearm.errors import InputError
 from truearm.identification.terms import gravity_torques, uniform_links
 
@@ -373,7 +373,7 @@ BROKEN = {
     ),
     "mass of one": (
         changed("a_mm = 400", "a_mm = 400\nmass_kg = 1\ncentre_of_mass_mm = [0, 0, 0]"),
-        "mass of the link behind moving joint 2 is missing: expected masses of all 2 links or none, got 1",
+        "mass of the link after moving joint 2 is missing: expected masses of all 2 links or none, got 1",
     ),
     "mass in grams": (
         changed("a_mm = 400", "a_mm = 400\nmass_kg = 1e9\ncentre_of_mass_mm = [0, 0, 0]").replace(

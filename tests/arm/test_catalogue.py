@@ -131,7 +131,7 @@ def test_an_arm_is_found_by_name_or_by_path(tmp_path):
         assert load_arm(str(path)).name == "wam"
 
 
-def test_an_unknown_arm_is_told_with_the_names_there_are():
+def test_an_unknown_arm_is_refused_with_the_names_of_the_catalogue():
     with pytest.raises(InputError, match=r"no arm 'ur15'.*gao2017, gen3lite, measuring7.*Try: ur(5|10)"):
         load_arm("ur15")
     with pytest.raises(InputError, match=r"no arm 'UR10'.*Try: ur10"):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain, chain_from_dh, chain_from_mdh, dh_table, load_arm, mdh_table
-from truearm.arm.transforms import frame_from_xyz_rpy, rotation_from_z_to, xyz_rpy_from_frame
+from truearm.arm.rigid_motions import frame_from_xyz_rpy, rotation_from_z_to, xyz_rpy_from_frame
 from truearm.errors import InputError
 
 TABLES = [dh_table, mdh_table]

@@ -260,10 +260,13 @@ def test_base_and_tip_choose_a_part(tmp_path):
 
 TURN = joint("q", "continuous", "a", "b")
 BROKEN = {
-    "doctype": ('<!DOCTYPE r [<!ENTITY x "y">]><robot name="r"/>', "line 1: a URDF needs no DOCTYPE or ENTITY"),
+    "doctype": (
+        '<!DOCTYPE r [<!ENTITY x "y">]><robot name="r"/>',
+        "line 1: truearm reads no XML with a DOCTYPE or ENTITY",
+    ),
     "bomb": (
         '<?xml version="1.0"?>\n<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>\n<robot name="&b;"/>',
-        "line 2: a URDF needs no DOCTYPE or ENTITY",
+        "line 2: truearm reads no XML with a DOCTYPE or ENTITY",
     ),
     "outside file": ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot name="r"/>', "DOCTYPE"),
     "utf-16 doctype": ('<?xml version="1.0" encoding="utf-16"?><!DOCTYPE r><robot/>'.encode("utf-16"), "DOCTYPE"),
@@ -290,7 +293,7 @@ BROKEN = {
         robot(joint("q", "fixed", "a", "c"), joint("p", "fixed", "b", "c")),
         "child of two joints, 'q' and 'p'",
     ),
-    "circle": (robot(joint("q", "fixed", "a", "b"), joint("p", "fixed", "b", "a"), links="a b"), "round in a circle"),
+    "circle": (robot(joint("q", "fixed", "a", "b"), joint("p", "fixed", "b", "a"), links="a b"), "form a loop"),
     "circle beside": (
         robot(
             joint("q", "fixed", "a", "b"), joint("p", "fixed", "b", "a"), joint("s", "fixed", "b", "c"), links="a b c d"
@@ -346,27 +349,27 @@ def test_a_broken_file_is_refused_with_its_name_and_the_reason(tmp_path, case):
     assert caught.value.file == path
 
 
-def test_the_line_of_a_wrong_number_is_told(tmp_path):
+def test_the_line_of_a_wrong_number_is_named(tmp_path):
     text = robot(joint("q", "continuous", "a", "b", '\n\n<origin xyz="1 2"/>'), links="a b")
     with pytest.raises(InputError, match="line 3: the origin"):
         read_urdf(write(tmp_path, text))
 
 
-def test_a_circle_is_told_when_base_and_tip_are_given(tmp_path):
+def test_a_loop_is_refused_when_base_and_tip_are_given(tmp_path):
     text = robot(joint("q", "fixed", "a", "b"), joint("p", "fixed", "b", "a"))
-    with pytest.raises(InputError, match="round in a circle"):
+    with pytest.raises(InputError, match="form a loop"):
         read_urdf(write(tmp_path, text), base="c", tip="a")
 
 
-def test_links_that_are_not_there_or_not_in_line_are_told(tmp_path):
+def test_links_that_are_not_there_or_not_in_line_are_named(tmp_path):
     path = write(tmp_path, robot(TURN, joint("p", "fixed", "a", "c")))
-    with pytest.raises(InputError, match=r"no link 'x'\. Try: one of a, b, c"):
+    with pytest.raises(InputError, match=r"no link 'x'\. Try: use one of a, b, c"):
         read_urdf(path, tip="x")
-    with pytest.raises(InputError, match="'c' does not hang on 'b', but on 'a'"):
+    with pytest.raises(InputError, match="'c' is not connected to 'b', but to 'a'"):
         read_urdf(path, base="b", tip="c")
 
 
-def test_missing_and_oversized_files_and_folders_are_told(tmp_path):
+def test_missing_and_oversized_files_and_folders_are_named(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         read_urdf(tmp_path / "none.urdf")
     with pytest.raises(InputError, match="got a folder"):

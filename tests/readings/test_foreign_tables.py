@@ -195,7 +195,7 @@ def test_columns_that_are_not_there_are_refused(tmp_path, text, columns, said, h
     assert hint in (error.hint or "")
 
 
-def test_a_table_with_the_separator_left_out_is_told_which(tmp_path):
+def test_a_table_with_the_separator_left_out_is_refused_with_the_right_one(tmp_path):
     error = refusal(tmp_path, TRACKER, separator=",", decimal=".")
     assert (error.line, error.problem) == (1, "cells are separated by semicolons, expected commas")
     assert "--separator ';' --decimal ','" in error.hint

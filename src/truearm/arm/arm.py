@@ -1,4 +1,4 @@
-"""An articulated arm as its owner knows it: a nominal chain with names, limits and a pose to work in."""
+"""The nominal arm: a kinematic chain with joint names, limits and a working pose."""
 
 from __future__ import annotations
 
@@ -19,31 +19,38 @@ class Arm:
     Parameters
     ----------
     name : str
-        Short name, as typed on the command line.
+        Short name, for the command line.
     chain : Chain
         Nominal kinematics, base frame to tip.
     title : str
-        What it is, in a few words.
+        Description in a few words.
     joint_names : tuple of str, optional
         One a joint, base to tip. ``J1`` .. ``Jn`` by default.
     lower, upper : (n_joints,) array, optional
         Joint limits [rad, or mm for sliding joints]; infinite (no limit) by default.
     working_pose : (n_joints,) array, optional
-        A pose in the middle of usual work [rad, or mm]; zeros by default.
+        A typical pose in use [rad, or mm]; zeros by default.
     source : str
-        Where the numbers come from.
+        Source of the numbers.
     masses : LinkMasses, optional
-        Of its links, where they are known. Masses that are all zero count as not known: descriptions of arms often
-        have zeros for want of numbers.
+        Masses of its links, if known. Masses that are all zero count as unknown: descriptions of arms often have zeros
+        in place of numbers.
     gravity_in_base : (3,) array, optional
-        Where weight pulls, along the axes of the base frame: against z by default, as on an arm that stands upright.
-        Its length does not matter; it is kept as a unit vector.
+        Direction of gravity in the base frame: -z by default, as on an upright arm. Its length does not matter; it is
+        stored as a unit vector.
 
     Raises
     ------
     InputError
         If a length does not fit the chain, limits are crossed, the working pose lies outside them, or gravity has no
         direction.
+
+    Examples
+    --------
+    >>> from truearm.arm import load_arm
+    >>> arm = load_arm("ur10")
+    >>> arm.n_joints, round(arm.chain.reach)
+    (6, 1472)
     """
 
     name: str
@@ -99,7 +106,7 @@ class Arm:
                 hint="[0, 0, -1] on a table or floor, [0, 0, 1] on a ceiling",
             )
         length = float(np.linalg.norm(gravity))
-        if abs(length - 1) > 1e-15:  # a unit vector stays as it is, to the last bit
+        if abs(length - 1) > 1e-15:  # a unit vector is not changed, to the last bit
             gravity = gravity / length
         gravity.flags.writeable = False
         return gravity
@@ -127,10 +134,10 @@ class Arm:
 
     @property
     def gravity_direction(self) -> FloatArray:
-        """(3,) unit vector along which weight pulls, in the base frame."""
+        """(3,) unit vector of gravity in the base frame."""
         assert self.gravity_in_base is not None  # set in __post_init__
         return self.gravity_in_base
 
     def with_chain(self, chain: Chain) -> Arm:
-        """Give the same arm other kinematics."""
+        """Return this arm with another chain."""
         return replace(self, chain=chain)

@@ -2,12 +2,12 @@
 
 The format::
 
-    name = "two-link"                  # as typed on the command line
+    name = "two-link"                  # for the command line
     title = "Planar arm of two links"  # optional
-    source = "drawing 12-345"          # optional: where the numbers come from
+    source = "drawing 12-345"          # optional: source of the numbers
     convention = "dh"                  # or "mdh": row i then holds alpha(i-1), a(i-1)
     tip_mm = [0.0, 0.0, 50.0]          # tip after the last row and the flange
-    gravity_in_base = [0, 0, -1]       # optional: where weight pulls, a direction; downwards along z by default
+    gravity_in_base = [0, 0, -1]       # optional: direction of gravity; -z by default
 
     [base]                             # optional, before the first row
     xyz_mm = [0.0, 0.0, 300.0]
@@ -22,7 +22,7 @@ The format::
     theta_deg = 0.0                    # optional, 0 by default: added to the joint's angle
     min_deg = -170.0                   # optional limits; _mm for a sliding joint
     max_deg = 170.0
-    working_deg = 30.0                 # optional, a pose in the middle of usual work
+    working_deg = 30.0                 # optional, a typical pose in use
     mass_kg = 4.2                      # optional: of the link that moves with the joint, for all joints or none
     centre_of_mass_mm = [-180, 0, 15]  # and its centre of mass, in the frame in which the row ends
 
@@ -55,7 +55,7 @@ from truearm.arm.denavit_hartenberg import (
     row_end_frames,
 )
 from truearm.arm.masses import LinkMasses, PointMass, combine_point_masses
-from truearm.arm.transforms import frame_from_xyz_rpy, xyz_rpy_from_frame
+from truearm.arm.rigid_motions import frame_from_xyz_rpy, xyz_rpy_from_frame
 from truearm.arm.urdf import read_urdf, write_urdf
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -86,7 +86,7 @@ class _Strict(BaseModel):
         return self
 
     def settled(self, quantity: str) -> FloatArray | None:
-        """Look the quantity up under any of its units and give it in mm or rad; None if it is not there."""
+        """Return the quantity in mm or rad, whatever its unit in the file; None if it is missing."""
         for unit, factor in _UNITS.items():
             value = getattr(self, f"{quantity}_{unit}", None)
             if value is not None:
@@ -177,12 +177,12 @@ class _ArmFile(_Strict):
 
 
 def read_arm(path: str | Path) -> Arm:
-    """Read an arm file (TOML) or a URDF, told apart by the suffix.
+    """Read an arm file (TOML) or a URDF, which the suffix decides.
 
     Raises
     ------
     InputError
-        If the file is missing, of another kind, or breaks a rule of its format; with the key that is at fault.
+        If the file is missing, of another kind, or breaks a rule of its format; with the key.
     """
     path = Path(path)
     if path.suffix.lower() == ".urdf":
@@ -259,7 +259,7 @@ def _chain_of(file: _ArmFile) -> Chain:
 
 
 def _masses_of(file: _ArmFile) -> LinkMasses | None:
-    """Masses of the links, those of fixed rows with the link that carries them; what does not move has no say."""
+    """Masses of the links, those of fixed rows with the link that carries them; a mass that does not move has no effect."""
     ends = row_end_frames(file.convention, **_table_of(file))
     lumps = []
     for joint, (number, end) in zip(file.joints, ends, strict=True):
@@ -271,9 +271,9 @@ def _masses_of(file: _ArmFile) -> LinkMasses | None:
     n_joints = ends[-1][0]
     if missing := [number for number in range(1, n_joints + 1) if number not in given]:
         raise InputError(
-            f"the mass of the link behind moving joint {missing[0]} is missing: expected masses of all {n_joints} "
+            f"the mass of the link after moving joint {missing[0]} is missing: expected masses of all {n_joints} "
             f"links or none, got {len(given)}",
-            hint="mass_kg = 0 for a link that weighs next to nothing",
+            hint="write mass_kg = 0 for a link of negligible mass",
         )
     return combine_point_masses(lumps, n_joints)
 
@@ -300,14 +300,14 @@ def _triple(table: _Strict, quantity: str) -> FloatArray:
 
 
 def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
-    yield "# An arm: see docs/arm-file.md. Lengths and angles say their unit; title and source appear in reports."
+    yield "# An arm: see docs/arm-file.md. The names state the units; title and source appear in reports."
     yield f"name = {_quoted(arm.name)}"
     yield f"title = {_quoted(arm.title)}"
     yield f"source = {_quoted(arm.source)}"
     yield f'convention = "{table.convention}"'
-    yield f"tip_mm = {_listed(table.tip_in_flange)}  # the tip behind the last joint's row"
+    yield f"tip_mm = {_listed(table.tip_in_flange)}  # the tip after the last joint's row"
     if (arm.gravity_direction != [0, 0, -1]).any():
-        yield f"gravity_in_base = {_listed(arm.gravity_direction)}  # where weight pulls"
+        yield f"gravity_in_base = {_listed(arm.gravity_direction)}  # direction of gravity"
     yield from _frame_lines("base", table.base)
     centres = np.zeros((0, 3)) if arm.masses is None else _centres_at_row_ends(arm.chain, arm.masses, table)
     for i, name in enumerate(arm.joint_names):
@@ -322,7 +322,7 @@ def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
         if np.isfinite(upper):
             yield f"max_{unit} = {plain(upper)}"
         if np.isinf(lower) and np.isinf(upper):
-            yield f"# min_{unit} = -170.0, max_{unit} = 170.0: limits of travel, one a line; none for an endless joint"
+            yield f"# min_{unit} = -170.0, max_{unit} = 170.0: limits of travel, one a line; none for an unlimited joint"
         yield f"working_{unit} = {plain(arm.working[i])}"
         if arm.masses is not None:
             yield f"mass_kg = {_plain(arm.masses.mass_kg[i])}"
@@ -351,12 +351,12 @@ def _frame_lines(key: str, frame: FloatArray) -> Iterator[str]:
 
 
 def _quoted(text: str) -> str:
-    # JSON's strings are TOML's but for DEL, which TOML wants escaped.
+    # JSON's strings are TOML's, except DEL, which TOML requires escaped.
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _plain(number: float) -> str:
-    return repr(float(number) + 0.0)  # adding zero takes the sign off a negative zero
+    return repr(float(number) + 0.0)  # + 0.0: no "-0"
 
 
 def _plain_deg(angle: float) -> str:

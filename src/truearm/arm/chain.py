@@ -13,8 +13,8 @@ n + 1  tip                axes of the flange (right after ``Fn``), origin at the
 
 A *motion* at a place has six components ``(rx, ry, rz, tx, ty, tz)``: a rotation vector [rad], then a translation
 [mm], both along the place's own axes. As a finite motion it turns first and is then shifted, ``v -> t + Rot(r) v``.
-It is inserted where its place stands: ``F0 E0 J1 E1 F1 ... Jn En Fn (tip + E(n+1))``; at the tip a rotation turns the
-flange's axes, as a tool is turned on its flange, and leaves the tip where it is.
+It is inserted at its place: ``F0 E0 J1 E1 F1 ... Jn En Fn (tip + E(n+1))``; at the tip a rotation turns the
+flange's axes, as a tool is turned on its flange, and does not move the tip.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from truearm.arm.rigid_motions import exponential_derivative as exponential_deri
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 
-# Poses that go through the chain together: 4096 doubles a component keep the working set of one pass
+# Poses that are evaluated together: 4096 doubles a component keep the working set of one pass
 # (about 60 components) inside a 2 MiB cache.
 CHUNK = 4096
-# A hundred kilometres: what is longer is a wrong unit, or a number made to overflow.
+# A hundred kilometres: longer lengths have a wrong unit, or were made to overflow.
 MAX_LENGTH_MM = 1e8
 
 
@@ -78,8 +78,8 @@ class Chain:
     Parameters
     ----------
     fixed : (n_joints + 1, 4, 4) array
-        The constant rigid motions F0 .. Fn as homogeneous matrices, translations in mm. Rotations that are so to 1e-6
-        only, as printed numbers are, are replaced by the nearest exact ones.
+        The constant rigid motions F0 .. Fn as homogeneous matrices, translations in mm. Rotations that are exact to
+        1e-6 only, as printed numbers are, are replaced by the nearest exact ones.
     tip_in_flange : (3,) array
         The tip in the frame after Fn [mm].
     prismatic : (n_joints,) bool array, optional
@@ -116,7 +116,7 @@ class Chain:
         rigid = (skew < 1e-6) & (np.linalg.det(R) > 0) & (np.abs(fixed[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-12)
         if not rigid.all():
             raise InputError(f"F{int(np.argmin(rigid))} of the chain is not a rigid motion (rotation and translation)")
-        if skew.max() > 1e-12:  # numbers printed with few digits: take the nearest rotations
+        if skew.max() > 1e-12:  # numbers printed with few digits: use the nearest rotations
             U, _, Vt = np.linalg.svd(R)
             fixed[:, :3, :3] = U @ Vt
         for name, value in (("fixed", fixed), ("tip_in_flange", tip), ("prismatic", prismatic)):
@@ -214,15 +214,15 @@ class Chain:
         *,
         chunk: int = CHUNK,
     ) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
-        """Give the same in cache-sized pieces laid out by component, for sums over many poses.
+        """Yield `tip_derivatives` in cache-sized pieces laid out by component, for sums over many poses.
 
         Parameters
         ----------
         angles : (n, n_joints) array
             Joint angles [rad], or displacements of sliding joints [mm].
         motions : callable, optional
-            Gives the finite motions (n_places, 6, m) [rad, mm] of a piece, composed exactly; of length 1 in place of m
-            where they are the same in every pose. The derivatives are then those by the motions' components.
+            Returns the finite motions (n_places, 6, m) [rad, mm] of a piece, composed exactly; of length 1 in place of
+            m if they are the same in every pose. The derivatives are then those by the motions' components.
         chunk : int
             Poses of a piece.
 
@@ -233,7 +233,7 @@ class Chain:
         tip_in_base : (3, m) array
             [mm].
         motion_jacobian : (n_places, 6, 3, m) array
-            As in `TipDerivatives`, poses last. The array is used again for the next piece.
+            As in `TipDerivatives`, poses last. The array is overwritten by the next piece.
         """
         angles = self._checked(angles)
         work = np.empty((self.n_places, 6, 3, min(chunk, len(angles))))
@@ -266,7 +266,7 @@ class Chain:
         return Chain(fixed, tip, self.prismatic)
 
     def with_reference_frame(self, T_reference_base: npt.ArrayLike) -> Chain:
-        """Build the chain as seen from another frame: its tips come out in the reference frame.
+        """Build the chain in another frame: its tips are then in the reference frame.
 
         Parameters
         ----------
@@ -327,7 +327,7 @@ class Chain:
     ) -> Iterator[tuple[int, FloatArray]]:
         """Yield (place, R_base_place (3 rows, 3 columns, m)) from the base to the last joint.
 
-        The rotations `turned_by` (n_places, 3, 3, m) of motions stand behind their places.
+        The rotations `turned_by` (n_places, 3, 3, m) of motions act after their places.
         """
         cos, sin = turns
         R = np.empty((3, 3, cos.shape[1]))
@@ -393,8 +393,8 @@ class Chain:
 def _cos_sin(q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Cosines and sines by the tangent of half the angle, to 1e-15.
 
-    NumPy takes double sines and cosines one by one, but tangents eight at a time where the processor has AVX-512:
-    forward kinematics, most of whose time they were, becomes four times as fast there.
+    NumPy computes double sines and cosines one by one, but tangents eight at a time if the processor has AVX-512.
+    Forward kinematics, most of whose time they were, is four times as fast there.
     """
     t = np.tan(0.5 * q)
     twice = 2.0 / (1.0 + t * t)

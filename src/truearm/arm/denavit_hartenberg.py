@@ -1,8 +1,8 @@
-"""Denavit-Hartenberg tables, standard and modified, into a chain and out of one.
+"""Denavit-Hartenberg tables, standard and modified, to a chain and from a chain.
 
 Standard (Denavit and Hartenberg 1955; Paul 1981): ``T_i = Rz(q_i + theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i)``.
-Modified (Craig 1986): ``T_i = Rx(alpha_i) Tx(a_i) Rz(q_i + theta_i) Tz(d_i)``; what Craig calls alpha(i-1), a(i-1)
-stands in row i here, as in every published table. A sliding joint adds q_i to d_i instead of theta_i.
+Modified (Craig 1986): ``T_i = Rx(alpha_i) Tx(a_i) Rz(q_i + theta_i) Tz(d_i)``; Craig's alpha(i-1), a(i-1)
+are in row i here, as in every published table. A sliding joint adds q_i to d_i instead of theta_i.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.chain import Chain
-from truearm.arm.transforms import screw_x, screw_z
+from truearm.arm.rigid_motions import screw_x, screw_z
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 
 Convention = Literal["dh", "mdh"]
 Kind = Literal["revolute", "prismatic", "fixed"]
 
-# A table says where the common normal of two axes meets them, which runs away as the axes become parallel. A longer
-# offset than this is refused: it would be no property of the arm but of rounding.
+# A table states where the common normal of two axes meets them, which goes to infinity as the axes become parallel. A
+# longer offset than this is refused: it would be a property of rounding, not of the arm.
 MAX_OFFSET_MM = 10_000.0
 _PARALLEL = 1e-13  # sine of the angle between axes below which they are parallel: 1e-10 mm at a reach of 1 m
 _COINCIDENT_MM = 1e-11
@@ -166,13 +166,13 @@ def dh_table(chain: Chain, *, max_offset_mm: float = MAX_OFFSET_MM) -> DHTable:
     """Write any chain as a standard Denavit-Hartenberg table, exact to rounding.
 
     The table's freedom is used so: |theta| <= 90 deg with a of either sign; between parallel axes d = 0, the offset
-    stands in the row where the run of parallel axes ends. `base` is the chain's F0; `flange` a screw about z at most.
+    is in the row in which the run of parallel axes ends. `base` is the chain's F0; `flange` at most a screw about z.
 
     Parameters
     ----------
     chain : Chain
     max_offset_mm : float
-        Longest d that is given out [mm].
+        Largest d allowed [mm].
 
     Raises
     ------
@@ -182,7 +182,7 @@ def dh_table(chain: Chain, *, max_offset_mm: float = MAX_OFFSET_MM) -> DHTable:
     normals, carried = _common_normals(chain, max_offset_mm)
     end = screw_z(*carried) @ chain.fixed[-1]
     last = _common_normal(end, last=True)
-    if last.longest > max_offset_mm:  # nothing asks for a table row here: the flange takes it all
+    if last.longest > max_offset_mm:  # no table row is needed here: all goes into the flange
         last, flange = _NOTHING, end
     else:
         flange = screw_z(*last.after)
@@ -201,7 +201,7 @@ def mdh_table(chain: Chain, *, max_offset_mm: float = MAX_OFFSET_MM) -> DHTable:
         If two axes are so nearly parallel that d would be longer than `max_offset_mm`.
     """
     first = _common_normal(chain.fixed[0])
-    if first.longest > max_offset_mm:  # nothing asks for a table row here: the base takes it all
+    if first.longest > max_offset_mm:  # no table row is needed here: all goes into the base
         first, base = _NOTHING, chain.fixed[0]
     else:
         base = screw_z(first.theta, first.d)
@@ -303,7 +303,7 @@ def _common_normals(
 ) -> tuple[list[_CommonNormal], tuple[float, float]]:
     """Split the motions between joints one after the other.
 
-    The screw about z that one split leaves over commutes with the joint there and is carried into the next.
+    The screw about z that remains of one split commutes with the joint there and is carried into the next.
     """
     normals = []
     for i in range(1, chain.n_joints):
@@ -312,7 +312,7 @@ def _common_normals(
             raise InputError(
                 f"the axes of joints {i} and {i + 1} are nearly but not quite parallel: a Denavit-Hartenberg table "
                 f"would need an offset d of {normal.longest / 1000:.3g} m (the bound is {max_offset_mm / 1000:g} m)",
-                hint="write a URDF, which has no such trouble",
+                hint="write a URDF, which has no such limit",
             )
         normals.append(normal)
         carried = normal.after
@@ -322,7 +322,7 @@ def _common_normals(
 def _common_normal(frame: FloatArray, *, last: bool = False) -> _CommonNormal:
     """Split a rigid motion at the common normal of its two z axes.
 
-    Parallel axes have many: theta or d that could stand at either end is left to `after`, unless this is the last.
+    Parallel axes have many: theta or d that could be at either end goes into `after`, unless this is the last.
     """
     p, z = frame[:3, 3], frame[:3, 2]
     parallel = bool(np.hypot(z[0], z[1]) < _PARALLEL)

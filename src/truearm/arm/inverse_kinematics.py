@@ -19,29 +19,29 @@ from truearm.errors import InputError
 from truearm.solve import MarquardtDamping, levenberg_marquardt_by_row
 from truearm.typing import BoolArray, FloatArray
 
-# Rows that go through together: the derivatives by all six motions at all places take 144 bytes a place each.
+# Rows that are solved together: the derivatives by all six motions at all places take 144 bytes a place each.
 _ROWS = 4096
 _LONGEST_STEP = 0.5  # [rad]; sliding joints: that times the length scale [mm]
-_DRAWN = 25  # steps with a pull to the posture, before the steps that only close in
-# At the largest damping a row is given up: its steps no longer bring it closer.
+_PULLED_STEPS = 25  # steps with a pull to the posture, before those without
+# At the maximum damping a row is abandoned: its steps no longer reduce its error.
 _DAMPING = MarquardtDamping(mu=1e-2, decrease=0.1, increase=10.0, maximum=1e6, minimum=1e-12)
-_PULL = 0.3  # share of the way to the posture that the first of them asks for
+_PULL = 0.3  # share of the way to the posture in the first of them
 
 
 @dataclass(frozen=True, eq=False)
 class InverseKinematicsResult:
-    """Joint angles that bring the tip to its targets, row by row, and how well they do.
+    """Joint angles that bring the tip to its targets, row by row, and the remaining errors.
 
     Attributes
     ----------
     angles : (n, n_joints) array
         Within the limits in any case [rad, or mm for sliding joints].
     reached : (n,) bool array
-        True where both errors are within the tolerances.
+        Whether both errors are within the tolerances.
     distance_mm : (n,) array
         From the tip to the target [mm].
     axis_error_rad : (n,) array
-        Between the probe axis and its target [rad]; zeros where no axis was asked for.
+        Between the probe axis and its target [rad]; zero if no axis was requested.
     """
 
     angles: FloatArray
@@ -63,10 +63,10 @@ def solve_inverse_kinematics(
     tolerance_rad: float = 1e-8,
     max_steps: int = 100,
 ) -> InverseKinematicsResult:
-    """Find joint angles that put the tip on each target.
+    """Compute joint angles that put the tip on each target.
 
-    A local method: it follows the slope from `start` and may stop at a limit or in a fold of the arm although another
-    arrangement of the joints would reach the target. Such rows are told as not reached; start them elsewhere.
+    A local method: it descends from `start` and may stop at a limit or in a folded posture although another
+    configuration would reach the target. Such rows are reported as not reached; start them elsewhere.
 
     Parameters
     ----------
@@ -74,17 +74,18 @@ def solve_inverse_kinematics(
     tips_in_base : (n, 3) array
         Targets [mm].
     start : (n_joints,) or (n, n_joints) array
-        Where to start [rad, or mm].
+        Initial joint angles [rad, or mm].
     probe_axis_in_base : (3,) or (n, 3) array, optional
-        Where the probe axis, the flange's z axis, must point. Any by default.
+        Required direction of the probe axis, the flange's z axis. Any by default.
     posture : (n_joints,) or (n, n_joints) array, optional
-        Joint angles to stay near, as far as the targets leave freedom. The pull fades out before the tip closes in.
+        Joint angles to stay near, as far as the targets leave freedom. The pull decreases to zero before the last
+        steps.
     lower, upper : (n_joints,) array, optional
         Limits [rad, or mm]; none by default. `start` is clipped to them.
     tolerance_mm, tolerance_rad : float
-        A row is reached if its tip and its axis are as near.
+        Largest errors of a row that counts as reached.
     max_steps : int
-        Steps at most.
+        Maximum number of steps.
 
     Raises
     ------
@@ -98,7 +99,7 @@ def solve_inverse_kinematics(
     for first in range(0, len(angles), _ROWS):
         rows = slice(first, first + _ROWS)
         part = problem.rows(rows)
-        q = part.start if part.posture is None else _drawn(part)
+        q = part.start if part.posture is None else _pulled(part)
         angles[rows], missing = levenberg_marquardt_by_row(part, q, damping=_DAMPING, max_epochs=max_steps)
         distance[rows], axis_error[rows] = part.errors(missing)
     reached = (distance <= tolerance_mm) & (axis_error <= tolerance_rad)
@@ -107,7 +108,7 @@ def solve_inverse_kinematics(
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Targets and what binds the joints. Inside, all is in mm: radians count as arcs at the radius `scale` (n,)."""
+    """Targets and limits of the joints, all in mm: radians count as arcs at the radius `scale` (n,)."""
 
     chain: Chain
     targets: FloatArray
@@ -136,7 +137,7 @@ class _Problem:
         )
 
     def linearise(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Give what is missing (n, 3 or 5) [mm] and how the joints make up for it (n, 3 or 5, n_joints) [mm/mm]."""
+        """Return the residuals (n, 3 or 5) [mm] and their Jacobian by the joints (n, 3 or 5, n_joints) [mm/mm]."""
         tips, motion_jacobian = self.chain.tip_derivatives(q)
         joints = motion_jacobian[:, 1:-1]
         own = np.where(self.chain.is_prismatic[:, None], joints[:, :, 5], joints[:, :, 2])
@@ -163,10 +164,10 @@ class _Problem:
     def move(
         self, q: FloatArray, missing: FloatArray, J: FloatArray, damping: FloatArray, pull: FloatArray | float = 0.0
     ) -> FloatArray:
-        """Take one damped step within the limits; `pull` (n, n_joints) [mm] acts where the task leaves freedom."""
+        """Take one damped step within the limits; `pull` (n, n_joints) [mm] acts in the null space of the task."""
         pull = np.broadcast_to(pull, q.shape)
         free = np.ones(q.shape, dtype=bool)
-        for _ in range(3):  # a joint that a limit stops hands its share to the others
+        for _ in range(3):  # the others take over the share of a joint at its limit
             step = _damped_step(missing, J * free[:, None], damping, pull * free)
             free &= ~(((q <= self.lower) & (step < 0)) | ((q >= self.upper) & (step > 0)))
         step = step * free
@@ -184,25 +185,25 @@ def _damped_step(missing: FloatArray, J: FloatArray, damping: FloatArray, pull: 
     return step
 
 
-def _drawn(problem: _Problem) -> FloatArray:
+def _pulled(problem: _Problem) -> FloatArray:
     """Joint angles near the targets and near the posture: steps with a pull that fades out."""
     assert problem.posture is not None
     q = problem.start
-    for k in range(_DRAWN):
+    for k in range(_PULLED_STEPS):
         missing, J = problem.linearise(q)
         # The step to a far target is damped more, as its linearisation is worth less (Chan and Lawrence 1988).
         damping = 1e-3 + 0.1 * (missing**2).sum(axis=1) / problem.scale**2
-        pull = _PULL * (1 - k / _DRAWN) * (problem.posture - q) * problem.mm_per_unit
+        pull = _PULL * (1 - k / _PULLED_STEPS) * (problem.posture - q) * problem.mm_per_unit
         q = problem.move(q, missing, J, damping, pull)
     return q
 
 
 def _turn_between(axis: FloatArray, target: FloatArray) -> FloatArray:
-    """(n, 3) rotation vectors that bring unit vectors to others the short way [rad]."""
+    """(n, 3) rotation vectors of the shortest rotations from unit vectors to others [rad]."""
     cross = np.cross(axis, target)
     sin = np.linalg.norm(cross, axis=1)
     angle = np.arctan2(sin, (axis * target).sum(axis=1))
-    # Opposite vectors have no short way: any turn across them will do for a start.
+    # Opposite vectors have no shortest rotation: any across them is a start.
     across = np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=1)])
     opposite = (sin < 1e-12) & (angle > 1)
     cross = np.where(opposite[:, None], across, cross)
@@ -252,10 +253,10 @@ def _unit(axes: FloatArray) -> FloatArray:
 
 
 def _rows_of(name: str, value: npt.ArrayLike, shape: tuple[int, ...], *, bounded: bool = True) -> FloatArray:
-    """One row for all, or one for each."""
+    """Return one row for each from one row for all, or one for each."""
     array = np.asarray(value, dtype=float)
     if array.shape not in (shape, shape[-1:]):
         raise InputError(f"expected {name} of shape {shape[-1:]} or {shape}, got {array.shape}")
     if not (np.isfinite(array).all() if bounded else not np.isnan(array).any()):
-        raise InputError(f"{name} must hold numbers, got {array[~np.isfinite(array)][0]}")
+        raise InputError(f"{name} must be numbers, got {array[~np.isfinite(array)][0]}")
     return np.broadcast_to(array, shape).copy()

@@ -11,9 +11,9 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 
-# A hundred tonnes, a kilometre: what is more is a wrong unit.
-MOST_KG = 1e5
-FARTHEST_MM = 1e6
+# A hundred tonnes, a kilometre: larger numbers have a wrong unit.
+MAX_KG = 1e5
+MAX_CENTRE_MM = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +42,9 @@ class LinkMasses:
             raise InputError(f"expected n masses and (n, 3) centres of mass, got {mass.shape} and {centre.shape}")
         if not (np.isfinite(mass).all() and np.isfinite(centre).all() and (mass >= 0).all()):
             raise InputError(f"masses must be finite and not negative and their centres finite, got masses {mass} kg")
-        if mass.max(initial=0.0) > MOST_KG or np.abs(centre).max(initial=0.0) > FARTHEST_MM:
+        if mass.max(initial=0.0) > MAX_KG or np.abs(centre).max(initial=0.0) > MAX_CENTRE_MM:
             raise InputError(
-                f"expected masses of at most {MOST_KG:g} kg with centres within {FARTHEST_MM:g} mm, got up to "
+                f"expected masses of at most {MAX_KG:g} kg with centres within {MAX_CENTRE_MM:g} mm, got up to "
                 f"{mass.max():g} kg and {np.abs(centre).max():g} mm",
                 hint="check their units",
             )
@@ -71,7 +71,7 @@ class PointMass(NamedTuple):
 
 
 def combine_point_masses(lumps: Iterable[PointMass], n_joints: int) -> LinkMasses:
-    """Masses of links that are made up of lumps; a link without any has none."""
+    """Combine point masses to masses of links; a link without any has mass zero."""
     mass, moment = np.zeros(n_joints), np.zeros((n_joints, 3))
     for lump in lumps:
         mass[lump.joint - 1] += lump.mass_kg

@@ -1,15 +1,20 @@
-"""Finite motions ``v -> t + Rot(r) v``: their action on vectors and axes, and their derivative."""
+"""Rigid motions: frames as 4 x 4 matrices, finite motions ``v -> t + Rot(r) v`` and their derivatives.
+
+SciPy's `Rotation` makes the frames. Motions of thousands of poses go through functions of our own: they take arrays
+with the poses last, as the chain has them, and give rotations together with their Jacobians, which SciPy has not.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from truearm.typing import FloatArray
 
 
 def exponential_derivative(motions: npt.ArrayLike) -> FloatArray:
-    """Give the small motion that a change of a finite motion's components amounts to.
+    """Return the small motion that corresponds to a change of the components of a finite motion.
 
     Changing ``(r, t)`` to ``(r + dr, t + dt)`` composes on the left the small motion with rotation ``J dr`` and
     translation ``dt - (J dr) x t``, where ``J`` is the left Jacobian of the rotation group (Sola, Deray, Atchuthan,
@@ -27,13 +32,7 @@ def exponential_derivative(motions: npt.ArrayLike) -> FloatArray:
     """
     motions = np.asarray(motions, dtype=float)
     r, t = motions[..., :3], motions[..., 3:]
-    angle = np.linalg.norm(r, axis=-1)[..., None, None]
-    K = cross_matrix(r)
-    small = angle < 1e-4  # the series' next term is angle^4/720: below rounding
-    safe = np.where(small, 1.0, angle)
-    a = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
-    b = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
-    J = np.eye(3) + a * K + b * (K @ K)
+    J = rotations_and_jacobians(r.reshape(-1, 3).T)[1].transpose(2, 0, 1).reshape(*r.shape, 3)
     out = np.zeros((*motions.shape[:-1], 6, 6))
     out[..., :3, :3] = J
     out[..., 3:, :3] = cross_matrix(t) @ J
@@ -95,3 +94,74 @@ def rotations_and_jacobians(r: FloatArray) -> tuple[FloatArray, FloatArray]:
     K -= K.transpose(1, 0, 2)
     K2 = outer - square * eye
     return eye + sinc * K + b * K2, eye + b * K + c * K2
+
+
+def screw_z(angle: float, distance: float) -> FloatArray:
+    """(4, 4) rotation about z by `angle` [rad] and translation along it by `distance` [mm]; the two commute."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, distance], [0, 0, 0, 1]], dtype=float)
+
+
+def screw_x(angle: float, distance: float) -> FloatArray:
+    """(4, 4) rotation about x by `angle` [rad] and translation along it by `distance` [mm]; the two commute."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1, 0, 0, distance], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]], dtype=float)
+
+
+def frame_from_xyz_rpy(xyz: npt.ArrayLike, rpy: npt.ArrayLike) -> FloatArray:
+    """Frame with a position and roll, pitch, yaw about the fixed axes x, y, z in this order, as URDF has it.
+
+    Parameters
+    ----------
+    xyz : (3,) array
+        Position [mm].
+    rpy : (3,) array
+        Roll, pitch, yaw [rad]: the rotation is Rz(yaw) Ry(pitch) Rx(roll).
+
+    Returns
+    -------
+    (4, 4) array
+    """
+    frame = np.eye(4)
+    frame[:3, :3] = Rotation.from_euler("xyz", np.asarray(rpy, dtype=float)).as_matrix()
+    frame[:3, 3] = xyz
+    return frame
+
+
+def xyz_rpy_from_frame(frame: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Position [mm] and roll, pitch, yaw [rad] of a frame: the inverse of `frame_from_xyz_rpy`.
+
+    Each angle is computed from the rotation that remains after the previous ones, so that the three together are exact
+    even where roll and yaw turn about the same line (pitch of +-90 deg), a case in which SciPy's `Rotation.as_euler`
+    warns and loses digits; there one of many answers is returned.
+
+    Parameters
+    ----------
+    frame : (4, 4) array
+
+    Returns
+    -------
+    xyz : (3,) array
+        [mm].
+    rpy : (3,) array
+        [rad].
+    """
+    frame = np.asarray(frame, dtype=float)
+    R = frame[:3, :3]
+    # At +-90 deg of pitch the first column is rounding noise, and any yaw is right: use 0.
+    yaw = np.arctan2(R[1, 0], R[0, 0]) if np.hypot(R[1, 0], R[0, 0]) > 1e-12 else 0.0
+    left = screw_z(-yaw, 0.0)[:3, :3] @ R
+    pitch = np.arctan2(-left[2, 0], left[0, 0])
+    roll = np.arctan2(-left[1, 2], left[1, 1])
+    return frame[:3, 3].copy(), np.array([roll, pitch, yaw])
+
+
+def rotation_from_z_to(axis: npt.ArrayLike) -> FloatArray:
+    """(3, 3) smallest rotation that brings the z axis to the unit vector `axis` (3,); about x for the opposite one."""
+    axis = np.asarray(axis, dtype=float)
+    if axis[2] < 0:  # by way of -z, so that 1 + z below is not near zero
+        return rotation_from_z_to(-axis) @ np.diag([1.0, -1.0, -1.0])
+    x, y, z = axis
+    K = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # cross product with z x axis
+    turn: FloatArray = np.eye(3) + K + K @ K / (1 + z)
+    return turn

@@ -1,7 +1,7 @@
-"""URDF, the robot description of ROS: a chain out of one, and one out of an arm.
+"""URDF, the robot description of ROS: read as an arm, and written from one.
 
-URDF speaks metres and radians; everything is turned into mm here. Meshes, moments of inertia and whatever else a
-file holds are passed over.
+URDF has metres and radians; lengths are converted to mm here. Meshes, moments of inertia and all other content are
+ignored.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.masses import PointMass, combine_point_masses
-from truearm.arm.transforms import frame_from_xyz_rpy, rotation_from_z_to, xyz_rpy_from_frame
+from truearm.arm.rigid_motions import frame_from_xyz_rpy, rotation_from_z_to, xyz_rpy_from_frame
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
@@ -36,9 +36,9 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
     Fixed joints are folded into their neighbours. A revolute or sliding joint without a lower and upper limit has
     none here; if one of the two is given, the other is 0, as URDF has it. The frame of the tip's link is the flange,
     its origin the tip. Masses are those of the chain's own links; a link without ``<inertial>`` has none; if none has
-    more than zero, the masses are not known. Links that hang on the chain beside it are left out. A title, a source, a
-    working pose and the direction of gravity are read from an element ``truearm``, which other readers pass over (see
-    `write_urdf`); without it the working pose is zero, or the limit next to it, and the arm stands upright.
+    more than zero, the masses are not known. Links attached to the chain at its side are ignored. A title, a source, a
+    working pose and the direction of gravity are read from an element ``truearm``, which other readers ignore (see
+    `write_urdf`); without it the working pose is zero, or the limit next to it, and the arm is upright.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
     ------
     InputError
         If the file is missing, too large, no XML, declares a document type, or is no URDF; if the chain is not
-        unique, has no moving joint, or has one that a serial chain cannot hold (floating, planar, mimic).
+        unique, has no moving joint, or has one that a serial chain cannot have (floating, planar, mimic).
     """
     try:
         tree = _Tree(parse_xml(read_limited(path, limit_bytes=MAX_BYTES)))
@@ -110,9 +110,11 @@ class _Tree:
         link = tip
         while link != base:
             if link not in self.joint_above:
-                raise InputError(f"the link {tip!r} does not hang on {base!r}, but on {link!r}", hint=f"base {link!r}")
+                raise InputError(
+                    f"the link {tip!r} is not connected to {base!r}, but to {link!r}", hint=f"use the base {link!r}"
+                )
             if len(joints) == len(self.joints):
-                raise InputError(f"the joints above the link {tip!r} go round in a circle")
+                raise InputError(f"the joints above the link {tip!r} form a loop")
             joints.append(self.joint_above[link])
             link = joints[-1].parent
         return joints[::-1]
@@ -120,10 +122,10 @@ class _Tree:
     def _only(self, asked: str | None, candidates: list[str], end: str) -> str:
         if asked is not None:
             if asked not in self.links:
-                raise InputError(f"there is no link {asked!r}", hint=f"one of {_named(list(self.links))}")
+                raise InputError(f"there is no link {asked!r}", hint=f"use one of {_named(list(self.links))}")
             return asked
         if not candidates:
-            raise InputError(f"no link can be the {end}: the joints go round in a circle")
+            raise InputError(f"no link can be the {end}: the joints form a loop")
         if len(candidates) > 1:
             raise InputError(f"{len(candidates)} links could be the {end}", hint=f"name one of {_named(candidates)}")
         return candidates[0]
@@ -144,7 +146,7 @@ def _arm_of(tree: _Tree, joints: list[_Joint]) -> Arm:
             names.append(joint.name)
             limits.append(_limits_of(joint))
         inertial = child(tree.links[joint.child], "inertial")
-        if inertial is not None and names:  # what does not move has no say
+        if inertial is not None and names:  # a mass that does not move has no effect
             mass, centre = _mass_of(joint.child, inertial)
             lumps.append(PointMass(len(names), mass, fixed[-1][:3, :3] @ centre + fixed[-1][:3, 3]))
     if not names:
@@ -197,14 +199,16 @@ def _link_of(joint: Element, end: str) -> str:
 
 
 def _origin_of(joint: _Joint) -> FloatArray:
-    """Frame of the joint in its parent link [mm]; also refuse what a serial chain cannot hold."""
+    """Frame of the joint in its parent link [mm]; refuse joints that a serial chain cannot have."""
     if joint.kind not in (*MOVING, "fixed"):
         raise InputError(
-            f"joint {joint.name!r} is {joint.kind}: a chain holds {', '.join(MOVING)} and fixed joints",
+            f"joint {joint.name!r} is {joint.kind}: a chain has {', '.join(MOVING)} and fixed joints",
             line=joint.element.line,
         )
     if child(joint.element, "mimic") is not None:
-        raise InputError(f"joint {joint.name!r} mimics another: coupled joints are not read", line=joint.element.line)
+        raise InputError(
+            f"joint {joint.name!r} mimics another: truearm reads no coupled joints", line=joint.element.line
+        )
     origin = child(joint.element, "origin")
     if origin is None:
         return np.eye(4)
@@ -272,12 +276,12 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
 
     The link ``tip`` has the axes of the flange and its origin at the tip. Masses are
     written with no moments of inertia, which are not known. Title, source, working pose and a direction of gravity
-    other than downwards go into an element ``truearm``, which other readers pass over.
+    other than downwards go into an element ``truearm``, which other readers ignore.
 
     Raises
     ------
     InputError
-        If a joint has one limit only, which URDF cannot say, a text holds a control character, or the file
+        If a joint has one limit only, which URDF cannot state, a text holds a control character, or the file
         cannot be written.
     """
     robot = ET.Element("robot", name=arm.name)
@@ -301,7 +305,7 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
         ET.SubElement(extra, "working", joint=name, position=repr(float(position)))
     ET.indent(robot)
     content: bytes = ET.tostring(robot, encoding="utf-8", xml_declaration=True)
-    parse_xml(content)  # a control character in a name would make a file that nobody can read
+    parse_xml(content)  # a control character in a name would make the file unreadable
     with atomic_file(path) as beside:
         beside.write_bytes(content)
 
@@ -314,7 +318,9 @@ def _unit_of(arm: Arm) -> FloatArray:
 def _kind_of(arm: Arm, i: int) -> str:
     limited = np.isfinite(arm.limits[i])
     if limited.any() and not limited.all():
-        raise InputError(f"joint {arm.joint_names[i]} has one limit only, which a URDF cannot say", hint="a .toml file")
+        raise InputError(
+            f"joint {arm.joint_names[i]} has one limit only, which a URDF cannot state", hint="write a .toml file"
+        )
     if arm.chain.is_prismatic[i]:
         return "prismatic"
     return "revolute" if limited.all() else "continuous"
@@ -330,7 +336,7 @@ def _joint_element(robot: ET.Element, name: str, kind: str, links: list[str], fr
 
 
 def _add_mass(link: ET.Element, mass_kg: float, centre_mm: FloatArray) -> None:
-    """Say the mass; moments of inertia are compulsory and unknown here: zero says nothing is claimed."""
+    """Add the mass; moments of inertia are compulsory, but unknown here: zero claims nothing."""
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", xyz=_spaced(centre_mm / MM_PER_M), rpy="0.0 0.0 0.0")
     ET.SubElement(inertial, "mass", value=repr(mass_kg))
@@ -338,7 +344,7 @@ def _add_mass(link: ET.Element, mass_kg: float, centre_mm: FloatArray) -> None:
 
 
 def _add_limit(joint: ET.Element, arm: Arm, i: int) -> None:
-    """Say the limits; effort and velocity are compulsory and unknown here: zero says nothing is claimed."""
+    """Add the limits; effort and velocity are compulsory, but unknown here: zero claims nothing."""
     limits = arm.limits[i] / _unit_of(arm)[i]
     if np.isfinite(limits).all():
         lower, upper = map(repr, limits.tolist())

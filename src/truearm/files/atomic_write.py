@@ -13,10 +13,10 @@ from truearm.errors import InputError, TruearmError
 
 @contextmanager
 def atomic_file(path: str | Path) -> Iterator[Path]:
-    """Give a path beside `path` to write to; rename it to `path` only if the block ends without an exception.
+    """Yield a path beside `path` to write to; rename it to `path` only if the block ends without an exception.
 
-    A reader never sees half a file, and an interrupted run (Ctrl-C, kill, full disk) leaves what stood
-    there before. Where `path` is a symbolic link, the file it points to is written.
+    A reader never sees half a file, and an interrupted run (Ctrl-C, kill, full disk) leaves the
+    previous file. If `path` is a symbolic link, the file it points to is written.
 
     Parameters
     ----------

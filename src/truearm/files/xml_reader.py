@@ -1,4 +1,4 @@
-"""XML from others: parsed without document types, read with the line of whatever is wrong."""
+"""XML of other programs: parsed without document types, with the line of every fault."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def parse_xml(content: bytes) -> Element:
         return made
 
     def refuse(*_: object) -> None:
-        raise InputError("a URDF needs no DOCTYPE or ENTITY, and none is read here", line=parser.CurrentLineNumber)
+        raise InputError("truearm reads no XML with a DOCTYPE or ENTITY", line=parser.CurrentLineNumber)
 
     builder = ET.TreeBuilder(element_factory=element)
     parser.StartElementHandler = builder.start
@@ -53,7 +53,7 @@ def children(element: ET.Element, tag: str) -> list[Element]:
 
 
 def child(element: Element, tag: str) -> Element | None:
-    """Give the element's only child with a tag, or None; refuse a second one."""
+    """Return the element's only child with a tag, or None; refuse a second one."""
     found = children(element, tag)
     if len(found) > 1:
         raise InputError(f"expected one <{tag}>, got {len(found)}", line=found[1].line)
@@ -61,7 +61,7 @@ def child(element: Element, tag: str) -> Element | None:
 
 
 def attribute(element: Element, name: str) -> str:
-    """Give an attribute that must be there and not empty."""
+    """Return an attribute that must be present and not empty."""
     value = element.get(name, "")
     if not value:
         raise InputError(f"<{element.tag}> has no {name!r}", line=element.line)
@@ -69,7 +69,7 @@ def attribute(element: Element, name: str) -> str:
 
 
 def float_attribute(element: Element, name: str, what: str, count: int) -> FloatArray:
-    """Give `count` finite numbers out of an attribute; `what` they belong to stands in the message."""
+    """Return `count` finite numbers of an attribute; `what` names the object in a message."""
     text = attribute(element, name)
     try:
         array = np.array([float(word) for word in text.split()])

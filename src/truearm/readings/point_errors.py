@@ -1,4 +1,4 @@
-"""How far points are from reference points, in the paper's measure and in the everyday one."""
+"""Errors of points against reference points: distances, and single coordinates as in the paper."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ class PointErrors(TypedDict):
 
 
 class ErrorComparison(PointErrors):
-    """Errors, and the share of the nominal arm's error that is gone [%]."""
+    """Errors, and the share of the nominal arm's error that was removed [%]."""
 
     removed_percent: float
 
 
-def point_errors(found: FloatArray, points: FloatArray) -> PointErrors:
-    """Errors of found points against reference points.
+def point_errors(predicted: FloatArray, points: FloatArray) -> PointErrors:
+    """Errors of predicted points against reference points.
 
     Parameters
     ----------
-    found, points : (n, 3) array
-        [mm]. Rows of `points` that are NaN (no reference point) count nothing.
+    predicted, points : (n, 3) array
+        [mm]. Rows of `points` that are NaN (no reference point) are ignored.
 
     Returns
     -------
@@ -42,10 +42,10 @@ def point_errors(found: FloatArray, points: FloatArray) -> PointErrors:
         `mean_mm`, `rms_mm`, `p95_mm`, `max_mm` of the distances; `mean_abs_coordinate_mm`, `max_abs_coordinate_mm` of
         single coordinates, the measure of Gao et al. (2017), section 4; `n` the readings counted.
     """
-    there = ~np.isnan(points).all(axis=1)
-    if not there.any():
+    known = ~np.isnan(points).all(axis=1)
+    if not known.any():
         raise InputError("expected one or more readings to evaluate, got none")
-    residuals = (found - points)[there]
+    residuals = (predicted - points)[known]
     distances = np.linalg.norm(residuals, axis=1)
     return PointErrors(
         mean_mm=float(distances.mean()),

@@ -1,4 +1,4 @@
-"""How well predicted points agree with seats and with the lengths between them: errors without a reference point."""
+"""Errors without reference points: scatter of predicted points in seats, and lengths between seats."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ class SeatErrors(TypedDict):
 def seat_errors(points: npt.ArrayLike, seat: npt.ArrayLike) -> SeatErrors:
     """Distance of each predicted point to the mean of its seat.
 
-    Only the scatter is seen: what shifts all points of a seat alike does not show, and few points in a seat draw their
-    mean to themselves (of n points with independent errors, the mean square comes out smaller by 1 - 1/n).
+    These are scatter only: an error that shifts all points of a seat alike has no effect, and few points in a seat
+    pull their mean (of n points with independent errors, the mean square is smaller by the factor 1 - 1/n).
 
     Parameters
     ----------
     points : (n, 3) array
         Predicted tips [mm].
     seat : (n,) array of str
-        The seat of each; empty where there is none. A seat with one reading counts nothing.
+        The seat of each; empty if there is none. A seat with one reading is ignored.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def seat_errors(points: npt.ArrayLike, seat: npt.ArrayLike) -> SeatErrors:
     if not several.any():
         raise InputError(
             "expected a seat with two or more readings, got none",
-            hint="readings of one seat have the same name in the column seat",
+            hint="give readings of one seat the same name in the column seat",
         )
     table = {str(name): _summary(distances[group == i]) for i, name in enumerate(names) if counts[i] > 1}
     whole = _summary(distances[several])
@@ -84,7 +84,7 @@ def length_errors(points: npt.ArrayLike, seat: npt.ArrayLike, lengths: Lengths) 
     points : (n, 3) array
         Predicted tips [mm].
     seat : (n,) array of str
-        The seat of each; empty where there is none. Here a seat with one reading serves too.
+        The seat of each; empty if there is none. A seat with one reading is enough here.
     lengths : Lengths
         The known lengths; those between other seats are refused (`Lengths.between` selects).
 

@@ -12,15 +12,15 @@ from truearm.readings.session import Session
 
 SplitBy = Literal["position", "seat", "session", "row"]
 
-# So many readings in a seat tell the seat's place and something of the arm besides.
+# Readings in a seat that determine the place of the seat and something of the arm as well.
 READINGS_A_SEAT = 5
 
 
 def hold_out(readings: Session, *, by: SplitBy = "position", fraction: float, seed: int) -> tuple[Session, Session]:
     """Split readings into training and test, whole groups at a time.
 
-    Readings of one goal position differ only in orientation: split by row, a model that merely remembers positions
-    looks good. Split by position, it is asked about places it has not seen.
+    Readings of one goal position differ only in orientation. A split by row favours a model that merely remembers
+    positions; a split by position tests it at places it has not seen.
 
     Parameters
     ----------
@@ -57,14 +57,14 @@ def hold_out(readings: Session, *, by: SplitBy = "position", fraction: float, se
 def stratified_rows(readings: Session, n: int, *, seed: int) -> npt.NDArray[np.intp]:
     """Choose a few readings, spread over the positions that they aimed at.
 
-    With reference points: one reading of each position in turn, the positions in random order; where they are not
-    named, readings at random. Without: readings in a few seats, five or more in each, as one alone says nothing.
+    With reference points: one reading of each position in turn, the positions in random order; readings at random if
+    positions are not named. Without: readings in a few seats, five or more in each, as a single one has no information.
 
     Parameters
     ----------
     readings : Session
     n : int
-        How many.
+        Number of readings.
     seed : int
         The same seed gives the same rows.
 

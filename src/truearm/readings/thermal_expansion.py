@@ -1,4 +1,4 @@
-"""Thermal expansion of artefacts: certificates state lengths at 20 degC, readings find them as warm as they are."""
+"""Thermal expansion of artefacts: certificates state lengths at 20 degC, readings are made at other temperatures."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ REFERENCE_DEGC = 20.0
 """Temperature at which lengths are stated (ISO 1)."""
 
 ARTEFACT_U_K = 0.5
-"""Standard uncertainty by which an artefact has not the temperature that the session states [K].
+"""Standard uncertainty of an artefact's temperature if the session states that of the arm [K].
 
-That is the arm's. An artefact that lay beside it for some hours is taken to be within a kelvin of it.
+An artefact that was beside the arm for some hours is assumed to be within a kelvin of it.
 """
 
 UNSTATED_U_K = 3.0
-"""The same where the session states no temperature, and 20 degC are taken [K]: rooms of 15 to 25 degC, rectangular."""
+"""The same if the session states no temperature and 20 degC is assumed [K]: rooms of 15 to 25 degC, rectangular."""
 
 COLDEST_DEGC, WARMEST_DEGC = 0.0, 45.0
-"""Nobody measures with calibrated artefacts at other temperatures: such numbers are of another scale [degC]."""
+"""Calibrated artefacts are not used at other temperatures: such numbers have another unit [degC]."""
 
 STEEL_PER_K = 1.15e-5
 """Thermal expansion of steel [1/K], of which most artefacts are."""
@@ -31,12 +31,13 @@ STEEL_PER_K = 1.15e-5
 
 @dataclass(frozen=True, eq=False)
 class ThermalExpansion:
-    """How much longer artefacts are where they stand than at 20 degC.
+    """Expansion of artefacts at the temperature of the readings, relative to 20 degC.
 
     Attributes
     ----------
     known : (m,) bool array
-        Whether the expansion of the artefact and the temperature at its readings are known; nothing grows else.
+        Whether the expansion of the artefact and the temperature at its readings are known; if not, its length is not
+        changed.
     factor : (m,) array
         ``1 + alpha (T - 20 degC)``.
     u_temperature : (m,) array
@@ -59,12 +60,12 @@ class ThermalExpansion:
 def thermal_expansion_at(
     lengths: Lengths, temperature_degC: npt.ArrayLike, u_temperature_K: npt.ArrayLike = ARTEFACT_U_K
 ) -> ThermalExpansion:
-    """How much longer lengths are at temperatures (m,) of their artefacts [degC], or at one of all; NaN: not known.
+    """Expansion of lengths at temperatures (m,) of their artefacts [degC], or at one of all; NaN: not known.
 
     Raises
     ------
     InputError
-        If a temperature of a length whose expansion is known is that of no workshop.
+        If a temperature of a length with a known expansion is not one of a workshop.
     """
     m = len(lengths)
     degC = np.broadcast_to(np.asarray(temperature_degC, dtype=float), m)
@@ -77,7 +78,7 @@ def thermal_expansion_at(
         raise lengths.error(
             f"expected the readings in its seats at {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {degC[row]:.6g}",
             row,
-            hint="temperature_degC of the session in degC, not in K (less 273.15) or degrees Fahrenheit",
+            hint="state temperature_degC of the session in degC, not in K (less 273.15) or degrees Fahrenheit",
         )
     expansion, u_expansion = np.where(expands, [lengths.expansion_per_K, lengths.u_expansion_per_K], 0.0)
     warmer = np.where(known, degC - REFERENCE_DEGC, 0.0)
@@ -86,16 +87,16 @@ def thermal_expansion_at(
 
 
 def thermal_expansion_of(lengths: Lengths, seat: NameArray, temperature_degC: FloatArray | None) -> ThermalExpansion:
-    """How much longer lengths are at the temperature of the readings in their two seats.
+    """Expansion of lengths at the temperature of the readings in their two seats.
 
-    An artefact is taken to be as warm as the mean of its two ends, half their difference uncertain.
+    The temperature of an artefact is the mean of its two ends; half their difference is its uncertainty.
 
     Parameters
     ----------
     lengths : Lengths
         Each has readings in both of its seats.
     seat : (n,) array of str
-        The seat of each reading; empty where there is none.
+        The seat of each reading; empty if there is none.
     temperature_degC : (n,) array or None
         Temperature at each reading.
 
@@ -113,7 +114,7 @@ def thermal_expansion_of(lengths: Lengths, seat: NameArray, temperature_degC: Fl
 
 
 def at_measured_temperature(lengths: Lengths, seat: NameArray, temperature_degC: FloatArray | None) -> Lengths:
-    """Lengths as long, and as uncertain, as they are at the temperature of the readings in their seats."""
+    """Return lengths and their uncertainties at the temperature of the readings in their seats."""
     growth = thermal_expansion_of(lengths, seat, temperature_degC)
     return Lengths(
         lengths.seat_a,

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from truearm.arm import Arm, dh_table, list_arms, load_arm, mdh_table
-from truearm.arm.transforms import xyz_rpy_from_frame
+from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError

@@ -153,7 +153,11 @@ def test_a_page_of_a_form(tmp_path):
         (("nothing",), {"length": 300.0}, "expected a model file, a specification"),
         (("shop",), {}, "the size of the length is missing"),
         (("shop",), {"diameter": 3.0}, "--diameter does not apply to a length"),
-        (("shop",), {"feature": "sphere", "diameter": 25.0, "along": "0,0,1"}, "a direction does not apply to a sphere"),
+        (
+            ("shop",),
+            {"feature": "sphere", "diameter": 25.0, "along": "0,0,1"},
+            "a direction does not apply to a sphere",
+        ),
         (("shop",), {"feature": "sphere", "diameter": 25.0, "at": ["1,2,3", "4,5,6"]}, "--at once"),
         (("shop",), {"length": 300.0, "at": ["1,2"]}, "three numbers"),
         (("shop",), {"length": 300.0, "at": ["1,2,nan"]}, "three numbers"),

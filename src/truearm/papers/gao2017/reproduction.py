@@ -9,7 +9,7 @@ import numpy as np
 
 from truearm import __version__
 from truearm.arm import load_arm
-from truearm.arm.transforms import screw_x, screw_z
+from truearm.arm.rigid_motions import screw_x, screw_z
 from truearm.papers.gao2017.claims import box_study, first_row_networks, learning_rate, scatter
 from truearm.papers.gao2017.final_test import errors_outside_box, final_test, final_test_predictions
 from truearm.papers.gao2017.results import (
