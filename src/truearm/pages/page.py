@@ -112,7 +112,7 @@ class Page:
     summary : tuple of LabelledValue
         The few numbers that answer the reader's question, shown large at the top.
     sections : tuple of Section
-        In reading order.
+        In their order on the page.
     facts : tuple of (str, str)
         Data and settings behind the page: versions, fingerprint of the data.
     """

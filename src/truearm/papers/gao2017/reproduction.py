@@ -70,8 +70,8 @@ RULE = (
     f"the paper's mean error, {FACTORS[2]:g} in Tables 2 and 3 and {FACTORS[4]:g} in Table 4; better: it is smaller; "
     "not reached: it is larger. The factors correspond to the chance in the paper's few test poses: 95 % of the "
     "averages over 10 poses are within 0.64 and 1.53 times that over all, over 100 poses within 0.87 and 1.15. Not "
-    "judged are rows that were used to fit the box, which agree by construction; rows stopped by the time limit; and rows "
-    "that repeat the training of another row, which have no verdict"
+    "judged are rows that were used to fit the box, which agree by construction; rows stopped by the time limit; and "
+    "rows that repeat the training of another row, which have no verdict"
 )
 GOAL_MET, TIME_OVER = "Performance goal met.", "Maximum time elapsed."
 
