@@ -94,7 +94,7 @@ def _summary(results: Reproduction) -> tuple[LabelledValue, ...]:
             rows.append(LabelledValue(f"table rows reproduced or better, {method}", value))
     times = speedups(results.rows())
     if times:
-        label = "time of trainlm to the paper's mean error by that of varpro, median of rows"
+        label = "speed-up of varpro over trainlm to the paper's mean error, median of rows"
         rows.append(LabelledValue(label, float(np.median(times)), "times"))
     test = results.final_test
     if test is not None:
