@@ -30,6 +30,7 @@ _HOMES = {
     "truearm.workflows.plan": ("PlanResult", "plan"),
     "truearm.workflows.predict": ("Prediction", "predict"),
     "truearm.workflows.refit": ("RefitResult", "refit"),
+    "truearm.workflows.report": ("ReportResult", "report"),
     "truearm.workflows.simulate": ("SimulationResult", "simulate"),
     "truearm.workflows.simulate_verification": ("SimulatedVerification", "simulate_verification"),
     "truearm.workflows.task": ("TaskResult", "task"),

@@ -9,8 +9,9 @@ import numpy as np
 from truearm.compensation.models import Compensator, NominalModel
 from truearm.compensation.models.comparison_page import ModelComparison
 from truearm.compensation.models.compensator import fingerprint
+from truearm.compensation.models.seat_page import SeatComparison
 from truearm.errors import InputError
-from truearm.readings import Session, compare_errors
+from truearm.readings import Lengths, Session, check_sessions, compare_errors, length_errors
 from truearm.workflows.outputs import version_row
 
 
@@ -30,6 +31,41 @@ def compare_models(models: dict[str, Compensator], readings: Session) -> ModelCo
         points=points,
         predicted=predicted,
         errors={name: dict(e) for name, e in errors.items()},  # type: ignore[arg-type]
+        **joint_facts(first),
+    )
+
+
+def compare_in_seats(models: dict[str, Compensator], readings: Session, lengths: Lengths | None) -> SeatComparison:
+    """Predictions of the models in seats with two readings or more, and errors of known lengths between seats.
+
+    Raises
+    ------
+    InputError
+        If there is no such seat, or a seat is in two sessions.
+    """
+    assert readings.seat is not None  # checked by the caller
+    check_sessions(readings, lengths)
+    first = one_arm(models)
+    predicted = {"nominal": first.predict_nominal_readings(readings)}
+    predicted |= {
+        name: model.predict_readings(readings) for name, model in models.items() if not isinstance(model, NominalModel)
+    }
+    _, index, counts = np.unique(readings.seat, return_inverse=True, return_counts=True)
+    several = (counts > 1)[index] & (readings.seat != "")
+    if not several.any():
+        raise readings.error("expected a seat with two or more readings, there is none", column="seat")
+    errors = {}
+    rows: list[tuple[str, str, float, float]] = []
+    if lengths is not None:
+        errors = {name: length_errors(points, readings.seat, lengths) for name, points in predicted.items()}
+        columns = (getattr(lengths, name).tolist() for name in ("seat_a", "seat_b", "length_mm", "u_mm"))
+        rows = list(zip(*columns, strict=True))
+    return SeatComparison(
+        angles=readings.angles[several],
+        seat=readings.seat[several],
+        predicted={name: points[several] for name, points in predicted.items()},
+        lengths=rows,
+        length_errors=errors,
         **joint_facts(first),
     )
 

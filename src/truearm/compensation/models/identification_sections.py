@@ -7,19 +7,67 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from truearm.compensation.models.identified_model import HeldOutErrors
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.identified_model import HeldOutErrors, IdentifiedModel, NominalModel
 from truearm.compensation.models.joint_error_figure import ARCSEC, joint_error_figure
-from truearm.compensation.models.uncertainty import COVERAGE_FACTOR, ELLIPSOID_FACTOR, LEVEL, UncertaintyBudget
-from truearm.identification.estimation.diagnostics import Effect, JointError
-from truearm.identification.estimation.outliers import Outlier
+from truearm.compensation.models.uncertainty import (
+    COVERAGE_FACTOR,
+    ELLIPSOID_FACTOR,
+    LEVEL,
+    UncertaintyBudget,
+    uncertainty_budget,
+)
+from truearm.identification.estimation.diagnostics import Effect, JointError, effects, identifiability, joint_error
+from truearm.identification.estimation.outliers import Outlier, outliers
 from truearm.pages.number_format import format_count, format_number, format_percent, format_uncertainty
 from truearm.pages.page import Column, LabelledValue, Section, Table
-from truearm.pages.plotting import Style
+from truearm.pages.plotting import Style, styles_of
+from truearm.readings import Session
 
 # Groups with fewer determined coefficients count as pruned.
 LEAST_DETERMINED = 0.5
 MOST_NAMED = 20
+# Points of the curve of a joint for each wave of the highest order.
+POINTS_PER_WAVE = 10
 _LEVEL = format_percent(LEVEL)
+
+
+def identification_sections(models: Mapping[str, Compensator], session: Session) -> list[Section]:
+    """Sections about the identified models among some models of one arm; none for the others.
+
+    Parameters
+    ----------
+    models : mapping of str to Compensator
+        By their names on the page.
+    session : Session
+        The readings of the page.
+    """
+    identified = {
+        name: model
+        for name, model in models.items()
+        if isinstance(model, IdentifiedModel) and not isinstance(model, NominalModel)
+    }
+    titles = {name: name if len(identified) > 1 else "" for name in identified}
+    uncertainty, terms, unidentifiable, outlying = [], [], [], []
+    for name, model in identified.items():
+        budget, on_page = uncertainty_budget(model, session)
+        groups = identifiability(model.fit_).unidentifiable
+        uncertainty.append(uncertainty_section(budget, model.held_out_errors_, name=titles[name]))
+        terms.append(terms_section(effects(model.fit_, model.state(session)), name=titles[name]))
+        unidentifiable.append(
+            unidentifiable_section(
+                model.excluded_terms_, [(one.constants, one.status) for one in groups], name=titles[name]
+            )
+        )
+        outlying.append(outlier_section(_outliers(model, session, on_page), name=titles[name]))
+    joint_errors = joint_errors_section(
+        {name: _joint_errors(model, session) for name, model in identified.items()},
+        session.angles,
+        next(iter(models.values())).arm.joint_names,
+        styles=styles_of(["nominal", *(n for n, model in models.items() if not isinstance(model, NominalModel))]),
+    )
+    sections = [*uncertainty, *terms, joint_errors, *unidentifiable, *outlying]
+    return [section for section in sections if section is not None]
 
 
 def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | None, *, name: str = "") -> Section:
@@ -214,6 +262,26 @@ def outlier_section(found: Mapping[str, Sequence[Outlier]], *, name: str = "") -
         "weight in the identification; none is removed.",
         tables=tables,
     )
+
+
+def _joint_errors(model: IdentifiedModel, session: Session) -> list[JointError]:
+    """The own errors of the rotary joints over the trained range."""
+    found = []
+    for joint in (np.flatnonzero(~model.arm.chain.is_prismatic) + 1).tolist():
+        angles = session.angles[:, joint - 1]
+        highest = joint_error(model.fit_, joint, angles[:1], mean_at=angles).orders.max(initial=1)
+        low, high = model.angle_ranges_[joint - 1]
+        n_points = max(int(POINTS_PER_WAVE * highest * (high - low) / (2 * np.pi)), 100)
+        found.append(joint_error(model.fit_, joint, np.linspace(low, high, n_points), mean_at=angles))
+    return found
+
+
+def _outliers(model: IdentifiedModel, session: Session, on_page: Sequence[Outlier]) -> dict[str, Sequence[Outlier]]:
+    """Outliers among the training readings and, where these are others, among the readings of the page."""
+    training = outliers(model.fit_)
+    if model.is_trained_on(session):
+        return {"the training readings": [outlier.located(session) for outlier in training]}
+    return {"the training readings": training, "the readings of this page": [one.located(session) for one in on_page]}
 
 
 def _titled(title: str, name: str) -> str:

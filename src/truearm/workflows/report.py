@@ -1,0 +1,233 @@
+"""`report`: models of an arm compared on a session, as a page to show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from truearm.compensation.models import Compensator
+from truearm.compensation.models.comparison_page import comparison_page, improvement_sentence
+from truearm.compensation.models.identification_sections import identification_sections
+from truearm.compensation.models.seat_page import seats_page
+from truearm.errors import InputError
+from truearm.pages.page import Page
+from truearm.readings import Lengths, Session, seat_errors
+from truearm.workflows.comparison import compare_in_seats, compare_models, one_arm, page_facts
+from truearm.workflows.inputs import (
+    LengthsLike,
+    ModelLike,
+    SessionLike,
+    check_angles_fit,
+    evaluation_remarks,
+    expanded_lengths,
+    session_lengths,
+    to_model,
+    to_model_and_session,
+    with_reference,
+    without_refit_readings,
+)
+from truearm.workflows.outputs import PageRecord, check_page_path
+from truearm.workflows.record import TextTable, to_plain
+
+_HEADS = {"mean_mm": "mean [mm]", "rms_mm": "rms [mm]", "p95_mm": "95 % [mm]", "max_mm": "max [mm]"}
+
+
+@dataclass(frozen=True, eq=False)
+class ReportResult(PageRecord):
+    """Models of one arm compared on the readings of a session.
+
+    Attributes
+    ----------
+    models : mapping of str to Compensator
+        By their names on the page.
+    session : Session
+        The readings of the comparison.
+    lengths : Lengths or None
+        Known lengths between seats of a session without reference points.
+    errors : mapping of str to mapping
+        Errors [mm] of the nominal arm and of each model: mean, 95 % quantile and maximum of the distances from the
+        reference points or, without them, mean, root mean square and maximum of those from the mean of the seat.
+    title : str
+        Title of the page.
+    input_remarks : tuple of str
+        What was ignored of session and lengths.
+    files : tuple of Path
+        The files that were read.
+    """
+
+    models: Mapping[str, Compensator]
+    session: Session
+    lengths: Lengths | None
+    errors: Mapping[str, Mapping[str, float]]
+    title: str
+    input_remarks: tuple[str, ...]
+    files: tuple[Path, ...]
+
+    @property
+    def input_files(self) -> tuple[Path, ...]:
+        """See `PageRecord`."""
+        return self.files
+
+    @property
+    def page_remarks(self) -> list[str]:
+        """What a reader must know of each model before the errors are believed."""
+        return [
+            f"{name}: {remark}"
+            for name, model in self.models.items()
+            for remark in evaluation_remarks(model, self.session)
+        ]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was ignored, and what a reader must know of each model before the errors are believed."""
+        return (*self.input_remarks, *self.page_remarks)
+
+    def page(self) -> Page:
+        """Errors before and after compensation; for identified arms uncertainty, terms and errors of the joints."""
+        models, session = dict(self.models), self.session
+        layout: dict[str, Any] = {
+            "title": self.title or f"{one_arm(models).arm.name}: error before and after compensation",
+            "subtitle": f"{len(session)} readings of {session.file.name if session.file else 'a session'}",
+            "facts": page_facts(models, session),
+            "remarks": self.page_remarks,
+            "more": identification_sections(models, session),
+        }
+        if session.points is None:
+            return seats_page(compare_in_seats(models, session, self.lengths), **layout)
+        return comparison_page(compare_models(models, session), **layout)
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record`."""
+        what = "Mean error" if self.session.points is not None else "Mean distance from the mean of the seat"
+        mean = {name: errors["mean_mm"] for name, errors in self.errors.items()}
+        n = len(self.models)
+        yield improvement_sentence(what, mean["nominal"], min(mean.values()))
+        heads = [_HEADS[key] for key in self.errors["nominal"]]
+        rows = [[name, *(f"{value:.4f}" for value in errors.values())] for name, errors in self.errors.items()]
+        yield TextTable(["model", *heads], rows)
+        yield f"{n} model{'s' * (n > 1)} compared on {len(self.session)} readings"
+        yield from self.remarks
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record`."""
+        return {
+            "arm": one_arm(dict(self.models)).arm.name,
+            "n_readings": len(self.session),
+            "errors": to_plain(self.errors),
+            "remarks": list(self.remarks),
+        }
+
+
+def report(
+    models: ModelLike | Sequence[ModelLike] | Mapping[str, ModelLike],
+    session: SessionLike,
+    path: str | Path | None = None,
+    *,
+    lengths: LengthsLike | None = None,
+    title: str = "",
+) -> ReportResult:
+    """Compare models of one arm on a session, as a page to show.
+
+    Parameters
+    ----------
+    models : model or path, or a sequence or mapping of them
+        Of one arm, with the same free parts; the keys of a mapping are the names on the page.
+    session : Session, DataFrame or path
+        Readings with reference points, or in seats.
+    path : path, optional
+        Page to write, ``.html``; see also `ReportResult.save_page`.
+    lengths : Lengths or path, optional
+        Known lengths between the seats of a session without reference points.
+    title : str
+        Title of the page.
+
+    Returns
+    -------
+    ReportResult
+
+    Raises
+    ------
+    InputError
+        If there is nothing to compare with, the models are not of one arm, or the page cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import truearm as ta
+    >>> train, test = (ta.simulate("gao2017", poses=60, seed=seed).session for seed in (1, 2))
+    >>> model = ta.KinematicModel(ta.load_arm("gao2017"), free=()).fit_readings(train)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     result = ta.report(model, test, f"{folder}/page.html")
+    >>> list(result.errors)
+    ['nominal', 'kinematic']
+    """
+    given = _by_name(models)
+    named = [*given.values(), session, *([] if lengths is None else [lengths])]
+    files = tuple(Path(one) for one in named if isinstance(one, str | Path))
+    if path is not None:
+        check_page_path(path, *files)
+    (first_name, first_model), *others = given.items()
+    first, readings = to_model_and_session(first_model, session)
+    remarks = [*check_angles_fit(readings, first.arm)]
+    readings, _, skipped = with_reference(readings, first.arm, purpose="compare with")
+    # The other models are of the same arm, or `one_arm` refuses them: one check of the readings holds for all.
+    fitted = {first_name: first} | {name: to_model(model) for name, model in others}
+    one_arm(fitted)
+    whole = readings
+    readings, _, of_refit = without_refit_readings(whole, *fitted.values())
+    if lengths is not None and readings.points is not None:
+        raise InputError(
+            "lengths are for a session without reference points, and this one has them",
+            file=lengths if isinstance(lengths, str | Path) else None,
+            hint="truearm evaluate MODEL SESSION --lengths LENGTHS",
+        )
+    known, of_lengths = session_lengths(lengths, whole, readings)
+    known = expanded_lengths(known, readings)
+    result = ReportResult(
+        fitted,
+        readings,
+        known,
+        _errors(fitted, readings, known),
+        title,
+        (*remarks, *skipped, *of_refit, *of_lengths),
+        files,
+    )
+    if path is not None:
+        result.save_page(path)
+    return result
+
+
+def _by_name(models: ModelLike | Sequence[ModelLike] | Mapping[str, ModelLike]) -> dict[str, ModelLike]:
+    """Models by a short, unique name: the stem of the file, or its path where the stem is not unique."""
+    if isinstance(models, Mapping):
+        return dict(models)
+    listed = [models] if isinstance(models, Compensator | str | Path) else list(models)
+    if not listed:
+        raise InputError("expected one or more models", hint="report(model, session)")
+    stems = [
+        type(one).__name__.removesuffix("Model").lower() if isinstance(one, Compensator) else Path(one).stem
+        for one in listed
+    ]
+    names = []
+    for i, (one, stem) in enumerate(zip(listed, stems, strict=True)):
+        unique = stems.count(stem) == 1 and (stem != "nominal" or isinstance(one, Compensator))
+        names.append(stem if unique else f"{stem} {i + 1}" if isinstance(one, Compensator) else str(one))
+    return dict(zip(names, listed, strict=True))
+
+
+def _errors(models: dict[str, Compensator], session: Session, lengths: Lengths | None) -> dict[str, dict[str, float]]:
+    """Figures of the errors of the nominal arm and of each model [mm]."""
+    if session.points is not None:
+        compared = compare_models(models, session)
+        return {
+            name: {key: float(errors[key]) for key in ("mean_mm", "p95_mm", "max_mm")}
+            for name, errors in compared.errors.items()
+        }
+    seated = compare_in_seats(models, session, lengths)
+    whole = {name: seat_errors(points, seated.seat) for name, points in seated.predicted.items()}
+    return {
+        name: {"mean_mm": one["seat_mean_mm"], "rms_mm": one["seat_rms_mm"], "max_mm": one["seat_max_mm"]}
+        for name, one in whole.items()
+    }
