@@ -23,8 +23,9 @@ from truearm.verification.standards.artefacts import example_artefacts
 from truearm.verification.standards.layout import lay_out_tests
 from truearm.verification.standards.specification import example_specification
 from truearm.verification.standards.verification_plan import load_verification_plan
+from truearm.verification.tasks.posed_test import pose
 from truearm.verification.tasks.sampled_arms import PresetDistribution
-from truearm.verification.tasks.simulated_verification import pose, simulate_verification
+from truearm.verification.tasks.simulated_verification import simulate_verification
 
 NOISE = 0.01  # mm
 RANGE, ARMS, PRESETS = 2500.0, 100, ("shop", "research")

@@ -22,6 +22,7 @@ from truearm.verification.standards.specification import Specification, example_
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_plan import VerificationPlan
 from truearm.verification.tasks import simulated_verification as simulation
+from truearm.verification.tasks.posed_test import PosedTest, pose
 from truearm.verification.tasks.sampled_arms import ArmDistribution
 from truearm.workflows.inputs import ArmLike
 from truearm.workflows.record import Record, TextTable
@@ -63,7 +64,7 @@ class SimulatedVerification(Record):
 
     source: str
     arms: ArmDistribution
-    posed: simulation.PosedTest
+    posed: PosedTest
     plan: VerificationPlan
     artefacts: Artefacts
     artefacts_source: str
@@ -243,7 +244,7 @@ def _posed_test(
     artefacts: Artefacts | None,
     specification: Specification | None,
     seed: int,
-) -> tuple[Specification, Artefacts, simulation.PosedTest]:
+) -> tuple[Specification, Artefacts, PosedTest]:
     """The test with poses for an arm, with examples for what is not given.
 
     The measuring range is that of the specification; without one, the largest in which the arm reaches all points.
@@ -258,7 +259,7 @@ def _posed_test(
         shoulder_mm = float(where.shoulder_in_base[2])
         layout = lay_out_tests(plan, certified, limits.measuring_range_mm, shoulder_mm=shoulder_mm)
         try:
-            return limits, certified, simulation.pose(layout, arm, seed=seed)
+            return limits, certified, pose(layout, arm, seed=seed)
         except InputError as error:
             if specification is not None:
                 hint = f"{error.hint}; without a specification, truearm looks for a range that the arm reaches"

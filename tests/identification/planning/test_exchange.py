@@ -349,7 +349,7 @@ def test_a_problem_is_checked():
         ({"already": [12]}, "from 0 to 11"),
         ({"already": [-1]}, "from 0 to 11"),
         ({"among": [1, 1]}, "different"),
-        ({"among": [0.5]}, "numbers"),
+        ({"among": [0.5]}, "indices"),
     ],
 )
 def test_a_choice_is_checked(options, why):

@@ -82,8 +82,8 @@ def test_a_ball_is_touched_all_over_its_upper_half():
     ("make", "said"),
     [
         (lambda: features.length([[0, 0, 0], [0, 0, 0]]), "distance of the two ends of 1 mm or more, got 0"),
-        (lambda: features.length([[0.1, 0, 0.3], [0.6, 0, 0.3]]), "got 0.5. Try: in mm"),
-        (lambda: features.length_at(AT, [0, 0, 1], 0.5), "length of 1 mm or more, got 0.5. Try: in mm"),
+        (lambda: features.length([[0.1, 0, 0.3], [0.6, 0, 0.3]]), "got 0.5. Try: state it in mm"),
+        (lambda: features.length_at(AT, [0, 0, 1], 0.5), "length of 1 mm or more, got 0.5. Try: state it in mm"),
         (lambda: features.plane(AT, [0, 0, 1], 0.2), "size of 1 mm or more"),
         (lambda: features.length([[0, 0, 0], [1, 0, 0]], points=3), "even number"),
         (lambda: features.length([[0, 0], [1, 0]]), "two ends"),
@@ -121,7 +121,7 @@ def test_what_the_arm_does_not_reach_is_refused_with_where_it_would():
     with pytest.raises(InputError, match="does not reach") as caught:
         feature_postures(arm, features.sphere([5000, 0, 0], 25.0), 5, seed=0)
     assert "in front of the shoulder" in caught.value.hint
-    with pytest.raises(InputError, match="does not reach .* Try: its place in mm: 600,0,300, not 0.6,0,0.3"):
+    with pytest.raises(InputError, match="does not reach .* Try: state its place in mm: 600,0,300, not 0.6,0,0.3"):
         feature_postures(arm, features.length_at([0.6, 0.0, 0.3], [0, 1, 0], 500.0), 5, seed=0)
     with pytest.raises(InputError, match="turning joints|five joints"):
         feature_postures(load_short(), features.sphere(AT, 25.0), 5, seed=0)

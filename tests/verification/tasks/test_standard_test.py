@@ -23,9 +23,9 @@ from truearm.verification.standards.measured_points import read_points
 from truearm.verification.standards.specification import example_specification
 from truearm.verification.standards.verification import verify
 from truearm.verification.standards.verification_plan import load_verification_plan
+from truearm.verification.tasks.posed_test import pose
 from truearm.verification.tasks.sampled_arms import PresetDistribution
 from truearm.verification.tasks.simulated_verification import (
-    pose,
     proportion_interval,
     result_distributions,
     simulate_points,

@@ -1,4 +1,4 @@
-"""How a person holds the arm while a feature is measured."""
+"""Postures of a person who measures a feature."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from truearm.typing import FloatArray
 from truearm.verification.tasks.features import Feature
 
 # A working model, as hardly anything has been published: from one measurement of the feature to the next the elbow
-# swings by N(0, 35 deg), as in `truearm.identification.planning.sampling.measuring`, and the stylus leans within 30 deg; from point to point of
-# one measurement by N(0, 10 deg) and within 10 deg more.
+# swings by N(0, 35 deg), as in `truearm.identification.planning.sampling.measuring`, and the stylus leans within 30
+# deg; from point to point of one measurement by N(0, 10 deg) and within 10 deg more.
 _SWING_RAD, _LEAN_RAD = np.radians(35.0), np.radians(30.0)
 _SWING_OF_POINT_RAD, _LEAN_OF_POINT_RAD = np.radians(10.0), np.radians(10.0)
-# Of coordinates that are all smaller, the hint is that they are in metres.
+# If all coordinates are smaller [mm], they are probably in metres.
 _METRES = 5.0
-_ROUNDS = 6  # of holding the feature in as many ways as are wanted
-_TRIES = 3  # of a point, before its way of holding is given up
+_ROUNDS = 6  # of drawing the missing sets of postures
+_TRIES = 3  # per point, before a set of postures is rejected
 
 
 def feature_postures(arm: Arm, feature: Feature, n: int, *, seed: int) -> FloatArray:
-    """Joint angles that put the nominal tip on a feature's points, the feature held in n ways.
+    """Joint angles with the nominal tip on a feature's points, in n sets of postures.
 
     Parameters
     ----------
     arm : Arm
-        Base z up, at least five turning joints.
+        Base z up, at least five rotary joints.
     feature : Feature
     n : int
-        Ways at most: fewer where hardly any is found.
+        Maximum number of sets: fewer if hardly any is feasible.
     seed : int
 
     Returns
@@ -77,18 +77,19 @@ def feature_postures(arm: Arm, feature: Feature, n: int, *, seed: int) -> FloatA
         good = reached.all(axis=1)
         found.append(angles.reshape(ways, k, -1)[good])
         rejected.update(str(one) for one in reason if one != "")
-        if good.all() or not reached.any(axis=0).all():  # a point that no way reaches is out of reach
+        if good.all() or not reached.any(axis=0).all():  # a point that no set reaches is out of reach
             break
-    ways_found = np.concatenate(found)
-    if not len(ways_found):
-        hint = f"a place about {0.6 * where.reach_mm:.0f} mm in front of the shoulder, or another direction"
+    sets = np.concatenate(found)
+    if not len(sets):
+        hint = f"choose a place about {0.6 * where.reach_mm:.0f} mm in front of the shoulder, or another direction"
         if np.abs(feature.points.mean(axis=0)).max() < _METRES:
-            hint = "its place in mm: 600,0,300, not 0.6,0,0.3"
+            hint = "state its place in mm: 600,0,300, not 0.6,0,0.3"
         raise InputError(
-            f"arm {arm.name!r} does not reach all of the {feature.name} in any posture: {describe_rejections(rejected)}",
+            f"arm {arm.name!r} does not reach all points of the {feature.name} in any posture: "
+            f"{describe_rejections(rejected)}",
             hint=hint,
         )
-    return ways_found
+    return sets
 
 
 def middle_of(arm: Arm) -> tuple[FloatArray, FloatArray]:
@@ -99,7 +100,7 @@ def middle_of(arm: Arm) -> tuple[FloatArray, FloatArray]:
 
 
 def _postures(arm: Arm, tips: FloatArray, where: Stance, swing: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Postures to stay near to: the working pose turned to the tips and swung, (n, n_joints) [rad]."""
+    """Nominal postures: the working pose turned to the tips and swung, (n, n_joints) [rad]."""
     out = arm.working + swing + _SWING_OF_POINT_RAD * rng.standard_normal(swing.shape)
     out[:, 0] += azimuth_of(tips, where)
     inside: FloatArray = np.clip(out, *inner_limits(arm))
@@ -107,7 +108,7 @@ def _postures(arm: Arm, tips: FloatArray, where: Stance, swing: FloatArray, rng:
 
 
 def _turned(directions: FloatArray, lean: FloatArray) -> FloatArray:
-    """Directions (n, 3) turned by the rotation that brings straight up to `lean` the short way."""
+    """Directions (n, 3) turned by the shortest rotation from straight up to `lean`."""
     axis = np.array([-lean[1], lean[0], 0.0])
     # Rodrigues' formula with |axis| the sine of the angle.
     across = np.cross(axis, directions)

@@ -1,4 +1,4 @@
-"""Features of a part: where they are touched, and what is made of the points, by the shapes of the verification."""
+"""Features of a part: their measured points, and the evaluation of the points by least-squares shapes."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from truearm.verification.shapes.plane import fit_plane
 from truearm.verification.shapes.sphere import fit_sphere
 
 UP = np.array([0.0, 0.0, 1.0])
-# No arm's tip is smaller; a size below was meant in metres.
-LEAST_MM = 1.0
+# A smaller size was probably meant in metres.
+MIN_MM = 1.0
 MAX_POINTS = 1000
-# One more than the shape has parameters, so that its form deviation means something.
-LEAST_POINTS = {"length": 2, "sphere": 5, "plane": 4, "circle": 5}
+# One more than the parameters of the shape, so that there is a form deviation.
+MIN_POINTS = {"length": 2, "sphere": 5, "plane": 4, "circle": 5}
 _GOLDEN_RAD = float(np.pi * (3 - np.sqrt(5)))
 
 
 class FeatureQuantity(NamedTuple):
-    """What is measured of a feature.
+    """A measured quantity of a feature.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class FeatureQuantity(NamedTuple):
     nominal_mm : float
         Zero of a deviation of form or direction.
     is_form : bool
-        Whether it is zero or more by its nature: errors only add to it, and its tolerance has one side.
+        Whether it is a deviation of form or direction, never negative: errors add to it, its tolerance is one-sided.
     """
 
     name: str
@@ -48,13 +48,13 @@ class Feature:
     Attributes
     ----------
     name : str
-        In a few words, with its sizes.
+        Kind and sizes.
     points : (n, 3) array
-        Where it is touched [mm] in the arm's base frame.
+        Measured points in the arm's base frame [mm].
     approach : (n, 3) array
-        Unit vectors towards where the stylus comes from.
+        Unit vectors from which the stylus approaches.
     quantities : tuple of FeatureQuantity
-        The first is the one that a tolerance is about.
+        A tolerance refers to the first.
     evaluate : callable
         From points (n, 3) [mm] to the value of each quantity [mm].
     """
@@ -66,19 +66,19 @@ class Feature:
     evaluate: Callable[[FloatArray], tuple[float, ...]]
 
     def errors(self, points: FloatArray) -> FloatArray:
-        """Evaluated less nominal values, (n_quantities,) [mm], of points measured (n, 3) [mm]."""
+        """Evaluated minus nominal values, (n_quantities,) [mm], of points measured (n, 3) [mm]."""
         return np.array(self.evaluate(points)) - [quantity.nominal_mm for quantity in self.quantities]
 
 
 def length(ends: npt.ArrayLike, *, points: int = 2) -> Feature:
-    """Distance of two places, each the mean of half of the points, that are taken from above.
+    """Distance of two places, each the mean of half of the points, measured from above.
 
     Parameters
     ----------
     ends : (2, 3) array
         [mm]
     points : int
-        In all; half of them at each end, each in a posture of its own.
+        Number of points, half of them at each end, each in its own posture.
     """
     placed = np.asarray(ends, dtype=float)
     if placed.shape != (2, 3) or not np.isfinite(placed).all():
@@ -105,13 +105,13 @@ def length_at(at: npt.ArrayLike, along: npt.ArrayLike, length_mm: float, *, poin
 
 
 def sphere(at: npt.ArrayLike, diameter_mm: float, *, points: int = 25) -> Feature:
-    """Diameter and form of a ball, touched evenly over its upper half.
+    """Diameter and form of a ball, measured uniformly over its upper half.
 
-    The stylus comes from between the surface's normal and straight above: nobody reaches a ball from all sides.
-    The form deviation is that of the least-squares sphere, largest less smallest distance from its centre.
+    The stylus approaches between the surface normal and straight above, since a ball is not accessible from all sides.
+    The form deviation is that of the least-squares sphere: largest minus smallest distance from its centre.
     """
     diameter, n = _size(diameter_mm, "diameter"), _checked(points, "sphere")
-    # Even over a hemisphere: evenly spaced heights, turned by the golden angle from one to the next.
+    # Uniform over a hemisphere: equally spaced heights, each turned by the golden angle.
     height = 1 - (np.arange(n) + 0.5) / n
     turn = _GOLDEN_RAD * np.arange(n)
     across = np.sqrt(1 - height**2)
@@ -132,10 +132,10 @@ def sphere(at: npt.ArrayLike, diameter_mm: float, *, points: int = 25) -> Featur
 
 
 def plane(at: npt.ArrayLike, normal: npt.ArrayLike, size_mm: float, *, points: int = 25) -> Feature:
-    """Flatness and direction of a square plate, touched in rows all over it.
+    """Flatness and direction of a square plate, measured in rows over all of it.
 
-    Flatness is that of the least-squares plane, largest less smallest distance from it. The direction is against the
-    arm's own frame: the angle between the plate's normal and the true one, as a deviation over the plate's size.
+    Flatness is that of the least-squares plane: largest minus smallest distance from it. The direction is relative to
+    the arm's frame: the angle between measured and true normal, as a deviation over the size of the plate.
     """
     size, n = _size(size_mm, "size"), _checked(points, "plane")
     across, along, up = _frame(unit(normal))
@@ -162,7 +162,7 @@ def plane(at: npt.ArrayLike, normal: npt.ArrayLike, size_mm: float, *, points: i
 
 
 def circle(at: npt.ArrayLike, axis: npt.ArrayLike, diameter_mm: float, *, points: int = 25) -> Feature:
-    """Diameter and roundness of a bore, touched all around at one height with the stylus along its axis."""
+    """Diameter and roundness of a bore, measured around at one height with the stylus along its axis."""
     diameter, n = _size(diameter_mm, "diameter"), _checked(points, "circle")
     across, along, up = _frame(unit(axis))
     turn = 2 * np.pi * np.arange(n) / n
@@ -205,14 +205,14 @@ def _place(at: npt.ArrayLike) -> FloatArray:
 
 
 def _size(size_mm: float, what: str) -> float:
-    if not LEAST_MM <= size_mm < np.inf:
+    if not MIN_MM <= size_mm < np.inf:
         raise InputError(
-            f"expected a {what} of {LEAST_MM:g} mm or more, got {size_mm:g}", hint="in mm: half a metre is 500"
+            f"expected a {what} of {MIN_MM:g} mm or more, got {size_mm:g}", hint="state it in mm: half a metre is 500"
         )
     return float(size_mm)
 
 
 def _checked(points: int, kind: str) -> int:
-    if not LEAST_POINTS[kind] <= points <= MAX_POINTS:
-        raise InputError(f"expected {LEAST_POINTS[kind]} to {MAX_POINTS} points of a {kind}, got {points}")
+    if not MIN_POINTS[kind] <= points <= MAX_POINTS:
+        raise InputError(f"expected {MIN_POINTS[kind]} to {MAX_POINTS} points of a {kind}, got {points}")
     return points

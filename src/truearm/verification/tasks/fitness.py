@@ -57,8 +57,8 @@ def fitness(estimate: Estimate, tolerance_mm: float) -> Fitness:
     """Decide whether an arm is fit to prove that parts conform to a tolerance.
 
     By ISO 14253-1 a part is proven to conform if the measured value lies inside the tolerance zone by the expanded
-    uncertainty U: of a zone of width T the acceptance zone T - 2U remains. The answer is yes if T is at least four times
-    2U, the usual rule of laboratories, and no if no acceptance zone remains.
+    uncertainty U: of a zone of width T the acceptance zone T - 2U remains. The answer is yes if T is at least four
+    times 2U, the usual rule of laboratories, and no if no acceptance zone remains.
 
     Deviations of form and direction are norms of vectors, as ranges of residuals are. By the triangle inequality the
     measured value differs from the part's own by no more than the value of the errors alone, which U bounds. The errors

@@ -1,9 +1,9 @@
-"""What a point measured with an arm is wrong by: systematic errors of the arm and random ones of the point, apart.
+"""Arms drawn at random: systematic errors of each arm, and random errors of each point.
 
-Two points taken in nearly the same pose share the systematic errors and differ by the random ones. A length, a diameter
-or a form depends on that: who draws all errors anew at each point makes short lengths too uncertain, and averages too
-sure (J. Sladek, "Coordinate Metrology", Springer 2016, on virtual measuring machines; the separation of the two is the
-usual one of repeatability conditions, JCGM 200:2012, 2.20). So an arm is drawn first, and then its points.
+Two points measured in nearly the same pose share the systematic errors and differ by the random ones. Lengths,
+diameters and forms depend on that: if all errors were drawn at each point, the uncertainty of short lengths would be
+too large and that of averages too small (J. Sladek, "Coordinate Metrology", Springer 2016, on virtual measuring
+machines; repeatability conditions: JCGM 200:2012, 2.20). Therefore an arm is drawn first, then its points.
 """
 
 from __future__ import annotations
@@ -30,41 +30,41 @@ from truearm.readings.session import Session
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray
 
-# First words of streams, so that what is drawn from one seed shares nothing with an arm's errors of that seed.
+# First words of the streams, different from those of an arm's own errors.
 _SESSION, _POSTERIOR = 3, 4
-# Order of the waves in a joint, root mean square; chosen: a field of the pose is as harmonics of order four in every
-# joint, the highest that encoders commonly have, as lower ones are what readings tell best. Its correlation falls to
-# 0.6 where one joint has turned by 14 deg, or three by 8 deg each.
+# Order of the waves in a joint, root mean square; chosen: the field of the pose varies like harmonics of order four in
+# every joint, the highest that encoders commonly have; readings identify lower ones. Its correlation falls to 0.6 when
+# one joint turns by 14 deg, or three by 8 deg each.
 ORDER = 4.0
-# Where no repeatability is given the field stands for the noise too, which has no order. Of 4, 6, 7 and 8, tried with
-# virtual arms and a field alike in all directions: with 4 plates come out too flat (90 % of them below U), with 8 means
-# of forty points are hardly safe.
+# Without a repeatability the field also represents the noise, which has no order. Of 4, 6, 7 and 8, tried with virtual
+# arms and an isotropic field: with 4 plates are too flat (90 % of them below U), with 8 U hardly covers means of forty
+# points.
 ORDER_WITH_NOISE = 7.0
 _WAVES = 64
-# Share of the unexplained variance that is as if all joints moved along their own coordinate, chosen: of virtual arms
-# readings held out are most likely with 0.4 to 0.5 (preset shop, two arms, both models) and 0.7 to 1 (research).
+# Share of the residual variance that acts like motions of all joints along their own coordinate, chosen: held-out
+# readings of virtual arms are most likely with 0.4 to 0.5 (preset shop, two arms, both models) and 0.7 to 1 (research).
 JOINT_VARIANCE_SHARE = 0.5
-# Movements of tips up to here are taken to first order.
+# Displacements of tips up to this are calculated to first order.
 LINEAR_MM = 0.3
-_KEPT = 64  # sets of poses
+_KEPT = 64  # sets of poses in the cache
 
 
 class ArmSample(Protocol):
     """One arm that may be the user's."""
 
     def systematic(self, angles: FloatArray) -> FloatArray:
-        """Errors (n, 3) of the shown coordinates [mm] at angles (n, n_joints) [rad]: the same at the same pose."""
+        """Errors (n, 3) of the coordinates [mm] at angles (n, n_joints) [rad]: the same in the same pose."""
 
     def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Errors (n, 3) [mm] at angles (n, n_joints) [rad] that are drawn anew for every point."""
+        """Errors (n, 3) [mm] at angles (n, n_joints) [rad] that are drawn for every point."""
 
 
 class ArmDistribution(Protocol):
-    """The arms that may be the user's, by what is known of it."""
+    """The distribution of arms that may be the user's."""
 
     @property
     def arm(self) -> Arm:
-        """The nominal arm, for which poses are found."""
+        """The nominal arm, whose poses are used."""
 
     def draw(self, seed: int) -> ArmSample:
         """Draw one of them; the same seed gives the same arm."""
@@ -72,17 +72,16 @@ class ArmDistribution(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PresetDistribution:
-    """Virtual arms of a preset: the arm shows what its nominal chain gives at the angles that its encoders read.
+    """Virtual arms of a preset, without compensation: coordinates are those of the nominal chain at the encoder angles.
 
-    Systematic are the geometry, encoders, bearings, gravity, the growth at the temperature of the session and where the
-    ball cages stand in it. Random are the noise and steps of the encoders, the direction from which a joint came
-    (hysteresis), the force of the hand, and the contact (`Preset.seat_std_mm`). The mean force is none of it: as the
-    stylus is qualified under it, the deflection is part of the tip's offset.
+    Systematic errors: geometry, encoders, bearings, gravity, thermal growth and phases of the ball cages in the
+    session. Random errors: noise and steps of the encoders, direction of the last movement (hysteresis), force of the
+    hand, and contact (`Preset.seat_std_mm`). The mean force causes no error: the stylus is qualified under it.
 
     Parameters
     ----------
     arm : Arm
-        Turning joints only.
+        Rotary joints only.
     preset : Preset
     """
 
@@ -171,41 +170,40 @@ class PresetSample:
 
 @dataclass(frozen=True, eq=False)
 class PosteriorDistribution:
-    """Arms that may be the one that a model was identified from, as its readings left them open.
+    """Arms drawn from the posterior of a model.
 
-    Systematic are the coefficients of the model's terms, drawn once an arm from their posterior (see `birge_ratio`). What
-    the model cannot explain has two parts that readings at different poses do not tell apart:
+    Systematic errors are drawn once per arm: the coefficients of the model's terms, from their posterior (see
+    `birge_ratio`). The residual errors of held-out readings (`residual_std_`) have two parts:
 
-    - random: the repeatability, where it was measured. It holds the noise of encoders, hand and contact.
-    - systematic for a pose: the rest of what readings held out err by (`residual_std_`), drawn once an arm as
-      smooth functions of the joints' angles. Half of its variance moves the tip as joints do that turn a little, as
-      errors of encoders make them; half is alike in all directions, for bearings, bending, hands and contacts together.
+    - random: the repeatability, if it was measured. It contains the noise of encoders, hand and contact.
+    - systematic in a pose: the rest, drawn once per arm as smooth functions of the joint angles. Half of its variance
+      acts like small rotations of the joints, as errors of encoders do; half is isotropic, for bearings, bending, hands
+      and contacts together.
 
-    Both are larger or smaller at a pose as the model says (`variance_function_`).
+    Both vary with the pose by the model's variance function (`variance_function_`).
 
-    Random is also the hysteresis that the model found, as with `PresetDistribution`: each joint came to each point from one
-    side or the other, and who compensates does not know from which, so that the model stands half way between. Not so
-    with ``directions_given``.
+    The identified hysteresis is random too, as with `PresetDistribution`: each joint reaches each point in one
+    direction or the other, and the compensation assumes the mean of both. With ``directions_given`` it is compensated.
 
-    Without a repeatability nothing is known to be random, and all that is unexplained counts as systematic. Where many
-    points are averaged that errs to the safe side; the scatter about the model, taken as random, would not: about a
-    kinematic model it is mostly errors of encoders, the same at the same pose.
+    Without a repeatability all residual errors count as systematic. For averages of many points that overestimates the
+    uncertainty; the scatter about the model, used as random, would underestimate it: about a kinematic model it
+    consists mainly of encoder errors, the same in the same pose.
 
     Parameters
     ----------
     model : Compensator
-        Identified: nominal, kinematic or physical. A task is simulated at the mean temperature of its readings.
+        Nominal, kinematic or physical. A task is simulated at the mean temperature of its readings.
     repeatability_mm : float, optional
-        Standard deviation of a coordinate where a point is taken again in the same pose, come to from the same side
-        [mm].
+        Standard deviation of a coordinate when a point is measured again in the same pose, reached in the same
+        direction [mm].
     directions_given : bool
-        Whether the model is told every joint's last direction of movement, at every point of the task.
+        Whether the model receives every joint's last direction of movement at every point.
 
     Raises
     ------
     InputError
-        If the model is a network, or the repeatability is no number of zero or more, or larger than all that the
-        model does not explain.
+        If the model is a network, or the repeatability is negative, not finite, or larger than the model's residual
+        standard deviation.
     """
 
     model: Compensator
@@ -215,18 +213,18 @@ class PosteriorDistribution:
     def __post_init__(self) -> None:
         if not isinstance(self.model, IdentifiedModel):
             raise InputError(
-                "a network has no terms whose uncertainty could be drawn: it tells how far a point may be off, "
-                "but not how the errors of two points go together",
-                hint="a kinematic or physical model of the same readings",
+                "a network has no terms with a posterior: it states the uncertainty of a point, but not how errors of "
+                "two points correlate",
+                hint="use a kinematic or physical model of the same readings",
             )
         given = self.repeatability_mm
         if given is not None and not 0 <= given < np.inf:
             raise InputError(f"expected a repeatability of zero or more in mm, got {given}")
         if given is not None and given > 1.5 * self.model.residual_std_:
             raise InputError(
-                f"a repeatability of {given:.4g} mm contradicts the model, about which readings held out scatter by "
+                f"a repeatability of {given:.4g} mm contradicts the model, whose residual standard deviation is "
                 f"{self.model.residual_std_:.4g} mm",
-                hint="the standard deviation of a coordinate, not a range, in mm",
+                hint="state the standard deviation of a coordinate in mm, not a range",
             )
 
     @property
@@ -236,21 +234,21 @@ class PosteriorDistribution:
 
     @property
     def random_std_mm(self) -> float:
-        """Standard deviation of a coordinate, drawn anew at every point [mm]: zero if none was measured."""
+        """Standard deviation of the random error of a coordinate [mm]; zero without a repeatability."""
         return 0.0 if self.repeatability_mm is None else self.repeatability_mm
 
     @property
     def field_std_mm(self) -> float:
-        """The same of the unexplained part that is the same at the same pose [mm]."""
+        """Standard deviation of the residual errors that repeat in the same pose [mm]."""
         return float(np.sqrt(max(self._model.residual_std_**2 - self.random_std_mm**2, 0.0)))
 
     @property
     def birge_ratio(self) -> float:
-        """By how much standard deviations of the posterior are raised.
+        """Factor of the standard deviations of the posterior (Birge ratio).
 
-        It was found with what is stated of the reference and the noise that the model's own readings show. Readings
-        held out scatter by more, as terms follow the noise and what is missing repeats; a posterior under their noise
-        is wider by as much (`truearm.identification.estimation.cross_validation`).
+        The posterior rests on the stated uncertainty of the reference and on the residuals of the training readings.
+        Held-out readings scatter by more, because terms follow the noise and missing effects repeat; the posterior is
+        widened accordingly.
         """
         return self._model.birge_ratio_
 
@@ -264,17 +262,17 @@ class PosteriorDistribution:
         return PosteriorSample(self, shift, field)
 
     def state(self, angles: FloatArray) -> ArmState:
-        """The arm at poses (n, n_joints) [rad], else as it was on average when the model learned.
+        """State at poses (n, n_joints) [rad], otherwise the mean state of the training readings.
 
-        Where the model is told directions of movement, each joint came from one side or the other.
+        With ``directions_given``, the last movement of each joint has one direction or the other.
         """
-        came_from = None
+        direction = None
         if self.directions_given:
-            came_from = np.random.default_rng(0).choice([-1.0, 1.0], angles.shape)
-        return self._model.state(Session(angles, directions=came_from))
+            direction = np.random.default_rng(0).choice([-1.0, 1.0], angles.shape)
+        return self._model.state(Session(angles, directions=direction))
 
     def hysteresis(self, angles: FloatArray) -> FloatArray:
-        """(n_joints, n, 3) what not to be told each joint's direction does at poses (n, n_joints) [mm]."""
+        """(n_joints, n, 3) errors at poses (n, n_joints) by the unknown direction of each joint [mm]."""
 
         def found() -> FloatArray:
             return direction_effects(self._model.fit_, self.state(angles)) @ self.R_base_reference.T
@@ -282,12 +280,12 @@ class PosteriorDistribution:
         return self._once("hysteresis", angles, found)
 
     def relative_std(self, angles: FloatArray) -> FloatArray:
-        """(n, 1) by how much more than on average a point scatters about the model at poses (n, n_joints)."""
+        """(n, 1) residual standard deviation at poses (n, n_joints), relative to its mean."""
         shares: FloatArray = np.sqrt(self._model.variance_function_.share(angles))[:, None]
         return shares
 
     def displacements(self, angles: FloatArray) -> FloatArray:
-        """(n, n_joints + 3, 3) `unit_displacements` in the size that the unexplained part has at poses (n, n_joints)."""
+        """(n, n_joints + 3, 3) `unit_displacements` times the residual standard deviation at poses (n, n_joints)."""
 
         def found() -> FloatArray:
             return (
@@ -297,11 +295,11 @@ class PosteriorDistribution:
         return self._once("movements", angles, found)
 
     def tip_shift(self, angles: FloatArray, shift: FloatArray) -> FloatArray:
-        """Tips (n, 3) with the coefficients as identified less those shifted by `shift` (n_coefficients,) [mm].
+        """Tips (n, 3) with the identified coefficients minus those with coefficients shifted by `shift` [mm].
 
-        To first order, as the posterior itself is: coefficients that make up for each other to that order may each be
-        milliradians off, and composed exactly they would move tips by what no reading allows. Composed exactly all the
-        same where tips move far, as with an arm that does not know where its frame stands: lengths must not grow then.
+        To first order, like the posterior: coefficients that compensate each other to that order may each be
+        milliradians off, and their exact composition would contradict the readings. Where tips move far, as with an
+        unknown reference frame, the composition is exact, because lengths must not grow.
         """
         fit = self._model.fit_
         first: FloatArray = -np.einsum("pcn,p->nc", self._derivatives(angles), shift)
@@ -321,7 +319,7 @@ class PosteriorDistribution:
         return self._once("derivatives", angles, found)
 
     def _once(self, name: str, angles: FloatArray, found: Callable[[], FloatArray]) -> FloatArray:
-        """What is found at poses, kept for the other arms of a task: they share its few sets of poses."""
+        """Cache a result at poses for the other arms of a task, which share its few sets of poses."""
         poses = angles.tobytes()
         if poses not in self._kept and len(self._kept) >= _KEPT:
             self._kept.clear()
@@ -336,7 +334,7 @@ class PosteriorDistribution:
 
     @cached_property
     def R_base_reference(self) -> FloatArray:
-        """(3, 3) turns errors from the frame of the model's reference into the arm's base frame."""
+        """(3, 3) rotation of errors from the frame of the model's reference into the arm's base frame."""
         R_reference_base = self._model.fit_.chain.fixed[0, :3, :3] @ self.arm.chain.fixed[0, :3, :3].T
         return np.asarray(R_reference_base.T)
 
@@ -358,9 +356,9 @@ class PosteriorSample:
     ----------
     errors : PosteriorDistribution
     shift : (n_coefficients,) array
-        Of the model's terms, this arm's less those identified [rad or mm per unit of the basis].
+        Coefficients of this arm minus the identified ones [rad or mm per unit of the basis].
     field : PoseField
-        What the model has no terms for, by `PosteriorDistribution.displacements`.
+        Errors without a term, in units of `PosteriorDistribution.displacements`.
     """
 
     errors: PosteriorDistribution
@@ -379,19 +377,19 @@ class PosteriorSample:
         effects = self.errors.hysteresis(angles)
         if not effects.any():
             return scatter
-        came_from = np.where(rng.random(angles.shape) < 0.5, -1.0, 1.0)
-        return np.asarray(scatter - np.einsum("kni,nk->ni", effects, came_from))
+        direction = np.where(rng.random(angles.shape) < 0.5, -1.0, 1.0)
+        return np.asarray(scatter - np.einsum("kni,nk->ni", effects, direction))
 
 
 @dataclass(frozen=True, eq=False)
 class PoseField:
-    """DifferentiableProblem random functions of the joints' angles, with a full turn as their period.
+    """Smooth random functions of the joints' angles, with a full turn as their period.
 
     Gaussian processes with covariance ``exp(-c sum_i (1 - cos(q_i - q_i')))``, drawn as a sum of waves: the Fourier
     coefficients of ``exp(c (cos d - 1))`` are the probabilities of a whole number k that is the difference of two
     Poisson numbers of mean c/2 (J. G. Skellam, J. R. Stat. Soc. 109 (1946) 296), so whole wave numbers drawn by it have
     that covariance on average (A. Rahimi, B. Recht, "Random features for large-scale kernel machines", NIPS 2007).
-    Sliding joints count as turned by a radian where they moved a third of the arm's reach.
+    A prismatic joint that moves by a third of the arm's reach counts as turned by one radian.
 
     Parameters
     ----------
@@ -421,21 +419,21 @@ class PoseField:
 
 
 def unit_displacements(chain: Chain, angles: FloatArray) -> FloatArray:
-    """(n, n_joints + 3, 3) how the tip moves by each value of the field at poses (n, n_joints) [mm].
+    """(n, n_joints + 3, 3) displacement of the tip by each function of the field at poses (n, n_joints) [mm].
 
-    First by each joint along its own coordinate, all alike, then along each axis: `JOINT_VARIANCE_SHARE` of the variance and
-    the rest. In every pose a coordinate has the variance 1 mm^2, the mean of the three.
+    First by each joint along its own coordinate, all alike, then along each axis: `JOINT_VARIANCE_SHARE` of the
+    variance and the rest. In every pose a coordinate has the variance 1 mm^2, the mean of the three.
     """
     along_z = np.where(chain.is_prismatic, 5, 2)
     motion_jacobian = chain.tip_derivatives(angles).motion_jacobian[:, np.arange(chain.n_joints) + 1, along_z]
     by_joints = _radians(chain)[:, None] * motion_jacobian
     size = np.sqrt((by_joints**2).sum(axis=(1, 2), keepdims=True) / 3)
-    # A tip on all joints' axes at once is moved by none.
+    # No joint moves a tip that is on the axes of all joints.
     by_joints = np.sqrt(JOINT_VARIANCE_SHARE) * by_joints / np.where(size > 0, size, 1.0)
     even = np.broadcast_to(np.sqrt(1 - JOINT_VARIANCE_SHARE) * np.eye(3), (len(angles), 3, 3))
     return np.concatenate([by_joints, even], axis=1)
 
 
 def _radians(chain: Chain) -> FloatArray:
-    """(n_joints,) what counts as a radian of each joint [rad, or mm]."""
+    """(n_joints,) equivalent of a radian for each joint [rad, or mm]."""
     return np.where(chain.is_prismatic, chain.reach / 3, 1.0)

@@ -1,38 +1,36 @@
-"""Arms that keep a specification sheet: what is known of an arm if only its maker's promises are known.
+"""Arms that conform to a specification sheet, if only the maker's limits are known.
 
-Simulation by constraints: many virtual instruments are drawn, those are kept whose simulated test results agree with
-what is known of the tests, and the task is simulated with the ones kept. Source: S. D. Phillips, B. Borchardt and
-others, "The calculation of CMM measurement uncertainty via the method of simulation by constraints", Proc. ASPE 16
-(1997) 443, recalled; the abstract of NIST says as much.
+Simulation by constraints: many virtual instruments are drawn, those are accepted whose simulated test results agree
+with the known ones, and the task is simulated with these. Source: S. D. Phillips, B. Borchardt and others, "The
+calculation of CMM measurement uncertainty via the method of simulation by constraints", Proc. ASPE 16 (1997) 443, from
+memory; the abstract of NIST confirms it.
 
-What stands behind it is chosen:
+Assumptions:
 
-- Every class of error (`CLASSES`) has a size of its own, drawn evenly in the logarithm over a factor of `SPREAD` to
-  both sides of the preset ``shop``.
-- Nothing is known beforehand of the size of them all together. As errors are small, test results grow in proportion to
-  it; so instead of drawing until one agrees, each drawn arm is given a size with which it does: its worst test result
-  comes to a share of its limit, drawn evenly in the logarithm from `BEST_SHARE` to 1. The maker promises what all arms
-  of the kind keep, and not far more.
-- An arm is refused if another result is below `LEAST_SHARE` of its limit: nobody promises many times what the arm
-  needs. If none of `TRIES` arms is better, the one of them that comes nearest is taken.
+- Every class of errors (`CLASSES`) has a magnitude of its own, log-uniform within a factor of `SPREAD` to both sides of
+  the preset ``shop``.
+- There is no prior knowledge of the common magnitude. Errors are small, so test results are proportional to it: instead
+  of drawing until an arm agrees, each drawn arm is scaled until its worst test result is a share of its limit,
+  log-uniform from `BEST_SHARE` to 1. The maker states limits that all arms of the type keep, and not far larger ones.
+- An arm is rejected if another result is below `LEAST_SHARE` of its limit: nobody states limits far above the results.
+If
+  all of `TRIES` arms are rejected, the nearest of them is used.
 
-So only the worst result is near its limit, the others stay well below theirs; each limit that is stated besides makes
-the arms better. An arm may be worse than most of these and keep its sheet: `share_of_limit` tells how far each is.
+Only the worst result is therefore near its limit; each further limit improves the arms. An arm may be worse than most
+of these and still conform: `share_of_limit` states the worst result of each.
 
-Test results are taken to first order at the poses of the standard's tests, which are found once (`standard_test.pose`),
-on artefacts without errors.
+Test results are to first order in the poses of the standards' tests, which are solved once (`posed_test`), on artefacts
+without errors.
 """
 
 from __future__ import annotations
 
 import datetime
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
@@ -49,16 +47,13 @@ from truearm.identification.virtual.error_model import (
 )
 from truearm.identification.virtual.presets import SHOP, Preset
 from truearm.typing import FloatArray
-from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.layout import ZONES, Placement, lay_out_tests
 from truearm.verification.standards.specification import Specification
 from truearm.verification.standards.verification_plan import VerificationPlan, load_verification_plan
+from truearm.verification.tasks.first_order_results import FirstOrderResults
+from truearm.verification.tasks.posed_test import PosedTest, pose
 from truearm.verification.tasks.sampled_arms import ArmSample, PresetDistribution, PresetSample
-from truearm.verification.tasks.simulated_verification import PosedTest, pose
-
-# From errors (n, 3) [mm] at the poses of the tests to results over their limits, by symbol.
-Judge = Callable[[FloatArray], dict[str, float]]
 
 BEST_SHARE, LEAST_SHARE = 0.5, 0.2
 SPREAD = 5.0
@@ -79,7 +74,7 @@ _TESTS = {
     "P_Form.Sph.1x25": ("iso10360-12", "probing"),
     "L_Dia.5x5": ("iso10360-12", "articulation"),
     "E_Uni": ("iso10360-12", "uni"),
-    # The virtual arms' stylus has the diameter that it was qualified for, so both ways of probing err alike.
+    # The stylus of a virtual arm has its qualified diameter, so both ways of probing have the same errors.
     "E_Bi": ("iso10360-12", "uni"),
     "EffectiveDiameter": ("asme-b89.4.22", "effective_diameter"),
     "SPAT.Max": ("asme-b89.4.22", "single_point"),
@@ -88,26 +83,26 @@ _TESTS = {
     "Volumetric.2s": ("asme-b89.4.22", "volumetric"),
     "Volumetric.2RMS": ("asme-b89.4.22", "volumetric"),
 }
-# An arm whose links reach farther than this many halves of the measuring range is not the sheet's.
+# Largest reach of an arm of the sheet, over half the measuring range.
 _MOST_REACH = 1.8
-_SHEET = 7  # first word of the streams drawn from here
+_SHEET = 7  # first word of the stream
 
 
 @dataclass(frozen=True, eq=False)
 class SpecificationDistribution:
-    """Virtual arms that keep a specification, the worst result of each half to all of its limit.
+    """Virtual arms that conform to a specification; the worst result of each is 50 % to 100 % of its limit.
 
     Parameters
     ----------
     arm : Arm
-        Nominal, of the kind that the sheet is of: its joints and links say how errors add up.
+        Nominal arm of the sheet's type: its joints and links determine the propagation of errors.
     specification : Specification
         At least one limit.
 
     Raises
     ------
     InputError
-        If no limit is stated, or the arm is not of the specification's measuring range.
+        If no limit is stated, or the arm does not have the specification's measuring range.
     """
 
     arm: Arm
@@ -115,20 +110,20 @@ class SpecificationDistribution:
 
     def __post_init__(self) -> None:
         if not self.specification.limits:
-            raise InputError("the specification states no limit", hint="E_Uni = { B_um = 50 } under [limits]")
+            raise InputError("the specification states no limit", hint="add E_Uni = { B_um = 50 } under [limits]")
         reach, half = stance(self.arm).reach_mm, self.specification.measuring_range_mm / 2
         if reach > _MOST_REACH * half:
             raise InputError(
-                f"the links of arm {self.arm.name!r} reach {reach:.0f} mm from its shoulder, far beyond the measuring "
-                f"range of {2 * half:.0f} mm (a diameter)",
-                hint="--arm with an arm of the sheet's size",
+                f"the reach of arm {self.arm.name!r} from its shoulder, {reach:.0f} mm, is far larger than half the "
+                f"measuring range of {2 * half:.0f} mm (a diameter)",
+                hint="use --arm with an arm of the sheet's size",
             )
-        # Posed at once, so that an arm that cannot take the tests is refused here.
+        # Solve the poses now, so that an arm that cannot reach the tests is refused here.
         _ = self.posed
 
     @cached_property
     def posed(self) -> PosedTest:
-        """The tests of all limits, each point with joint angles."""
+        """The tests of all limits, with joint angles for each point."""
         range_mm, shoulder = self.specification.measuring_range_mm, float(stance(self.arm).shoulder_in_base[2])
         placements: list[Placement] = []
         for name in dict.fromkeys(_TESTS[symbol][0] for symbol in self.specification.limits):
@@ -136,30 +131,28 @@ class SpecificationDistribution:
             placements += lay_out_tests(plan, _perfect(plan, range_mm), range_mm, shoulder_mm=shoulder)
         return pose(placements, self.arm, seed=0)
 
-    def results(self, errors: FloatArray) -> dict[str, float]:
-        """Test results over their limits by symbol, of errors (n, 3) [mm] at the poses of the tests."""
-        found: dict[str, float] = {}
-        for judge in self._judges:
-            found |= judge(errors)
-        return {symbol: found[symbol] for symbol in self.specification.limits}
+    @cached_property
+    def results(self) -> FirstOrderResults:
+        """Test results over their limits, from errors (n, 3) [mm] in the poses of the tests."""
+        return FirstOrderResults(self.specification, self.posed.placements)
 
     def draw(self, seed: int) -> SpecificationSample:
-        """Draw an arm that keeps the specification."""
+        """Draw an arm that conforms to the specification."""
         rng = np.random.default_rng([_SHEET, seed])
         share = BEST_SHARE ** rng.random()
         nearest: tuple[float, PresetSample, dict[str, float]] | None = None
         for _ in range(TRIES):
             drawn = self._draw_arm(rng)
-            found = self.results(drawn.systematic(self.posed.angles) + drawn.random(self.posed.angles, rng))
-            even = min(found.values()) / max(found.values())
-            if nearest is None or even > nearest[0]:
-                nearest = even, drawn, found
-            if even * share >= LEAST_SHARE:
+            results = self.results(drawn.systematic(self.posed.angles) + drawn.random(self.posed.angles, rng))
+            evenness = min(results.values()) / max(results.values())
+            if nearest is None or evenness > nearest[0]:
+                nearest = evenness, drawn, results
+            if evenness * share >= LEAST_SHARE:
                 break
         assert nearest is not None
-        _, drawn, found = nearest
-        factor = share / max(found.values())
-        return SpecificationSample(drawn, factor, {symbol: factor * ratio for symbol, ratio in found.items()})
+        _, drawn, results = nearest
+        factor = share / max(results.values())
+        return SpecificationSample(drawn, factor, {symbol: factor * ratio for symbol, ratio in results.items()})
 
     def _draw_arm(self, rng: np.random.Generator) -> PresetSample:
         """An arm of the shop preset with each class of errors larger or smaller."""
@@ -174,110 +167,18 @@ class SpecificationDistribution:
         preset: Preset = replace(SHOP, name="shop, scaled", **magnitudes)  # type: ignore[arg-type]
         return replace(sample, virtual=replace(virtual, preset=preset, systematic=virtual.systematic.scaled(groups)))
 
-    @cached_property
-    def _judges(self) -> list[Judge]:
-        """One a test."""
-        starts = np.concatenate([[0], np.cumsum([len(one.points) for one in self.posed.placements])])
-        by_test: dict[str, list[tuple[Placement, slice]]] = defaultdict(list)
-        for i, one in enumerate(self.posed.placements):
-            by_test[one.test].append((one, slice(int(starts[i]), int(starts[i + 1]))))
-        makers: dict[str, Callable[[list[tuple[Placement, slice]]], Judge]] = {
-            "probing": self._probing,
-            "effective_diameter": self._effective_diameter,
-            "articulation": self._articulation,
-            "uni": self._lengths,
-            "single_point": self._single_point,
-            "volumetric": self._volumetric,
-        }
-        return [makers[test](placed) for test, placed in by_test.items()]
-
-    def _over(self, symbol: str, value: float, length_mm: float | None = None) -> float:
-        limit = self.specification.limit(symbol, length_mm)
-        return np.inf if limit is None else value / limit
-
-    def _stated(self, **values: float) -> dict[str, float]:
-        """Those of the values that have a limit, over it; symbols have stops in place of underlines."""
-        named = {name.replace("_", "."): value for name, value in values.items()}
-        return {s: self._over(s, value) for s, value in named.items() if s in self.specification.limits}
-
-    def _probing(self, placed: list[tuple[Placement, slice]]) -> Judge:
-        spheres = [(_SphereErrors.of(one), rows) for one, rows in placed]
-
-        def judge(errors: FloatArray) -> dict[str, float]:
-            sizes = max(2 * abs(sphere.radius(errors[rows])) for sphere, rows in spheres)
-            forms = max(sphere.form(errors[rows]) for sphere, rows in spheres)
-            found = {"P_Size.Sph.1x25": sizes, "P_Form.Sph.1x25": forms}
-            return {s: self._over(s, value) for s, value in found.items() if s in self.specification.limits}
-
-        return judge
-
-    def _effective_diameter(self, placed: list[tuple[Placement, slice]]) -> Judge:
-        spheres = [(_SphereErrors.of(one), rows) for one, rows in placed]
-        return lambda errors: self._stated(
-            EffectiveDiameter=max(2 * abs(sphere.radius(errors[rows])) for sphere, rows in spheres)
-        )
-
-    def _articulation(self, placed: list[tuple[Placement, slice]]) -> Judge:
-        at: dict[str, list[tuple[_SphereErrors, slice]]] = defaultdict(list)
-        for one, rows in placed:
-            at[one.keys["position"]].append((_SphereErrors.of(one), rows))
-
-        def judge(errors: FloatArray) -> dict[str, float]:
-            centres = [np.stack([sphere.centre(errors[rows]) for sphere, rows in groups]) for groups in at.values()]
-            return {"L_Dia.5x5": self._over("L_Dia.5x5", max(2 * circumscribed_sphere(c).radius_mm for c in centres))}
-
-        return judge
-
-    def _lengths(self, placed: list[tuple[Placement, slice]]) -> Judge:
-        bars = _Bars.of(placed)
-        limits = {
-            symbol: np.array([self.specification.limit(symbol, length) for length in bars.lengths_mm], dtype=float)
-            for symbol in ("E_Uni", "E_Bi")
-            if symbol in self.specification.limits
-        }
-
-        def judge(errors: FloatArray) -> dict[str, float]:
-            sizes = np.abs(bars.deviations(errors))
-            return {symbol: float((sizes / limit).max()) for symbol, limit in limits.items()}
-
-        return judge
-
-    def _single_point(self, placed: list[tuple[Placement, slice]]) -> Judge:
-        def judge(errors: FloatArray) -> dict[str, float]:
-            away = [errors[rows] - errors[rows].mean(axis=0) for _, rows in placed]
-            squares = [(off**2).sum(axis=1) for off in away]
-            return self._stated(
-                SPAT_Max=max(float(np.sqrt(s.max())) for s in squares),
-                SPAT_2s=max(2 * float(np.sqrt(s.sum() / (len(s) - 1))) for s in squares),
-            )
-
-        return judge
-
-    def _volumetric(self, placed: list[tuple[Placement, slice]]) -> Judge:
-        bars = _Bars.of(placed)
-
-        def judge(errors: FloatArray) -> dict[str, float]:
-            off = bars.deviations(errors)
-            return self._stated(
-                Volumetric_Max=float(np.abs(off).max()),
-                Volumetric_2s=2 * float(off.std(ddof=1)),
-                Volumetric_2RMS=2 * float(np.sqrt((off**2).mean())),
-            )
-
-        return judge
-
 
 @dataclass(frozen=True, eq=False)
 class SpecificationSample:
-    """A virtual arm, its errors made so large that it keeps the sheet.
+    """A virtual arm, its errors scaled until it conforms to the sheet.
 
     Parameters
     ----------
     drawn : PresetSample
     factor : float
-        By which all its errors are taken.
+        Scale of all its errors.
     results : dict of str to float
-        Of its simulated tests, over their limits, by symbol.
+        Simulated test results over their limits, by symbol.
     """
 
     drawn: PresetSample
@@ -294,83 +195,13 @@ class SpecificationSample:
 
 
 def share_of_limit(drawn: ArmSample) -> float:
-    """The worst result of an arm drawn from a sheet over its limit: 1 for an arm that just keeps the sheet."""
+    """Worst test result over its limit of an arm drawn from a sheet: 1 for an arm at its limit."""
     assert isinstance(drawn, SpecificationSample)
     return max(drawn.results.values())
 
 
-@dataclass(frozen=True, eq=False)
-class _SphereErrors:
-    """A least-squares sphere to first order: errors along the normals are ``n . dc + dr`` and residuals.
-
-    Attributes
-    ----------
-    normals : (k, 3) array
-    to_parameters : (4, k) array
-        From errors along the normals to those of the centre and the radius.
-    """
-
-    normals: FloatArray
-    to_parameters: FloatArray
-
-    @classmethod
-    def of(cls, placement: Placement) -> _SphereErrors:
-        normals = placement.normals
-        return cls(normals, np.linalg.pinv(np.column_stack([normals, np.ones(len(normals))])))
-
-    def _along(self, errors: FloatArray) -> FloatArray:
-        along: FloatArray = np.einsum("kc,kc->k", self.normals, errors)
-        return along
-
-    def centre(self, errors: FloatArray) -> FloatArray:
-        return self.to_parameters[:3] @ self._along(errors)
-
-    def radius(self, errors: FloatArray) -> float:
-        return float(self.to_parameters[3] @ self._along(errors))
-
-    def form(self, errors: FloatArray) -> float:
-        along = self._along(errors)
-        found = self.to_parameters @ along
-        return float(np.ptp(along - self.normals @ found[:3]))
-
-
-@dataclass(frozen=True, eq=False)
-class _Bars:
-    """Lengths between two ends, to first order: the difference of their errors along them.
-
-    Attributes
-    ----------
-    ends : (m, 2) array of int
-        Rows of either end; of one point each.
-    along : (m, 3) array
-        Unit vectors from the one to the other.
-    lengths_mm : (m,) array
-    """
-
-    ends: npt.NDArray[np.intp]
-    along: FloatArray
-    lengths_mm: FloatArray
-
-    @classmethod
-    def of(cls, placed: Iterable[tuple[Placement, slice]]) -> _Bars:
-        ends: dict[tuple[str, ...], dict[str, tuple[Placement, slice]]] = defaultdict(dict)
-        for one, rows in placed:
-            run = tuple(value for key, value in one.keys.items() if key != "end")
-            ends[run][one.keys["end"]] = one, rows
-        pairs = [(both["A"], both["B"]) for both in ends.values()]
-        away = np.array([b.at - a.at for (a, _), (b, _) in pairs])
-        lengths = np.linalg.norm(away, axis=1)
-        first = np.array([[a.start, b.start] for (_, a), (_, b) in pairs], dtype=np.intp)
-        return cls(first, away / lengths[:, None], lengths)
-
-    def deviations(self, errors: FloatArray) -> FloatArray:
-        """Measured less true lengths (m,) [mm]."""
-        found: FloatArray = np.einsum("mc,mc->m", self.along, errors[self.ends[:, 1]] - errors[self.ends[:, 0]])
-        return found
-
-
 def _required(plan: VerificationPlan, wanted: set[tuple[str, str]]) -> VerificationPlan:
-    """A plan with the wanted tests alone, all of them required."""
+    """A plan with the wanted tests only, all of them required."""
     tests = {
         name: test.model_copy(update={"required": True}) if (plan.name, name) in wanted else None
         for name, test in plan.tests.items()
@@ -379,23 +210,23 @@ def _required(plan: VerificationPlan, wanted: set[tuple[str, str]]) -> Verificat
 
 
 def _perfect(plan: VerificationPlan, range_mm: float) -> Artefacts:
-    """Artefacts without errors, of sizes that the plan wants."""
+    """Artefacts without errors, of the sizes of the plan."""
     lengths = [0.5 * float(np.mean(zone)) for zone in ZONES]
     if plan.uni is not None:
         n, longest = plan.uni.lengths.value, plan.uni.longest_share.value
         lengths = [float(share) for share in np.linspace(longest / n, longest, n)]
     day = datetime.date(2000, 1, 1)
     seat = {"certificate": "none", "date": day, "expires": day.replace(year=9999), "form_mm": 0.0, "u_fixture_mm": 0.0}
-    still = {**seat, "expansion_per_K": 0.0, "u_expansion_per_K": 0.0, "u_temperature_K": 0.0}
+    constant = {**seat, "expansion_per_K": 0.0, "u_expansion_per_K": 0.0, "u_temperature_K": 0.0}
     certified = [
-        # A hair longer than the plan's share, which it must not miss by rounding.
+        # Slightly longer than the plan's share, so that rounding does not make it too short.
         {"name": f"{i}", "length_mm": share * range_mm * (1 + 1e-9), "u_mm": 1e-9}
         for i, share in enumerate(lengths)
     ]
     return Artefacts.model_validate(
         {
-            "spheres": [{"name": "ball", "diameter_mm": 25.0, "u_diameter_mm": 1e-9, **still}],
-            "bars": [{"name": "bar", "lengths": certified, **still}],
+            "spheres": [{"name": "ball", "diameter_mm": 25.0, "u_diameter_mm": 1e-9, **constant}],
+            "bars": [{"name": "bar", "lengths": certified, **constant}],
             "seats": [{"name": "seat", **seat}],
         }
     )

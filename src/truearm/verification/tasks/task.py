@@ -231,8 +231,8 @@ def assumptions(errors: ArmDistribution) -> list[str]:
         ]
     if isinstance(errors, SpecificationDistribution):
         drawn = (
-            f"The worst test result of a drawn arm is {BEST_SHARE:.0%} to 100% of its limit. An arm with another result "
-            f"below {LEAST_SHARE:.0%} of its limit is drawn again, up to {TRIES} times."
+            f"The worst test result of a drawn arm is {BEST_SHARE:.0%} to 100% of its limit. An arm with another "
+            f"result below {LEAST_SHARE:.0%} of its limit is drawn again, up to {TRIES} times."
         )
         return [f"The drawn arms conform to {', '.join(errors.specification.limits)}.", drawn, perfect]
     return [perfect]

@@ -44,15 +44,15 @@ def task_page(task: TaskAssessment, *, source: str, facts: Sequence[tuple[str, s
     sections += [
         Section(
             "Errors of the measured feature",
-            f"Measured minus true value of {format_count(result.n_arms, 'drawn arm')}. The arms are drawn from {source}. "
+            f"Measured minus true value of {format_count(result.n_arms, 'drawn arm')}, drawn from {source}. "
             "The interval is the shortest one that contains 95 % of the errors.",
             figures=(errors_figure(result.estimates, fit),),
             tables=(_table(result),),
         ),
         Section(
             "Would more points help?",
-            f"{task.advice}\n\nSystematic errors are the same in the same pose and similar in similar poses. Random errors "
-            "differ from point to point; averaging reduces them.",
+            f"{task.advice}\n\nSystematic errors are the same in the same pose and similar in similar poses. Random "
+            "errors differ from point to point; averaging reduces them.",
         ),
         Section("Assumptions", "\n\n".join(task.remarks)),
     ]
