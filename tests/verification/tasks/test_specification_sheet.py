@@ -144,7 +144,7 @@ def test_a_sheet_without_limits_is_refused():
 
 
 def test_an_arm_of_another_size_is_refused():
-    with pytest.raises(InputError, match="far beyond the measuring range") as caught:
+    with pytest.raises(InputError, match="far larger than half the measuring range") as caught:
         SpecificationDistribution(ARM, sheet(ISO, range_mm=800.0))
     assert "--arm" in caught.value.hint
     with pytest.raises(InputError, match="does not reach"):
