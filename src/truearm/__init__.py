@@ -31,6 +31,7 @@ _HOMES = {
     "truearm.workflows.predict": ("Prediction", "predict"),
     "truearm.workflows.refit": ("RefitResult", "refit"),
     "truearm.workflows.report": ("ReportResult", "report"),
+    "truearm.workflows.reproduce": ("ReproductionResult", "reproduce"),
     "truearm.workflows.simulate": ("SimulationResult", "simulate"),
     "truearm.workflows.simulate_verification": ("SimulatedVerification", "simulate_verification"),
     "truearm.workflows.task": ("TaskResult", "task"),

@@ -45,6 +45,8 @@ from truearm.workflows.refit import RefitResult as RefitResult
 from truearm.workflows.refit import refit as refit
 from truearm.workflows.report import ReportResult as ReportResult
 from truearm.workflows.report import report as report
+from truearm.workflows.reproduce import ReproductionResult as ReproductionResult
+from truearm.workflows.reproduce import reproduce as reproduce
 from truearm.workflows.simulate import SimulationResult as SimulationResult
 from truearm.workflows.simulate import simulate as simulate
 from truearm.workflows.simulate_verification import SimulatedVerification as SimulatedVerification

@@ -38,6 +38,7 @@ def test_a_table_is_printed_and_written_with_its_page(truearm, small, tmp_path):
     found = json.loads((folder / "table-3.json").read_text())
     (row,) = found["tables"]["3"]
     lines = ran.out.splitlines()
+    assert lines.pop(0) == "2 trainings: 1 not reached, 1 better"
     assert lines.pop(0).startswith("trainlm fits 70 % of the poses")
     assert lines[0].startswith("Table 3, simulation 2")
     assert lines[1].split()[:4] == ["row", "network", "by", "mean"]
@@ -110,8 +111,8 @@ def test_an_interrupted_reproduction_resumes(truearm, small, tmp_path, monkeypat
     ("arguments", "said"),
     [
         ([], "expected what to reproduce"),
-        (["--table", 1], "expected --table among 2, 3, 4, got 1"),
-        (["--figure", 5], "expected --figure among 1, 2, 3, 4, 6, 7, 8, got 5"),
+        (["--table", 1], "expected a table among 2, 3, 4, got 1"),
+        (["--figure", 5], "expected a figure among 1, 2, 3, 4, 6, 7, 8, got 5"),
         (["--figure", 9], "got 9"),
         (["--table", 2, "--all"], "expected one of --table, --figure and --all"),
         (["--table", 2, "--figure", 1], "expected one of --table, --figure and --all"),

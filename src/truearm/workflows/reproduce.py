@@ -1,0 +1,221 @@
+"""`reproduce`: the tables and figures of a paper beside their reproduction."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.papers.gao2017.reproduction import reproduce as run_trainings
+from truearm.papers.gao2017.results import FinalTestResult, Reproduction, RowResult
+from truearm.papers.gao2017.training_plan import PARTS
+from truearm.workflows.outputs import PageRecord
+from truearm.workflows.record import TextTable, to_plain
+
+if TYPE_CHECKING:
+    from truearm.pages.page import Page
+
+FOLDER = "truearm-gao2017"
+TABLE_HEADS = {2: "Table 2, simulation 1", 3: "Table 3, simulation 2", 4: "Table 4, experiment on virtual arms"}
+
+
+@dataclass(frozen=True, eq=False)
+class ReproductionResult(PageRecord):
+    """The tables and figures of a paper beside their reproduction.
+
+    Attributes
+    ----------
+    results : Reproduction
+        All numbers.
+    parts : tuple of str
+        What was reproduced, such as ``table 2``.
+    """
+
+    results: Reproduction
+    parts: tuple[str, ...]
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the numbers (JSON) and the page (HTML); of a single figure also its picture (PNG).
+
+        Returns
+        -------
+        tuple of Path
+            The files written.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be written.
+        """
+        from truearm.pages.html import render
+        from truearm.pages.plotting import save_png
+        from truearm.papers.gao2017.reproduction_page import paper_figure
+
+        files = result_files(self.parts, folder)
+        page = self.page()
+        html = render(page)
+        if files[2:]:
+            picture = paper_figure(page, int(self.parts[0].split()[1]))
+            assert picture is not None  # the figure was asked for
+            save_png(picture, files[2])
+        numbers = json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+        for file, text in zip(files, (numbers, html), strict=False):
+            with atomic_file(file) as beside:
+                beside.write_text(text, encoding="utf-8", newline="\n")
+        return files
+
+    def page(self) -> Page:
+        """Tables and figures of the paper beside the reproduction, and experiments on its claims."""
+        from truearm.papers.gao2017.reproduction_page import reproduction_page
+
+        return reproduction_page(self.results)
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record`."""
+        results = self.results
+        verdicts = [verdict for row in results.rows() for verdict in row.verdicts.values()]
+        counts = {verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)}
+        if verdicts:
+            yield f"{len(verdicts)} trainings: " + ", ".join(f"{n} {verdict}" for verdict, n in counts.items())
+            yield "trainlm fits 70 % of the poses (15 % for validation, 15 % for test), varpro fits all of them."
+        else:
+            yield f"gao2017: {', '.join(self.parts)}"
+        for number, head in TABLE_HEADS.items():
+            if (rows := results.tables[number]) is not None:
+                yield f"{head}: absolute error of a coordinate [mm], median over starts [least, largest]"
+                heads = ["row", "network", "by", "mean", "", "epochs", "s", "ratio", "verdict"]
+                yield TextTable(heads, [line for row in rows for line in _lines(row)], (0, 1, 2, 4, 8))
+                yield ""
+        if results.final_test is not None:
+            n = results.final_test.poses
+            yield f"Final test: {n} further poses of each arm, absolute error of a coordinate [mm]"
+            yield _final_table(results.final_test)
+            yield ""
+        for part in results.skipped:
+            yield f"skipped: {part}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record`."""
+        numbers: dict[str, Any] = to_plain(self.results)
+        return numbers
+
+
+def reproduce(
+    paper: Literal["gao2017"] = "gao2017",
+    *,
+    table: int | None = None,
+    figure: int | None = None,
+    quick: bool = False,
+    folder: str | Path = FOLDER,
+    progress: Callable[[float, str], None] | None = None,
+) -> ReproductionResult:
+    """Reproduce the tables and figures of a paper.
+
+    Every row of the paper's tables is trained by MATLAB's rules (``trainlm``) and by truearm's own trainer
+    (``varpro``). Finished trainings stay in the folder: after an interruption the same call resumes with the next one.
+
+    Parameters
+    ----------
+    paper : {"gao2017"}
+        Gao et al., Complexity 2017, article 5156264.
+    table, figure : int, optional
+        One of tables 2 to 4, or one of figures 1 to 8 (without 5); by default everything, which takes about an hour.
+    quick : bool
+        One start a row and no long trainings: minutes.
+    folder : path
+        Folder for the trainings; created if it does not exist.
+    progress : callable, optional
+        Called with the share of the estimated time that is over, and the training that runs.
+
+    Returns
+    -------
+    ReproductionResult
+
+    Raises
+    ------
+    InputError
+        If there is no such part, or the folder cannot be written or has a damaged file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import truearm as ta
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     print(ta.reproduce("gao2017", figure=3, folder=folder))
+    gao2017: figure 3
+    """
+    from truearm.papers.gao2017 import training_plan
+
+    if paper != "gao2017":
+        raise InputError(f"there is no paper {paper!r}", hint="gao2017")
+    parts = parts_of(table=table, figure=figure)
+    runs = Path(folder) / "runs"
+    if Path(folder).exists() and not Path(folder).is_dir():
+        raise InputError("expected a folder to write to, got a file", file=folder)
+    runs.mkdir(parents=True, exist_ok=True)
+    for file in result_files(parts, folder):
+        check_writable(file)
+    effort = training_plan.QUICK_EFFORT if quick else training_plan.FULL_EFFORT
+    return ReproductionResult(run_trainings(parts, effort=effort, folder=runs, progress=progress), parts)
+
+
+def parts_of(*, table: int | None, figure: int | None) -> tuple[str, ...]:
+    """The parts of the reproduction that are asked for.
+
+    Raises
+    ------
+    InputError
+        If both a table and a figure are asked for, or there is no such part.
+    """
+    if table is not None and figure is not None:
+        raise InputError("expected a table or a figure, got both")
+    if table is None and figure is None:
+        return tuple(PARTS)
+    part = f"table {table}" if figure is None else f"figure {figure}"
+    if part not in PARTS:
+        kind, number = part.split()
+        numbers = ", ".join(name.split()[1] for name in PARTS if name.startswith(kind))
+        raise InputError(f"expected a {kind} among {numbers}, got {number}")
+    return (part,)
+
+
+def result_files(parts: tuple[str, ...], folder: str | Path) -> tuple[Path, ...]:
+    """The files that `ReproductionResult.save` writes; a part has names of its own and does not replace the whole."""
+    stem = parts[0].replace(" ", "-") if len(parts) == 1 else "reproduction"
+    kinds = (".json", ".html", *([".png"] if stem.startswith("figure") else []))
+    return tuple(Path(folder) / f"{stem}{kind}" for kind in kinds)
+
+
+def _lines(row: RowResult) -> Iterator[list[str]]:
+    """A row of a table of the paper, and a row for each trainer."""
+    paper = row.paper
+    network = "-".join(map(str, paper.hidden))
+    effort = [f"{paper.epochs:.0f}", f"{paper.seconds:.1f}"]
+    yield [str(paper.row), network, "paper", f"{paper.mean_mm:.4g}", "", *effort, "", ""]
+    for method, one in row.results.items():
+        verdict = row.verdict[method] or ""
+        if one is None:
+            yield ["", "", method, "", "", "", "", "", verdict]
+            continue
+        if not verdict and row.same_training_as:
+            verdict = f"as row {row.same_training_as}"
+        low, high = one.range_mm
+        spread = f"[{low:.3g}, {high:.3g}]" if len(one.runs) > 1 else ""
+        mean, ratio = one.median["mean_many_mm"], row.ratio[method]
+        effort = [f"{one.median['epochs']:.0f}", f"{one.median['seconds']:.1f}"]
+        yield ["", "", one.trainer, f"{mean:.4g}", spread, *effort, "" if ratio is None else f"{ratio:.2f}", verdict]
+
+
+def _final_table(test: FinalTestResult) -> TextTable:
+    arms = {"paper": test.paper, **{f"seed {run.seed}": run.errors for run in test.runs}}
+    rows = []
+    for arm, models in arms.items():
+        for i, (model, errors) in enumerate(models.items()):
+            counts = [*map(str, errors.over_mm.values()), f"{errors.removed_percent:.1f}"]
+            compensated = [""] * 3 if model == "nominal" else counts
+            rows.append(["" if i else arm, model, f"{errors.mean_mm:.4f}", f"{errors.max_mm:.4f}", *compensated])
+    return TextTable(["arm", "model", "mean", "max", "> 0.05", "> 0.08", "removed %"], rows, (0, 1))
