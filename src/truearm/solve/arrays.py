@@ -1,8 +1,8 @@
-"""Arrays of NumPy, or of PyTorch where the samples lie there, on a GPU for instance.
+"""Arrays of NumPy, or of PyTorch where the samples are PyTorch arrays, for example on a GPU.
 
-Parameters and steps travel as NumPy vectors, which are small; samples, and the matrices summed over them, stay where
-the samples are. Nearly all arithmetic is that of the Python array API, which both have; what it lacks, sums in place
-and solving with a Cholesky factor, is here once.
+Parameters and steps are NumPy vectors, which are small; samples, and the matrices summed over them, stay on the device
+of the samples. Nearly all arithmetic uses the Python array API, which both support; the functions here add what it
+lacks: sums in place and solutions with a Cholesky factor.
 
 Source: Python array API standard 2024.12, https://data-apis.org/array-api/2024.12.
 """
@@ -69,7 +69,7 @@ def add_product(total: Array, left: Array, right: Array) -> None:
 
 
 def _in_rows(array: Array) -> bool:
-    """Whether the elements of a matrix's row stand side by side, as doubles."""
+    """Whether the elements of each row of a matrix are contiguous doubles."""
     rows_apart = array.strides[0] >= 8 * array.shape[1] and array.strides[0] % 8 == 0
     return bool(array.dtype == np.float64 and array.strides[1] == 8 and rows_apart)
 
@@ -77,8 +77,8 @@ def _in_rows(array: Array) -> bool:
 def _dgemm() -> Callable[..., None] | None:
     """SciPy's ``dgemm`` by its address, or None if its integers are not C's.
 
-    Neither NumPy nor SciPy's own wrapper adds to a matrix while other threads go on: the one has no beta, the other
-    holds the interpreter.
+    NumPy cannot add a product to a matrix in place, and SciPy's wrapper does not release the interpreter lock, so that
+    other threads wait.
     """
     capsule = cython_blas.__pyx_capi__["dgemm"]
     name_of = ctypes.PYFUNCTYPE(ctypes.c_char_p, ctypes.py_object)(("PyCapsule_GetName", ctypes.pythonapi))

@@ -1,13 +1,13 @@
 """Normal equations in the shape of an arrowhead, whose small blocks are eliminated one by one.
 
-A few parameters, the *head*, have to do with all data. The others, the *unknowns*, fall into small blocks that have to
-do with the head and with themselves only, as the places of seats in which an arm's tip is held:
+A few parameters, the *head*, affect all data. The others, the *unknowns*, form small blocks that are coupled with the
+head and within themselves only, for example the positions of seats:
 
     | A   B^T | | x |   | a |
     | B   D   | | z | = | b |,      D block-diagonal.
 
-Without z it is the Schur complement ``(A - B^T D^-1 B) x = a - B^T D^-1 b``, of the size of the head alone, and x has
-the same mean and covariance by it. The cost is linear in the number of blocks.
+Eliminating z leaves the Schur complement ``(A - B^T D^-1 B) x = a - B^T D^-1 b``, of the size of the head, from which x
+has the same mean and covariance. The cost is linear in the number of blocks.
 
 Source: G. H. Golub, V. Pereyra, "The differentiation of pseudo-inverses and nonlinear least squares problems whose
 variables separate", SIAM J. Numer. Anal. 10 (1973) 413; L. Kaufman, BIT 15 (1975) 49; of photogrammetry, D. C. Brown,
@@ -54,7 +54,7 @@ class Arrowhead:
 
     @classmethod
     def combine(cls, parts: Sequence[Arrowhead]) -> Arrowhead:
-        """The sum of parts that have the head in common, and unknowns each of its own, in this order."""
+        """The sum of parts with a common head and separate unknowns, in this order."""
         p = len(parts[0].head)
         return cls(
             sum(part.cost for part in parts),
@@ -81,62 +81,64 @@ class Arrowhead:
         )
 
     def eliminate(self, precision: FloatArray, x: FloatArray, *, shared: BoolArray) -> SchurComplement:
-        """Without the unknowns, but for those that would tie blocks to one another.
+        """Eliminate the unknowns, except those that would couple blocks.
 
         Parameters
         ----------
         precision : (u,) array
-            Of the unknowns' priors, about zero.
+            Of the unknowns' priors, with mean zero.
         x : (p + u,) array
-            Where the model was made.
+            The point of the linearisation.
         shared : (u,) bool array
-            Unknowns that stay beside the head, as the length of an artefact that stood in many places.
+            Unknowns to keep with the head, for example the length of an artefact used in many places.
         """
         p = len(self.head)
-        gone, stay = np.flatnonzero(~shared), np.flatnonzero(shared)
+        eliminated, stay = np.flatnonzero(~shared), np.flatnonzero(shared)
         kept = np.concatenate([np.arange(p), p + stay])
         gram, gradient = self.head, self.gradient[kept]
-        coupling = self.coupling[gone]
+        coupling = self.coupling[eliminated]
         if len(stay):
             of_shared = self.blocks[stay]
             gram = np.block([[gram, self.coupling[stay].T], [self.coupling[stay], of_shared[:, stay].toarray()]])
-            coupling = np.hstack([coupling, of_shared[:, gone].toarray().T])
+            coupling = np.hstack([coupling, of_shared[:, eliminated].toarray().T])
         size = gram.diagonal()
-        root, n_told = _inverse_root(csr_array(self.blocks[gone][:, gone] + diags_array(precision[gone])))
+        root, n_full = _inverse_root(
+            csr_array(self.blocks[eliminated][:, eliminated] + diags_array(precision[eliminated]))
+        )
         half = root @ coupling
-        towards = root @ (self.gradient[p:][gone] + precision[gone] * x[p:][gone])
-        if len(gone):
+        towards = root @ (self.gradient[p:][eliminated] + precision[eliminated] * x[p:][eliminated])
+        if len(eliminated):
             gram, gradient = gram - half.T @ half, gradient - half.T @ towards
-        # What is known only by its prior is not told by the data.
-        told = n_told - float((root.multiply(root) @ precision[gone]).sum())
+        # Directions known only by their prior are not determined by the data.
+        n_determined = n_full - float((root.multiply(root) @ precision[eliminated]).sum())
         gain = float(towards @ towards)
         return SchurComplement(
-            kept, p + gone, gram, gradient, size, root, root.T @ half, -(root.T @ towards), gain, told
+            kept, p + eliminated, gram, gradient, size, root, root.T @ half, -(root.T @ towards), gain, n_determined
         )
 
 
 @dataclass(frozen=True, eq=False)
 class SchurComplement:
-    """An `Arrowhead` without its blocks: the Schur complement, and the way back.
+    """The Schur complement of an `Arrowhead` without its blocks, and the step of the eliminated parameters.
 
     Attributes
     ----------
     kept, eliminated : (k,), (g,) int array
-        Parameters that are in it, the head first, and that are not.
+        Parameters in the Schur complement, the head first, and eliminated ones.
     gram : (k, k) array
     gradient : (k,) array
     size : (k,) array
-        The diagonal before: rounding is a share of that.
+        The diagonal before the elimination, which determines the rounding.
     root : (g, g) sparse array
         R with ``R^T R = D^-1``, priors included.
     slope : (g, k) array
-        ``D^-1 B``: those gone move by minus that with those kept.
+        ``D^-1 B``: the eliminated parameters move by minus this times the step of the kept ones.
     offset : (g,) array
-        By how much those gone move if those kept stay.
+        Step of the eliminated parameters if the kept ones do not move.
     gain : float
-        By how much twice the cost falls if those kept stay.
+        Decrease of twice the cost if the kept parameters do not move.
     n_determined : float
-        How many of those gone the data determine, those kept being known.
+        Number of eliminated parameters that the data determine, given the kept ones.
     """
 
     kept: IntArray
@@ -151,19 +153,19 @@ class SchurComplement:
     n_determined: float
 
     def step(self, of_kept: FloatArray) -> FloatArray:
-        """(p + u,) the step of all parameters that goes with one (k,) of those kept."""
+        """(p + u,) the step of all parameters for a step (k,) of the kept ones."""
         step = np.empty(len(self.kept) + len(self.eliminated))
         step[self.kept] = of_kept
         step[self.eliminated] = self.offset - self.slope @ of_kept
         return step
 
     def traces(self, parts: Sequence[Arrowhead], covariance: FloatArray) -> FloatArray:
-        """Traces of the parts' matrices times the covariance of all parameters, from that of those kept (k, k).
+        """Traces of the parts' matrices times the covariance of all parameters, from that of the kept ones (k, k).
 
-        The parts' unknowns are those of the whole, one part after the other.
+        The unknowns of the parts follow each other in the order of the whole.
         """
         p = len(parts[0].head)
-        # Unknowns are `along` times those kept, and for those gone D^-1 on top.
+        # The covariance of the unknowns is `along` times that of the kept ones, plus D^-1 for the eliminated ones.
         along = np.zeros((len(self.kept) + len(self.eliminated) - p, len(self.kept)))
         along[self.eliminated - p] = -self.slope
         along[self.kept[p:] - p, np.arange(p, len(self.kept))] = 1.0
@@ -186,9 +188,9 @@ class SchurComplement:
 
 
 def _inverse_root(matrix: csr_array) -> tuple[csr_array, int]:
-    """R with ``R^T R`` the inverse of a block-diagonal matrix, and how many directions it has beyond rounding.
+    """R with ``R^T R`` the inverse of a block-diagonal matrix, and the number of directions above rounding.
 
-    In the others, which the data do not determine and which do not show in the coupling, R is zero.
+    In the others, which the data do not determine and which do not couple with the head, R is zero.
     """
     n = matrix.shape[0]
     if not n:
@@ -202,7 +204,7 @@ def _inverse_root(matrix: csr_array) -> tuple[csr_array, int]:
     entries = matrix.tocoo()
     row, column = entries.coords
     unit = entries.data * scale[row] * scale[column]
-    told, rows, columns, values = 0, [], [], []
+    n_determined, rows, columns, values = 0, [], [], []
     for size in np.unique(sizes):
         number = np.full(n_blocks, -1, dtype=np.intp)
         number[sizes == size] = np.arange((sizes == size).sum())
@@ -212,17 +214,17 @@ def _inverse_root(matrix: csr_array) -> tuple[csr_array, int]:
         members = np.empty(dense.shape[:2], dtype=np.intp)
         mine = number[block] >= 0
         members[number[block[mine]], within[mine]] = np.flatnonzero(mine)
-        roots, n_told = _roots(dense)
-        told += n_told
+        roots, n_here = _roots(dense)
+        n_determined += n_here
         values.append((roots * scale[members][:, None, :]).ravel())
         rows.append(np.broadcast_to(members[:, :, None], dense.shape).ravel())
         columns.append(np.broadcast_to(members[:, None, :], dense.shape).ravel())
     together = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-    return csr_array(together, shape=(n, n)), told
+    return csr_array(together, shape=(n, n)), n_determined
 
 
 def _roots(blocks: FloatArray) -> tuple[FloatArray, int]:
-    """The same of blocks (n, s, s) of unit diagonal."""
+    """The same for blocks (n, s, s) of unit diagonal."""
     try:
         lower = np.linalg.cholesky(blocks)
     except np.linalg.LinAlgError:
@@ -231,6 +233,6 @@ def _roots(blocks: FloatArray) -> tuple[FloatArray, int]:
         if (np.diagonal(lower, axis1=1, axis2=2) ** 2).min() >= MIN_PIVOT:
             return np.linalg.inv(lower), lower.shape[0] * lower.shape[1]
     values, vectors = np.linalg.eigh(blocks)
-    is_told = values > ROUNDING * values[:, -1:]
-    scale = np.where(is_told, 1 / np.sqrt(np.where(is_told, values, 1.0)), 0.0)
-    return scale[:, :, None] * vectors.transpose(0, 2, 1), int(is_told.sum())
+    is_determined = values > ROUNDING * values[:, -1:]
+    scale = np.where(is_determined, 1 / np.sqrt(np.where(is_determined, values, 1.0)), 0.0)
+    return scale[:, :, None] * vectors.transpose(0, 2, 1), int(is_determined.sum())

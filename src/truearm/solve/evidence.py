@@ -1,4 +1,4 @@
-"""Evidence: the scale of parameters and of noise, estimated from the data themselves instead of tuned.
+"""Evidence: scales of parameters and of noise, estimated from the data instead of tuned.
 
 With residuals r of precision beta and parameters x of prior precision alpha about zero, the type-II likelihood is
 greatest where
@@ -24,7 +24,7 @@ from truearm.solve.arrays import Array, add_to_diagonal, to_numpy
 
 @dataclass(frozen=True)
 class Evidence:
-    """Precisions, and what they rest on.
+    """Precisions and the effective number of parameters.
 
     Attributes
     ----------
@@ -60,11 +60,11 @@ def update_evidence(
     Returns
     -------
     Evidence
-        Parameters that are all zero keep their precision, and so does a noise that leaves nothing over.
+        The precision is unchanged if all parameters, or all residuals, are zero.
     """
     p = gram.shape[0]
     gamma = float(np.clip(p - evidence.alpha * _trace_of_variances(evidence, gram), 0, p))
-    # Parameters as many as data leave no freedom to learn the noise from: a thousandth of it stands in.
+    # With as many parameters as data no freedom remains to estimate the noise: use a thousandth instead.
     freedom = max(n_residuals - gamma, 1e-3 * n_residuals)
     return Evidence(
         alpha=gamma / parameter_squares if parameter_squares > 0 and gamma > 0 else evidence.alpha,
@@ -82,7 +82,7 @@ def _trace_of_variances(evidence: Evidence, gram: Array) -> float:
             # With A = L L^T the trace is the sum of squares of L^-1, which costs a sixth of the whole inverse.
             inverse, _ = dtrtri(cholesky(precision, lower=True, overwrite_a=True, check_finite=False), lower=1)
             return float(np.vdot(inverse, inverse))
-        except LinAlgError:  # rounding has left directions that no reading determines below zero
+        except LinAlgError:  # rounding made eigenvalues of undetermined directions negative
             pass
     values = to_numpy(array_namespace(gram).linalg.eigvalsh(gram))
     return float((1 / (evidence.beta * np.maximum(values, 0) + evidence.alpha)).sum())

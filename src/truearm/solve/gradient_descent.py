@@ -14,7 +14,7 @@ from truearm.errors import TruearmError
 from truearm.solve.stop_criteria import OptimizerState, StopCriterion, StopReason, first_stop_reason
 from truearm.typing import FloatArray
 
-# Squares of what would follow come near the largest double.
+# Squares of larger values approach the largest double.
 LOST = 1e100
 DIVERGED = StopReason("The error has grown beyond all bounds: the learning rate is too large.", False)
 
@@ -29,14 +29,14 @@ class DifferentiableProblem(Protocol):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DescentState(OptimizerState):
-    """Where a descent stands after an epoch; costs and gradients are those of its problem.
+    """The state of a descent after an epoch; costs and gradients are those of its problem.
 
     Attributes
     ----------
     rate : float
-        As the next epoch will use it.
+        The learning rate of the next epoch.
     step : (p,) array
-        What momentum carries on: the last step, or ``-rate * gradient`` at the start and after a refused step.
+        The step that momentum continues: the last one, or ``-rate * gradient`` at the start and after a refused step.
     """
 
     rate: float
@@ -45,7 +45,7 @@ class DescentState(OptimizerState):
 
 @dataclass(frozen=True)
 class LearningRate:
-    """How far a descent goes along the gradient, and how it learns that from its steps.
+    """The learning rate of a descent, and how it adapts to the steps.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def gradient_descent(
     """Follow the gradient down.
 
     Every epoch tries ``step = momentum * last step - (1 - momentum) * rate * gradient``; at the start, and after a
-    refused step, momentum has nothing to carry on, and it is ``-rate * gradient``.
+    refused step, without momentum it is ``-rate * gradient``.
 
     Source: T. P. Vogl, J. K. Mangis, A. K. Rigler, W. T. Zink, D. L. Alkon, "Accelerating the convergence of the
     back-propagation method", Biological Cybernetics 59 (1988) 257; M. T. Hagan, H. B. Demuth, M. Beale, "Neural Network
@@ -86,21 +86,21 @@ def gradient_descent(
     Parameters
     ----------
     problem : DifferentiableProblem
-        Gives cost and gradient.
+        Returns cost and gradient.
     start : (p,) array or DescentState
-        Where to begin; or the state after an epoch of an earlier call, which then goes on as if it had not ended there.
-        Of it the epoch, parameters, rate, step, time and reason are used.
+        The first point, or the state after an epoch of an earlier call, from which this call resumes. Of the state the
+        epoch, parameters, rate, step, time and reason are used.
     rate : LearningRate
-        A state brings the present rate.
+        A state has its own present rate.
     stops : sequence of StopCriterion
-        Asked in this order after every epoch, and at the start.
+        Evaluated in this order at the start and after every epoch.
     callback : callable, optional
-        Told the state after every epoch, and at the start, once the stops were asked.
+        Called with the state at the start and after every epoch, once the stops were evaluated.
 
     Returns
     -------
     DescentState
-        The last one.
+        The last state.
 
     Raises
     ------
@@ -114,8 +114,8 @@ def gradient_descent(
     if not np.isfinite(cost):
         raise TruearmError("the cost at the start is not a finite number: check the data for NaN and overflow")
 
-    def stand(epoch: int, previous_cost: float, now: float, step: FloatArray, **more: Any) -> DescentState:
-        """The state after an epoch, as told."""
+    def state_after(epoch: int, previous_cost: float, now: float, step: FloatArray, **more: Any) -> DescentState:
+        """The state, with the reason to stop if there is one."""
         state = DescentState(
             epoch=epoch,
             x=x,
@@ -132,20 +132,20 @@ def gradient_descent(
             callback(state)
         return state
 
-    state = given or stand(0, np.inf, rate.start, -rate.start * gradient)
+    state = given or state_after(0, np.inf, rate.start, -rate.start * gradient)
     while state.reason is None:
         now, previous_cost, lost = state.rate, cost, None
         step = rate.momentum * state.step - (1 - rate.momentum) * now * gradient
-        with np.errstate(over="ignore", invalid="ignore"):  # a rate too large is found by its cost
+        with np.errstate(over="ignore", invalid="ignore"):  # too large a rate shows in its cost
             tried_cost, tried_gradient = problem.gradient(x + step)
         moved = tried_cost <= LOST and (tried_cost <= cost or tried_cost <= rate.max_cost_ratio * cost)
         if moved:
             now *= rate.increase if tried_cost < cost else 1.0
             x, cost, gradient = x + step, tried_cost, tried_gradient
         else:
-            # What would be tried again unchanged ends here.
+            # The same step would be refused again.
             lost = DIVERGED if rate.decrease == 1 else None
             now *= rate.decrease
             step = -now * gradient
-        state = stand(state.epoch + 1, previous_cost, now, step, step_accepted=moved, reason=lost)
+        state = state_after(state.epoch + 1, previous_cost, now, step, step_accepted=moved, reason=lost)
     return state

@@ -1,14 +1,14 @@
 """Evidence for the prior scales of groups of parameters, on a linearised least-squares problem.
 
 With normal equations ``G`` (weighted, so that residuals have unit variance) and parameters x about zero with precisions
-``1 / (s_g r_i)^2``, where the ratios r within a group are given and its scale s_g is sought, the type-II likelihood is
+``1 / (s_g r_i)^2``, where the ratios r within a group are given and its scale s_g is unknown, the type-II likelihood is
 greatest where ``s_g^2 gamma_g = sum over i in g of (x_i / r_i)^2`` with
 ``gamma_g = sum over i in g of 1 - Sigma_ii / (s_g r_i)^2``: MacKay's fixed point, group by group. gamma_g counts the
 parameters of the group that the data, rather than the prior, determine.
 
-Where the data say nothing of a group, neither do these equations of its scale; they would then let it shrink to nothing
-or grow without end. So a scale has a prior too, wide: its logarithm is normally distributed about 0 with standard
-deviation tau. The maximum is then where ``sum of (x_i / s_g r_i)^2 = gamma_g + log(s_g) / tau^2``, which Lambert's
+Where the data do not determine a group, these equations do not determine its scale, which could shrink to zero or grow
+without limit. A scale therefore has a wide prior: its logarithm is normally distributed about 0 with standard deviation
+tau. The maximum is then where ``sum of (x_i / s_g r_i)^2 = gamma_g + log(s_g) / tau^2``, which Lambert's
 function solves for s_g.
 
 Source: D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 415, section 4; groups: D. J. C. MacKay,
@@ -28,11 +28,11 @@ from scipy.special import wrightomega
 from truearm.solve.square_roots import unit_diagonal
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-# Of a matrix of unit diagonal: eigenvalues that are a smaller share of the largest are what rounding left, and squared
-# pivots of Cholesky's factor that are smaller have lost their digits to it.
+# For a matrix of unit diagonal: eigenvalues below this share of the largest are rounding, and smaller squared pivots of
+# the Cholesky factor have lost their digits.
 ROUNDING = 1e-14
 MIN_PIVOT = 1e-12
-# Evidence's logarithm must gain so much for a group to be left out: what the data hardly see is not given up.
+# A group is pruned only if that increases the log evidence by this much: groups that the data hardly see remain.
 MIN_GAIN = 1.0
 
 
@@ -47,7 +47,7 @@ class GroupedPrior:
     group : (p,) int array
         Its group.
     scale : (n_groups,) array
-        Scales as they stand.
+        Present scales.
     learned : (n_groups,) bool array
         Whether the data may change them.
     """
@@ -59,17 +59,17 @@ class GroupedPrior:
 
     @property
     def active(self) -> BoolArray:
-        """(p,) which parameters may be other than zero: groups of scale 0 are left out."""
+        """(p,) parameters that may differ from zero: groups of scale 0 are pruned."""
         return np.asarray(self.scale[self.group] > 0)
 
     @property
     def precision(self) -> FloatArray:
-        """(p,) one over the variances; of parameters left out it is infinite."""
+        """(p,) one over the variances; infinite for pruned parameters."""
         with np.errstate(divide="ignore"):
             return np.asarray((self.ratio * self.scale[self.group]) ** -2.0)
 
     def subset(self, which: IntArray) -> GroupedPrior:
-        """That of some of the parameters."""
+        """The prior of some parameters."""
         return replace(self, ratio=self.ratio[which], group=self.group[which])
 
     def group_sums(self, values: FloatArray) -> FloatArray:
@@ -78,14 +78,14 @@ class GroupedPrior:
 
 
 class MarginalPosterior(NamedTuple):
-    """Posterior of every parameter by itself.
+    """Marginal posterior of every parameter.
 
     Attributes
     ----------
     x : (p,) array
-        Means; zero for those left out.
+        Means; zero for pruned parameters.
     variance : (p,) array
-        Zero for those left out.
+        Zero for pruned parameters.
     """
 
     x: FloatArray
@@ -98,9 +98,9 @@ class Posterior(NamedTuple):
     Attributes
     ----------
     x : (p,) array
-        Means; zero for those left out.
+        Means; zero for pruned parameters.
     covariance : (p, p) array
-        Zero for those left out.
+        Zero for pruned parameters.
     """
 
     x: FloatArray
@@ -112,8 +112,7 @@ def marginal_posterior(
 ) -> MarginalPosterior:
     """Posterior of data with normal equations ``gram x = right``: means and variances.
 
-    `size` (p,) is the diagonal of a matrix from which others were eliminated, as rounding is a share of what it was
-    then.
+    `size` (p,) is the diagonal before other parameters were eliminated, which determines the rounding.
     """
     active = np.flatnonzero(prior.active)
     x, variance = np.zeros(len(gram)), np.zeros(len(gram))
@@ -136,8 +135,7 @@ def _solved(
 ) -> tuple[FloatArray, FloatArray]:
     """Means of the active parameters, and F with ``F^T F = (G + P)^-1`` of them.
 
-    Columns are scaled first, to unit diagonal but for what was eliminated, so that radians and millimetres may stand
-    side by side.
+    Columns are first scaled to unit diagonal, before elimination, so that radians and millimetres compare.
     """
     gram, right, precision = gram[np.ix_(active, active)], right[active], prior.precision[active]
     size = np.maximum(gram.diagonal() if size is None else size[active], 0)
@@ -157,20 +155,20 @@ def _solved(
 def _solved_by_orthogonal_factors(
     gram: FloatArray, right: FloatArray, precision: FloatArray, size: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The same where priors drown in the rounding of `gram`: what the data do not determine keeps its prior.
+    """The same where priors are below the rounding of `gram`: parameters without data keep their prior.
 
-    The data's matrix alone becomes a Jacobian again, without the directions that rounding has left in it; it and the
-    prior, stacked, are a least-squares problem with the triangular factor sought (rows sorted and columns pivoted, as
+    The matrix of the data is converted to a Jacobian, without the directions that are rounding; stacked with the prior
+    it is a least-squares problem, solved by its triangular factor (rows sorted and columns pivoted, as
     sizes differ by decades: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., section 19.4).
-    Columns are measured in their priors, so that those of which the data tell most come first: what is rounded of them
-    may not fall upon the priors of the others.
+    Columns are in units of their priors, so that the best determined come first: their rounding must not affect the
+    priors of the others.
     """
     n = len(gram)
     scale = 1 / np.sqrt(precision)
     matrix, unit = unit_diagonal(gram, size)
     values, vectors = np.linalg.eigh(matrix)
-    told = values > ROUNDING * max(values[-1], 1.0)
-    roots, vectors = np.sqrt(values[told]), vectors[:, told]
+    determined = values > ROUNDING * max(values[-1], 1.0)
+    roots, vectors = np.sqrt(values[determined]), vectors[:, determined]
     stacked = np.zeros((len(roots) + n, n + 1))  # with the right side as the last column
     stacked[: len(roots), :n] = (vectors * roots).T * unit * scale
     stacked[: len(roots), n] = vectors.T @ (right / unit) / roots
@@ -185,7 +183,7 @@ def _solved_by_orthogonal_factors(
 
 
 def _inverse_triangle(matrix: FloatArray, *, lower: bool) -> FloatArray:
-    if not len(matrix):  # LAPACK knows no matrices without rows
+    if not len(matrix):  # LAPACK refuses matrices without rows
         return matrix
     return np.asarray(dtrtri(matrix, lower=int(lower))[0])
 
@@ -201,36 +199,36 @@ def update_scales(
     found : MarginalPosterior
         Under `prior`.
     log_spread : float
-        Standard deviation of the logarithm of a scale about that of 1 before any data.
+        Prior standard deviation of the logarithm of a scale, about 0.
     least, most : float
-        Bounds of a scale, so that numbers stay numbers.
+        Bounds of a scale, so that it remains finite.
 
     Returns
     -------
     scale : (n_groups,) array
     effective : (n_groups,) array
-        Parameters determined by the data.
+        Number of parameters that the data determine.
     """
     active = prior.active
     share = np.zeros(len(active))
     share[active] = 1 - found.variance[active] * prior.precision[active]
     effective = np.maximum(prior.group_sums(share), 0.0)
-    told = prior.learned & (prior.scale > 0)
-    sizes, spread, gamma = prior.group_sums((found.x / prior.ratio) ** 2)[told], log_spread**2, effective[told]
+    learned = prior.learned & (prior.scale > 0)
+    sizes, spread, gamma = prior.group_sums((found.x / prior.ratio) ** 2)[learned], log_spread**2, effective[learned]
     with np.errstate(divide="ignore"):  # sizes of zero: Lambert's function is zero there
         log_scale = wrightomega(np.log(2 * spread * sizes) + 2 * spread * gamma) / 2 - spread * gamma
     scale = prior.scale.copy()
-    scale[told] = np.exp(np.clip(log_scale, np.log(least), np.log(most)))
+    scale[learned] = np.exp(np.clip(log_scale, np.log(least), np.log(most)))
     return scale, effective
 
 
 def prune_groups(prior: GroupedPrior, found: Posterior, *, log_spread: float) -> GroupedPrior:
-    """Leave out groups that evidence would rather do without.
+    """Prune groups without which the evidence is larger.
 
-    With x and S the posterior of a group's m parameters and P their prior covariance, leaving it out changes the log
-    evidence by ``(log|P| - log|S| - x^T S^-1 x) / 2`` (J. M. Dickey, Ann. Math. Stat. 42 (1971) 204), and saves what
-    its scale's logarithm costs. The group that gains most goes first, and the others' posterior without it decides on
-    the next: of two that stand for each other one remains.
+    With x and S the posterior of a group's m parameters and P their prior covariance, pruning it changes the log
+    evidence by ``(log|P| - log|S| - x^T S^-1 x) / 2`` (J. M. Dickey, Ann. Math. Stat. 42 (1971) 204), and removes the
+    penalty of its scale. The group of largest gain is pruned first, and the posterior of the others without it decides
+    on the next: of two equivalent groups one remains.
 
     Parameters
     ----------
@@ -243,7 +241,7 @@ def prune_groups(prior: GroupedPrior, found: Posterior, *, log_spread: float) ->
     Returns
     -------
     GroupedPrior
-        With scale 0 for what is left out.
+        With scale 0 for pruned groups.
     """
     std = prior.ratio * prior.scale[prior.group]
     active = np.flatnonzero(prior.active)
@@ -271,6 +269,6 @@ def prune_groups(prior: GroupedPrior, found: Posterior, *, log_spread: float) ->
 
 
 def _eigen(white: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues and vectors of a posterior covariance in units of the prior's: between 0 and 1 but for rounding."""
+    """Eigenvalues and vectors of a posterior covariance in units of the prior, between 0 and 1 up to rounding."""
     values, vectors = np.linalg.eigh(white)
     return np.clip(values, ROUNDING, 1.0), vectors

@@ -43,7 +43,7 @@ from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.identification.estimation.identification import IdentificationResult, ReferenceFit
-from truearm.identification.estimation.outliers import LEAST_TRUST
+from truearm.identification.estimation.outliers import MIN_ROBUST_WEIGHT
 from truearm.identification.terms import SkippedTerm, Term
 from truearm.typing import FloatArray
 
@@ -215,7 +215,7 @@ def _encode(value: Any, name: str, arrays: dict[str, Array]) -> Any:
 
 def _outliers_only(reference: ReferenceFit) -> ReferenceFit:
     """A reference with the residuals of outliers: of all readings, a file would grow by 100 bytes a reading."""
-    far = reference.robust_weight < LEAST_TRUST
+    far = reference.robust_weight < MIN_ROBUST_WEIGHT
     return replace(
         reference,
         rows=reference.rows[far],

@@ -1,19 +1,19 @@
-"""A few parameters identified anew, while all others keep their values and their uncertainty.
+"""Consider update: identify a few parameters again, while all others keep their values and their uncertainty.
 
-An arm is known from one session, and a new one asks only where its base stands and its tip sits now. The other
-parameters are *considered*: their posterior covariance P from before is part of what a new residual may be,
+An arm was identified in one session; in a new session only its base and its tip are new. The other parameters are
+*considered*: their posterior covariance P contributes to the covariance of a new residual,
 
     S = R + J P J^T        with R the noise and J the derivatives by all parameters,
 
-and part of how uncertain the new ones come out; but the few new readings do not change them. What serves is then the
-frame in which the arm, as it is, meets the readings best: with A the columns of J that are sought anew, as if nothing
-were known of them, the gain is ``K = (A^T R^-1 A)^-1 A^T R^-1``. (With S for R the frame itself has less variance, but
-what looks like an uncertain motion of the arm is left to that; as the arm stays as it is, it stays in the tips.) With E
-that puts the sought among all parameters, the covariance afterwards is
+and to the uncertainty of the new parameters, but the few new readings do not change them. The estimate is the frame in
+which the unchanged arm fits the readings best: with A the columns of J of the free parameters, without prior, the gain
+is ``K = (A^T R^-1 A)^-1 A^T R^-1``. (With S in place of R the frame has less variance, but residuals that resemble an
+uncertain motion of the arm would be attributed to the arm; as the arm is not changed, they would remain in the tips.)
+With E that places the free parameters among all parameters, the covariance afterwards is
 
     (I - E K J) P (I - E K J)^T + E K R K^T E^T        (Joseph's form, which holds for any gain),
 
-in which the error of the frame makes up for that of the arm, as far as the one took up the other. Source:
+in which the error of the frame compensates that of the arm, as far as the frame absorbed it. Source:
 S. F. Schmidt, "Application of state-space methods to navigation problems", Advances in Control Systems 3 (1966) 293;
 B. D. Tapley, B. E. Schutz, G. H. Born, "Statistical Orbit Determination", 2004, chapter 6.
 """
@@ -56,7 +56,7 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
 MOST_ROUNDS = 40
-# A step is the last when it moves the new parameters by a smaller share of their uncertainty.
+# The last step moves the new parameters by a smaller share of their uncertainty.
 SETTLED_STEP = 0.01
 SETTLED_NOISE = 0.02
 
@@ -72,34 +72,34 @@ def consider_update(
     robust: bool = True,
     progress: Callable[[int, str], None] | None = None,
 ) -> IdentificationResult:
-    """Identify a few constant terms from new readings, and keep all other terms of a fit.
+    """Identify a few constant terms from new readings and keep all other terms of a fit.
 
     Parameters
     ----------
     fit : IdentificationResult
-        The arm as it is known.
+        The identified arm.
     chain : Chain
-        Its chain, put roughly to where the new readings saw it.
+        Its chain, roughly placed in the frame of the new readings.
     state : ArmState
-        Of the new readings. What directions of movement leave open that it does not know is noise of theirs.
+        Of the new readings. The effect of unknown directions of movement counts as noise.
     terms : sequence of Term
-        Constant, in place of those that the fit has at the same places along the same directions. Their priors are
-        about where these are now.
+        Constant terms that replace those of the fit at the same places along the same directions. The means of their
+        priors are the present values.
     references : sequence of Reference
         Of the new readings, one of a kind.
     unexplained_std : float
-        Standard deviation of a residual that neither the terms nor the references explain [mm], as it was before.
-        Where ``r^T S^-1 r`` of the new residuals is larger than its expectation, their number less that of what was
-        sought, it grows to where it is not; it never shrinks, as a few readings may agree by chance.
+        Residual standard deviation of the fit [mm]. If ``r^T S^-1 r`` of the new residuals is larger than its
+        expectation, their number less that of the free parameters, it is increased until it is not; it is never
+        decreased, as a few readings may agree by chance.
     robust : bool
-        Whether far residuals weigh less.
+        Whether large residuals get less weight.
     progress : callable, optional
-        Told the rounds done and how it stands.
+        Called with the number of rounds and the status.
 
     Returns
     -------
     IdentificationResult
-        The noise of its references is the one that was kept or found.
+        The noise of its references is the residual standard deviation, kept or increased.
     """
     merged = _merged(fit, terms)
     perturbed_chain, n = PerturbedChain(chain, merged.terms), len(merged.x)
@@ -107,26 +107,26 @@ def consider_update(
     started = [reference.initialise(rough[:, reference.rows]) for reference in references]
     problem = SmallMotionProblem(perturbed_chain, state, tuple(reference for reference, _ in started))
     x = np.concatenate([merged.x, *(unknowns for _, unknowns in started)])
-    sought = _FreeParameters(problem, merged.anew, x, merged.prior_std[merged.anew])
+    parameters = _FreeParameters(problem, merged.free, x, merged.prior_std[merged.free])
     undirected = (direction_effects(fit, state) ** 2).sum(axis=0).mean(axis=1)
     stated = [reference.std**2 + undirected[reference.rows] for reference in problem.references]
-    x, residuals = _near(sought, x, stated, unexplained_std**2, robust=robust)
+    x, residuals = _near(parameters, x, stated, unexplained_std**2, robust=robust)
 
     root = covariance_factor(merged.covariance)
     of_arm = [_arm_variance(perturbed_chain, state.rows(reference.rows), x[:n], root) for reference in references]
     variance, converged, nothing = unexplained_std**2, False, np.zeros((0, n))
     for n_rounds in range(1, MOST_ROUNDS + 1):
         weighed = _weighed(stated, residuals, variance, of_arm, robust=robust)
-        left, found = sought.at(x, weighed, nothing)
+        left, found = parameters.at(x, weighed, nothing)
         x = x + left.step
         residuals = problem.residuals(x)
         if progress is not None:
-            progress(n_rounds, f"unexplained: {np.sqrt(variance):.4f} mm")
+            progress(n_rounds, f"noise: {np.sqrt(variance):.4f} mm")
         if left.size > SETTLED_STEP:
             continue
-        of_noise, _ = sought.at(x, weighed, root)
-        freedom = max(weighed.freedom + sought.n_constraints(x) - of_noise.told, 1.0)
-        grown = max(variance * (of_noise.square - weighed.beyond) / freedom, unexplained_std**2)
+        of_noise, _ = parameters.at(x, weighed, root)
+        freedom = max(weighed.freedom + parameters.n_constraints(x) - of_noise.n_determined, 1.0)
+        grown = max(variance * (of_noise.square - weighed.excess) / freedom, unexplained_std**2)
         converged = abs(grown - variance) < SETTLED_NOISE * variance
         if converged:
             break
@@ -134,64 +134,64 @@ def consider_update(
     return IdentificationResult(
         perturbed_chain,
         x[:n],
-        _joseph(root, merged.anew, left, found),
+        _joseph(root, merged.free, left, found),
         merged.prior_std,
-        _groups(fit, terms, 1 - found.covariance.diagonal()[: len(merged.anew)] / sought.prior_std**2),
-        reference_fits(problem, x, np.full(len(references), np.sqrt(variance)), weighed.trust),
+        _groups(fit, terms, 1 - found.covariance.diagonal()[: len(merged.free)] / parameters.prior_std**2),
+        reference_fits(problem, x, np.full(len(references), np.sqrt(variance)), weighed.robust_weights),
         converged,
         n_rounds,
     )
 
 
 class _Merged(NamedTuple):
-    """Terms and coefficients of before, with those to be identified anew behind them."""
+    """Terms and coefficients of the fit, followed by the free ones."""
 
     terms: tuple[Term, ...]
     x: FloatArray
     covariance: FloatArray
     prior_std: FloatArray
-    anew: IntArray
+    free: IntArray
 
 
 class _ReducedSystem(NamedTuple):
-    """What the residuals say of the parameters sought, with the considered ones integrated out.
+    """Least-squares system of the free parameters, with the considered ones integrated out.
 
-    `pull` is ``A^T R^-1 J`` of all coefficients, `square` the least ``r^T S^-1 r``. `told` counts what the residuals
-    determine of what is sought, `step` leads there from where it was linearised, and `size` is its root mean square in
-    standard uncertainties.
+    `pull` is ``A^T R^-1 J`` of all coefficients, `square` the minimum of ``r^T S^-1 r``, `n_determined` the number of
+    free parameters that the residuals determine, `step` the step to the minimum from the point of linearisation, and
+    `size` its root mean square in standard uncertainties.
     """
 
     pull: FloatArray
     square: float
-    told: float
+    n_determined: float
     step: FloatArray
     size: float
 
 
 class _Weighed(NamedTuple):
-    """How much the residuals count.
+    """Weights of the residuals.
 
-    `weights` (k, m) and `trust` (m,) of every reference, `freedom` of all residuals, and `beyond`, which far ones add
-    to the sum of squares beyond what they may.
+    `weights` (k, m) and `robust_weights` (m,) of every reference, `freedom` of all residuals, and `excess`, the part of
+    the sum of squares of large residuals above their clipped size.
     """
 
     weights: list[FloatArray]
-    trust: list[FloatArray]
+    robust_weights: list[FloatArray]
     freedom: float
-    beyond: float
+    excess: float
 
 
 @dataclass(frozen=True, eq=False)
 class _FreeParameters:
-    """The parameters sought: new coefficients `anew`, and what is unknown of artefacts, about where all `prior_mean`."""
+    """The free parameters: new coefficients, and unknowns of artefacts; all parameters have the `prior_mean`."""
 
     problem: SmallMotionProblem
-    anew: IntArray
+    free: IntArray
     prior_mean: FloatArray
     prior_std: FloatArray
 
     def at(self, x: FloatArray, weighed: _Weighed, root: FloatArray) -> tuple[_ReducedSystem, Posterior]:
-        """Linearise, and find them with considered parameters of the covariance that `root` is of.
+        """Linearise and solve for the free parameters, with considered parameters whose covariance has the `root`.
 
         With the root F, ``P = F^T F``, and the Gauss-Newton matrix G of all parameters, S^-1 enters by the factor of
         ``I + F G F^T``.
@@ -199,52 +199,54 @@ class _FreeParameters:
         parts, whole = self.problem.equations(x, weighed.weights)
         n = root.shape[1]
         with one_blas_thread():
-            left = eliminate_unknowns(parts, whole, x - self.prior_mean)
-            gram, gradient = left.gram, left.gradient
-            which = np.concatenate([self.anew, np.arange(n, len(left.kept))])
+            reduced = eliminate_unknowns(parts, whole, x - self.prior_mean)
+            gram, gradient = reduced.gram, reduced.gradient
+            which = np.concatenate([self.free, np.arange(n, len(reduced.kept))])
             matrix = root @ gram[:n, :n] @ root.T
             matrix.flat[:: len(matrix) + 1] += 1.0
             lower = np.asarray(cholesky(matrix, lower=True)) if len(matrix) else matrix
             across = _by_factor(lower, root @ gram[:n, which])
             along = _by_factor(lower, root @ gradient[:n])
             own, downhill = gram[np.ix_(which, which)] - across.T @ across, gradient[which] - across.T @ along
-            away = (x - self.prior_mean)[left.kept[which]]
+            away = (x - self.prior_mean)[reduced.kept[which]]
             found = posterior(own, own @ away - downhill, self._prior(len(which)))
             of_sought = found.x - away
-            of_kept = np.zeros(len(left.kept))
+            of_kept = np.zeros(len(reduced.kept))
             of_kept[which] = of_sought
-            # The artefacts lie where they do best together with the considered ones, which then stay all the same.
+            # Solve for the artefacts jointly with the considered parameters, then keep the latter unchanged.
             considered = -(root.T @ _by_factor(lower, along + across @ of_sought, transposed=True))
-            step = left.step(of_kept + np.concatenate([considered, np.zeros(len(left.kept) - n)]))
-            step[left.kept] = of_kept
+            step = reduced.step(of_kept + np.concatenate([considered, np.zeros(len(reduced.kept) - n)]))
+            step[reduced.kept] = of_kept
         length = max(float(of_sought @ own @ of_sought), 0.0)
-        square = 2 * whole.cost - left.gain - float(along @ along) - length
-        told = left.n_determined + float(np.vdot(own, found.covariance))
-        return _ReducedSystem(gram[which, :n], square, told, step, float(np.sqrt(length / len(of_sought)))), found
+        square = 2 * whole.cost - reduced.gain - float(along @ along) - length
+        n_determined = reduced.n_determined + float(np.vdot(own, found.covariance))
+        return _ReducedSystem(
+            gram[which, :n], square, n_determined, step, float(np.sqrt(length / len(of_sought)))
+        ), found
 
     def _prior(self, n: int) -> GroupedPrior:
-        ratio = np.concatenate([self.prior_std, np.full(n - len(self.anew), UNKNOWN_STD)])
+        ratio = np.concatenate([self.prior_std, np.full(n - len(self.free), UNKNOWN_STD)])
         return GroupedPrior(ratio, np.zeros(n, dtype=np.intp), np.ones(1), np.zeros(1, dtype=bool))
 
     def n_constraints(self, x: FloatArray) -> int:
-        """How many residuals there are among the unknowns alone."""
+        """Number of constraints among the unknowns."""
         problem = self.problem
         found = [reference.constraints(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)]
         return sum(len(constraints.residuals) for constraints in found if constraints is not None)
 
 
 def _near(
-    sought: _FreeParameters, x: FloatArray, stated: list[FloatArray], variance: float, *, robust: bool
+    parameters: _FreeParameters, x: FloatArray, stated: list[FloatArray], variance: float, *, robust: bool
 ) -> tuple[FloatArray, list[FloatArray]]:
-    """Bring `x` near the minimum: downhill, as if the arm were known exactly; and the residuals there."""
-    problem = sought.problem
+    """Bring `x` near the minimum, as if the arm were known exactly; also return the residuals there."""
+    problem = parameters.problem
     residuals = problem.residuals(x)
     for _ in range(MOST_ROUNDS):
-        # Residuals are large for another reason than noise as yet.
+        # Until then residuals are large for another reason than noise.
         typical = max([variance, *(float(np.median((r**2).mean(axis=0))) for r in residuals)])
         nothing = [np.zeros(r.shape[1]) for r in residuals]
         weighed = _weighed(stated, residuals, typical, nothing, robust=robust)
-        left, _ = sought.at(x, weighed, np.zeros((0, problem.perturbed_chain.n_coefficients)))
+        left, _ = parameters.at(x, weighed, np.zeros((0, problem.perturbed_chain.n_coefficients)))
         x, residuals = take_step(
             problem, x, residuals, left.step, partial(_cost, problem, weighed), StepHalving(max_halvings=11)
         )
@@ -266,21 +268,21 @@ def _weighed(
     *,
     robust: bool,
 ) -> _Weighed:
-    """Weights under a noise and variances `stated` (k, m) besides.
+    """Weights under a noise and the `stated` variances (k, m).
 
-    Residuals are far beside these and what the arm's uncertainty `of_arm` (m,) makes of them.
+    Residuals are large compared with these and the variance by the uncertainty of the arm, `of_arm` (m,).
     """
-    weights, trusts = [], []
-    freedom = beyond = 0.0
+    weights, robust_weights = [], []
+    freedom = excess = 0.0
     for known, residual, arm in zip(stated, residuals, of_arm, strict=True):
         k, m = residual.shape
         noise = known + variance
-        trust = huber_weights(residual.T, (noise + arm).T) if robust else np.ones(m)
-        weights.append(np.sqrt(trust / noise))
-        trusts.append(trust)
+        robust_weight = huber_weights(residual.T, (noise + arm).T) if robust else np.ones(m)
+        weights.append(np.sqrt(robust_weight / noise))
+        robust_weights.append(robust_weight)
         freedom += m * (expected_clipped_square(k) if robust else k)
-        beyond += huber_threshold_squared(k) * float((1 / trust - 1).sum())
-    return _Weighed(weights, trusts, freedom, beyond)
+        excess += huber_threshold_squared(k) * float((1 / robust_weight - 1).sum())
+    return _Weighed(weights, robust_weights, freedom, excess)
 
 
 def _arm_variance(perturbed_chain: PerturbedChain, state: ArmState, x: FloatArray, root: FloatArray) -> FloatArray:
@@ -292,49 +294,49 @@ def _arm_variance(perturbed_chain: PerturbedChain, state: ArmState, x: FloatArra
     return np.concatenate(found)
 
 
-def _merged(fit: IdentificationResult, anew: Sequence[Term]) -> _Merged:
-    places = {(term.place, term.direction): i for i, term in enumerate(anew)}
-    # Of every coefficient of before, where it stands now: among those kept, or from the end.
+def _merged(fit: IdentificationResult, free: Sequence[Term]) -> _Merged:
+    places = {(term.place, term.direction): i for i, term in enumerate(free)}
+    # The new index of every coefficient of the fit: among the kept ones, or counted from the end.
     where: list[int] = []
     kept: list[Term] = []
     n_kept = 0
     for term in fit.perturbed_chain.terms:
         i = places.get((term.place, term.direction)) if isinstance(term.basis, Constant) else None
         if i is not None:
-            where.append(i - len(anew))
+            where.append(i - len(free))
         else:
             where += range(n_kept, n_kept + term.n_coefficients)
             kept.append(term)
             n_kept += term.n_coefficients
-    n = n_kept + len(anew)
+    n = n_kept + len(free)
     gather = np.zeros((n, len(where)))
     gather[np.array(where, dtype=np.intp) % n, np.arange(len(where))] = 1.0
     prior_std = gather @ fit.prior_std
-    prior_std[n_kept:] = [term.prior_stds[0] for term in anew]
+    prior_std[n_kept:] = [term.prior_stds[0] for term in free]
     return _Merged(
-        (*kept, *anew), gather @ fit.coefficients, gather @ fit.covariance @ gather.T, prior_std, np.arange(n_kept, n)
+        (*kept, *free), gather @ fit.coefficients, gather @ fit.covariance @ gather.T, prior_std, np.arange(n_kept, n)
     )
 
 
-def _joseph(root: FloatArray, anew: IntArray, left: _ReducedSystem, found: Posterior) -> FloatArray:
+def _joseph(root: FloatArray, free: IntArray, left: _ReducedSystem, found: Posterior) -> FloatArray:
     """Covariance of all coefficients afterwards, symmetric and without negative variances by its form."""
-    k = len(anew)
+    k = len(free)
     half = root.copy()
-    half[:, anew] -= root @ (found.covariance[:k] @ left.pull).T
+    half[:, free] -= root @ (found.covariance[:k] @ left.pull).T
     covariance = half.T @ half
-    covariance[np.ix_(anew, anew)] += found.covariance[:k, :k]
+    covariance[np.ix_(free, free)] += found.covariance[:k, :k]
     return (covariance + covariance.T) / 2
 
 
 def _by_factor(lower: FloatArray, right: FloatArray, *, transposed: bool = False) -> FloatArray:
-    if not len(lower):  # LAPACK knows no matrices without rows
+    if not len(lower):  # LAPACK refuses matrices without rows
         return right
     matrix = lower.T if transposed else lower
     return np.asarray(solve_triangular(matrix, right, lower=not transposed, check_finite=False))
 
 
 def _groups(fit: IdentificationResult, terms: Sequence[Term], determined: FloatArray) -> tuple[TermGroupResult, ...]:
-    """Groups of before, and those of the new terms with what the new readings determine of them."""
+    """Groups of the fit, and those of the new terms with the number that the new readings determine."""
     names = tuple(dict.fromkeys(term.group for term in terms))
     share = {name: [float(d) for t, d in zip(terms, determined, strict=False) if t.group == name] for name in names}
     old = tuple(group for group in fit.groups if group.name not in names)

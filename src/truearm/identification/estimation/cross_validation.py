@@ -1,19 +1,19 @@
-"""How readings look to an arm identified without them, group by group, in closed form.
+"""Cross-validation by group: residuals of readings from an arm identified without their group, in closed form.
 
-On the linearisation at the minimum, with prior scales, noise and robust weights kept, a group's residuals r, of all
-kinds, and their Jacobian J by the coefficients and the artefacts' unknowns, both whitened, and the posterior covariance
-Sigma of these give, with ``S = J Sigma J^T``,
+The closed form holds on the linearisation at the minimum, with fixed prior scales, noise and robust weights. With
+the whitened residuals r of a group, their whitened Jacobian J by the coefficients and the artefacts' unknowns, the
+posterior covariance Sigma of these, and ``S = J Sigma J^T``,
 
-    residuals without the group:                        (I - S)^-1 r
-    covariance of what is predicted without the group:  S (I - S)^-1.
+    residuals without the group:                  (I - S)^-1 r
+    covariance of predictions without the group:  S (I - S)^-1.
 
-Everything that was read goes: points and orientations, seats and surfaces, and lengths where it leaves nothing that
-they would be between. A whole leave-one-group-out cross-validation then costs about as much as one more Gauss-Newton
+All references of a group are held out: points and orientations, seats and surfaces, and lengths between seats that
+remain without readings. A complete leave-one-group-out cross-validation costs about as much as one more Gauss-Newton
 matrix. Source: R. D. Cook, S. Weisberg, "Residuals and Influence in Regression", 1982, eqs. 2.2.7 and 3.6.4, for
 several cases at once.
 
-Judged are tips with points, by these, and tips in seats: by the seat's place as other groups' readings of it have it,
-or, of a seat that the group has for itself, by the mean of the tips predicted in it.
+Tips with points are compared with these. Tips in seats are compared with the position of the seat by the readings of
+other groups or, for a seat that only this group touched, with the mean of the tips predicted in it.
 
 The Birge ratio compares the residual variance of held-out readings with the one that the posterior was computed with:
 R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev. 40 (1932) 207.
@@ -45,32 +45,32 @@ from truearm.solve.square_roots import covariance_factor
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
-# A group: of every reference that it has readings of, which ones.
+# The readings of a group: for each of its references the rows.
 Members = list[tuple[int, IntArray]]
 
-# Eigenvalues of I - S: 1 where the others tell all of a group. Below this a group alone tells something. Its residuals
-# along it are then little but what the iterations left of them, and are made larger by no more than a thousand; so a
-# wide prior alone (the frame of a session that is all one group) leaves deviations there as small as residuals are.
-# The covariance goes on down to rounding, and shows which deviations these are (`HeldOutReadings.select_informative`).
+# Eigenvalues of I - S: 1 where the other groups determine a direction, 0 where only this group does. Below this bound
+# residuals are mostly what the iterations left of them, and are scaled by no more than a thousand; where only a wide
+# prior remains (the frame of a session that is one group), deviations are then as small as residuals. The covariance
+# continues down to rounding, and shows which deviations these are (`HeldOutReadings.select_informative`).
 LEAST_FREEDOM = 1e-3
-# Shares of variance below this are none.
+# Smaller shares of a variance count as zero.
 ROUNDING = 1e-9
-# Readings whose derivatives are there at once: with 1500 coefficients some ten megabytes.
+# Readings whose derivatives are in memory at once: with 1500 coefficients some ten megabytes.
 CHUNK = 256
 
 
 def cross_validate_by_group(
     fit: IdentificationResult, state: ArmState, references: Sequence[Reference], group: IntArray
 ) -> HeldOutReadings:
-    """Readings as an arm identified without their group sees them.
+    """Deviations of readings from an arm identified without their group.
 
     Parameters
     ----------
     fit : IdentificationResult
     state : ArmState
-        Of the readings it was identified from.
+        Of the readings of the identification.
     references : sequence of Reference
-        From which it was identified.
+        Those of the identification.
     group : (n,) int array
         The group of every reading.
 
@@ -90,7 +90,7 @@ def cross_validate_by_group(
 
 
 def _batches(references: Sequence[ReferenceFit], group: IntArray) -> Iterator[list[Members]]:
-    """Groups, several small ones at once, so that the chain goes through many readings in one pass."""
+    """Groups, several small ones at once, so that one pass of the chain evaluates many readings."""
     key = np.concatenate([group[reference.rows] for reference in references])
     which = np.concatenate([np.full(len(reference.rows), i) for i, reference in enumerate(references)])
     row = np.concatenate([np.arange(len(reference.rows)) for reference in references])
@@ -117,17 +117,17 @@ class _Whitened:
     weights, residuals : (m, k) array
     linear : LinearisedResiduals
     by_unknown : (m k, u) sparse array
-        Derivatives by the unknowns that were eliminated, of all references.
+        Derivatives by the eliminated unknowns of all references.
     spread : (m k, u + s) sparse array
-        The root of their part of S, of unknowns given the coefficients; the last s of what artefacts share.
+        The root of their part of S, for the unknowns given the coefficients; the last s columns for shared unknowns.
     columns : (n_artefacts, a) int array
-        Which of these columns belong to an artefact.
+        The columns of each artefact.
     count : (n_artefacts,) int array
-        Readings of each.
+        Number of readings of each.
     is_linked : (n_artefacts,) bool array
-        Whether anything but its readings tells of it.
+        Whether constraints also determine it.
     is_judged : (m,) bool array
-        Readings with a point, and in seats those without, as no reading is judged twice.
+        Readings with a point, and those in seats without a point, so that no reading is compared twice.
     """
 
     reference_fit: ReferenceFit
@@ -153,7 +153,7 @@ class _Piece(NamedTuple):
 class _Group(NamedTuple):
     """A group's residuals (n,), and the unknowns' part of the root of S of them, (n, t).
 
-    `own` (n, q), orthonormal, are the motions of the seats that the group has for itself.
+    `own` (n, q), orthonormal, are the motions of the seats that only this group touched.
     """
 
     residuals: FloatArray
@@ -179,17 +179,17 @@ class _Minimum:
         problem, _ = initial_problem(fit.perturbed_chain, state, references)
         x, weights = fit.parameters, [part.weights for part in fit.references]
         p, u = len(fit.coefficients), len(x) - len(fit.coefficients)
-        slope, root_of_gone, of_shared = np.zeros((0, p)), csr_array((0, 0)), np.zeros((0, 0))
+        slope, root_of_eliminated, of_shared = np.zeros((0, p)), csr_array((0, 0)), np.zeros((0, 0))
         place, is_linked = np.zeros(u, dtype=np.intp), np.zeros(u, dtype=bool)
         if u:
             parts, whole = problem.equations(x, weights)
-            left = eliminate_unknowns(parts, whole, x)
-            # What artefacts share goes the way of the others, a level up.
-            matrix = left.gram[p:, p:] + UNKNOWN_STD**-2.0 * np.eye(len(left.kept) - p)
+            reduced = eliminate_unknowns(parts, whole, x)
+            # Shared unknowns are eliminated like the others, one level up.
+            matrix = reduced.gram[p:, p:] + UNKNOWN_STD**-2.0 * np.eye(len(reduced.kept) - p)
             half = np.linalg.inv(np.linalg.cholesky(matrix))
-            slope = left.slope[:, :p] - left.slope[:, p:] @ (half.T @ (half @ left.gram[p:, :p]))
-            root_of_gone, of_shared = left.root, left.slope[:, p:] @ half.T
-            place[left.eliminated - p] = np.arange(len(left.eliminated))
+            slope = reduced.slope[:, :p] - reduced.slope[:, p:] @ (half.T @ (half @ reduced.gram[p:, :p]))
+            root_of_eliminated, of_shared = reduced.root, reduced.slope[:, p:] @ half.T
+            place[reduced.eliminated - p] = np.arange(len(reduced.eliminated))
             is_linked = problem.constraints(x).blocks.diagonal() > 0
         found = []
         for i, (part, weight, linear) in enumerate(zip(fit.references, weights, problem.linearised(x), strict=True)):
@@ -204,7 +204,9 @@ class _Minimum:
                     (weight * part.residuals).T,
                     weighed,
                     by_unknown,
-                    csr_array(hstack([by_unknown @ root_of_gone.T, csr_array(by_unknown @ of_shared)], format="csr")),
+                    csr_array(
+                        hstack([by_unknown @ root_of_eliminated.T, csr_array(by_unknown @ of_shared)], format="csr")
+                    ),
                     place[own[:, first]].T,
                     np.bincount(part.artefact),
                     is_linked[own[:, first]].any(axis=0),
@@ -214,7 +216,7 @@ class _Minimum:
         return cls(problem, x, covariance_factor(fit.covariance), slope, found)
 
     def without(self, batch: list[Members], group: IntArray) -> Iterator[HeldOutReadings]:
-        """Every group of a batch without itself."""
+        """The deviations of every group of a batch."""
         judged = [members for members in batch if any(self.parts[i].is_judged[rows].any() for i, rows in members)]
         if len(batch) == 1 and judged:
             yield from self._without(self._group(judged[0]), lambda: self._pieces(judged[0]), group)
@@ -263,7 +265,7 @@ class _Minimum:
             if part.linear.unknown.size:
                 artefact = part.reference_fit.artefact[rows]
                 whole = np.bincount(artefact, minlength=len(part.count)) == part.count
-                # Only the group tells of these: they take up what they can of its residuals, and nothing stays of them.
+                # Only this group determines these unknowns: they absorb their part of the residuals.
                 apart[part.columns[whole & ~part.is_linked]] = True
                 if part.reference_fit.kind == "seat":
                     inside = np.flatnonzero(whole[artefact])
@@ -287,7 +289,7 @@ class _Minimum:
     def _without(
         self, of: _Group, pieces: Callable[[], Iterator[_Piece]], group: IntArray
     ) -> Iterator[HeldOutReadings]:
-        """A group without itself."""
+        """The deviations of a group."""
         r, own = of.residuals, of.own
         n, dimension = len(r), len(self.root) + of.spread.shape[1]
         # With S = A A^T: (I - S)^-1 = I + A (I - A^T A)^-1 A^T, of which one matrix is small.
@@ -295,8 +297,8 @@ class _Minimum:
         if dual:
             A = np.hstack([np.concatenate([piece.spread for piece in pieces()]), of.spread])
             shares, vectors = np.linalg.eigh(A @ A.T)
-            whole_told = vectors * np.sqrt(np.maximum(shares, 0))
-            along, mean = whole_told.T @ r, np.zeros((0, n)) if own is None else own.T @ whole_told
+            determined = vectors * np.sqrt(np.maximum(shares, 0))
+            along, mean = determined.T @ r, np.zeros((0, n)) if own is None else own.T @ determined
         else:
             gram, along = np.zeros((dimension, dimension)), np.zeros(dimension)
             mean = np.zeros((0 if own is None else own.shape[1], dimension))
@@ -309,14 +311,14 @@ class _Minimum:
             shares, vectors = eigh(gram.T, overwrite_a=True, check_finite=False)  # of columns: no copy is made
             along, mean = vectors.T @ along, mean @ vectors
         along = along / np.maximum(1 - shares, LEAST_FREEDOM)
-        left = np.sqrt(np.maximum(1 - shares, ROUNDING))
-        half_mean = mean / left
+        remaining = np.sqrt(np.maximum(1 - shares, ROUNDING))
+        half_mean = mean / remaining
         for piece, at in _placed(pieces()):
             part = self.parts[piece.which]
             if not part.is_judged[piece.rows].any():
                 continue
-            told = whole_told[at] if dual else np.hstack([piece.spread, of.spread[at]]) @ vectors
-            white, half, freedom = r[at] + told @ along, told / left, np.ones(len(piece.rows))
+            predicted = determined[at] if dual else np.hstack([piece.spread, of.spread[at]]) @ vectors
+            white, half, freedom = r[at] + predicted @ along, predicted / remaining, np.ones(len(piece.rows))
             if own is not None:
                 unit = own[at]
                 white -= unit @ (own.T @ r + mean @ along)
@@ -328,7 +330,7 @@ class _Minimum:
 def _held_out(
     part: _Whitened, rows: IntArray, white: FloatArray, half: FloatArray, freedom: FloatArray, group: IntArray
 ) -> HeldOutReadings:
-    """Whitened deviations and the root of their covariance, as millimetres; seats of one reading show nothing."""
+    """Whitened deviations and the root of their covariance, in mm; seats with one reading give no deviation."""
     shows = part.is_judged[rows] & (freedom > ROUNDING)
     rows, weights = rows[shows], part.weights[rows[shows]]
     half = half.reshape(len(shows), 3, -1)[shows] / weights[:, :, None]
@@ -346,7 +348,7 @@ def _is_judged(part: ReferenceFit, references: Sequence[ReferenceFit]) -> npt.ND
 
 
 def _placed(pieces: Iterator[_Piece]) -> Iterator[tuple[_Piece, slice]]:
-    """Pieces of a group, and which of its residuals they are."""
+    """Pieces of a group, and the slices of its residuals."""
     start = 0
     for piece in pieces:
         yield piece, slice(start, start + len(piece.spread))
@@ -354,7 +356,7 @@ def _placed(pieces: Iterator[_Piece]) -> Iterator[tuple[_Piece, slice]]:
 
 
 def _residuals_of(rows: IntArray, part: _Whitened) -> IntArray:
-    """Rows of matrices (m k, ..) that belong to readings."""
+    """Rows of matrices (m k, ..) of readings."""
     k = part.weights.shape[1]
     return np.asarray((k * rows[:, None] + np.arange(k)).ravel())
 
@@ -363,25 +365,25 @@ def _by_unknown(linear: LinearisedResiduals, unknown: IntArray, n: int) -> csr_a
     """(m k, n) derivatives by `unknown` (a, m) of n, reading by reading."""
     k, a, m = linear.by_unknown.shape
     residual = np.broadcast_to(np.arange(k)[:, None, None] + k * np.arange(m), (k, a, m))
-    told = linear.by_unknown != 0
+    nonzero = linear.by_unknown != 0
     column = np.broadcast_to(unknown, (k, a, m))
-    return csr_array((linear.by_unknown[told], (residual[told], column[told])), shape=(m * k, n))
+    return csr_array((linear.by_unknown[nonzero], (residual[nonzero], column[nonzero])), shape=(m * k, n))
 
 
-def birge_ratio(references: Sequence[ReferenceFit], rows: IntArray, unexplained_std: float) -> float:
-    """Give by how much the standard deviations of a posterior are to be raised.
+def birge_ratio(references: Sequence[ReferenceFit], rows: IntArray, residual_std: float) -> float:
+    """Return the factor by which held-out readings increase the standard deviations of a posterior.
 
-    It was found with the variance ``std^2 + noise^2`` of each residual, stated and found. Readings held out
-    show ``std^2 + unexplained^2``. The mean ratio over the residuals that were judged is that of the variances.
+    The posterior was computed with the variance ``std^2 + noise^2`` of each residual, stated and estimated. Held-out
+    readings have the variance ``std^2 + residual_std^2``. The squared factor is the mean ratio of the two.
 
     Parameters
     ----------
     references : sequence of ReferenceFit
         Of the identification.
     rows : (m,) int array
-        Readings that were held out: judged by their points, in seats where they have none.
-    unexplained_std : float
-        What these show [mm].
+        Held-out readings, compared with points, or with seats where they have no point.
+    residual_std : float
+        Residual standard deviation of these [mm].
 
     Returns
     -------
@@ -392,9 +394,9 @@ def birge_ratio(references: Sequence[ReferenceFit], rows: IntArray, unexplained_
     pointed = np.zeros(0, dtype=np.intp)
     for kind in ("point", "seat"):
         for reference in (reference for reference in references if reference.kind == kind):
-            judged = np.isin(reference.rows, rows) & ~np.isin(reference.rows, pointed)
-            if judged.any():
-                stated = reference.std[:, judged].ravel() ** 2 + FLOOR_MM2
-                ratios.append((stated + unexplained_std**2) / (stated + reference.noise_std**2))
+            compared = np.isin(reference.rows, rows) & ~np.isin(reference.rows, pointed)
+            if compared.any():
+                stated = reference.std[:, compared].ravel() ** 2 + FLOOR_MM2
+                ratios.append((stated + residual_std**2) / (stated + reference.noise_std**2))
             pointed = reference.rows
     return max(1.0, float(np.sqrt(np.concatenate(ratios).mean()))) if ratios else 1.0

@@ -35,21 +35,21 @@ from truearm.typing import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Effect:
-    """What a group of terms does to the arm, root mean square over readings.
+    """Effect of a group of terms on the arm, root mean square over readings.
 
     Attributes
     ----------
     group : str
     offered : int
-        Coefficients.
+        Number of coefficients.
     determined : float
-        How many of them the readings told.
+        How many of them the readings determine.
     rotation_rad, shift_mm : float or None
-        Size of the motions, over all places and directions that the group has there [rad, mm]. None where it has none,
-        was given up, or is free: how an arm is put into its frame is no error of it.
+        Size of the motions over all places and directions of the group [rad, mm]. None without such motions, for
+        pruned groups and for free ones: the placement of an arm in its frame is no error.
     tip_mm : float or None
-        How far they move the tip, to first order, but for what base and tip would take up where they are free [mm].
-        Groups that act alike may each move it far and cancel.
+        Displacement of the tip, to first order, less the part that a free base and tip compensate [mm]. Groups with
+        similar effects may each displace it far and cancel.
     """
 
     group: str
@@ -61,7 +61,7 @@ class Effect:
 
 
 def effects(fit: IdentificationResult, state: ArmState) -> tuple[Effect, ...]:
-    """What every group of terms that was offered does at the readings of a state, in the order offered.
+    """Effects of all offered groups of terms at the readings of a state.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def effects(fit: IdentificationResult, state: ArmState) -> tuple[Effect, ...]:
 def _tip_squares(
     fit: IdentificationResult, state: ArmState, group: IntArray, is_free: npt.NDArray[np.bool_]
 ) -> FloatArray:
-    """(n_groups,) sums of squares of the tip's displacements, but for what the free groups can make up for."""
+    """(n_groups,) sums of squared displacements of the tip, less the parts that free groups compensate."""
     parts = [np.flatnonzero(group == i) for i in range(len(is_free))]
     free = np.flatnonzero(is_free[group])
     own, cross, gram = np.zeros(len(parts)), np.zeros((len(free), len(parts))), np.zeros((len(free), len(free)))
@@ -115,8 +115,8 @@ def _tip_squares(
         gram += flat[free] @ flat[free].T
     unit, scale = unit_diagonal(gram)
     cross /= scale[:, None]
-    made_up = np.linalg.pinv(unit, rcond=1e-12, hermitian=True) @ cross
-    return np.asarray(np.maximum(own - (cross * made_up).sum(axis=0), 0.0))
+    compensation = np.linalg.pinv(unit, rcond=1e-12, hermitian=True) @ cross
+    return np.asarray(np.maximum(own - (cross * compensation).sum(axis=0), 0.0))
 
 
 OWN_AXIS = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
@@ -124,25 +124,25 @@ OWN_AXIS = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class JointError:
-    """A joint's own error over its angle, and by order.
+    """Angle error of a joint over its angle, and by order.
 
     Attributes
     ----------
     joint : int
         Counted from 1.
     angles : (m,) array
-        That the encoder shows [rad].
+        Angles by the encoder [rad].
     error : (m,) array
-        By how much the joint has turned further [rad]. Its mean is taken off: it cannot be told from the joint's zero.
+        True angle less encoder angle [rad], without its mean, which is indistinguishable from the joint offset.
     std : (m,) array
-        Standard uncertainty of it, as the readings left it [rad].
+        Standard uncertainty of the error [rad].
     orders : (k,) int array
-        Orders that were not given up, rising; none where the readings show no error of this joint.
+        Orders that were not pruned, rising; empty if the readings show no error of this joint.
     amplitudes : (k,) array
-        Of each order [rad]. Where the joint did not turn all round, neighbouring orders share what they cannot be told
-        apart in, and only their sum is known well.
+        Amplitude of each order [rad]. If the joint did not make a full turn, neighbouring orders are hard to
+        distinguish, and only their sum is known well.
     amplitudes_std : (k,) array
-        Their standard uncertainties [rad].
+        Standard uncertainties of the amplitudes [rad].
     """
 
     joint: int
@@ -160,12 +160,12 @@ class JointError:
 
     @property
     def is_significant(self) -> bool:
-        """Whether the readings tell it: it is larger than its uncertainty, root mean square."""
+        """Whether the root mean square of the error is larger than that of its uncertainty."""
         return self.rms > float(np.sqrt(np.mean(self.std**2)))
 
 
 def joint_error(fit: IdentificationResult, joint: int, angles: npt.ArrayLike, *, mean_at: npt.ArrayLike) -> JointError:
-    """The error of a joint about its own axis.
+    """The angle error of a joint.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def joint_error(fit: IdentificationResult, joint: int, angles: npt.ArrayLike, *,
     angles : (m,) array
         Where to evaluate it [rad].
     mean_at : (n,) array
-        Angles at which its mean is zero, such as those of the readings [rad].
+        Angles over which its mean is zero, usually those of the readings [rad].
 
     Returns
     -------
@@ -184,13 +184,13 @@ def joint_error(fit: IdentificationResult, joint: int, angles: npt.ArrayLike, *,
     Raises
     ------
     InputError
-        If the chain has no such joint, or arrays have the wrong shape or no elements.
+        If the chain has no such joint, or arrays have a wrong shape or no elements.
     """
     if not 1 <= joint <= fit.perturbed_chain.chain.n_joints:
         raise InputError(f"expected a joint from 1 to {fit.perturbed_chain.chain.n_joints}, got {joint}")
     at, zero = (np.asarray(values, dtype=float) for values in (angles, mean_at))
     if at.ndim != 1 or zero.ndim != 1 or not len(at) or not len(zero):
-        raise InputError(f"expected angles as two rows of numbers, got shapes {at.shape} and {zero.shape}")
+        raise InputError(f"expected angles as two one-dimensional arrays, got shapes {at.shape} and {zero.shape}")
     orders, columns = _own_axis(fit, joint)
     rising = np.argsort(orders, kind="stable")
     orders, columns = orders[rising], columns[rising]
@@ -210,7 +210,7 @@ def joint_error(fit: IdentificationResult, joint: int, angles: npt.ArrayLike, *,
 
 
 def _own_axis(fit: IdentificationResult, joint: int) -> tuple[IntArray, IntArray]:
-    """Orders (k,) of a joint's harmonics about its own axis, and where their cosine and sine stand (k, 2)."""
+    """Orders (k,) of a joint's harmonics about its own axis, and the columns (k, 2) of their cosine and sine."""
     orders: list[int] = []
     columns: list[tuple[int, int]] = []
     start = 0
@@ -232,20 +232,20 @@ def _functions(orders: IntArray, angles: FloatArray) -> FloatArray:
 def _amplitudes_std(x: FloatArray, amplitudes: FloatArray, covariance: FloatArray) -> FloatArray:
     """(k,) uncertainty of each amplitude to first order: that of the pair (cosine, sine) along itself."""
     pairs = covariance.reshape(len(x), 2, len(x), 2)[np.arange(len(x)), :, np.arange(len(x))]
-    # Of an amplitude of zero every direction is as good: the mean of two.
+    # For an amplitude of zero, use the mean over two directions.
     along = np.divide(x, amplitudes[:, None], out=np.full_like(x, np.sqrt(0.5)), where=amplitudes[:, None] > 0)
     return np.asarray(np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", along, pairs, along), 0)))
 
 
-# Above this share of the prior variance a combination is as good as unknown.
+# A combination with a larger share of its prior variance counts as not identifiable.
 UNIDENTIFIABLE_SHARE = 0.5
-# Poses of all kinds, at which a combination moves the tip, or at none. To move it by a smaller share than this of what
-# its members do, each alone, is not to move it: axes that the drawing has parallel or at right angles are not quite.
+# Random poses at which a combination moves the tip, or does not. A displacement below this share of those of its
+# members counts as none: nominally parallel or perpendicular axes of an identified arm are not exactly so.
 POSES = 100
-STILL = 2e-3
-# Partners that move the tip by a smaller share of what the combination's first constant does are not named.
+NO_DISPLACEMENT = 2e-3
+# Partners that move the tip by a smaller share of the displacement by the first constant are not named.
 LEAST_SHARE = 0.2
-# A combination of more constants than this is named by its largest.
+# Of a combination of more constants than this the largest are named.
 MOST_PARTNERS = 4
 STRONG = 0.95
 
@@ -257,9 +257,9 @@ class Unidentifiable:
     Attributes
     ----------
     constants : tuple of str
-        Their names. Of several only a sum, with the weights, is known: they can move together and nothing shows.
+        Their names. Of several constants only a weighted sum is known: a common motion of them has no effect.
     movement : tuple of float
-        How far each moves together with the first [rad or mm], the first by its prior standard deviation.
+        The common motion without effect [rad or mm], the first constant by its prior standard deviation.
     at_other_poses : bool
         Whether readings at other poses would determine it.
     """
@@ -270,20 +270,20 @@ class Unidentifiable:
 
     @property
     def status(self) -> str:
-        """How much of it is known, in words."""
+        """What is known of it."""
         if len(self.constants) == 1:
-            return "not told"
-        return "only together" if self.at_other_poses else "only together, by any readings"
+            return "not identifiable"
+        return "identifiable only as a sum" if self.at_other_poses else "identifiable only as a sum, from any readings"
 
     def __str__(self) -> str:
         if len(self.constants) == 1:
             return self.constants[0]
-        return f"{', '.join(self.constants[:-1])} and {self.constants[-1]} only together"
+        return f"{', '.join(self.constants[:-1])} and {self.constants[-1]} (only as a sum)"
 
 
 @dataclass(frozen=True)
 class CorrelatedPair:
-    """Two constants whose errors go together.
+    """Two constants with correlated errors.
 
     Attributes
     ----------
@@ -297,14 +297,14 @@ class CorrelatedPair:
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """What readings tell of the constants.
+    """Which constants the readings determine.
 
     Attributes
     ----------
     determined : dict of str to float
-        Share of each constant's prior variance that the readings took away: 1 fully known, 0 as before.
+        Share of each constant's prior variance that the readings removed: 1 fully determined, 0 not at all.
     unidentifiable : tuple of Unidentifiable
-        Combinations left open.
+        Combinations that are not identifiable.
     correlated : tuple of CorrelatedPair
         Pairs with a correlation beyond 0.95, the strongest first, ten at most.
     """
@@ -315,7 +315,7 @@ class Identifiability:
 
 
 def identifiability(fit: IdentificationResult) -> Identifiability:
-    """What the readings of a fit tell of its constants; base and tip where they are free too."""
+    """Identifiability of the constants of a fit, including a free base and tip."""
     names, columns, effects, start = [], [], [], 0
     levers = _levers(fit.chain)
     for term in fit.perturbed_chain.terms:
@@ -331,36 +331,36 @@ def identifiability(fit: IdentificationResult) -> Identifiability:
     whitened = fit.covariance[np.ix_(columns, columns)] / np.outer(prior_std, prior_std)
     determined = {name: float(np.clip(1 - v, 0.0, 1.0)) for name, v in zip(names, whitened.diagonal(), strict=True)}
     values, vectors = np.linalg.eigh(whitened)
-    still = _still(fit, columns)
+    without_effect = _combinations_without_effect(fit, columns)
     left_open = vectors[:, values > UNIDENTIFIABLE_SHARE]
-    left_open = left_open - still @ (still.T @ left_open)
-    beside, size, _ = np.linalg.svd(left_open, full_matrices=False)
+    left_open = left_open - without_effect @ (without_effect.T @ left_open)
+    basis, size, _ = np.linalg.svd(left_open, full_matrices=False)
     unidentifiable = (
-        *_named(beside[:, size > UNIDENTIFIABLE_SHARE], names, prior_std, np.array(effects), at_other_poses=True),
-        *_named(still, names, prior_std, np.array(effects), at_other_poses=False),
+        *_named(basis[:, size > UNIDENTIFIABLE_SHARE], names, prior_std, np.array(effects), at_other_poses=True),
+        *_named(without_effect, names, prior_std, np.array(effects), at_other_poses=False),
     )
     return Identifiability(determined, unidentifiable, _correlated(whitened, names))
 
 
-def _still(fit: IdentificationResult, columns: list[int]) -> FloatArray:
-    """(n, k) combinations of the constants, over their prior standard deviations, that move the tip at no pose."""
+def _combinations_without_effect(fit: IdentificationResult, columns: list[int]) -> FloatArray:
+    """(n, k) combinations of the constants, in prior standard deviations, that move the tip at no pose."""
     chain, rng = fit.perturbed_chain.chain, np.random.default_rng(0)
     angles = np.where(chain.is_prismatic, 500.0, np.pi) * rng.uniform(-1, 1, (POSES, chain.n_joints))
     arm = PerturbedChain(chain, tuple(term for term in fit.perturbed_chain.terms if isinstance(term.basis, Constant)))
     ((_, _, by),) = arm.derivatives(ArmState(chain, angles), fit.coefficients[columns])
     by_whitened = by.reshape(len(columns), -1).T * fit.prior_std[columns]
-    # A base that may be metres off must not hide what a link's milliradian does: each column by its own size.
+    # Scale each column: a base that is uncertain by metres must not hide the effect of a link's milliradian.
     length = np.linalg.norm(by_whitened, axis=0)
     length[length == 0] = 1.0
     _, size, mixed = np.linalg.svd(by_whitened / length, full_matrices=False)
-    found = (mixed[size < STILL * size.max(initial=1.0)] / length).T
+    found = (mixed[size < NO_DISPLACEMENT * size.max(initial=1.0)] / length).T
     return np.asarray(np.linalg.qr(found)[0])
 
 
 def _levers(chain: Chain) -> FloatArray:
     """(n_places,) lengths of links from every place to the tip [mm]."""
     links = np.linalg.norm(chain.fixed[:, :3, 3], axis=1)
-    links[0] = 0.0  # the base stands where the instrument has it
+    links[0] = 0.0  # the instrument defines the base
     links[-1] += np.linalg.norm(chain.tip_in_flange)
     return np.append(links[::-1].cumsum()[::-1], 0.0)
 
@@ -368,9 +368,9 @@ def _levers(chain: Chain) -> FloatArray:
 def _named(
     open_directions: FloatArray, names: list[str], prior_std: FloatArray, effects: FloatArray, *, at_other_poses: bool
 ) -> tuple[Unidentifiable, ...]:
-    """The combinations that span `open_directions` (n, k), each by one constant of its own and what goes with it.
+    """The combinations that span `open_directions` (n, k), each by one constant of its own and its partners.
 
-    `effects` (n,) say how far a unit of each moves the tip [mm].
+    `effects` (n,) are the displacements of the tip by a unit of each [mm].
     """
     n_open = open_directions.shape[1]
     if not n_open:

@@ -1,8 +1,8 @@
-"""Identification: what an arm's small motions are, from readings with references.
+"""Identification: estimate the coefficients of an arm's terms from readings with references.
 
 Maximum a posteriori by Gauss-Newton on exact kinematics. The prior scale of every group of terms and the noise of every
-kind of reference are those of greatest evidence; far residuals weigh less, as under a density with long tails. The four
-depend on each other and are found in rounds: weights and noise from the residuals, a linearisation, scales and
+kind of reference maximise the evidence; large residuals get less weight, as under a density with long tails. All four
+depend on each other and are estimated in rounds: weights and noise from the residuals, a linearisation, then scales and
 parameters from it.
 """
 
@@ -40,43 +40,43 @@ from truearm.typing import FloatArray
 MOST_ROUNDS = 24
 # Rounds of the evidence on one linearisation.
 SCALE_ROUNDS = 2
-# Scales stand still when none changes by a larger share; a scale is known to some tens of per cent at best.
+# Scales have converged when none changes by a larger share; a scale is known to some tens of per cent at best.
 SETTLED_SCALES = 1e-2
-# Groups of fewer effective parameters have no say in that.
+# Groups of fewer effective parameters are not considered for that.
 LEAST_EFFECTIVE = 0.1
-# A group is not seen whose usual size is a smaller share of the noise, root mean square, and that moves all residuals
-# together by less than one standard deviation.
+# A group is invisible if its prior size is a smaller share of the noise, root mean square, and if it moves all
+# residuals together by less than one standard deviation.
 INVISIBLE, INVISIBLE_IN_ALL = 0.02, 1.0
-# A step is the last when tips move by a smaller share of their uncertainty; the noise is calm when it changes by less.
+# The last step moves tips by a smaller share of their uncertainty; the noise is calm when it changes by less.
 SETTLED_STEP = 0.05
 CALM_NOISE = 0.05
-# A step is halved at most so often until the cost does not rise by more than its rounding.
+# Maximum halvings of a step until the cost does not rise by more than this share, its rounding.
 MAX_HALVINGS = 7
 COST_ROUNDING = 1e-9
-# A group's scale is known beforehand to a factor of five, as arms differ by as much, and is ten at most: a term larger
-# than that is what other, missing terms look like. Harmonics to 16 alone would explain some of a UR10's higher ones by
-# radians that nearly cancel where readings are, and miss others by 20 mm.
+# The prior of a group's scale has a spread of a factor of five, as arms differ by as much, and a maximum of ten: larger
+# terms imitate missing ones. Harmonics up to 16 alone would explain some higher ones of a UR10 by radians that nearly
+# cancel at the readings, and miss others by 20 mm.
 LOG_SPREAD = float(np.log(5.0))
 LEAST_SCALE, MOST_SCALE = 1e-4, 10.0
-# Where nothing tells its size it stays as drawn, to this share.
+# If no reference determines the size of the arm, it stays nominal, to this share.
 SIZE_STD = 1e-6
-# An artefact's unknowns have a prior far beyond any workshop [mm, or 1]: nothing known beforehand.
+# The prior of an artefact's unknowns is wider than any workshop [mm, or 1].
 UNKNOWN_STD = 1e6
 
 
 @dataclass(frozen=True)
 class TermGroupResult:
-    """What became of a group of terms.
+    """Outcome for a group of terms.
 
     Attributes
     ----------
     name : str
     n_coefficients : int
-        Offered.
+        Number of coefficients offered.
     effective : float
         How many of them the readings determine.
     scale : float
-        Of the prior, against where evidence started; 0 where it had no use for the group and left it out.
+        Scale of the prior, relative to the start value; 0 if the evidence pruned the group.
     """
 
     name: str
@@ -87,26 +87,26 @@ class TermGroupResult:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceFit:
-    """What a reference looks like under the identified terms.
+    """Residuals and noise of a reference under the identified terms.
 
     Attributes
     ----------
     kind : str
-        Of reference: point, seat.
+        Kind of reference: point, seat, ...
     rows : (m,) int array
-        Its readings.
+        Rows of its readings.
     residuals : (k, m) array
         [mm].
     std : (k, m) array
-        Standard uncertainties of what is known [mm].
+        Stated standard uncertainties [mm].
     noise_std : float
-        Standard deviation of a residual that neither terms nor reference explain [mm].
+        Standard deviation of a residual beyond the stated uncertainty [mm].
     robust_weight : (m,) array
-        Robust weight of every reading, 1 for an ordinary one.
+        Robust weight of every reading, 1 unless it is an outlier.
     artefact : (m,) int array
-        Which seat, which sphere each reading was on; zeros for points.
+        Index of the seat or sphere of each reading; zeros for points.
     unknowns : dict of str to float
-        What was found of the artefact by name; names have units.
+        Identified unknowns of the artefacts by name; the names state units.
     """
 
     kind: str
@@ -120,26 +120,26 @@ class ReferenceFit:
 
     @property
     def weights(self) -> FloatArray:
-        """(k, m) what residuals are multiplied with: square roots of robust weight over variance [1/mm]."""
+        """(k, m) weights of the residuals: square roots of robust weight over variance [1/mm]."""
         return np.asarray(np.sqrt(self.robust_weight / (self.std**2 + self.noise_std**2)))
 
 
 @dataclass(frozen=True, eq=False)
 class IdentificationResult:
-    """What was identified.
+    """Result of an identification.
 
     Attributes
     ----------
     perturbed_chain : PerturbedChain
-        The chain, as drawn and placed, and the terms that move it; groups without evidence are not among them.
+        The nominal chain, placed, with its terms; pruned groups are not among them.
     coefficients : (n_coefficients,) array
-        Of the terms [rad or mm per unit of the basis].
+        Coefficients of the terms [rad or mm per unit of the basis].
     covariance : (n_coefficients, n_coefficients) array
         Their posterior covariance.
     prior_std : (n_coefficients,) array
-        Their prior standard deviations as evidence found them.
+        Their prior standard deviations as scaled by the evidence.
     groups : tuple of TermGroupResult
-        All that were offered.
+        All groups that were offered.
     references : tuple of ReferenceFit
     converged : bool
     rounds : int
@@ -156,12 +156,12 @@ class IdentificationResult:
 
     @property
     def chain(self) -> Chain:
-        """The chain with the constant terms composed; those that depend on the arm's state are left out."""
+        """The chain with the constant terms composed, without those that depend on the state of the arm."""
         return self.perturbed_chain.with_constants(self.coefficients)
 
     @property
     def parameters(self) -> FloatArray:
-        """The coefficients and after them the references' unknowns, as `SmallMotionProblem` takes them."""
+        """The coefficients, then the unknowns of the references: the parameters of `SmallMotionProblem`."""
         return np.concatenate([self.coefficients, *(list(part.unknowns.values()) for part in self.references)])
 
     def tips(self, state: ArmState) -> FloatArray:
@@ -173,7 +173,7 @@ class IdentificationResult:
         out = np.empty((len(state), 3, 3))
         uncertain, root = self._root
         for rows, _, columns in self.perturbed_chain.derivatives(state, self.coefficients):
-            # By the root, for a sum of squares: of an arm known to rounding a variance came out below zero.
+            # A sum of squares by the root: otherwise variances of an arm known to rounding may be negative.
             spread = np.tensordot(root, columns[uncertain], axes=1)
             out[rows] = np.einsum("pin,pjn->nij", spread, spread)
         return out
@@ -186,18 +186,18 @@ class IdentificationResult:
 
 
 def grouped_prior(terms: Sequence[Term], n_unknowns: int) -> tuple[GroupedPrior, tuple[str, ...]]:
-    """The prior of all coefficients and unknowns at the scales where evidence starts, and the groups' names.
+    """The prior of all coefficients and unknowns at the start values of the scales, and the names of the groups.
 
     Raises
     ------
     InputError
-        If terms of one group do not agree whether evidence finds its scale.
+        If terms of one group disagree whether the evidence determines its scale.
     """
     names = tuple(dict.fromkeys(term.group for term in terms))
     learned: dict[str, bool] = {}
     for term in terms:
         if learned.setdefault(term.group, term.learn) != term.learn:
-            raise InputError(f"the terms of group {term.group!r} must agree whether its scale is learned")
+            raise InputError(f"the terms of group {term.group!r} must have the same value of learn")
     ratio = np.concatenate([*(term.prior_stds for term in terms), np.full(n_unknowns, UNKNOWN_STD)])
     group = np.concatenate(
         [*(np.full(term.n_coefficients, names.index(term.group)) for term in terms), np.full(n_unknowns, len(names))]
@@ -220,16 +220,16 @@ def identify(
     Parameters
     ----------
     chain : Chain
-        As drawn, roughly placed: its tips come out in the frame of the references.
+        The nominal chain, roughly placed in the frame of the references.
     state : ArmState
         Of all readings.
     terms : sequence of Term
     references : sequence of Reference
-        At least one; of each kind one, as noise is estimated by kind.
+        At least one, and one of each kind, as the noise is estimated by kind.
     robust : bool
-        Whether far residuals weigh less.
+        Whether large residuals get less weight.
     progress : callable, optional
-        Told the rounds done and how it stands.
+        Called with the number of rounds and the status.
 
     Returns
     -------
@@ -238,8 +238,8 @@ def identify(
     Raises
     ------
     InputError
-        If there are no references, or two of a kind; if one has no readings, readings that are not in the state, or
-        uncertainties that are none; or if a term's place is beyond the chain.
+        If there are no references, or two of a kind; if a reference has no readings, readings that are not in the
+        state, or invalid uncertainties; or if a term's place is beyond the chain.
     """
     kinds = [reference.kind for reference in references]
     if not kinds or len(set(kinds)) < len(kinds):
@@ -258,48 +258,53 @@ def identify(
     step_before, share = np.zeros(len(x)), 1.0
     residuals = problem.residuals(x)
     for n_rounds in range(1, MOST_ROUNDS + 1):
-        noise, weights, trust = _weighed(problem.references, residuals, per_kind, robust=robust)
+        noise, weights, robust_weights = _weights(problem.references, residuals, per_kind, robust=robust)
         if progress is not None:
-            told = ", ".join(f"{kind} {np.sqrt(v):.4f} mm" for kind, v in zip(kinds, noise, strict=True))
-            progress(n_rounds, f"unexplained: {told}")
+            status = ", ".join(f"{kind} {np.sqrt(v):.4f} mm" for kind, v in zip(kinds, noise, strict=True))
+            progress(n_rounds, f"noise: {status}")
         parts, whole = linearised(problem, x, weights)
-        left = eliminate_unknowns(parts, whole, x)
+        reduced = eliminate_unknowns(parts, whole, x)
         calm = calm + 1 if np.all(np.abs(noise - noise_before) < CALM_NOISE * noise) else 0
         if calm == 1:
             prior = _without_invisible(prior, whole.diagonal, sum(residual.size for residual in residuals))
-        # While the noise still falls, what it hides must not be given up.
+        # While the noise still falls, groups below it must not be pruned.
         with one_blas_thread():
-            prior, found, effective = _evidence(left, x, prior, prune=calm >= 2)
+            prior, solution, effective = _evidence(reduced, x, prior, prune=calm >= 2)
         if x[~prior.active].any():
             x = np.where(prior.active, x, 0.0)
             residuals = problem.residuals(x)
-        step = left.step(found.x - x[left.kept])
+        step = reduced.step(solution.x - x[reduced.kept])
         along = whole.times(step)
-        # Rounding may leave a product of almost nothing below zero.
-        moved_by = np.sqrt(max(float(step @ along), 0.0) / max(float(effective.sum()) + left.n_determined, 1.0))
+        # Rounding may make a tiny product negative.
+        moved_by = np.sqrt(max(float(step @ along), 0.0) / max(float(effective.sum()) + reduced.n_determined, 1.0))
         back = float(along @ step_before) < 0
         share = max(share / 2, 0.1) if calm >= 2 and back else min(1.5 * share, 1.0)
         step_before = step
         cost, halving = _cost(problem, weights, prior), StepHalving(share, MAX_HALVINGS)
         x, residuals = take_step(problem, x, residuals, step, cost, halving)
-        per_kind = left.traces(parts, found.covariance)
+        per_kind = reduced.traces(parts, solution.covariance)
         converged = calm >= 2 and moved_by < SETTLED_STEP
         noise_before = noise
         if converged:
             break
-    # Where readings leave a motion of decimetres open, a last step within all uncertainty still turns what is open by
-    # more than the noise: the covariance is that of the arm that was found.
+    # If the readings leave a motion of decimetres open, the last step may still change the linearisation by more than
+    # the noise: compute the covariance at the final parameters.
     parts, whole = linearised(problem, x, weights)
-    left = eliminate_unknowns(parts, whole, x)
+    reduced = eliminate_unknowns(parts, whole, x)
     with one_blas_thread():
-        found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior.subset(left.kept), size=left.size)
-    return _gathered(problem, x, prior, groups, found, effective, noise, trust, converged, n_rounds)
+        solution = posterior(
+            reduced.gram,
+            reduced.gram @ x[reduced.kept] - reduced.gradient,
+            prior.subset(reduced.kept),
+            size=reduced.size,
+        )
+    return _result(problem, x, prior, groups, solution, effective, noise, robust_weights, converged, n_rounds)
 
 
 def initial_problem(
     perturbed_chain: PerturbedChain, state: ArmState, references: Sequence[Reference]
 ) -> tuple[SmallMotionProblem, FloatArray]:
-    """The problem with references laid out about the arm as drawn, and the unknowns where they start."""
+    """The problem with references initialised at the nominal arm, and start values of the unknowns."""
     rough = perturbed_chain.tips(state, np.zeros(perturbed_chain.n_coefficients)).T
     laid = [reference.initialise(rough[:, reference.rows]) for reference in references]
     problem = SmallMotionProblem(perturbed_chain, state, tuple(reference for reference, _ in laid))
@@ -309,17 +314,17 @@ def initial_problem(
 def _check_rows(reference: Reference, n: int) -> None:
     rows, std = reference.rows, reference.std
     if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer) or not len(rows):
-        raise InputError(f"expected the numbers of one reading or more with a {reference.kind}, got {rows!r:.60}")
+        raise InputError(f"expected the rows of one reading or more with a {reference.kind}, got {rows!r:.60}")
     if rows.min() < 0 or rows.max() >= n:
-        raise InputError(f"expected a {reference.kind} at readings 0 to {n - 1}, got {rows.min()} to {rows.max()}")
+        raise InputError(f"expected a {reference.kind} in rows 0 to {n - 1}, got {rows.min()} to {rows.max()}")
     if std.shape != (reference.n_residuals, len(rows)) or not (np.isfinite(std) & (std >= 0)).all():
-        raise InputError(f"expected standard uncertainties of a {reference.kind} of zero or more, finite, got others")
+        raise InputError(f"expected finite standard uncertainties of a {reference.kind}, zero or more")
 
 
 def linearised(
     problem: SmallMotionProblem, x: FloatArray, weights: list[FloatArray]
 ) -> tuple[list[Arrowhead], Arrowhead]:
-    """Normal equations of every reference, and of all of them and their constraints together."""
+    """Normal equations of every reference, and their sum with the constraints."""
     parts, whole = problem.equations(x, weights)
     head, gradient = whole.head, whole.gradient
     if any(reference.kind in RELATIVE for reference in problem.references):
@@ -337,27 +342,31 @@ def linearised(
 def eliminate_unknowns(parts: Sequence[Arrowhead], whole: Arrowhead, x: FloatArray) -> SchurComplement:
     """Normal equations without the artefacts' unknowns.
 
-    Those that no reading is about stay: lengths of artefacts, which tie the places where these stood to one another.
+    Unknowns without readings remain: lengths of artefacts, which couple the places of an artefact.
     """
     in_readings = np.concatenate([part.blocks.diagonal() for part in parts]) > 0
     return whole.eliminate(np.full(len(in_readings), UNKNOWN_STD**-2.0), x, shared=~in_readings)
 
 
 def _size_is_open(problem: SmallMotionProblem, x: FloatArray) -> bool:
-    """Whether nothing tells how large the arm is: neither points nor lengths nor radii."""
-    told = [reference.constraints(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)]
-    return all(r.kind != "point" for r in problem.references) and all(constraints is None for constraints in told)
+    """Whether no reference determines the size of the arm: neither points nor lengths nor radii."""
+    constraints_of = [
+        reference.constraints(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)
+    ]
+    return all(r.kind != "point" for r in problem.references) and all(
+        constraints is None for constraints in constraints_of
+    )
 
 
-def _gathered(
+def _result(
     problem: SmallMotionProblem,
     x: FloatArray,
     prior: GroupedPrior,
     groups: tuple[str, ...],
-    found: Posterior,
+    solution: Posterior,
     effective: FloatArray,
     noise: FloatArray,
-    trust: list[FloatArray],
+    robust_weights: list[FloatArray],
     converged: bool,
     n_rounds: int,
 ) -> IdentificationResult:
@@ -368,22 +377,22 @@ def _gathered(
     return IdentificationResult(
         PerturbedChain(perturbed_chain.chain, kept),
         x[active],
-        found.covariance[np.ix_(active, active)],
+        solution.covariance[np.ix_(active, active)],
         (prior.ratio * prior.scale[prior.group])[active],
         tuple(
             TermGroupResult(name, int(offered[i]), float(effective[i]), float(prior.scale[i]))
             for i, name in enumerate(groups)
         ),
-        reference_fits(problem, x, np.sqrt(noise), trust),
+        reference_fits(problem, x, np.sqrt(noise), robust_weights),
         bool(converged),
         n_rounds,
     )
 
 
 def reference_fits(
-    problem: SmallMotionProblem, x: FloatArray, noise_std: FloatArray, trust: Sequence[FloatArray]
+    problem: SmallMotionProblem, x: FloatArray, noise_std: FloatArray, robust_weights: Sequence[FloatArray]
 ) -> tuple[ReferenceFit, ...]:
-    """What the references look like at parameters `x`, with the noise of each and the trust in its readings."""
+    """The references at parameters `x`, with the noise of each and the robust weights of its readings."""
     found = []
     for i, (reference, residual) in enumerate(zip(problem.references, problem.residuals(x), strict=True)):
         unknowns = dict(zip(reference.unknowns, x[problem.unknowns_of(i)].tolist(), strict=True))
@@ -394,7 +403,7 @@ def reference_fits(
                 residual,
                 reference.std,
                 float(noise_std[i]),
-                trust[i],
+                robust_weights[i],
                 _artefact(problem, i, x),
                 unknowns,
             )
@@ -403,7 +412,7 @@ def reference_fits(
 
 
 def _artefact(problem: SmallMotionProblem, which: int, x: FloatArray) -> npt.NDArray[np.intp]:
-    """(m,) which artefact each reading has to do with: those that share unknowns share it."""
+    """(m,) index of the artefact of each reading: readings that share unknowns share it."""
     reference = problem.references[which]
     if not reference.unknowns:
         return np.zeros(len(reference.rows), dtype=np.intp)
@@ -412,25 +421,25 @@ def _artefact(problem: SmallMotionProblem, which: int, x: FloatArray) -> npt.NDA
     return np.unique(first, return_inverse=True)[1].astype(np.intp)
 
 
-def _weighed(
+def _weights(
     references: Sequence[Reference], residuals: list[FloatArray], effective: FloatArray, *, robust: bool
 ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-    """Noise variance of every reference, weights (k, m) of its residuals and trust (m,) in its readings."""
-    noise, weights, trusts = np.empty(len(references)), [], []
+    """Noise variance of every reference, weights (k, m) of its residuals and robust weights (m,) of its readings."""
+    noise, weights, robust_weightss = np.empty(len(references)), [], []
     for i, (reference, residual) in enumerate(zip(references, residuals, strict=True)):
         known = reference.std.T**2
         noise[i] = paule_mandel_variance(residual.T, known, n_effective=float(effective[i]), robust=robust)
         variance = known + noise[i]
-        trust = huber_weights(residual.T, variance) if robust else np.ones(len(known))
-        weights.append(np.sqrt(trust / variance.T))
-        trusts.append(trust)
-    return noise, weights, trusts
+        robust_weights = huber_weights(residual.T, variance) if robust else np.ones(len(known))
+        weights.append(np.sqrt(robust_weights / variance.T))
+        robust_weightss.append(robust_weights)
+    return noise, weights, robust_weightss
 
 
 def _without_invisible(prior: GroupedPrior, diagonal: FloatArray, n_residuals: int) -> GroupedPrior:
-    """Leave out groups that would not be seen at their usual size, as harmonics of a joint whose axis meets the tip.
+    """Prune groups that are invisible at their prior size, for example harmonics of a joint whose axis meets the tip.
 
-    Evidence would let them grow beyond any sense: to where they are seen.
+    The evidence would scale them up without limit, until they are visible.
     """
     in_all = np.sqrt(prior.group_sums(prior.ratio**2 * diagonal))
     hidden = (in_all < INVISIBLE * np.sqrt(n_residuals)) & (in_all < INVISIBLE_IN_ALL)
@@ -438,31 +447,31 @@ def _without_invisible(prior: GroupedPrior, diagonal: FloatArray, n_residuals: i
 
 
 def _evidence(
-    left: SchurComplement, x: FloatArray, prior: GroupedPrior, *, prune: bool
+    reduced: SchurComplement, x: FloatArray, prior: GroupedPrior, *, prune: bool
 ) -> tuple[GroupedPrior, Posterior, FloatArray]:
-    """Scales of greatest evidence on a linearisation, as far as some rounds get, and the posterior of those kept in it.
+    """Some rounds towards the scales of maximum evidence on a linearisation, and the posterior of the kept parameters.
 
-    Pruned groups have scale 0 and stay out.
+    Pruned groups have scale 0 and remain pruned.
     """
-    gram, right, size = left.gram, left.gram @ x[left.kept] - left.gradient, left.size
-    of_kept = prior.subset(left.kept)
+    gram, right, size = reduced.gram, reduced.gram @ x[reduced.kept] - reduced.gradient, reduced.size
+    of_kept = prior.subset(reduced.kept)
     effective = np.zeros(len(prior.scale))
     for _ in range(SCALE_ROUNDS):
         known = marginal_posterior(gram, right, of_kept, size=size)
         scale, effective = update_scales(of_kept, known, log_spread=LOG_SPREAD, least=LEAST_SCALE, most=MOST_SCALE)
-        told = effective > LEAST_EFFECTIVE
-        change = np.abs(scale - of_kept.scale)[told] / of_kept.scale[told]
+        counted = effective > LEAST_EFFECTIVE
+        change = np.abs(scale - of_kept.scale)[counted] / of_kept.scale[counted]
         of_kept = replace(of_kept, scale=scale)
         if change.max(initial=0.0) < SETTLED_SCALES:
             break
-    found = posterior(gram, right, of_kept, size=size)
+    solution = posterior(gram, right, of_kept, size=size)
     if prune:
-        pruned = prune_groups(of_kept, found, log_spread=LOG_SPREAD)
+        pruned = prune_groups(of_kept, solution, log_spread=LOG_SPREAD)
         if (pruned.scale < of_kept.scale).any():
             of_kept = pruned
-            found = posterior(gram, right, of_kept, size=size)
+            solution = posterior(gram, right, of_kept, size=size)
             effective = np.where(of_kept.scale > 0, effective, 0.0)
-    return replace(prior, scale=of_kept.scale), found, effective
+    return replace(prior, scale=of_kept.scale), solution, effective
 
 
 def _cost(

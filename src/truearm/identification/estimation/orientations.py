@@ -1,9 +1,9 @@
-"""Orientations of the flange that a reference saw; with a point at the same reading, a full pose.
+"""References to orientations of the flange; with a point at the same reading, a full pose.
 
-A pose is a point and an orientation, two references of the same readings: millimetres and radians have a noise each,
-found from the readings, and nobody has to say how many of the one weigh as much as one of the other.
+A pose is a point and an orientation, two references of the same readings. Each has a noise of its own, estimated from
+the readings, so that no weight of millimetres against radians is needed.
 
-The tool that the reference sees sits on the flange as nobody knows: its rotation is that of the tip's place, see
+The rotation of the tracked tool on the flange is unknown: it is that of the tip's place, see
 `truearm.identification.terms.catalogue.tool_rotation`.
 """
 
@@ -22,14 +22,14 @@ from truearm.errors import InputError
 from truearm.identification.estimation.references import LinearisedResiduals, Points
 from truearm.typing import FloatArray, IntArray
 
-# Angles count as the shift at a metre's distance, so that every residual is in mm. A unit, not a weight: orientations
-# have a noise of their own.
+# Angles are converted to the displacement at a metre's distance, so that every residual is in mm. This is a unit, not
+# a weight: orientations have a noise of their own.
 LEVER_MM = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
 class Orientations:
-    """Orientations of the flange, as a reference instrument saw them.
+    """Orientations of the flange measured by a reference instrument.
 
     The residual is the rotation vector of ``R_reference_flange^T R_model``, along the flange's axes, times `LEVER_MM`.
 
@@ -45,7 +45,7 @@ class Orientations:
     Raises
     ------
     InputError
-        If one is not a rotation (1e-6).
+        If a matrix is not a rotation (1e-6).
     """
 
     rows: IntArray
@@ -64,11 +64,11 @@ class Orientations:
         off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
         bad = ~((off < 1e-6) & (np.linalg.det(R) > 0))
         if bad.any():
-            raise InputError(f"expected rotations, got another matrix at reading {self.rows[int(np.argmax(bad))]}")
+            raise InputError(f"expected rotations, got another matrix at reading {self.rows[int(np.argmax(bad))] + 1}")
 
     @property
     def std(self) -> FloatArray:
-        """(3, m) standard uncertainties at the lever [mm]."""
+        """(3, m) standard uncertainties at the lever arm [mm]."""
         return np.zeros((3, len(self.rows))) if self.turn_std is None else LEVER_MM * self.turn_std.T
 
     def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
@@ -81,7 +81,7 @@ class Orientations:
     ) -> LinearisedResiduals:
         """See `Reference`."""
         del unknowns
-        assert axes is not None, "it turns"
+        assert axes is not None, "needed, as uses_orientation is set"
         m = tips.shape[1]
         back = self.R_reference_flange[which].transpose(0, 2, 1)
         r = Rotation.from_matrix(back @ axes.transpose(2, 0, 1)).as_rotvec()
@@ -105,7 +105,7 @@ def pose_references(
     point_std: FloatArray | None = None,
     turn_std: FloatArray | None = None,
 ) -> tuple[Points, Orientations]:
-    """Full poses: points (m, 3) [mm] and orientations as quaternions (m, 4), w x y z, of the same readings.
+    """References of full poses: points (m, 3) [mm], orientations as quaternions (m, 4), w x y z, of the same readings.
 
     Standard uncertainties (m, 3) in mm and rad.
     """
@@ -114,12 +114,12 @@ def pose_references(
 
 
 def orient_flange_coarsely(chain: Chain, angles: npt.ArrayLike, R_reference_flange: FloatArray) -> Chain:
-    """The chain with its flange's axes turned to where they come nearest to orientations seen (m, 3, 3).
+    """The chain with the flange axes rotated to the mean of the measured orientations (m, 3, 3).
 
-    Small-angle steps find the tool's rotation on the flange from less than half a turn; this finds it from anywhere,
-    once the chain stands in the reference's frame. The tip stays where it is.
+    Gauss-Newton steps converge to the rotation of the tool from less than half a turn; this start value suits any
+    rotation, once the chain is placed in the frame of the reference. The tip does not move.
     """
-    seen_in_flange = chain.pose(angles).R_base_tip.transpose(0, 2, 1) @ R_reference_flange
+    measured_in_flange = chain.pose(angles).R_base_tip.transpose(0, 2, 1) @ R_reference_flange
     motions = np.zeros((chain.n_places, 6))
-    motions[-1, :3] = Rotation.from_matrix(seen_in_flange).mean().as_rotvec()
+    motions[-1, :3] = Rotation.from_matrix(measured_in_flange).mean().as_rotvec()
     return chain.with_motions(motions)

@@ -1,9 +1,9 @@
-"""Readings that lie far from where an identified arm expects them, and known lengths that are far from what it finds.
+"""Outliers: readings that an identified arm does not fit, and known lengths that contradict all other data.
 
-A length counts with its certificate's uncertainty and bends the arm to it, however wrong it is; its residual, and those
-of the others, then say little. So each is judged by what is found without it, in closed form: with the whitened
-residuals r of the constraints and their whitened covariance S under the posterior, ``(I - S)^-1 r`` of those left out
-(`truearm.identification.estimation.cross_validation`).
+A known length enters with the uncertainty of its certificate, and a wrong one distorts the arm; its residual, and those
+of the other lengths, then mean little. Each length is therefore compared with the value implied by all other data, in
+closed form: with the whitened residuals r of the constraints and their whitened covariance S under the posterior,
+``(I - S)^-1 r`` of the omitted ones (`truearm.identification.estimation.cross_validation`).
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from truearm.solve.group_evidence import GroupedPrior, posterior
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
-# A reading that counts less than this has a residual of twice the length from which weights fall.
-LEAST_TRUST = 0.5
-# Standard deviations by which a known length may miss what is found without it.
+# Readings of a robust weight below this have a residual of at least twice Huber's threshold.
+MIN_ROBUST_WEIGHT = 0.5
+# Standard deviations by which a known length may differ from the value implied by all other data.
 MAX_NORMALIZED_RESIDUAL = 4.0
-# Share of a length's variance that must be left without it for anything but itself to tell of it.
-LEAST_LEFT = 1e-8
+# Share of a residual's variance that must remain for other data to determine the length.
+MIN_REDUNDANCY = 1e-8
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Outlier:
 
 
 def outliers(fit: IdentificationResult) -> list[Outlier]:
-    """Readings whose robust weight is below one half, the farthest first."""
+    """Readings whose robust weight is below one half, the largest normalized residual first."""
     found = []
     for reference in fit.references:
         if reference.residuals.shape[1] == 0:
@@ -92,25 +92,25 @@ def outliers(fit: IdentificationResult) -> list[Outlier]:
         normalized = np.sqrt((reference.residuals**2 / variance).mean(axis=0))
         found += [
             Outlier.of_reading(int(reference.rows[i]), float(length[i]), float(normalized[i]), kind=reference.kind)
-            for i in np.flatnonzero(reference.robust_weight < LEAST_TRUST)
+            for i in np.flatnonzero(reference.robust_weight < MIN_ROBUST_WEIGHT)
         ]
     return sorted(found, key=lambda outlier: -outlier.normalized_residual)
 
 
 class ConstraintResiduals(NamedTuple):
-    """What an identified arm says of constraints among its references' unknowns.
+    """Residuals of the constraints among the references' unknowns, at the minimum of an identification.
 
     Attributes
     ----------
     names : tuple of str
     residuals : (l,) array
-        Found less stated [mm].
+        Value by the identified arm less the stated value [mm].
     std : (l,) array
-        Standard uncertainties of what is stated [mm].
+        Standard uncertainties of the stated values [mm].
     covariance : (l, l) array
-        Of the residuals, by the posterior [mm^2].
+        Of the values by the identified arm, from the posterior [mm^2].
     values : (l, 2) array
-        As found and as stated [mm].
+        By the identified arm and as stated [mm].
     """
 
     names: tuple[str, ...]
@@ -121,34 +121,37 @@ class ConstraintResiduals(NamedTuple):
 
 
 def length_outliers(fit: IdentificationResult, state: ArmState, references: Sequence[Reference]) -> list[Outlier]:
-    """Known lengths and distances that miss what is found without them by more than `MAX_NORMALIZED_RESIDUAL`, the worst first.
+    """Known lengths and distances that contradict all other data, the worst first.
 
-    The worst is left out before the others are judged, as it bends the arm for them too; and so on.
+    The worst is omitted before the others are judged, as it distorts the arm for them too; then the next worst, until
+    no normalized residual is above `MAX_NORMALIZED_RESIDUAL`.
 
     Parameters
     ----------
     fit : IdentificationResult
     state : ArmState
-        Of the readings it was identified from.
+        Of the readings of the identification.
     references : sequence of Reference
-        From which it was identified.
+        Those of the identification.
     """
-    told = constraint_residuals(fit, state, references, references)
-    if told is None:
+    stated = constraint_residuals(fit, state, references, references)
+    if stated is None:
         return []
-    r, S = told.residuals / told.std, told.covariance / np.outer(told.std, told.std)
+    r, S = stated.residuals / stated.std, stated.covariance / np.outer(stated.std, stated.std)
     found: list[Outlier] = []
     kept = np.arange(len(r))
     while len(kept):
-        left = 1 - S.diagonal()
-        normalized = np.where(left > LEAST_LEFT, np.abs(r) / np.sqrt(np.maximum(left, LEAST_LEFT)), 0.0)
+        redundancy = 1 - S.diagonal()
+        normalized = np.where(
+            redundancy > MIN_REDUNDANCY, np.abs(r) / np.sqrt(np.maximum(redundancy, MIN_REDUNDANCY)), 0.0
+        )
         worst = int(np.argmax(normalized))
         if not normalized[worst] > MAX_NORMALIZED_RESIDUAL:
             break
-        error = -float(r[worst] / left[worst] * told.std[kept[worst]])
-        found.append(Outlier(told.names[kept[worst]], error, float(normalized[worst]), "length"))
+        error = -float(r[worst] / redundancy[worst] * stated.std[kept[worst]])
+        found.append(Outlier(stated.names[kept[worst]], error, float(normalized[worst]), "length"))
         others = np.delete(np.arange(len(kept)), worst)
-        along = S[others, worst] / left[worst]
+        along = S[others, worst] / redundancy[worst]
         r, S = r[others] + along * r[worst], S[np.ix_(others, others)] + np.outer(along, S[worst, others])
         kept = kept[others]
     return found
@@ -157,19 +160,19 @@ def length_outliers(fit: IdentificationResult, state: ArmState, references: Sequ
 def constraint_residuals(
     fit: IdentificationResult, state: ArmState, references: Sequence[Reference], stated: Sequence[Reference]
 ) -> ConstraintResiduals | None:
-    """What the arm says of constraints, at its minimum; None if there are none.
+    """Residuals of the constraints at the minimum of an identification; None without constraints.
 
     Parameters
     ----------
     fit : IdentificationResult
     state : ArmState
-        Of the readings it was identified from.
+        Of the readings of the identification.
     references : sequence of Reference
-        From which it was identified.
+        Those of the identification.
     stated : sequence of Reference
-        Those whose constraints are asked for: the same, or the same but for constraints that `references` are without.
+        The references whose constraints to evaluate: the same, or the same with additional constraints.
     """
-    if all(_is_silent(reference) for reference in stated):
+    if all(_is_unconstrained(reference) for reference in stated):
         return None
     x, n = fit.parameters, len(fit.coefficients)
     problem, _ = initial_problem(fit.perturbed_chain, state, references)
@@ -177,18 +180,18 @@ def constraint_residuals(
     residuals, std, by, values = [], [], [], []
     with one_blas_thread():
         parts, whole = linearised(problem, x, [part.weights for part in fit.references])
-        left = eliminate_unknowns(parts, whole, x)
-        prior_std = np.concatenate([fit.prior_std, np.full(len(left.kept) - n, UNKNOWN_STD)])
+        reduced = eliminate_unknowns(parts, whole, x)
+        prior_std = np.concatenate([fit.prior_std, np.full(len(reduced.kept) - n, UNKNOWN_STD)])
         prior = GroupedPrior(prior_std, np.zeros(len(prior_std), np.intp), np.ones(1), np.zeros(1, bool))
-        found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior, size=left.size)
-    # The iterations end within a part of all uncertainty, and what constraints alone hold is seldom known to that.
-    step = left.step(found.x - x[left.kept])
+        solution = posterior(reduced.gram, reduced.gram @ x[reduced.kept] - reduced.gradient, prior, size=reduced.size)
+    # The iterations end within a fraction of the uncertainty, which is too coarse for unknowns of constraints alone.
+    step = reduced.step(solution.x - x[reduced.kept])
     for i, reference in enumerate(stated):
         unknowns = x[problem.unknowns_of(i)]
-        # Unknowns of constraints alone stand last; they are as stated where the arm was identified without them.
+        # Unknowns of constraints alone are the last ones; without them in the fit they have their stated values.
         tips = problem.perturbed_chain.tips(state.rows(reference.rows), fit.coefficients).T
-        beside = reference.initialise(tips)[1][len(unknowns) :]
-        constraints = reference.constraints(np.concatenate([unknowns, beside]))
+        additional = reference.initialise(tips)[1][len(unknowns) :]
+        constraints = reference.constraints(np.concatenate([unknowns, additional]))
         if constraints is None:
             continue
         names += constraints.names
@@ -199,13 +202,16 @@ def constraint_residuals(
         by.append(wide)
         values.append(constraints.values)
     J = np.concatenate(by)
-    of_kept, of_gone = J[:, left.kept] - J[:, left.eliminated] @ left.slope, J[:, left.eliminated] @ left.root.T
-    covariance = of_kept @ found.covariance @ of_kept.T + of_gone @ of_gone.T
+    of_kept, of_eliminated = (
+        J[:, reduced.kept] - J[:, reduced.eliminated] @ reduced.slope,
+        J[:, reduced.eliminated] @ reduced.root.T,
+    )
+    covariance = of_kept @ solution.covariance @ of_kept.T + of_eliminated @ of_eliminated.T
     return ConstraintResiduals(
         tuple(names), np.concatenate(residuals), np.concatenate(std), covariance, np.concatenate(values)
     )
 
 
-def _is_silent(reference: Reference) -> bool:
-    """Whether it has no constraints."""
+def _is_unconstrained(reference: Reference) -> bool:
+    """Whether a reference has no constraints."""
     return reference.constraints(np.zeros(len(reference.unknowns))) is None

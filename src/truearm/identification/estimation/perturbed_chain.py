@@ -37,7 +37,7 @@ class Site:
 
     @property
     def is_constant(self) -> bool:
-        """Whether its motion is the same in every pose."""
+        """Whether the motion is the same in every pose."""
         return all(isinstance(basis, Constant) for basis in self.bases)
 
     def values(self, state: ArmState) -> FloatArray:
@@ -49,12 +49,12 @@ class Site:
 
 @dataclass(frozen=True, eq=False)
 class PerturbedChain:
-    """A chain with terms, whose motions are composed exactly, a set for each reading.
+    """A chain with terms, whose motions are composed exactly at every reading.
 
     Parameters
     ----------
     chain : Chain
-        Without them.
+        The nominal chain.
     terms : tuple of Term
     """
 
@@ -63,16 +63,16 @@ class PerturbedChain:
 
     @cached_property
     def n_coefficients(self) -> int:
-        """Of all terms."""
+        """Number of coefficients of all terms."""
         return sum(term.n_coefficients for term in self.terms)
 
     @cached_property
     def sites(self) -> list[Site]:
-        """Terms gathered by place and direction."""
+        """Terms grouped by place and direction."""
         starts = np.cumsum([0, *(term.n_coefficients for term in self.terms)])
-        gathered: dict[tuple[int, tuple[float, ...]], list[int]] = {}
+        grouped: dict[tuple[int, tuple[float, ...]], list[int]] = {}
         for i, term in enumerate(self.terms):
-            gathered.setdefault((term.place, term.direction), []).append(i)
+            grouped.setdefault((term.place, term.direction), []).append(i)
         return [
             Site(
                 place,
@@ -80,16 +80,16 @@ class PerturbedChain:
                 tuple(self.terms[i].basis for i in members),
                 np.concatenate([np.arange(starts[i], starts[i + 1]) for i in members]),
             )
-            for (place, direction), members in gathered.items()
+            for (place, direction), members in grouped.items()
         ]
 
     def values(self, state: ArmState) -> list[FloatArray]:
-        """Values of the basis functions of every site; sites that have the same share them."""
-        found: dict[tuple[Basis, ...], FloatArray] = {}
+        """Values of the basis functions of every site; sites with the same bases share them."""
+        values: dict[tuple[Basis, ...], FloatArray] = {}
         for site in self.sites:
-            if site.bases not in found:
-                found[site.bases] = site.values(state)
-        return [found[site.bases] for site in self.sites]
+            if site.bases not in values:
+                values[site.bases] = site.values(state)
+        return [values[site.bases] for site in self.sites]
 
     def motions(self, x: FloatArray, values: list[FloatArray]) -> FloatArray:
         """(n_places, 6, m) motions [rad, mm] with coefficients `x`; (n_places, 6, 1) if they are constant."""
@@ -102,7 +102,7 @@ class PerturbedChain:
         return out
 
     def with_constants(self, x: FloatArray) -> Chain:
-        """The chain with the constant terms composed, others left out."""
+        """The chain with the constant terms composed, without the others."""
         motions, start = np.zeros((self.chain.n_places, 6)), 0
         for term in self.terms:
             if isinstance(term.basis, Constant):
@@ -121,7 +121,7 @@ class PerturbedChain:
         return out
 
     def derivatives(self, state: ArmState, x: FloatArray) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
-        """Give tips (3, m) [mm] and their derivatives (n_coefficients, 3, m) piece by piece."""
+        """Yield tips (3, m) [mm] and their derivatives (n_coefficients, 3, m) by chunks of readings."""
         for rows in chunks(len(state)):
             piece = state.rows(rows)
             values = self.values(piece)
@@ -140,5 +140,5 @@ def moved_chain(chain: Chain, state: ArmState, motions: FloatArray) -> tuple[Flo
 
 
 def chunks(n: int) -> list[slice]:
-    """Readings that go through together."""
+    """Slices of readings that are evaluated together."""
     return [slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK)]

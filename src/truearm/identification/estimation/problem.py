@@ -5,10 +5,10 @@ basis function of the arm's state. So for two sites a, b with basis functions ph
 
     (J^T J)[(a, k), (b, l)] = sum_n [sum_c t_a,c t_b,c](n) phi_k(n) psi_l(n),
 
-coordinates before readings. Sites with many functions (harmonics of a joint's own angle) go that way, in pairs; those
-with few stand side by side as columns of a narrow Jacobian, which costs less than to treat them in pairs. Readings go
-in chunks, so that memory does not grow with them. What is unknown of an artefact has to do with its own readings only:
-the matrix is an arrowhead (`truearm.solve.arrowhead`), whose cost and size are linear in the artefacts.
+coordinates are contracted before readings. Sites with many functions (harmonics of a joint's angle) are evaluated that
+way, in pairs; sites with few functions are columns of a narrow Jacobian, which costs less than pairs. Readings are
+processed in chunks, so that memory does not grow with their number. The unknowns of an artefact affect its own readings
+only: the matrix is an arrowhead (`truearm.solve.arrowhead`), whose cost and size are linear in the artefacts.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from truearm.solve.arrowhead import Arrowhead
 from truearm.solve.threads import cores, one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
-# References that compare tips with one another. A smaller arm has smaller residuals of them, and none of them says that
-# it is not so: they count as shares of the arm's size, or the noise would be found smaller and smaller with the arm.
+# References that compare tips with each other. A smaller arm has smaller residuals of them, and they do not determine
+# its size: their residuals are relative to that size, since otherwise noise and arm would shrink together.
 RELATIVE = ("seat", "sphere", "plane", "line")
-# Chunks are dealt to so many groups, whatever the threads: the order of the sums is always the same.
+# Chunks are distributed to a fixed number of groups, so that the order of summation does not depend on the threads.
 GROUPS = 2
-# A site with more functions than this goes in pairs.
+# Sites with more functions than this are evaluated in pairs.
 MOST_NARROW = 24
-# Values of basis functions that are kept between evaluations, rather than computed again.
+# Maximum size of the cache of basis function values.
 KEPT_BYTES = 96 * 2**20
 
 
@@ -50,7 +50,7 @@ class SmallMotionProblem:
     Parameters
     ----------
     perturbed_chain : PerturbedChain
-        The chain and its terms; its tips come out in the frame of the references.
+        The chain and its terms, with tips in the frame of the references.
     state : ArmState
         Of all readings.
     references : tuple of Reference
@@ -63,11 +63,11 @@ class SmallMotionProblem:
 
     @cached_property
     def n_parameters(self) -> int:
-        """Coefficients and unknowns."""
+        """Number of coefficients and unknowns."""
         return self._starts[-1]
 
     def unknowns_of(self, which: int) -> slice:
-        """Where the unknowns of a reference stand among the parameters."""
+        """Slice of the unknowns of a reference among the parameters."""
         return slice(self._starts[which], self._starts[which + 1])
 
     @cached_property
@@ -93,7 +93,7 @@ class SmallMotionProblem:
         return found
 
     def normal_equations(self, x: FloatArray, weights: Sequence[FloatArray]) -> list[Arrowhead]:
-        """Cost, gradient and Gauss-Newton matrix of every reference by itself, with its own unknowns.
+        """Cost, gradient and Gauss-Newton matrix of each reference with its own unknowns.
 
         Parameters
         ----------
@@ -106,9 +106,9 @@ class SmallMotionProblem:
             return [self._equations(i, x, weights[i]) for i in range(len(self.references))]
 
     def jacobian(self, x: FloatArray) -> list[FloatArray]:
-        """Derivatives (n_parameters, k, m) of every reference's residuals, for a few readings: all of them at once.
+        """Derivatives (n_parameters, k, m) of the residuals of every reference, in memory at once: for few readings.
 
-        What the normal equations have lost to rounding, as the rank, is still in them.
+        They still contain what the normal equations lose to rounding, such as the rank.
         """
         n = self.perturbed_chain.n_coefficients
         found = []
@@ -158,10 +158,10 @@ class SmallMotionProblem:
         return out
 
     def log_size_ratio(self, x: FloatArray) -> float:
-        """How much larger, as a logarithm, the tips of readings with relative references lie than as drawn."""
+        """Logarithm of the size of the arm at readings with relative references, over its nominal size."""
         if not len(self._relative):
             return 0.0
-        return float(np.log(self._size(x) / self._size_as_drawn) / 2)
+        return float(np.log(self._size(x) / self._nominal_size) / 2)
 
     def log_size_ratio_gradient(self, x: FloatArray) -> FloatArray:
         """(n_parameters,) derivative of `log_size_ratio`."""
@@ -177,7 +177,7 @@ class SmallMotionProblem:
 
     @cached_property
     def _relative(self) -> IntArray:
-        """Readings that are compared with one another."""
+        """Readings with relative references."""
         rows = [reference.rows for reference in self.references if reference.kind in RELATIVE]
         return np.unique(np.concatenate(rows)) if rows else np.zeros(0, dtype=np.intp)
 
@@ -188,7 +188,7 @@ class SmallMotionProblem:
         return np.concatenate(columns) if columns else np.zeros(0, dtype=np.intp)
 
     def _without_base(self, x: FloatArray) -> FloatArray:
-        """Coefficients of an arm that stands as drawn."""
+        """Coefficients with those of the base set to zero."""
         coefficients = x[: self.perturbed_chain.n_coefficients].copy()
         coefficients[self._base] = 0.0
         return coefficients
@@ -197,14 +197,14 @@ class SmallMotionProblem:
         return float((self._off_axis(x) ** 2).sum()) + 1e-12  # a picometre
 
     @cached_property
-    def _size_as_drawn(self) -> float:
+    def _nominal_size(self) -> float:
         return self._size(np.zeros(self.n_parameters))
 
     def _off_axis(self, x: FloatArray) -> FloatArray:
-        """Those tips in the base frame (m, 3) [mm], from the axis of joint 1, and along it from their mean.
+        """These tips in the base frame (m, 3) [mm], relative to the axis of joint 1, and along it to their mean.
 
-        Where the arm stands, and how high on its axis, is then no part of its size; and tips all in one seat, which
-        move together as the arm fits better, still have one.
+        The size is then independent of the position of the base and of the height on that axis, and it is defined for
+        tips that are all in one seat.
         """
         base = self.perturbed_chain.chain.fixed[0]
         tips = self.perturbed_chain.tips(self.state.rows(self._relative), self._without_base(x))
@@ -225,7 +225,7 @@ class SmallMotionProblem:
         )
 
     def constraints(self, x: FloatArray) -> Arrowhead:
-        """What is known among the unknowns: lengths; all coefficients and unknowns are in it."""
+        """Normal equations of the constraints among the unknowns, in all parameters."""
         p, u = self.perturbed_chain.n_coefficients, self.n_parameters - self.perturbed_chain.n_coefficients
         cost, gradient, blocks = 0.0, np.zeros(self.n_parameters), csr_array((u, u))
         for i, reference in enumerate(self.references):
@@ -242,7 +242,7 @@ class SmallMotionProblem:
         return Arrowhead(cost, gradient, np.zeros((p, p)), np.zeros((u, p)), blocks)
 
     def constraints_cost(self, x: FloatArray) -> float:
-        """Their cost alone."""
+        """Cost of the constraints."""
         found = (self.references[i].constraints(x[self.unknowns_of(i)]) for i in range(len(self.references)))
         return sum(0.5 * float(((r.residuals / r.std) ** 2).sum()) for r in found if r is not None)
 
@@ -287,7 +287,7 @@ class SmallMotionProblem:
         """Residuals and derivatives of a piece, and the tips' derivatives (n_places, 6, 3, m) by the motions."""
         reference = self.references[which]
         tips, motion_jacobian = moved_chain(self.perturbed_chain.chain, state, motions)
-        # Shifts of the tip are along the flange's axes before a rotation there turns them.
+        # Translations of the tip are along the flange axes before a rotation of the tip.
         axes = motion_jacobian[-1, 3:].transpose(1, 0, 2)
         if reference.uses_orientation and motions[-1, :3].any():
             turned, _ = rotations_and_jacobians(motions[-1, :3])
@@ -320,7 +320,7 @@ def _by_place(linear: LinearisedResiduals, motions: FloatArray, motion_jacobian:
 
 
 def of_readings(linear: LinearisedResiduals, rows: IntArray) -> LinearisedResiduals:
-    """Some of the readings."""
+    """The residuals of some readings."""
     return LinearisedResiduals(
         linear.residuals[:, rows],
         linear.by_tip[..., rows],
@@ -331,7 +331,7 @@ def of_readings(linear: LinearisedResiduals, rows: IntArray) -> LinearisedResidu
 
 
 class _Sums:
-    """Sums over readings of a gradient and a Gauss-Newton matrix: narrow columns first, then the sites in pairs."""
+    """Sums over readings of gradient and Gauss-Newton matrix: narrow columns first, then the sites in pairs."""
 
     def __init__(self, sites: list[Site], n_coefficients: int, n_unknowns: int) -> None:
         self.narrow = [i for i, site in enumerate(sites) if len(site.columns) <= MOST_NARROW]
@@ -350,7 +350,7 @@ class _Sums:
         self.blocks = csr_array((n_unknowns, n_unknowns))
 
     def add(self, linear: LinearisedResiduals, by_place: FloatArray, values: list[FloatArray]) -> None:
-        """Add a chunk, weighed: `by_place` (n_places, 6, k, m) are derivatives by the motions of places."""
+        """Add a weighted chunk: `by_place` (n_places, 6, k, m) are derivatives by the motions of places."""
         residuals = linear.residuals
         k, m = residuals.shape
         by_site = [np.tensordot(direction, by_place[place], axes=1) for place, direction in self.places]
@@ -391,7 +391,7 @@ class _Sums:
             self.coupling[:, span] += spread @ values[i].T
 
     def merge(self, other: _Sums) -> None:
-        """Add what another group of chunks came to."""
+        """Add the sums of another group of chunks."""
         self.cost += other.cost
         self.gradient += other.gradient
         self.gram += other.gram
@@ -413,5 +413,5 @@ def by_all_unknowns(linear: LinearisedResiduals, n: int) -> csr_array:
     k, m = linear.residuals.shape
     unknown = np.broadcast_to(linear.unknown, linear.by_unknown.shape)
     residual = np.broadcast_to(m * np.arange(k)[:, None, None] + np.arange(m), unknown.shape)
-    told = linear.by_unknown != 0
-    return csr_array((linear.by_unknown[told], (unknown[told], residual[told])), shape=(n, k * m))
+    nonzero = linear.by_unknown != 0
+    return csr_array((linear.by_unknown[nonzero], (unknown[nonzero], residual[nonzero])), shape=(n, k * m))

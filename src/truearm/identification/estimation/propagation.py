@@ -25,11 +25,11 @@ from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray
 
 OF_ANGLES = (Constant, GravityTorque, Harmonics, InSession)
-"""Bases that depend on nothing that may not be stated."""
+"""Bases that depend only on quantities that every reading states."""
 
 
 def half_tip_difference(fit: IdentificationResult, low: ArmState, high: ArmState) -> FloatArray:
-    """(n, 3) half the way of the tips from one state to another [mm]; zeros where no term depends on what differs."""
+    """(n, 3) half the difference of the tips between two states [mm]; zeros if no term depends on the change."""
     bases = [term.basis for term in fit.perturbed_chain.terms if not isinstance(term.basis, OF_ANGLES)]
     if all(np.array_equal(basis.values(low), basis.values(high)) for basis in bases):
         return np.zeros((len(low), 3))
@@ -37,13 +37,13 @@ def half_tip_difference(fit: IdentificationResult, low: ArmState, high: ArmState
 
 
 def direction_effects(fit: IdentificationResult, state: ArmState) -> FloatArray:
-    """Give what directions of movement do to the tips that the state does not know, those that are 0.
+    """Return the effect of unknown directions of movement (those that are 0) on the tips.
 
     Returns
     -------
     (n_joints, n, 3) array
-        By joint the tip with direction 1 less that half way between 1 and -1 [mm]. Both are as likely, so it is the
-        standard deviation too.
+        By joint the tip with direction 1 less the mean over 1 and -1 [mm]. Both are equally likely, so this is also the
+        standard deviation.
     """
     out = np.zeros((state.chain.n_joints, len(state), 3))
     if state.directions is None:
@@ -60,13 +60,13 @@ def direction_effects(fit: IdentificationResult, state: ArmState) -> FloatArray:
 
 
 def relative_covariance(fit: IdentificationResult, state: ArmState) -> FloatArray:
-    """Covariance of tips by that of the coefficients, a frame fitted to the tips of the state.
+    """Covariance of tips by that of the coefficients, relative to a frame fitted to the tips of the state.
 
     Parameters
     ----------
     fit : IdentificationResult
     state : ArmState
-        Of tips that are not all on a line.
+        The tips must not all be on a line.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""What is known of the tip at a reading: constraints between tips and artefacts, as residuals with derivatives.
+"""References: what is known of the tip at a reading, as residuals between tips and artefacts with derivatives.
 
-An artefact may have unknowns of its own (a seat's place, a sphere's centre); they are identified with the arm. Arrays
-are laid out by component, readings last, as the chain gives them.
+An artefact may have unknowns (the position of a seat, the centre of a sphere), which are identified with the arm.
+Arrays have the readings as their last axis, as those of the chain.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ class LinearisedResiduals(NamedTuple):
     by_tip : (k, 3, m) array
         By the tip.
     unknown : (a, m) int array
-        Which of the reference's unknowns each reading has to do with.
+        The reference's unknowns that each reading depends on.
     by_unknown : (k, a, m) array
-        By those.
+        By these unknowns.
     by_turn : (k, 3, m) array, optional
-        By a small rotation of the flange about the axes of the tips' frame [1/rad]; None where orientation has no part.
+        By a small rotation of the flange about the axes of the tips' frame [1/rad]; None without orientations.
     """
 
     residuals: FloatArray
@@ -42,7 +42,7 @@ class LinearisedResiduals(NamedTuple):
     by_turn: FloatArray | None = None
 
     def weighted(self, weights: FloatArray) -> LinearisedResiduals:
-        """The same of residuals times weights (k, m)."""
+        """The same for residuals multiplied by weights (k, m)."""
         each = weights[:, None]
         by_turn = None if self.by_turn is None else each * self.by_turn
         return LinearisedResiduals(
@@ -51,7 +51,7 @@ class LinearisedResiduals(NamedTuple):
 
 
 class Constraints(NamedTuple):
-    """Residuals among the unknowns alone: lengths between seats.
+    """Residuals that depend on the unknowns only: lengths between seats.
 
     Attributes
     ----------
@@ -59,11 +59,11 @@ class Constraints(NamedTuple):
         [mm].
     by_unknown : (l, n_unknowns) array
     std : (l,) array
-        Standard uncertainties of what is known [mm].
+        Standard uncertainties of the stated values [mm].
     names : tuple of str
-        What each is about.
+        What each constrains.
     values : (l, 2) array
-        As the unknowns have it, and as stated [mm].
+        The value by the unknowns, and the stated one [mm].
     """
 
     residuals: FloatArray
@@ -74,31 +74,31 @@ class Constraints(NamedTuple):
 
 
 class Reference(Protocol):
-    """One kind of reference: the readings it is about, and what it says of their tips."""
+    """One kind of reference: its readings, and residuals of their tips."""
 
     @property
     def kind(self) -> str:
-        """What it is, in a word: the noise is estimated for every kind."""
+        """The name of the kind; the noise is estimated for each kind."""
         ...
 
     @property
     def rows(self) -> IntArray:
-        """(m,) the readings."""
+        """(m,) rows of the readings."""
         ...
 
     @property
     def n_residuals(self) -> int:
-        """Residuals of a reading, k."""
+        """Number k of residuals of a reading."""
         ...
 
     @property
     def uses_orientation(self) -> bool:
-        """Whether the flange's orientation has a part in it."""
+        """Whether the residuals depend on the orientation of the flange."""
         ...
 
     @property
     def std(self) -> FloatArray:
-        """(k, m) standard uncertainties of what is known; 0 where the noise has to say all [mm]."""
+        """(k, m) stated standard uncertainties; 0 where only the noise counts [mm]."""
         ...
 
     @property
@@ -107,7 +107,7 @@ class Reference(Protocol):
         ...
 
     def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
-        """The reference laid out about tips (3, m) [mm] of a rough arm, and the unknowns that suit them best."""
+        """The reference initialised at the tips (3, m) [mm] of the nominal arm, and start values of its unknowns."""
         ...
 
     def linearised(
@@ -120,13 +120,13 @@ class Reference(Protocol):
         ...
 
     def constraints(self, unknowns: FloatArray) -> Constraints | None:
-        """What is known of the unknowns themselves."""
+        """Constraints among the unknowns; None without any."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Tips whose positions a reference instrument saw.
+    """Tips whose positions a reference instrument measured.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ class Points:
     Raises
     ------
     InputError
-        If they are not as many, not finite or farther than any arm reaches.
+        If shapes do not match, or points are not finite or beyond the reach of any arm.
     """
 
     rows: IntArray
@@ -159,7 +159,8 @@ class Points:
         if bad.any():
             at = int(np.argmax(bad))
             raise InputError(
-                f"expected points within {MAX_LENGTH_MM:g} mm, got {self.points[at].tolist()} at reading {self.rows[at]}"
+                f"expected points within {MAX_LENGTH_MM:g} mm, got {self.points[at].tolist()} "
+                f"at reading {self.rows[at] + 1}"
             )
 
     @property
@@ -187,7 +188,7 @@ class Points:
         del unknowns
 
 
-# An error of a growth is an unknown in mm/m, which is about as large as the other unknowns.
+# The error of an expansion is an unknown in mm/m, about as large as the other unknowns.
 MM_PER_M = 1e-3
 
 
@@ -201,15 +202,15 @@ class Length(NamedTuple):
     length_mm, std_mm : float
         Its value and standard uncertainty [mm].
     artefact : str
-        Whose length it is; lengths of one artefact are one and the same, with one error. Empty: of its own.
+        Name of the artefact; its lengths are the same length, with a common error. Empty: an error of its own.
     place_std_mm : float
-        Standard uncertainty of how it differs from place to place, on top [mm]; positive where there is an artefact.
+        Additional standard uncertainty from place to place [mm]; positive for a length of an artefact.
     growth : float
-        How many times as long it is in this place, by its temperature.
+        Factor of the length by thermal expansion in this place.
     material : str
-        Of what it is; the growths of one material have one error. Empty: it does not grow.
+        Material; the expansions of a material have a common error. Empty: no expansion.
     growth_std : float
-        Standard uncertainty of the growth; positive where there is a material, and one for all of it.
+        Standard uncertainty of the factor; positive and equal for all lengths of a material.
     """
 
     a: int
@@ -225,7 +226,7 @@ class Length(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Seats:
-    """Tips held in seats: the same unknown point in many poses, some seats a known length apart.
+    """Tips in seats: the same unknown point in many poses, some seats a known length apart.
 
     Parameters
     ----------
@@ -235,13 +236,13 @@ class Seats:
         The seat of each, an index of `names`.
     names : tuple of str
     lengths : tuple of Length
-        Between pairs of them.
+        Between pairs of seats.
 
     Raises
     ------
     InputError
-        If a reading's seat is none of the names, a length joins a seat to itself, is not positive, or is another than
-        the artefact has elsewhere.
+        If a seat is not among the names, a length is from a seat to itself or not positive, or an artefact has several
+        lengths.
     """
 
     rows: IntArray
@@ -258,18 +259,18 @@ class Seats:
         growths: dict[str, float] = {}
         for a, b, length, std, artefact, place_std, growth, material, growth_std in self.lengths:
             if a == b:
-                raise InputError(f"a length from seat {self.names[a]!r} to itself says nothing")
+                raise InputError(f"a length from seat {self.names[a]!r} to itself is not possible")
             if not (np.isfinite(length) and length > 0 and np.isfinite(std) and std > 0):
                 raise InputError(
                     f"expected a positive length and uncertainty between seats {self.names[a]!r} and "
                     f"{self.names[b]!r}, got {length} mm and {std} mm"
                 )
             if not (np.isfinite(growth) and growth > 0):
-                raise InputError(f"expected a positive growth of the length of {length} mm, got {growth}")
+                raise InputError(f"expected a positive expansion factor of the length of {length} mm, got {growth}")
             if not (np.isfinite(growth_std) and (growth_std > 0) == bool(material) and growth_std >= 0):
-                raise InputError(f"expected a positive uncertainty of the growth of {material!r}, got {growth_std}")
+                raise InputError(f"expected a positive uncertainty of the expansion of {material!r}, got {growth_std}")
             if material and growths.setdefault(material, growth_std) != growth_std:
-                raise InputError(f"expected one uncertainty of the growth of {material!r}, got several")
+                raise InputError(f"expected one uncertainty of the expansion of {material!r}, got several")
             if not (np.isfinite(place_std) and (place_std > 0 or (place_std == 0 and not artefact))):
                 raise InputError(
                     f"expected a positive uncertainty of artefact {artefact!r} from place to place, got {place_std} mm"
@@ -279,31 +280,31 @@ class Seats:
 
     @property
     def std(self) -> FloatArray:
-        """(3, m) zeros: the noise has to say all [mm]."""
+        """(3, m) zeros: only the noise counts [mm]."""
         return np.zeros((3, len(self.rows)))
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Coordinates of the seats, lengths of the artefacts, errors of growths."""
+        """Coordinates of the seats, lengths of the artefacts, errors of expansions."""
         seats = [f"{axis} of seat {name} [mm]" for name in self.names for axis in "xyz"]
         lengths = (f"length of artefact {name} [mm]" for name in self._artefacts)
-        return (*seats, *lengths, *(f"error of the growth of {name} [mm/m]" for name in self._materials))
+        return (*seats, *lengths, *(f"error of the expansion of {name} [mm/m]" for name in self._materials))
 
     @property
     def _artefacts(self) -> dict[str, Length]:
-        """One length of each."""
+        """One length of each artefact."""
         return {length.artefact: length for length in self.lengths if length.artefact}
 
     @property
     def _materials(self) -> dict[str, float]:
-        """Standard uncertainty of the growth of each."""
+        """Standard uncertainty of the expansion of each material."""
         return {length.material: length.growth_std for length in self.lengths if length.material}
 
     def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
-        """The means of the tips in each seat, and the artefacts as stated."""
+        """The mean tip in each seat, and the stated lengths of artefacts."""
         count = np.bincount(self.seat, minlength=len(self.names))
         if not count.all():
-            raise InputError(f"seat {self.names[int(np.argmin(count))]!r} has no reading")
+            raise InputError(f"seat {self.names[int(np.argmin(count))]!r} has no readings")
         centres = np.stack([np.bincount(self.seat, tip, minlength=len(self.names)) for tip in tips], axis=1)
         stated = [length.length_mm for length in self._artefacts.values()]
         return self, np.concatenate([(centres / count[:, None]).ravel(), stated, np.zeros(len(self._materials))])
@@ -322,11 +323,11 @@ class Seats:
         )
 
     def constraints(self, unknowns: FloatArray) -> Constraints | None:
-        """Lengths between seats, as (d^2 - L^2) / 2 L, and what is stated of artefacts' lengths and of growths.
+        """Lengths between seats, as (d^2 - L^2) / 2 L, and the stated lengths of artefacts and errors of expansions.
 
-        An artefact's length is an unknown that all its places share, so that they together tell no more of it than its
-        certificate does; so is the error of how a material grew, which its lengths share. L is the length in its
-        place: that of the certificate, times its growth. Values are given as at 20 degC.
+        The length of an artefact is an unknown that all its places share, so that many places do not make it more
+        certain than its certificate; the same holds for the expansion error of a material. L is the length in its
+        place: the certificate value times the expansion factor. Values are at 20 degC.
         """
         if not self.lengths:
             return None
@@ -349,7 +350,7 @@ class Seats:
                 by[i, artefacts[length.artefact]] = -true * growth / length.length_mm
             if length.material:
                 by[i, materials[length.material]] = -true * certified * MM_PER_M / length.length_mm
-            # (d^2 - L^2) / 2 L is d - L near its zero, and smooth where the seats fall together.
+            # (d^2 - L^2) / 2 L is d - L near its zero, and smooth where the seats coincide.
             residuals[i] = (apart @ apart - true**2) / (2 * length.length_mm)
             by[i, 3 * length.a :][:3] = -apart / length.length_mm
             by[i, 3 * length.b :][:3] = apart / length.length_mm
@@ -363,7 +364,7 @@ class Seats:
             values[n + i] = unknowns[first + i], value
         names = [f"length between seats {self.names[one.a]} and {self.names[one.b]}" for one in self.lengths]
         names += [f"length of artefact {name}" for name in artefacts]
-        names += [f"growth of {name}, in a metre" for name in materials]
+        names += [f"expansion of {name} per metre" for name in materials]
         return Constraints(residuals, by, std, tuple(names), values)
 
     def _centres(self, unknowns: FloatArray) -> FloatArray:
@@ -376,16 +377,16 @@ def _identity(m: int) -> FloatArray:
 
 
 StatedLength = tuple[str, str, float, float] | tuple[str, str, float, float, str, float, float, str, float]
-"""``(seat_a, seat_b, length_mm, u_mm)``, and the rest of a `Length` besides."""
+"""``(seat_a, seat_b, length_mm, u_mm)``, optionally with the other fields of a `Length`."""
 
 
 def seats_of(rows: IntArray, names: npt.NDArray[np.str_], lengths: Sequence[StatedLength] = ()) -> Seats:
-    """Seats from the name of each reading's seat (m,), with lengths between them.
+    """Create seats from the seat name of each reading (m,), with lengths between them.
 
     Raises
     ------
     InputError
-        If a length names a seat that no reading is in.
+        If no reading is in a seat that a length names.
     """
     unique, seat = number_names(names)
     known = {name: i for i, name in enumerate(unique)}
@@ -393,14 +394,14 @@ def seats_of(rows: IntArray, names: npt.NDArray[np.str_], lengths: Sequence[Stat
         for name in (seat_a, seat_b):
             if name not in known:
                 raise InputError(
-                    f"a length is given for seat {name!r}, but no reading is in it",
+                    f"a length refers to seat {name!r}, but no reading is in it",
                     hint=f"seats of the session: {', '.join(list(known)[:8])}",
                 )
     return Seats(rows, seat, unique, tuple(Length(known[a], known[b], *rest) for a, b, *rest in lengths))
 
 
 def number_names(names: npt.NDArray[np.str_]) -> tuple[tuple[str, ...], IntArray]:
-    """The different names, and for each reading (m,) the index of its own."""
+    """The distinct names, and for each reading (m,) the index of its name."""
     unique, index = np.unique(names, return_inverse=True)
     return tuple(str(name) for name in unique), index.astype(np.intp)
 

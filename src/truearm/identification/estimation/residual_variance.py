@@ -27,29 +27,29 @@ from scipy.stats import chi2
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 
-# A residual in space longer than this many standard deviations weighs less: of Gaussian ones, one in 900 is.
+# Residual vectors longer than this many standard deviations get less weight: one Gaussian vector in 900.
 HUBER_STDS = 4.0
-# Whatever its number of residuals, the same share of Gaussian readings weighs less.
+# The same share of Gaussian readings gets less weight, whatever their number of residuals.
 SHARE_BEYOND = float(chi2.sf(HUBER_STDS**2, 3))
-# A nanometre: it keeps weights finite where the data are exact.
+# A nanometre squared; it keeps weights finite where the data are exact.
 FLOOR_MM2 = 1e-12
 
 
 @cache
 def huber_threshold_squared(k: int) -> float:
-    """Squared whitened length of k residuals from which on a reading weighs less."""
+    """Squared whitened length of k residuals above which a reading gets less weight."""
     return float(chi2.isf(SHARE_BEYOND, k))
 
 
 @cache
 def expected_clipped_square(k: int) -> float:
-    """Mean of the squared length of k Gaussian residuals, cut off there: a hair below k."""
+    """Mean squared length of k Gaussian residuals, clipped at that threshold: slightly below k."""
     cut = huber_threshold_squared(k)
     return float(k * chi2.cdf(cut, k + 2) + cut * chi2.sf(cut, k))
 
 
 def huber_weights(residuals: FloatArray, variance: FloatArray) -> FloatArray:
-    """Huber's weights on the length of whitened residuals: 1 up to a cut, as one over the length beyond.
+    """Huber's weights on the length of whitened residuals: 1 up to a threshold, then falling as one over the length.
 
     Source: P. J. Huber, Ann. Math. Stat. 35 (1964) 73.
 
@@ -70,12 +70,12 @@ def huber_weights(residuals: FloatArray, variance: FloatArray) -> FloatArray:
 def paule_mandel_variance(
     residuals: FloatArray, reference_variance: FloatArray, *, n_effective: float, robust: bool
 ) -> float:
-    """The variance v of a residual for which the whitened residuals have the size that their freedom says.
+    """The variance v of a residual that gives whitened residuals the expected size.
 
-    Solves ``sum |r|^2 / (s^2 + v) = k n - n_effective``, whose left side falls with v: moments, not likelihood, which
-    is the same where all s are (R. C. Paule, J. Mandel, "Consensus values and weighting factors", J. Res. Natl. Bur.
-    Stand. 87 (1982) 377). Robustly, squared lengths are cut off as in `huber_weights` and their expectation with them
-    (Huber's proposal 2), so that gross errors hardly raise v.
+    Solves ``sum |r|^2 / (s^2 + v) = k n - n_effective``, whose left side falls with v: a moment estimator, equal to
+    maximum likelihood where all s are equal (R. C. Paule, J. Mandel, "Consensus values and weighting factors", J. Res.
+    Natl. Bur. Stand. 87 (1982) 377). The robust estimator clips squared lengths, as in `huber_weights`, and their
+    expectation (Huber's proposal 2), so that gross errors hardly raise v.
 
     Parameters
     ----------
@@ -84,19 +84,19 @@ def paule_mandel_variance(
     reference_variance : (n, k) array
         Of the references, s^2 [mm^2].
     n_effective : float
-        Parameters that the residuals, rather than priors, determined.
+        Number of parameters that the residuals, rather than priors, determine.
     robust : bool
-        Whether gross errors may be among them.
+        Whether the residuals may contain gross errors.
 
     Returns
     -------
     float
-        [mm^2], a nanometre squared where the references explain everything.
+        [mm^2]; a nanometre squared where the uncertainties of the references explain the residuals.
     """
     n, k = residuals.shape
     squares = residuals**2
     per_reading = expected_clipped_square(k) if robust else float(k)
-    # Where parameters are as many as data there is no freedom to learn the noise from: a thousandth of it stands in.
+    # With as many parameters as data no freedom remains to estimate the noise: use a thousandth instead.
     freedom: float = max(per_reading * n - n_effective, 1e-3 * n)
     most = huber_threshold_squared(k) if robust else np.inf
 
@@ -111,27 +111,27 @@ def paule_mandel_variance(
 
 
 LEVEL = 0.95
-# Where what others know of a reading has, in some direction, so many times its own variance, it says nothing of that.
-MOST_OPEN = 100.0
+# Readings whose prediction from the others has a variance above this multiple of their own say nothing about it.
+MAX_VARIANCE_RATIO = 100.0
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutReadings:
-    """Readings as models saw them that did not learn from them.
+    """Deviations of readings from models that were identified without them.
 
     Attributes
     ----------
     rows : (m,) int array
         The readings.
     group : (m,) int array
-        Which were held out together: a position, a seat.
+        Readings with the same number were held out together: a position, a seat.
     deviations : (m, 3) array
-        Predicted less known point; in a seat, less its place by the other groups' readings of it, or, where there are
-        none, less the mean of the points predicted in it [mm].
+        Predicted less reference point; for a seat, less its position by the readings of other groups or, without such
+        readings, less the mean of the points predicted in it [mm].
     covariance : (m, 3, 3) array
-        Of the deviations by what the training left open, and by the reference [mm^2].
+        Of the deviations, by the uncertainty of the parameters and of the reference [mm^2].
     freedom : (m,) array
-        Share of a deviation's own variance that is left in it: 1, of n readings about their own mean 1 - 1/n.
+        Share of a reading's own variance in its deviation: 1, or 1 - 1/n for n readings about their own mean.
     """
 
     rows: npt.NDArray[np.intp]
@@ -141,22 +141,22 @@ class HeldOutReadings:
     freedom: FloatArray
 
     def select_informative(self, own_mm2: FloatArray) -> HeldOutReadings:
-        """Select the readings that say something of their own variance: the other groups know where they are.
+        """Select the readings that are informative about their own variance: the other groups predict them well.
 
-        Where those leave a direction open, as they do with most of a session's readings its frame, the covariance has
-        all that a prior allows, and a reading is held by it whatever its own variance; it may not count as held.
+        Where the other groups leave a direction open, for example the frame of a session, the covariance is that of the
+        prior, and any reading lies within it; such a reading must not count as covered.
 
         Parameters
         ----------
         own_mm2 : (m,) array
-            Variance of a coordinate of each, about [mm^2].
+            Approximate variance of a coordinate of each reading [mm^2].
         """
-        judging = np.linalg.eigvalsh(self.covariance)[:, -1] <= MOST_OPEN * own_mm2
-        return HeldOutReadings(*(getattr(self, part.name)[judging] for part in fields(self)))
+        informative = np.linalg.eigvalsh(self.covariance)[:, -1] <= MAX_VARIANCE_RATIO * own_mm2
+        return HeldOutReadings(*(getattr(self, part.name)[informative] for part in fields(self)))
 
     @property
     def errors_mm(self) -> FloatArray:
-        """(m,) lengths of the deviations, those about a seat's own mean for a seat of many readings [mm]."""
+        """(m,) lengths of the deviations, scaled for those about the own mean of a seat [mm]."""
         return np.asarray(np.linalg.norm(self.deviations, axis=1) / np.sqrt(self.freedom))
 
     @property
@@ -166,23 +166,23 @@ class HeldOutReadings:
 
     @property
     def standard_error_mm(self) -> float:
-        """Of the mean, from its scatter between groups [mm]."""
+        """Standard error of the mean, from the scatter between groups [mm]."""
         errors = self.errors_mm
         group = np.unique(self.group, return_inverse=True)[1]
         counts = np.bincount(group)
         sums = np.bincount(group, errors)
-        if len(counts) < 2:  # no scatter between groups to go by: that of the readings
+        if len(counts) < 2:  # one group only: use the scatter of the readings
             return float(errors.std(ddof=1) / np.sqrt(len(errors))) if len(errors) > 1 else float("inf")
         scatter = sums - counts * self.mean_mm
         return float(np.sqrt((scatter**2).sum() * len(counts) / (len(counts) - 1)) / counts.sum())
 
 
 def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEVEL) -> float:
-    """The variance v of a coordinate for which ellipsoids hold a share `level` of the readings held out.
+    """The variance v of a coordinate for which ellipsoids cover a share `level` of the held-out readings.
 
-    With it added to their covariances, the squared Mahalanobis length that the share stays below is that of three
-    Gaussian coordinates. The order statistic is that of conformal prediction, number ``ceil((m + 1) level)`` of m, so
-    that a new reading is held with at least that probability where readings are exchangeable (V. Vovk, A. Gammerman,
+    With v added to their covariances, the quantile of the squared Mahalanobis length is that of three Gaussian
+    coordinates. The order statistic is that of conformal prediction, number ``ceil((m + 1) level)`` of m, so
+    that a new reading is covered with at least that probability if readings are exchangeable (V. Vovk, A. Gammerman,
     G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2).
 
     Returns
@@ -207,30 +207,30 @@ def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEV
     return float(np.exp(brentq(excess, lowest, highest, xtol=1e-6)))
 
 
-# Prior standard deviation of a coefficient, where evidence begins and its bounds: by that share the variance changes
-# with a standard deviation of a joint. At the lowest the function is flat.
+# Prior standard deviation of a coefficient: start value of the evidence and its bounds. It is the relative change of
+# the variance over a standard deviation of a joint; at the lower bound the function is flat.
 COEFFICIENT_STD, LEAST_STD, MOST_STD = 0.2, 1e-3, 0.5
 MOST_ROUNDS = 30
 SETTLED = 0.02  # relative change of the prior's precision
-# Angles count as if they were no farther from their mean: the shares of rare poses are not told by common ones.
+# Angles are clipped at this distance from their mean: common poses say nothing about the variance at rare ones.
 FARTHEST = 2.0
-# Farther than so many standard deviations of a joint no reading was: there a share below one is not believed.
+# Above this many standard deviations of a joint from the mean, shares below one are not trusted: no readings are there.
 BEYOND = 3.0
-# Deviations are Student's of so many degrees of freedom, so that a few wrong readings do not bend the function.
+# Degrees of freedom of Student's distribution of the deviations: a few wrong readings do not distort the function.
 STUDENT_FREEDOM = 6.0
-# With fewer groups held out for each coefficient the function is flat: a chance draw would look like one now and then.
+# With fewer held-out groups per coefficient the function is flat, as chance might look like a dependence.
 LEAST_GROUPS = 5
-# No coefficient comes near; a larger one is none that was found.
+# Estimated coefficients are far below this bound; a larger one in a file is an error.
 STEEPEST = 10.0
-# Steps of L-BFGS-B; it needs about twenty.
+# Maximum steps of L-BFGS-B; it needs about twenty.
 MOST_STEPS = 200
-# A joint whose angles scatter by less stood still [rad, or mm].
+# A joint whose angles scatter by less did not move [rad, or mm].
 LEAST_SCATTER = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class VarianceFunction:
-    """The share of the unexplained variance that angles have, 1 on average over the readings it was found from.
+    """The share of the residual variance at given angles, 1 on average over the readings of its estimation.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ class VarianceFunction:
         arrays = (self.centre, self.spread, self.slope, self.curvature)
         shapes = {np.shape(array) for array in arrays}
         if len(shapes) != 1 or len(next(iter(shapes))) != 1 or not np.isfinite(np.stack(arrays)).all():
-            raise InputError(f"expected four finite numbers a joint of a variance function, got shapes {shapes}")
+            raise InputError(f"expected four finite numbers for each joint of a variance function, got shapes {shapes}")
         if max(np.abs(self.slope).max(), np.abs(self.curvature).max()) > STEEPEST:
             raise InputError(f"expected slopes and curvatures of a variance function within {STEEPEST:g}")
         if not (self.spread > 0).all() or not 0 < self.mean < np.inf:
@@ -260,12 +260,12 @@ class VarianceFunction:
 
     @classmethod
     def flat(cls, n_joints: int) -> Self:
-        """The same everywhere."""
+        """A share of 1 everywhere."""
         zeros = np.zeros(n_joints)
         return cls(zeros, np.ones(n_joints), zeros, zeros)
 
     def share(self, angles: npt.ArrayLike) -> FloatArray:
-        """(n,) shares at angles (n, n_joints) [rad, or mm]; one or more far from where there were readings."""
+        """(n,) shares at angles (n, n_joints) [rad, or mm]; at least 1 far from the readings of the estimation."""
         angles = np.asarray(angles, dtype=float)
         features = _features(angles, self.centre, self.spread)
         share = np.exp(features @ np.concatenate([self.slope, self.curvature])) / self.mean
@@ -274,7 +274,7 @@ class VarianceFunction:
 
 
 def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> VarianceFunction:
-    """Find where readings held out scatter more, beyond what their covariances make expected.
+    """Estimate how the scatter of held-out readings, beyond their covariances, depends on the angles.
 
     Parameters
     ----------
@@ -285,7 +285,7 @@ def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> Vari
     Returns
     -------
     VarianceFunction
-        Flat where too few groups were held out.
+        Flat if too few groups were held out.
     """
     n_joints = angles.shape[1]
     if len(np.unique(held_out.group)) < LEAST_GROUPS * 2 * n_joints:
@@ -296,17 +296,17 @@ def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> Vari
     features = _features(at, centre, spread)
     features[:, np.tile(scatter <= LEAST_SCATTER, 2)] = 0.0
     deviance = _Deviance.of(held_out, features)
-    found, precision = np.zeros(1 + 2 * n_joints), COEFFICIENT_STD**-2
+    x, precision = np.zeros(1 + 2 * n_joints), COEFFICIENT_STD**-2
     for _ in range(MOST_ROUNDS):
-        found = minimize(deviance, found, (precision,), jac=True, method="L-BFGS-B", options={"maxiter": MOST_STEPS}).x
-        told = deviance.well_determined(found, precision)
-        before, square = precision, float(found[1:] @ found[1:])
-        precision = float(np.clip(told / max(square, 1e-300), MOST_STD**-2, LEAST_STD**-2))
+        x = minimize(deviance, x, (precision,), jac=True, method="L-BFGS-B", options={"maxiter": MOST_STEPS}).x
+        n_determined = deviance.well_determined(x, precision)
+        before, square = precision, float(x[1:] @ x[1:])
+        precision = float(np.clip(n_determined / max(square, 1e-300), MOST_STD**-2, LEAST_STD**-2))
         if abs(precision - before) < SETTLED * before:
             break
-    found = found[1:]
-    mean = float(np.exp(features @ found).mean())
-    return VarianceFunction(centre, spread, found[:n_joints], found[n_joints:], mean)
+    coefficients = x[1:]
+    mean = float(np.exp(features @ coefficients).mean())
+    return VarianceFunction(centre, spread, coefficients[:n_joints], coefficients[n_joints:], mean)
 
 
 def _features(angles: FloatArray, centre: FloatArray, spread: FloatArray) -> FloatArray:
@@ -318,8 +318,8 @@ def _features(angles: FloatArray, centre: FloatArray, spread: FloatArray) -> Flo
 class _Deviance:
     """Negative logarithm of the posterior, by the variance's logarithm and the coefficients, with its gradient.
 
-    Deviations stand along the axes of their covariances: `known` (m, 3) are the variances there, `squares` (m, 3) the
-    deviations squared. Readings of a group err alike and count together as one.
+    Deviations are along the principal axes of their covariances: `known` (m, 3) are the variances there, `squares`
+    (m, 3) the squared deviations. Readings of a group have common errors and count together as one.
     """
 
     squares: FloatArray
@@ -331,7 +331,7 @@ class _Deviance:
 
     @classmethod
     def of(cls, held_out: HeldOutReadings, features: FloatArray) -> Self:
-        """Of readings held out."""
+        """The deviance of held-out readings."""
         known, axes = np.linalg.eigh(held_out.covariance)
         squares = np.einsum("nij,ni->nj", axes, held_out.deviations) ** 2
         typical = max(float(np.median(squares.sum(axis=1) / held_out.freedom)) / 3, FLOOR_MM2)
@@ -354,11 +354,11 @@ class _Deviance:
         return float(self.weight * value + 0.5 * coefficients @ prior), gradient
 
     def well_determined(self, parameters: FloatArray, precision: float) -> float:
-        """How many coefficients the readings determine, by the expected information of a logarithm of Student's scale.
+        """Number of coefficients that the readings determine, by the expected information of Student's log scale.
 
-        Of p coordinates and n degrees of freedom that is p n / 2 (n + p + 2) (K. L. Lange, R. J. A. Little,
-        J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881, section 4); of one whose scale is a share f of the variance
-        f^2 as much.
+        For p coordinates and n degrees of freedom it is p n / 2 (n + p + 2) (K. L. Lange, R. J. A. Little,
+        J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881, section 4); f^2 times
+        as much where the scale is a share f of the variance.
         """
         own = self._own(parameters)
         share = own / (self.known + own)
@@ -366,9 +366,9 @@ class _Deviance:
         design = np.hstack([np.ones((len(own), 1)), self.features])
         information = design.T @ (each[:, None] * design)
         information[1:, 1:].flat[:: len(information)] += precision
-        information[0, 0] += 1e-12  # nothing held out beyond what is known
-        left = np.linalg.inv(information).diagonal()[1:]
-        return float(np.clip(1 - precision * left, 0.0, 1.0).sum())
+        information[0, 0] += 1e-12  # in case the covariances explain all deviations
+        variance = np.linalg.inv(information).diagonal()[1:]
+        return float(np.clip(1 - precision * variance, 0.0, 1.0).sum())
 
     def _own(self, parameters: FloatArray) -> FloatArray:
         log_share = np.clip(parameters[0] + self.features @ parameters[1:], -50.0, 50.0)

@@ -1,8 +1,8 @@
-"""Surfaces and lines that the tip touches: spheres, planes, lines, whose places nobody knows.
+"""References to touched surfaces and lines: spheres, planes and lines at unknown positions.
 
-A tip that is a ball touches with its surface while its centre is what the chain gives: the centre then runs on a sphere
-larger by the ball's radius (smaller, where it is touched from inside), on a plane beside the touched one, on a line
-along a groove. The radius of a sphere here is that *effective* one, sphere and ball together.
+A ball tip touches with its surface, while the chain describes its centre. The centre moves on a sphere larger by the
+radius of the ball (smaller, if touched from inside), on a plane parallel to the touched one, on a line along a groove.
+The radius of a sphere here is this *effective* radius of sphere and ball together.
 
 Residuals are distances [mm] from the nearest point, as in orthogonal regression: A. B. Forbes, "Least-squares best-fit
 geometric elements", NPL Report DITC 140/89, National Physical Laboratory 1989.
@@ -23,9 +23,9 @@ from truearm.errors import InputError
 from truearm.identification.estimation.references import Constraints, LinearisedResiduals, number_names
 from truearm.typing import FloatArray, IntArray
 
-# Spheres of one known radius are as alike as this share of its uncertainty: the same pieces, at several places. What
-# differs from touch to touch is in the noise.
-ALIKE = 0.1
+# Spheres with the same radius and uncertainty are one ball at several places; their radii differ by no more than this
+# share of the uncertainty. Differences between touches are in the noise.
+EQUAL_SHARE = 0.1
 
 
 class Radius(NamedTuple):
@@ -35,7 +35,7 @@ class Radius(NamedTuple):
     ----------
     sphere : int
     radius_mm, std_mm : float
-        Its effective value, ball of the tip included, and standard uncertainty [mm].
+        The effective radius, including the ball of the tip, and its standard uncertainty [mm].
     """
 
     sphere: int
@@ -45,7 +45,7 @@ class Radius(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Spheres:
-    """Spheres touched all over, of known radius or not.
+    """Spheres touched from many sides, with known or unknown radii.
 
     Parameters
     ----------
@@ -55,17 +55,16 @@ class Spheres:
         The sphere of each, an index of `names`.
     names : tuple of str
     radii : tuple of Radius
-        Those known. Spheres of the same radius and uncertainty are one ball at several places, under one certificate.
+        The known radii. Spheres of equal radius and uncertainty are one ball at several places, with one certificate.
 
     Raises
     ------
     InputError
-        If a sphere has less than four readings, which is what it takes to find it, or a radius is not positive.
+        If a sphere has fewer than four readings, or a radius is not positive.
 
     Notes
     -----
-    The distance from the centre has no direction there, and is given none: the derivative is zero. Tips lie a radius
-    away from it.
+    At the centre of a sphere the distance has no direction; the derivative is zero there. Tips are a radius away.
     """
 
     rows: IntArray
@@ -88,12 +87,12 @@ class Spheres:
 
     @property
     def std(self) -> FloatArray:
-        """(1, m) zeros: the noise has to say all [mm]."""
+        """(1, m) zeros: only the noise counts [mm]."""
         return np.zeros((1, len(self.rows)))
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Centres and radii, then radii of which there are several spheres."""
+        """Centres and radii, then radii that several spheres share."""
         spheres = [
             f"{what} of sphere {name} [mm]"
             for name in self.names
@@ -103,12 +102,12 @@ class Spheres:
 
     @property
     def _shared(self) -> list[tuple[float, float]]:
-        """Radii and uncertainties that several spheres have."""
+        """Radii and uncertainties that several spheres share."""
         count = Counter((radius.radius_mm, radius.std_mm) for radius in self.radii)
         return [one for one, n in count.items() if n > 1]
 
     def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
-        """The spheres that best fit the tips."""
+        """The best-fit spheres of the tips."""
         known = {radius.sphere: radius.radius_mm for radius in self.radii}
         fits = [_sphere(tips[:, self.touched == i], known.get(i)) for i in range(len(self.names))]
         return self, np.concatenate([*fits, [radius for radius, _ in self._shared]])
@@ -131,8 +130,8 @@ class Spheres:
     def constraints(self, unknowns: FloatArray) -> Constraints | None:
         """The known radii.
 
-        One that several spheres have is an unknown that they share, so that they together tell no more of it than its
-        certificate does; as lengths of an artefact (`truearm.identification.estimation.references.Seats`).
+        A radius that several spheres share is an unknown, so that many spheres do not make it more certain than its
+        certificate; as for lengths of an artefact (`truearm.identification.estimation.references.Seats`).
         """
         if not self.radii:
             return None
@@ -147,7 +146,7 @@ class Spheres:
             if (shared := number.get((radius, u))) is None:
                 residuals[i], std[i] = unknowns[at] - radius, u
             else:
-                residuals[i], std[i] = unknowns[at] - unknowns[shared], ALIKE * u
+                residuals[i], std[i] = unknowns[at] - unknowns[shared], EQUAL_SHARE * u
                 by[i, shared] = -1.0
         for i, ((radius, u), shared) in enumerate(number.items(), start=n):
             residuals[i], std[i] = unknowns[shared] - radius, u
@@ -162,10 +161,10 @@ class Spheres:
 
 @dataclass(frozen=True, eq=False)
 class _Straight:
-    """Planes or lines: z of a frame of their own is the normal or the direction, and tips stay where they are across.
+    """Planes or lines: the z axis of a frame is the normal or the direction; residuals are across the plane or line.
 
-    The frame's tilt against the frame it started with, about its first two axes, is unknown, so that no direction is
-    singular; and so is where it stands across.
+    Unknown are the tilts of the frame about its first two axes, relative to its initial orientation, so that no
+    direction is singular, and its offsets across.
     """
 
     rows: IntArray
@@ -189,18 +188,18 @@ class _Straight:
 
     @property
     def std(self) -> FloatArray:
-        """(k, m) zeros: the noise has to say all [mm]."""
+        """(k, m) zeros: only the noise counts [mm]."""
         return np.zeros((self.n_residuals, len(self.rows)))
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Tilts and offsets against where they started."""
+        """Tilts and offsets relative to the initial frame."""
         offsets = ["offset"] if len(self.across) == 1 else ["first offset", "second offset"]
         what = ["first tilt [rad]", "second tilt [rad]", *(f"{offset} [mm]" for offset in offsets)]
         return tuple(f"{self.kind} {name}, {one}" for name in self.names for one in what)
 
     def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
-        """Laid through the tips, orthogonal regression; all unknowns are zero there."""
+        """The frames by orthogonal regression to the tips, at which all unknowns are zero."""
         members = [tips[:, self.touched == i] for i in range(len(self.names))]
         origins = np.stack([tip.mean(axis=1) for tip in members])
         frames = np.stack([self._frame(tip - tip.mean(axis=1, keepdims=True)) for tip in members])
@@ -211,7 +210,7 @@ class _Straight:
     ) -> LinearisedResiduals:
         """See `Reference`."""
         del axes
-        assert self.frames is not None, "initialise lays them out"
+        assert self.frames is not None, "created by initialise"
         assert self.origins is not None
         touched, across = self.touched[which], list(self.across)
         k, size = len(across), 2 + len(across)
@@ -243,7 +242,7 @@ class _Straight:
 
 @dataclass(frozen=True, eq=False)
 class Planes(_Straight):
-    """Planes, touched all over.
+    """Planes touched at many places.
 
     Parameters
     ----------
@@ -253,14 +252,14 @@ class Planes(_Straight):
         The plane of each, an index of `names`.
     names : tuple of str
     frames : (n_planes, 3, 3) array, optional
-        Axes of each as columns, the third its normal, as `initialise` lays them.
+        Axes of each as columns, the third its normal, as `initialise` sets them.
     origins : (n_planes, 3) array, optional
         Their origins [mm].
 
     Raises
     ------
     InputError
-        If a plane has less than three readings, which is what it takes to find it.
+        If a plane has fewer than three readings.
     """
 
     kind = "plane"
@@ -270,7 +269,7 @@ class Planes(_Straight):
 
 @dataclass(frozen=True, eq=False)
 class Lines(_Straight):
-    """Straight lines, as a groove or the edge of a ruler, along which the tip goes.
+    """Straight lines along which the tip moves, for example a groove or the edge of a ruler.
 
     Parameters
     ----------
@@ -280,14 +279,14 @@ class Lines(_Straight):
         The line of each, an index of `names`.
     names : tuple of str
     frames : (n_lines, 3, 3) array, optional
-        Axes of each as columns, the third its direction, as `initialise` lays them.
+        Axes of each as columns, the third its direction, as `initialise` sets them.
     origins : (n_lines, 3) array, optional
         Their origins [mm].
 
     Raises
     ------
     InputError
-        If a line has less than two readings, which is what it takes to find it.
+        If a line has fewer than two readings.
     """
 
     kind = "line"
@@ -296,18 +295,18 @@ class Lines(_Straight):
 
 
 def spheres_of(rows: IntArray, names: npt.NDArray[np.str_], radii: Sequence[tuple[str, float, float]] = ()) -> Spheres:
-    """Spheres from the name of each reading's sphere (m,), with effective radii ``(sphere, radius_mm, u_mm)``.
+    """Create spheres from the sphere name of each reading (m,), with effective radii ``(sphere, radius_mm, u_mm)``.
 
     Raises
     ------
     InputError
-        If a radius names a sphere that no reading touches.
+        If no reading touches a sphere that a radius names.
     """
     unique, touched = number_names(names)
     for name, *_ in radii:
         if name not in unique:
             raise InputError(
-                f"a radius is given for sphere {name!r}, but no reading touches it",
+                f"a radius refers to sphere {name!r}, but no reading touches it",
                 hint=f"spheres of the session: {', '.join(unique[:8])}",
             )
     known = tuple(Radius(unique.index(name), float(radius), float(std)) for name, radius, std in radii)
@@ -315,13 +314,13 @@ def spheres_of(rows: IntArray, names: npt.NDArray[np.str_], radii: Sequence[tupl
 
 
 def planes_of(rows: IntArray, names: npt.NDArray[np.str_]) -> Planes:
-    """Planes from the name of each reading's plane (m,)."""
+    """Create planes from the plane name of each reading (m,)."""
     unique, touched = number_names(names)
     return Planes(rows, touched, unique)
 
 
 def lines_of(rows: IntArray, names: npt.NDArray[np.str_]) -> Lines:
-    """Lines from the name of each reading's line (m,)."""
+    """Create lines from the line name of each reading (m,)."""
     unique, touched = number_names(names)
     return Lines(rows, touched, unique)
 
@@ -333,13 +332,13 @@ def _check_counts(kind: str, touched: IntArray, names: tuple[str, ...], *, least
     if count.min(initial=least) < least:
         fewest = int(np.argmin(count))
         raise InputError(
-            f"expected {least} readings or more of {kind} {names[fewest]!r}, which is what it takes to find it, "
+            f"expected at least {least} readings on {kind} {names[fewest]!r}, the minimum that determines it, "
             f"got {count[fewest]}"
         )
 
 
 def _sphere(tips: FloatArray, radius: float | None) -> FloatArray:
-    """Centre and radius (4,) of the sphere nearest to tips (3, m), algebraically, or of one of that radius.
+    """Centre and radius (4,) of the algebraic best-fit sphere of tips (3, m), or of one with a known radius.
 
     Linear in centre and ``r^2 - c^2``: I. Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8, of circles.
     """
@@ -353,7 +352,7 @@ def _sphere(tips: FloatArray, radius: float | None) -> FloatArray:
     towards = found[:3] * spread
     if radius is None:
         return np.array([*(middle + towards), np.sqrt(max(square + towards @ towards, 0.0))])
-    # In that direction, as far from the tips' middle as their spread about it leaves: square + distance^2 = radius^2.
+    # In that direction, at the distance from the mean tip that the known radius leaves: square + distance^2 = radius^2.
     distance = np.sqrt(max(radius**2 - square, 0.0))
     length = float(np.linalg.norm(towards))
     return np.array([*(middle + towards * (distance / length if length else 0.0)), radius])
