@@ -40,7 +40,7 @@ def test_every_layout_in_memory_adds_up_alike(rng):
         np.testing.assert_allclose(sums, total + left @ right.T, atol=1e-13)
 
 
-def test_what_must_not_be_written_is_not(rng):
+def test_read_only_arrays_are_not_overwritten(rng):
     total = np.zeros((2, 2))
     total.flags.writeable = False
     with pytest.raises(ValueError, match="read-only"):

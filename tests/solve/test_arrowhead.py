@@ -108,7 +108,7 @@ def test_all_numbers_are_those_of_the_whole_matrix(seed, sizes, n_shared, precis
     np.testing.assert_array_equal(whole.diagonal, gram.diagonal())
 
 
-def test_no_unknowns_leave_the_head_as_it_is(rng):
+def test_without_unknowns_the_head_is_unchanged(rng):
     J, r = rng.normal(size=(9, P)), rng.normal(size=9)
     whole = from_jacobian(J, r)
     left = whole.eliminate(np.zeros(0), np.zeros(P), shared=np.zeros(0, dtype=bool))
@@ -132,7 +132,7 @@ def test_a_direction_that_no_data_determine_stays_out(rng):
     assert two.n_determined == pytest.approx(1, abs=1e-9)
 
 
-def test_a_block_that_takes_up_the_head_leaves_it_its_prior(rng):
+def test_a_block_that_absorbs_the_head_leaves_its_prior(rng):
     """The head moves all of a block's data as one of its unknowns does: nothing is told of it, not even by rounding."""
     J = np.zeros((40, P + 3))
     J[:, :P] = rng.normal(size=(40, P))

@@ -28,7 +28,7 @@ def test_gamma_counts_what_the_data_determine():
     assert found.gamma == pytest.approx(3, abs=1e-4)
 
 
-def test_planted_precisions_are_found(rng):
+def test_planted_precisions_are_recovered(rng):
     """Linear model, 40 parameters of standard deviation 0.5 and 2000 residuals of 0.1, well determined."""
     J = rng.normal(size=(2000, 40))
     y = J @ (0.5 * rng.normal(size=40)) + 0.1 * rng.normal(size=2000)

@@ -52,7 +52,7 @@ def test_a_lower_cost_raises_the_rate():
     np.testing.assert_allclose([state.x[0] for state in told], [1, 0.5, 0.2375], rtol=1e-14)
 
 
-def test_a_slightly_higher_cost_is_accepted_and_the_rate_stands():
+def test_a_slightly_higher_cost_is_accepted_and_the_rate_is_kept():
     """1 - 1.005 * 2 = -1.01, cost 1.0201, within 4 %."""
     told = descended(LearningRate(1.005, **ADAPTIVE), 1)
     assert told[1].x[0] == pytest.approx(-1.01, rel=1e-14)
@@ -98,7 +98,7 @@ def test_stops_are_asked_in_order_after_every_epoch(stop, text):
 
 
 @pytest.mark.parametrize("rate", [LearningRate(0.1), LearningRate(1.05, momentum=0.9, **ADAPTIVE)])
-def test_a_descent_goes_on_from_any_state_as_if_it_had_not_ended(rate):
+def test_a_descent_resumes_from_any_state_without_a_difference(rate):
     told = descended(rate, 12, start=[1.0, -0.3])
     for part in told:
         again = []

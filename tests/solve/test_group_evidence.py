@@ -78,7 +78,7 @@ def test_data_within_their_noise_have_no_use_for_a_group():
     assert effective[0] < 1e-5
 
 
-def test_groups_that_the_data_do_not_mix_are_found_each_by_itself():
+def test_groups_that_the_data_do_not_mix_are_independent():
     gram, data = np.diag([4.0, 100.0, 100.0]), np.array([2.0, 0.3, 0.5])
     prior, _ = settled(gram, gram @ data, prior_of([1, 1, 1], group=[0, 1, 1]))
     assert prior.scale[0] ** 2 == pytest.approx(4 - 1 / 4, rel=1e-6)
@@ -93,7 +93,7 @@ def test_ratios_within_a_group_stay():
     assert two[1] == pytest.approx(one[1])
 
 
-def test_what_is_not_learned_keeps_its_scale():
+def test_groups_that_are_not_learned_keep_their_scale():
     gram, right = np.diag([4.0, 4.0]), np.array([40.0, 40.0])
     prior, effective = settled(gram, right, prior_of([1, 1], group=[0, 1], scale=[0.5, 1], learned=[False, True]))
     assert prior.scale[0] == 0.5
@@ -152,7 +152,7 @@ def test_at_the_fixed_point_the_evidence_is_greatest(seed):
             assert log_evidence(gram, right, replace(prior, scale=scale)) <= best + 1e-6
 
 
-def test_planted_scales_are_found(rng):
+def test_planted_scales_are_recovered(rng):
     """Three groups of 60 parameters, well determined: each scale to three of its standard deviations, 1/sqrt(120)."""
     planted = np.array([0.02, 1.0, 30.0])
     group = np.repeat([0, 1, 2], 60)
@@ -233,7 +233,7 @@ def test_the_posterior_is_that_of_the_stacked_problem(seed, width):
 # A scale's own prior
 
 
-def test_a_scale_that_the_data_do_not_tell_stays():
+def test_an_undetermined_scale_is_kept():
     """Without it the fixed point is a ratio of two nothings."""
     gram, right = 1e-9 * np.eye(2), np.array([0.0, 1e-12])
     prior, effective = settled(gram, right, prior_of([1, 1], group=[0, 1]), log_spread=1.6)
@@ -285,7 +285,7 @@ def test_no_size_at_all_is_the_least_scale():
 
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 2**32 - 1))
-def test_a_group_is_left_out_where_the_log_evidence_gains(seed):
+def test_a_group_is_pruned_if_the_log_evidence_gains(seed):
     rng = np.random.default_rng(seed)
     J = rng.normal(size=(15, 4)) * 3
     gram, right = J.T @ J, J.T @ (rng.normal(size=15) + J[:, 2:] @ rng.normal(size=2) * rng.choice([0, 0.3]))
@@ -297,14 +297,14 @@ def test_a_group_is_left_out_where_the_log_evidence_gains(seed):
     assert found.scale[0] == 1.0
 
 
-def test_what_the_data_do_not_see_is_kept():
+def test_groups_that_the_data_do_not_see_are_kept():
     gram = np.diag([1e4, 1e-4])
     prior = prior_of([1, 1], [0, 1])
     found = prune_groups(prior, posterior(gram, np.zeros(2), prior), log_spread=1.6)
     assert found.scale.tolist() == [0.0, 1.0]
 
 
-def test_of_two_groups_that_stand_for_each_other_one_remains():
+def test_of_two_equivalent_groups_one_remains():
     """The same columns twice: each could go, but not both."""
     rng = np.random.default_rng(1)
     J = rng.normal(size=(50, 5)) * 30
@@ -319,7 +319,7 @@ def test_of_two_groups_that_stand_for_each_other_one_remains():
 # Groups left out
 
 
-def test_a_group_of_scale_zero_is_left_out(rng):
+def test_a_group_of_scale_zero_is_pruned(rng):
     J, y = rng.normal(size=(9, 5)), rng.normal(size=9)
     group = np.array([0, 1, 0, 1, 2])
     prior = prior_of(np.ones(5), group, scale=[0.7, 0.0, 2.0])
@@ -339,7 +339,7 @@ def test_a_group_of_scale_zero_is_left_out(rng):
     assert np.isinf(prior.precision[[1, 3]]).all()
 
 
-def test_all_groups_left_out_leave_nothing(rng):
+def test_all_groups_can_be_pruned(rng):
     J = rng.normal(size=(9, 2))
     prior = prior_of(np.ones(2), scale=[0.0])
     found = posterior(J.T @ J, np.ones(2), prior)
@@ -377,7 +377,7 @@ def test_directions_that_rounding_leaves_below_zero_keep_their_prior_variance():
     np.testing.assert_allclose(found.x, [1, 1], atol=1e-4)  # 1e-9 of the right side, times 1e5
 
 
-def test_a_prior_that_drowns_in_rounding_still_holds():
+def test_a_prior_below_rounding_still_acts():
     """Two parameters that the data tell together only, to 1e-9; the prior of 1 is 1e-18 of the matrix."""
     gram = 1e18 * np.array([[1.0, 1.0], [1.0, 1.0]])
     found = posterior(gram, gram @ np.array([1.0, 0.0]), prior_of([1.0, 1.0]))
@@ -386,7 +386,7 @@ def test_a_prior_that_drowns_in_rounding_still_holds():
 
 
 @pytest.mark.parametrize("seed", [109, 5627, 3944, 1344, 5600, 2966])
-def test_what_the_data_do_not_tell_keeps_its_prior_beside_what_they_tell_to_1e_15(seed):
+def test_undetermined_parameters_keep_their_prior_next_to_ones_known_to_1e_15(seed):
     """One residual of six parameters, thirty decades of sizes: variances of the others are the prior's to rounding."""
     rng = np.random.default_rng(seed)
     J = rng.normal(size=(1, 6)) * 10 ** rng.uniform(-15, 15, 6)

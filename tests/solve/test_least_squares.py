@@ -81,13 +81,13 @@ def test_certified_values_of_misra1a(damping, start):
 
 
 @pytest.mark.parametrize("damping", [NielsenDamping(), MarquardtDamping()])
-def test_rosenbrock_is_found_from_the_usual_start(damping):
+def test_rosenbrock_converges_from_the_usual_start(damping):
     result = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], damping=damping, stops=[CostGoal(1e-20), MaxEpochs(300)])
     np.testing.assert_allclose(result.x, [1, 1], atol=1e-9)
     assert result.reason.text == "Performance goal met."
 
 
-def test_the_cost_never_rises_and_every_epoch_is_told():
+def test_the_cost_never_rises_and_every_epoch_is_reported():
     told = []
     result = levenberg_marquardt(
         rosenbrock(), [-1.2, 1.0], stops=[CostGoal(1e-20), MaxEpochs(300)], callback=told.append
@@ -225,7 +225,7 @@ def test_nielsens_rule_by_hand():
     assert start.after_failure().after_success(1.0).growth == 2
 
 
-def test_nielsens_rule_starts_above_nothing_where_no_derivative_is_left():
+def test_nielsens_rule_starts_above_zero_without_derivatives():
     start = NielsenDamping().at_start(NormalEquations(1.0, np.zeros(2), np.zeros((2, 2))))
     assert 0 < start.mu < start.maximum
     flat = Residuals(lambda x: np.array([1.0]), lambda x: np.array([[0.0]]))
@@ -280,7 +280,7 @@ def test_each_stop_at_its_threshold(stop, ends, goes_on):
     assert stop(state(**goes_on)) is None
 
 
-def test_validation_stops_after_so_many_failures_and_keeps_the_best():
+def test_validation_stops_after_max_fail_failures_and_keeps_the_best():
     errors = iter([5.0, 4.0, 3.0, 3.5, 3.0, 3.6, 3.7, 2.9])
     watch = ValidationStop(lambda x: next(errors), max_fail=3)
     reasons, failures = [], []
@@ -301,7 +301,7 @@ def test_an_error_that_is_no_number_is_no_best():
 
 
 @pytest.mark.parametrize("damping", [NielsenDamping(), MarquardtDamping()])
-def test_a_minimisation_goes_on_from_any_state_as_if_it_had_not_ended(damping):
+def test_a_minimisation_resumes_from_any_state_without_a_difference(damping):
     stops, told = [CostGoal(1e-20), MaxEpochs(300)], []
     whole = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], damping=damping, stops=stops, callback=told.append)
     for part in told:
@@ -334,7 +334,7 @@ def test_a_step_is_bent_by_its_second_derivative():
 
 
 @pytest.mark.parametrize("factor", [100.0, -1.0, np.nan])
-def test_a_bend_that_is_long_or_leads_up_or_is_no_number_is_not_taken(factor):
+def test_a_bend_that_is_long_or_raises_the_cost_or_is_nan_is_rejected(factor):
     problem = Residuals(np.exp, lambda x: np.exp(x)[:, None])
     result = levenberg_marquardt(
         problem,

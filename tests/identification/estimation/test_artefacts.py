@@ -61,7 +61,7 @@ def test_the_scale_is_never_known_better_than_the_bar(n_places):
     assert found_length == pytest.approx(BAR_MM, abs=U_MM / 10)  # nothing else tells it
 
 
-def test_an_artefacts_length_is_missed_by_what_its_places_say():
+def test_an_artefacts_length_is_the_mean_of_its_places():
     """Two places 10 and 30 um longer than an unknown of 200.01 mm, of which 200 mm is stated."""
     lengths = (Length(0, 1, *CERTIFICATE), Length(2, 3, *CERTIFICATE))
     reference = Seats(np.arange(4), np.arange(4), tuple("abcd"), lengths)
@@ -95,7 +95,7 @@ def test_an_artefact_in_one_place_is_a_length_with_both_uncertainties():
         ((BAR_MM, U_MM, "", -1.0), "from place to place"),
     ],
 )
-def test_what_is_said_of_an_artefact_must_agree(second, message):
+def test_contradictory_lengths_of_an_artefact_are_refused(second, message):
     with pytest.raises(InputError, match=message):
         seats_of(np.arange(4), np.array(list("abcd")), [("a", "b", *CERTIFICATE), ("c", "d", *second)])
 
@@ -108,7 +108,7 @@ def test_the_scale_is_never_known_better_than_the_growth_of_the_material(name):
     stated = [(a, b, BAR_MM, 1e-4, name.format(i), 1e-4, 1.0, "steel", 1e-5) for i, (a, b) in enumerate(ends)]
     found = identify(state.chain, state, terms, [seats_of(np.arange(len(names)), names, stated)], robust=False)
     assert 1e-5 * (1 - 1e-6) <= scale_std(found, state) < 1.1e-5
-    error = found.references[0].unknowns["error of the growth of steel [mm/m]"]
+    error = found.references[0].unknowns["error of the expansion of steel [mm/m]"]
     assert error == pytest.approx(0.0, abs=1e-3)  # a tenth of its uncertainty: nothing else tells it
 
 
@@ -118,7 +118,7 @@ def test_a_warm_place_is_longer_than_the_certificate(artefact, certified, error_
     """Seats 200.04 mm apart, and lengths grown by a ten thousandth and an error of what."""
     length = Length(0, 1, BAR_MM, U_MM, artefact, 1e-4, 1.0001, "steel", 2e-5)
     reference = Seats(np.arange(2), np.arange(2), ("a", "b"), (length,))
-    assert reference.unknowns[-1] == "error of the growth of steel [mm/m]"
+    assert reference.unknowns[-1] == "error of the expansion of steel [mm/m]"
     x = np.array([0, 0, 0, 0, 200.04, 0, *([certified] if artefact else []), error_mm_per_m])
     constraints = reference.constraints(x)
     there = certified * (1.0001 + 1e-3 * error_mm_per_m)
@@ -140,7 +140,7 @@ def test_a_warm_place_is_longer_than_the_certificate(artefact, certified, error_
         ((1.0, "steel", 2e-5), "several"),
     ],
 )
-def test_what_is_said_of_a_growth_must_agree(growth, message):
+def test_contradictory_expansions_of_a_material_are_refused(growth, message):
     lengths = (Length(0, 1, *CERTIFICATE, 1.0, "steel", 1e-5), Length(1, 2, *CERTIFICATE, *growth))
     with pytest.raises(InputError, match=message):
         Seats(np.arange(3), np.arange(3), tuple("abc"), lengths)

@@ -20,18 +20,18 @@ def of(kind, rows, std, noise_std):
     )
 
 
-def test_without_a_stated_uncertainty_it_is_that_of_the_noise():
+def test_without_a_stated_uncertainty_the_ratio_is_that_of_the_noise():
     assert birge_ratio([of("point", (0, 10), 0.0, 0.01)], np.arange(10), 0.02) == pytest.approx(2.0)
     assert birge_ratio([of("point", (0, 10), 0.0, 0.01)], np.arange(10), 0.005) == 1.0
 
 
-def test_stated_uncertainty_stands_on_both_sides():
+def test_the_stated_uncertainty_is_in_numerator_and_denominator():
     """sqrt((0.3^2 + 0.4^2) / 0.3^2) = 5/3, by hand."""
     assert birge_ratio([of("point", (0, 10), 0.3, 0.0)], np.arange(10), 0.4) == pytest.approx(5 / 3)
     assert birge_ratio([of("point", (0, 10), 0.3, 1e-6)], np.arange(10), 0.03) == pytest.approx(1.005, abs=1e-4)
 
 
-def test_only_what_was_judged_counts():
+def test_only_held_out_readings_count():
     """Points judge a reading that has both; surfaces judge nothing; readings that were not held out neither."""
     points, seats, spheres = of("point", (0, 10), 0.2, 0.0), of("seat", (0, 20), 0.0, 0.005), of("sphere", (0, 9), 0, 1)
     assert birge_ratio([points, seats, spheres], np.arange(10), 0.01) == pytest.approx(np.sqrt(1.0025))

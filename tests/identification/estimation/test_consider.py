@@ -131,7 +131,7 @@ def test_the_uncertainty_of_the_arm_does_not_vanish_and_is_not_counted_twice(kno
 
 
 @pytest.mark.parametrize("n", [4, 6, 20])
-def test_a_probe_a_foot_longer_is_found_from_few_readings(known, n):
+def test_a_probe_a_foot_longer_is_identified_from_few_readings(known, n):
     rng = np.random.default_rng(n)
     T = rigid(2.5, [900, -400, 1200])
     state, points = new_session(known, rng, n, T=T, tip=(-80, 120, 300), half_width=1.5)
@@ -181,7 +181,7 @@ def test_a_frame_moved_moves_the_answer_and_nothing_else(known):
     np.testing.assert_allclose(there.tip_covariance(state), turned, rtol=0, atol=1e-5 * turned.max())
 
 
-def test_only_what_is_free_changes(known):
+def test_only_free_parts_change(known):
     rng = np.random.default_rng(8)
     state, points = new_session(known, rng, 12, tip=(1.0, 2.0, 3.0))
     found = anew(known, state, points, free=("tip",))
@@ -200,7 +200,7 @@ def _slice(fit, i):
     return slice(starts[i], starts[i + 1])
 
 
-def test_seats_tell_the_tip(known):
+def test_seats_determine_the_tip(known):
     """The true tip is 2 mm off along each axis; poses that hold it in two seats are found by iteration."""
     from scipy.optimize import least_squares
 

@@ -74,7 +74,7 @@ def test_the_scales_where_evidence_starts_hardly_matter(start, rng):
     assert usual.references[0].noise_std == pytest.approx(fit.references[0].noise_std, rel=0.02)
 
 
-def test_the_scales_found_are_those_planted(rng):
+def test_planted_prior_scales_of_constants_are_recovered(rng):
     """Ten arms: rotations and lengths of each group come out of the size they were drawn with, within a factor of 2."""
     arm = load_arm("gao2017")
     sizes = []
@@ -108,7 +108,7 @@ def test_noise_and_stated_uncertainty_are_right_for_few_and_many_readings(n, arm
         assert np.mean(squares) == pytest.approx(3, abs=1.6)
 
 
-def test_base_far_away_and_tip_on_a_bracket_are_found(rng):
+def test_a_far_base_and_a_tip_on_a_bracket_are_identified(rng):
     """As on the UR10: a tracker metres off in any orientation, and a tip 0.3 m from where the drawing has it."""
     arm = load_arm("ur10")
     angles = poses(arm, 200, rng, half_width=1.5)
@@ -154,7 +154,7 @@ def test_gross_errors_weigh_little(rng):
     assert (careless.references[0].robust_weight == 1).all()
 
 
-def test_poor_readings_do_no_harm_beside_good_ones(rng):
+def test_poor_readings_do_not_harm_good_ones(rng):
     """Half of 200 readings at 1 mm, half at 0.01 mm: as good as the good half alone, within a tenth."""
     arm = load_arm("gao2017")
     std = np.where(np.arange(200)[:, None] % 2, 1.0, 0.01) * np.ones(3)
@@ -170,7 +170,7 @@ def test_poor_readings_do_no_harm_beside_good_ones(rng):
 
 
 @pytest.mark.parametrize(("name", "joints"), [("gao2017", 6), ("measuring7", 7)])
-def test_points_in_a_fitted_frame_determine_as_many_combinations_as_theory_says(name, joints, rng):
+def test_points_in_a_fitted_frame_determine_the_theoretical_number_of_combinations(name, joints, rng):
     """Rank 4 n - 3 from distances and 6 more from the frame: 27 for six revolute joints, 31 for seven.
 
     Everett, Driels, Mooring (1987): 4 R + 6 with a measured full pose; three of them, the orientation of the last
@@ -202,7 +202,7 @@ def test_the_effective_number_of_parameters_is_that_rank(name, joints, rng):
     assert sum(group.effective for group in fit.groups) == pytest.approx(4 * joints + 3, abs=0.5)
 
 
-def test_nothing_free_leaves_the_chain_and_measures_the_noise(rng):
+def test_without_free_parts_the_chain_is_unchanged_and_the_noise_estimated(rng):
     arm = load_arm("gao2017")
     angles = poses(arm, 300, rng)
     points = arm.chain.tip_in_base(angles) + rng.normal(0, 0.05, (300, 3))
@@ -235,7 +235,7 @@ def test_the_order_of_readings_does_not_matter(rng):
     np.testing.assert_allclose(one.references[0].robust_weight[shuffled], other.references[0].robust_weight, atol=1e-6)
 
 
-def test_where_the_reference_stands_does_not_matter(rng):
+def test_the_position_of_the_reference_does_not_matter(rng):
     """The same readings in another frame: the same predictions, carried along, to a thousandth of the noise."""
     arm = load_arm("gao2017")
     truth = drawn(arm.chain, rng)
@@ -252,7 +252,7 @@ def test_where_the_reference_stands_does_not_matter(rng):
 @pytest.mark.parametrize(
     "case", ["one pose", "one joint moved", "four readings", "all points alike", "two poses", "a unit mistaken"]
 )
-def test_poor_data_leave_what_they_do_not_tell_at_its_prior(case, rng):
+def test_undetermined_parameters_keep_their_prior(case, rng):
     """No warnings, finite numbers, and a covariance that is one; far away the uncertainty is larger than there."""
     arm = load_arm("gao2017")
     angles = poses(arm, 40, rng)
@@ -281,7 +281,7 @@ def test_poor_data_leave_what_they_do_not_tell_at_its_prior(case, rng):
         assert np.trace(covariance[n:].mean(axis=0)) > 3 * np.trace(covariance[:n].mean(axis=0))
 
 
-def test_a_tip_is_never_less_known_than_one_reading_tells(rng):
+def test_a_tip_is_at_least_as_certain_as_by_one_reading(rng):
     """On an arm of few joints, base and tip can move by decimetres unseen: tips are known all the same.
 
     The covariance of a point that was read is below that of its noise, in every direction.
@@ -330,7 +330,7 @@ def test_any_arm_and_any_readings_give_finite_numbers(seed, n_joints, n):
     assert np.sqrt(((fit.tips(state) - points) ** 2).mean()) <= before + 1e-6
 
 
-def test_what_cannot_be_identified_is_refused(rng):
+def test_invalid_references_are_refused(rng):
     arm = load_arm("gao2017")
     angles = poses(arm, 10, rng)
     points = Points(np.arange(10), arm.chain.tip_in_base(angles))

@@ -60,7 +60,7 @@ def known_noise(monkeypatch):
     )
 
 
-def test_what_was_identified_can_be_taken_up_again(drawn):
+def test_an_identification_can_be_resumed(drawn):
     """By its parameters, where the problem has the same residuals, and by its weights."""
     rows = np.arange(100)
     fit = identified(drawn, rows)
@@ -78,7 +78,7 @@ def test_what_was_identified_can_be_taken_up_again(drawn):
 @pytest.mark.usefixtures("known_noise")
 @pytest.mark.parametrize("per_group", [1, 6, 30])
 @pytest.mark.parametrize("with_std", [False, True])
-def test_points_left_out_are_those_of_an_arm_identified_without_them(per_group, with_std, drawn):
+def test_held_out_points_equal_those_of_an_arm_identified_without_them(per_group, with_std, drawn):
     """To a hundredth of the noise, which is what the arm's bent coordinates leave of a linear law."""
     arm, angles, points, *_ = drawn
     std = np.linspace(0.005, 0.03, 60)[:, None] * [1.0, 1, 2] if with_std else None
@@ -106,7 +106,7 @@ def test_points_left_out_are_those_of_an_arm_identified_without_them(per_group, 
 
 
 @pytest.mark.usefixtures("known_noise")
-def test_seats_left_out_scatter_about_their_own_mean(drawn):
+def test_held_out_seats_scatter_about_their_own_mean(drawn):
     arm, angles, _, names, _ = drawn
     rows = np.arange(100)
     group = np.concatenate([np.arange(60), 60 + np.unique(names, return_inverse=True)[1]])
@@ -166,7 +166,7 @@ def dense_covariance(fit, state, references, noise=NOISE):
 
 @pytest.mark.usefixtures("known_noise")
 @pytest.mark.parametrize("case", ["pose by pose", "a seat", "both seats of a pair", "half of every seat, and poses"])
-def test_all_kinds_left_out_are_those_of_an_arm_identified_without_them(case, everything):
+def test_held_out_references_of_all_kinds_equal_those_of_an_arm_identified_without_them(case, everything):
     """Deviations to a hundredth of the noise, covariances to a hundredth of the largest."""
     arm, angles, names, terms, references = everything
     everyone = np.arange(80)
@@ -215,7 +215,7 @@ def test_all_kinds_left_out_are_those_of_an_arm_identified_without_them(case, ev
         np.testing.assert_allclose(found.freedom[here], freedom, atol=1e-6)
 
 
-def test_an_artefact_in_several_places_is_left_out_as_dense_algebra_has_it(drawn):
+def test_an_artefact_in_several_places_is_held_out_as_in_dense_algebra(drawn):
     """Two pairs of seats, one bar's length apart: S of all parameters, the bar's length among them, written out."""
     arm, angles, _, names, terms = drawn
     state = ArmState(arm.chain, angles[60:])
@@ -297,7 +297,7 @@ def test_nothing_to_leave_out_is_an_empty_record(drawn):
     assert [len(getattr(found, part)) for part in ("rows", "group", "deviations", "covariance", "freedom")] == [0] * 5
 
 
-def test_an_arm_without_terms_deviates_as_it_did(drawn):
+def test_an_arm_without_terms_has_the_same_deviations(drawn):
     arm, angles, points, *_ = drawn
     state = ArmState(arm.chain, angles[:60])
     fit = identify(arm.chain, state, [], [Points(np.arange(60), points)])
@@ -306,7 +306,7 @@ def test_an_arm_without_terms_deviates_as_it_did(drawn):
     assert not found.covariance.any()
 
 
-def test_a_pose_that_alone_tells_something_has_a_large_error(rng):
+def test_a_pose_that_alone_determines_a_direction_has_a_large_error(rng):
     """Joint 6 moved in one reading only: without it, nobody knows where its zero is."""
     arm = load_arm("gao2017")
     angles = arm.working + 0.5 * rng.uniform(-1, 1, (30, 6))

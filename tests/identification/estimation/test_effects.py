@@ -62,7 +62,7 @@ def test_the_tip_moves_by_the_difference_of_tips_with_and_without_the_group(rng)
         assert effect.tip_mm == pytest.approx(expected, rel=1e-4)
 
 
-def test_what_placing_the_arm_anew_would_take_up_does_not_count(rng):
+def test_effects_that_a_free_base_and_tip_compensate_do_not_count(rng):
     """A constant shift of the base by another name is no error where the base is free, and is one where it is not."""
     chain = random_chain(rng)
     shift = Term("table", 0, (0, 0, 0, 0.6, 0, 0.8), Constant(), "table", 1.0)
@@ -85,7 +85,7 @@ def test_a_group_that_was_given_up_has_no_size(rng):
     assert (gone.rotation_rad, gone.shift_mm, gone.tip_mm) == (None, None, None)
 
 
-def test_an_arm_that_is_as_drawn_has_no_terms(rng):
+def test_a_nominal_arm_has_no_terms(rng):
     """All groups were given up."""
     chain = random_chain(rng)
     fit = identified(chain, [], np.zeros(0), pruned=("bending", "tip"))

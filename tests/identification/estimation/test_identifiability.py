@@ -37,7 +37,7 @@ def test_offsets_along_parallel_axes_are_known_as_a_sum_only(rng):
     found = identifiability(fitted(arm, rng.uniform(-2, 2, (200, 6)), rng, terms))
     (unidentifiable,) = found.unidentifiable
     assert set(unidentifiable.constants) == along
-    assert str(unidentifiable).endswith(" only together")
+    assert str(unidentifiable).endswith(" (only as a sum)")
     # What one gains the other loses.
     assert unidentifiable.movement[0] == pytest.approx(-unidentifiable.movement[1], rel=1e-3)
     (pair,) = found.correlated
@@ -45,7 +45,7 @@ def test_offsets_along_parallel_axes_are_known_as_a_sum_only(rng):
     assert list(found.determined.values()) == pytest.approx([0.5, 0.5], abs=0.01)
 
 
-def test_a_joint_that_stood_still_does_not_tell_its_zero_from_its_neighbour(rng):
+def test_the_offset_of_a_joint_that_did_not_move_is_identifiable_only_with_its_neighbour(rng):
     """With J5 of the measuring arm at rest, a turn after it looks like turns before it."""
     arm = load_arm("gao2017")
     angles = arm.working + rng.uniform(-1, 1, (200, 6))
@@ -80,7 +80,7 @@ def test_offsets_of_the_last_link_and_a_free_tip_are_known_together_only(rng):
 
 
 @pytest.mark.parametrize("name", ["ur10", "gao2017", "measuring7"])
-def test_what_is_named_together_makes_up_for_itself(name, rng):
+def test_a_common_motion_of_combined_constants_has_no_effect(name, rng):
     """Moving the members together moves tips less, mostly by far, than one of them would by itself."""
     arm = load_arm(name)
     angles = arm.working + rng.uniform(-1, 1, (200, arm.n_joints))
@@ -104,7 +104,7 @@ def test_what_is_named_together_makes_up_for_itself(name, rng):
     assert sorted(left)[-2] < 0.5  # one of small effect whose third member goes unnamed
 
 
-def test_what_is_known_is_not_named(rng):
+def test_identifiable_constants_are_not_listed(rng):
     arm = load_arm("gao2017")
     terms = [t for t in constants(arm.chain, free=()) if t.name in ("J2 rotation about z", "J3 translation along x")]
     found = identifiability(fitted(arm, arm.working + rng.uniform(-1, 1, (100, 6)), rng, terms))
@@ -112,7 +112,7 @@ def test_what_is_known_is_not_named(rng):
     assert min(found.determined.values()) > 0.99
 
 
-def test_an_arm_without_constants_has_nothing_to_tell(rng):
+def test_an_arm_without_constants_has_an_empty_identifiability(rng):
     arm = load_arm("gao2017")
     found = identifiability(fitted(arm, arm.working + rng.uniform(-1, 1, (20, 6)), rng, []))
     assert found.determined == {}

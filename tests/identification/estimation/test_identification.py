@@ -79,7 +79,7 @@ def test_constants_and_harmonics_lie_within_their_stated_uncertainty(arm, rng):
     assert np.mean(inside) < 1
 
 
-def test_scales_of_groups_are_found(arm, rng):
+def test_scales_of_groups_are_recovered(arm, rng):
     """Orders 1 to 2 four times as large as usual, orders 3 to 4 a fourth: each from 24 coefficients, to 15 % or so."""
     terms = [t for joint in range(1, 6) for t in own_axis(arm.chain, joint, highest=4)]
     low, high = list(dict.fromkeys(term.group for term in terms))
@@ -114,7 +114,7 @@ def test_constants_ten_millimetres_and_two_degrees_off(arm, rng):
 # What is not there
 
 
-def test_what_is_not_there_is_left_out(arm, rng):
+def test_absent_effects_are_pruned(arm, rng):
     """All terms offered to an arm of constants alone: as good as if nothing else had been, to a few per cent."""
     geometry = constants(arm.chain, free=())
     ratios, extra = [], []
@@ -134,7 +134,7 @@ def test_what_is_not_there_is_left_out(arm, rng):
     assert np.median(extra) < 6
 
 
-def test_one_effect_among_many_offered_is_found(arm, rng):
+def test_one_effect_among_many_offered_terms_is_identified(arm, rng):
     geometry = constants(arm.chain, free=())
     (planted,) = [t for t in own_axis(arm.chain, 3, highest=16) if "orders 5 to 8" in t.name]
     angles = poses(arm, 200, rng)
@@ -191,7 +191,7 @@ def test_five_per_cent_of_gross_errors_do_little_and_are_listed(arm, rng):
 
 @pytest.mark.parametrize("free", [(), ("base", "tip")])
 @pytest.mark.parametrize("n", [1, 2, 3, 5])
-def test_few_readings_promise_no_more_than_they_tell(n, free, arm, rng):
+def test_few_readings_state_a_large_uncertainty(n, free, arm, rng):
     """Over eight arms: squared errors at other poses in the stated covariance, whose expectation is three.
 
     Three readings and a free base and tip: nine numbers for nine unknowns, no residuals, and no say on anything else.
@@ -299,7 +299,7 @@ def test_a_term_beyond_the_chain_is_refused(arm):
     st.sampled_from(["points", "seats", "both"]),
     st.booleans(),
 )
-def test_anything_is_fitted_or_refused_and_never_worse_than_left_alone(seed, n, off, what, still):
+def test_any_input_is_fitted_or_refused_and_never_worse_than_the_nominal_arm(seed, n, off, what, still):
     """Points and seats that the arm can or cannot have been at, joints that stood still, terms of every kind."""
     rng = np.random.default_rng(seed)
     arm = load_arm(str(rng.choice(["gao2017", "ur10", "measuring7"])))
@@ -327,7 +327,7 @@ def test_anything_is_fitted_or_refused_and_never_worse_than_left_alone(seed, n, 
         assert np.sqrt((after**2).mean()) <= np.sqrt((before**2).mean()) + 1e-3
 
 
-def test_progress_is_told_and_the_same_readings_give_the_same_arm(arm, rng):
+def test_progress_is_reported_and_the_same_readings_give_the_same_arm(arm, rng):
     angles = poses(arm, 30, rng)
     points = arm.chain.tip_in_base(angles) + NOISE * rng.normal(size=(30, 3))
     told = []
@@ -348,7 +348,7 @@ def test_one_group_that_is_not_learned_keeps_its_prior(arm, rng):
 
 
 @pytest.mark.parametrize(("n", "is_kept"), [(300, False), (12000, True)])
-def test_what_many_readings_can_see_is_not_dropped(n, is_kept, arm, rng):
+def test_groups_that_many_readings_can_see_are_not_pruned(n, is_kept, arm, rng):
     """A shift by cosine and sine of 0.015 of the noise in a residual.
 
     At its usual size it moves all residuals of 300 readings together by 0.45 standard deviations, of 12,000 by 2.8.

@@ -26,7 +26,7 @@ def identified(terms, rng, *, n=4, std=1e-4) -> IdentificationResult:
     return IdentificationResult(perturbed_chain, rng.normal(0, std, m), root @ root.T, np.full(m, std), (), (), True, 1)
 
 
-def test_it_is_by_how_much_the_joint_has_turned_further(rng):
+def test_joint_error_is_true_angle_less_encoder_angle(rng):
     """The tips with the terms are those of the chain without, its joint turned by the error: exactly."""
     chain = random_chain(rng)
     fit = identified(own_axis(chain, 2, highest=12), rng)
@@ -46,7 +46,7 @@ def test_its_mean_is_zero_where_it_was_asked_to_be_and_nothing_else_changes(rng)
     np.testing.assert_allclose(np.diff(found.error), np.diff(on_circle.error), atol=1e-17)
 
 
-def test_its_uncertainty_is_that_of_drawn_coefficients(rng):
+def test_joint_error_uncertainty_is_that_of_sampled_coefficients(rng):
     """Standard deviations of 4000 draws scatter by 1.1 %; those of amplitudes hold to first order besides."""
     chain = random_chain(rng)
     terms = [*constants(chain), *own_axis(chain, 3, highest=6), *wobble(chain, 3)]
@@ -88,7 +88,7 @@ def test_an_amplitude_of_zero_has_an_uncertainty(rng):
     np.testing.assert_allclose(found.amplitudes_std, 2e-5)
 
 
-def test_what_it_cannot_be_asked_is_refused(rng):
+def test_invalid_joints_and_angles_are_refused(rng):
     fit = identified(own_axis(random_chain(rng), 1, highest=2), rng)
     for joint in (0, 5):
         with pytest.raises(InputError, match=f"a joint from 1 to 4, got {joint}"):

@@ -36,7 +36,7 @@ def test_the_same_share_of_gaussian_readings_weighs_less_whatever_their_residual
 
 
 @pytest.mark.parametrize("k", RESIDUALS)
-def test_mean_of_cut_squares_is_that_of_drawn_ones(k, rng):
+def test_mean_of_clipped_squares_is_that_of_a_sample(k, rng):
     """200,000 squared lengths of standard deviation sqrt(2 k): their mean is known to 0.8 % of k or better."""
     squares = np.minimum((rng.normal(size=(200_000, k)) ** 2).sum(axis=1), huber_threshold_squared(k))
     assert expected_clipped_square(k) == pytest.approx(squares.mean(), abs=4 * np.sqrt(2 * k / 200_000))

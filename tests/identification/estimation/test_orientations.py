@@ -107,7 +107,7 @@ def test_full_poses_of_a_planted_arm(turned_by, rng):
     assert np.sqrt(((error[0].tip_in_base - error[1].tip_in_base) ** 2).mean()) < 0.02
 
 
-def test_a_stated_uncertainty_of_orientations_is_taken_at_its_word(rng):
+def test_a_stated_uncertainty_of_orientations_is_used(rng):
     """Noise of the stated size leaves nothing unexplained."""
     chain = load_arm("ur10").chain
     angles = rng.uniform(-3, 3, (60, 6))
@@ -130,6 +130,6 @@ def test_a_stated_uncertainty_of_orientations_is_taken_at_its_word(rng):
         (np.full((1, 3, 3), 1e300), "reading 4"),
     ],
 )
-def test_what_is_no_orientation_is_refused(R, message):
+def test_invalid_orientations_are_refused(R, message):
     with pytest.raises(InputError, match=message):
         Orientations(np.array([4]), R)

@@ -146,7 +146,7 @@ def test_relations_among_unknowns_have_the_difference_quotients_as_derivatives(s
         (("tip",), {"seat": 60, "sphere": 40, "plane": 40}, (0.2, 2.7)),
     ],
 )
-def test_a_planted_arm_is_found_within_its_stated_uncertainty(free, counts, bounds):
+def test_a_planted_arm_is_recovered_within_its_stated_uncertainty(free, counts, bounds):
     """Six arms: squared errors of tips all over in their covariance, a third of a chi-square of three: 1 on average."""
     arm = load_arm("gao2017")
     terms = constants(arm.chain, free=free)
@@ -175,7 +175,7 @@ def test_a_planted_arm_is_found_within_its_stated_uncertainty(free, counts, boun
     np.testing.assert_allclose(np.mean(noises, axis=0), 1, atol=0.3)
 
 
-def test_readings_that_slipped_are_told_in_every_kind(rng):
+def test_blunders_are_outliers_in_every_kind_of_reference(rng):
     arm = load_arm("gao2017")
     terms = constants(arm.chain)
     session = planted(
@@ -196,7 +196,7 @@ def test_seats_start_at_the_mean_of_their_tips():
     assert reference.unknowns[:2] == ("x of seat a [mm]", "y of seat a [mm]")
 
 
-def test_a_length_is_missed_by_what_the_seats_are_apart():
+def test_length_residual_is_the_distance_of_the_seats_less_the_length():
     """Near its value (d^2 - L^2) / 2 L is d - L."""
     reference = Seats(np.arange(2), np.arange(2), ("a", "b"), (Length(0, 1, 300.0, 0.01),))
     assert reference.constraints(np.array([0, 0, 0, 300.01, 0, 0])).residuals[0] == pytest.approx(0.01, rel=1e-4)

@@ -22,7 +22,7 @@ def fitted(points, to):
     return turn.apply(points - centre) + to.mean(axis=0)
 
 
-def test_it_is_the_scatter_of_drawn_arms_in_a_fitted_frame(rng):
+def test_relative_covariance_is_the_scatter_of_sampled_arms_in_a_fitted_frame(rng):
     """Motions of 1e-5 rad and mm, so that second orders are below a part in a thousand; 3000 draws scatter by 2.6 %."""
     chain = random_chain(rng)
     fit = identified([*constants(chain), *own_axis(chain, 2, highest=3)], rng, std=1e-5)
@@ -36,7 +36,7 @@ def test_it_is_the_scatter_of_drawn_arms_in_a_fitted_frame(rng):
     assert np.trace(found, axis1=1, axis2=2).sum() < 0.999 * np.trace(fit.tip_covariance(state), axis1=1, axis2=2).sum()
 
 
-def test_where_the_base_stands_does_not_matter(rng):
+def test_the_position_of_the_base_does_not_matter(rng):
     """However uncertain the base is, the same is left; without it, all of the base's own uncertainty is gone."""
     chain = random_chain(rng)
     only_base = [term for term in constants(chain, angle_std=0, length_std=0) if term.place == 0]

@@ -71,7 +71,7 @@ def test_where_covariances_say_all_nothing_is_unexplained():
 
 @settings(deadline=None, max_examples=80)
 @given(st.integers(0, 10**6), st.integers(1, 60), st.sampled_from([1e-6, 1.0, 1e3]))
-def test_the_share_held_is_the_one_asked_for(seed, m, size):
+def test_the_covered_share_is_the_requested_level(seed, m, size):
     """With v as many ellipsoids hold their deviation as the order statistic says; with less, one fewer does."""
     rng = np.random.default_rng(seed)
     half = rng.normal(size=(m, 3, 3)) * rng.choice([0, 0.1, 1], (m, 1, 1))

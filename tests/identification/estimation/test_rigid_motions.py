@@ -29,7 +29,7 @@ def test_shifts_and_turns_of_all_points_are_among_them():
     assert left_of(alone.ravel(), motions) > 0.1
 
 
-def test_growth_is_one_only_where_it_is_asked_for():
+def test_scale_is_included_only_on_request():
     growth = (1e-4 * POINTS).ravel()
     assert left_of(growth, rigid_motions(POINTS, scale=True)) < 1e-12
     assert left_of(growth, rigid_motions(POINTS)) > 0.01

@@ -9,7 +9,7 @@ from mixed_session import reached, unit
 from truearm.arm import load_arm
 from truearm.identification.estimation.identification import IdentificationResult, identify
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.surfaces import ALIKE, Radius, Spheres, spheres_of
+from truearm.identification.estimation.surfaces import EQUAL_SHARE, Radius, Spheres, spheres_of
 from truearm.identification.terms import ArmState, constants
 
 DISTANCE_MM, U_MM = 28.0, 0.0005
@@ -52,7 +52,7 @@ def test_the_scale_is_never_known_better_than_the_ball(n_places):
         assert scale_std(identify(state.chain, state, terms, [own], robust=False), state) < 0.75 * U_MM / DISTANCE_MM
 
 
-def test_a_shared_radius_is_missed_by_what_its_places_say():
+def test_a_shared_radius_is_the_mean_of_its_places():
     """Two places 10 and 30 um larger than an unknown of 28.01 mm, of which 28 mm is stated; the third is its own."""
     radii = (Radius(0, 28.0, 0.02), Radius(1, 25.0, 0.01), Radius(2, 28.0, 0.02))
     touched = np.repeat(np.arange(3), 4)
@@ -62,7 +62,7 @@ def test_a_shared_radius_is_missed_by_what_its_places_say():
     x[[3, 7, 11, 12]] = 28.02, 25.004, 28.04, 28.01
     constraints = reference.constraints(x)
     assert constraints.residuals == pytest.approx([0.01, 0.004, 0.03, 0.01])
-    assert constraints.std == pytest.approx([ALIKE * 0.02, 0.01, ALIKE * 0.02, 0.02])
+    assert constraints.std == pytest.approx([EQUAL_SHARE * 0.02, 0.01, EQUAL_SHARE * 0.02, 0.02])
     step = np.random.default_rng(0).normal(size=13)
     quotient = reference.constraints(x + step).residuals - constraints.residuals
     np.testing.assert_allclose(constraints.by_unknown @ step, quotient, atol=1e-12)  # linear

@@ -62,7 +62,7 @@ def test_distances_from_a_plane_and_a_line_by_hand():
 
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([Spheres, Planes, Lines]), st.integers(5, 30))
-def test_exact_tips_are_on_what_is_laid_through_them(seed, kind, n):
+def test_exact_tips_are_on_their_initial_surfaces(seed, kind, n):
     tips, frame, origin = drawn(kind, np.random.default_rng(seed), n)
     reference, unknowns = one(kind, n).initialise(tips)
     found = reference.linearised(tips, unknowns, ALL)

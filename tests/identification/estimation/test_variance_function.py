@@ -32,7 +32,7 @@ def angles_of(n, seed=1):
 
 
 @pytest.mark.parametrize("freedom", [1.0, 0.75])
-def test_planted_function_is_found(freedom):
+def test_a_planted_variance_function_is_recovered(freedom):
     angles = angles_of(3000)
     planted = VarianceFunction(
         angles.mean(axis=0), angles.std(axis=0), np.array([0.4, 0.0, -0.2]), np.array([0.0, 0.3, 0.0])
@@ -45,7 +45,7 @@ def test_planted_function_is_found(freedom):
     np.testing.assert_allclose(found.share(angles), share / share.mean(), rtol=0.25)
 
 
-def test_same_everywhere_is_found_flat():
+def test_equal_scatter_gives_a_flat_function():
     angles = angles_of(3000)
     share = fit_variance_function(held_out(angles, np.ones(3000)), angles).share(angles)
     assert share.mean() == pytest.approx(1, rel=1e-12)
@@ -96,7 +96,7 @@ def test_far_from_the_readings_no_less_is_unexplained_than_on_average():
     np.testing.assert_allclose(function.share(angles), np.exp([-0.5, -1.0, -1.0, 0.0, 0.0, 1.0]))
 
 
-def test_nothing_held_out_is_flat():
+def test_without_held_out_readings_the_function_is_flat():
     nothing = HeldOutReadings(
         np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0)
     )
@@ -143,7 +143,7 @@ def test_share_is_one_on_average_and_free_of_units(n, seed, factor):
         ({"slope": np.array([np.nan, 0.0])}, "four finite numbers"),
     ],
 )
-def test_what_is_no_function_is_refused(change, told):
+def test_invalid_variance_functions_are_refused(change, told):
     parts = {"centre": np.zeros(2), "spread": np.ones(2), "slope": np.zeros(2), "curvature": np.zeros(2), "mean": 1.0}
     with pytest.raises(InputError, match=told):
         VarianceFunction(**(parts | change))

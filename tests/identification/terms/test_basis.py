@@ -80,7 +80,7 @@ def test_every_basis_comes_back_from_a_file(basis):
 
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 1000))
-def test_what_the_base_bears_is_the_work_of_the_weights_in_a_small_turn_of_the_base(make_state, seed):
+def test_the_torque_on_the_base_is_the_work_of_the_weights_in_a_small_rotation(make_state, seed):
     """Torque about an axis of place 0 = weight times the masses' change of height by a small rotation there."""
     rng = np.random.default_rng(seed)
     links = LinkMasses(rng.uniform(0, 5, 5), rng.normal(0, 200, (5, 3)))
@@ -97,7 +97,7 @@ def test_what_the_base_bears_is_the_work_of_the_weights_in_a_small_turn_of_the_b
         assert GravityTorque(0, axis).values(state) == pytest.approx(work[[axis]], abs=1e-10)
 
 
-def test_a_sliding_first_joint_hands_its_torque_on_as_it_is():
+def test_a_prismatic_first_joint_transmits_its_torque_unchanged():
     lying = np.eye(4)
     lying[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]  # slides along the base's x
     arm = np.eye(4)
@@ -136,7 +136,7 @@ def test_links_have_temperatures_of_their_own(make_state):
         (GravityTorque(9, 0), "joint from 1 to 2, got 9"),
     ],
 )
-def test_what_the_readings_lack_is_named(basis, says):
+def test_missing_quantities_are_named(basis, says):
     with pytest.raises(InputError, match=says):
         basis.values(ArmState(flat_chain(), np.zeros((3, 2))))
 
@@ -193,7 +193,7 @@ def test_a_link_beyond_the_last_is_refused(make_state):
         (lambda: InSession(7), "name of a session"),
     ],
 )
-def test_a_basis_refuses_what_it_cannot_be(make, says):
+def test_invalid_bases_are_refused(make, says):
     with pytest.raises(InputError, match=says):
         make()
 
@@ -271,7 +271,7 @@ def test_a_second_class_of_the_same_name_is_refused():
         ({"gravity_in_base": [0, 0]}, "gravity of shape"),
     ],
 )
-def test_a_state_refuses_what_does_not_fit(make_state, changed, says):
+def test_invalid_states_are_refused(make_state, changed, says):
     with pytest.raises(InputError, match=says):
         make_state(**changed)
 

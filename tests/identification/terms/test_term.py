@@ -107,7 +107,7 @@ def test_constants_have_the_priors_of_the_kinematic_model(make_chain, free):
     assert len({t.name for t in terms}) == len(terms) == 6 * (chain.n_places - 1) + 3
 
 
-def test_constants_known_exactly_are_left_out(make_chain):
+def test_constants_without_prior_uncertainty_are_omitted(make_chain):
     groups = {t.group for t in constants(make_chain(), angle_std=0.0)}
     free = {"base", "tip", "equivalent to a free base", "equivalent to a free tip"}
     assert groups == free | {"lengths and offsets"}
@@ -129,7 +129,7 @@ def test_constants_that_a_free_base_or_tip_makes_up_for_keep_their_prior():
     np.testing.assert_allclose(by[:, 1, [2, 5]], by[:, 0, [2, 5]], atol=1e-9)
 
 
-def test_own_axis_orders_stand_once_each_in_bands_with_a_scale_each(make_chain):
+def test_angle_error_orders_form_bands_with_one_scale_each(make_chain):
     terms = catalogue.own_axis(make_chain(), 2)
     assert [(t.basis.orders[0], t.basis.orders[-1]) for t in terms] == [
         (1, 2),
@@ -156,7 +156,7 @@ def test_wobble_is_every_motion_but_the_joints_own(make_chain):
     assert {t.group for t in terms} == {"wobble, rotations", "wobble, translations"}
 
 
-def test_gravity_says_where_the_weights_are_a_guess(make_chain):
+def test_gravity_terms_state_that_masses_are_assumed(make_chain):
     chain = make_chain()
     known = uniform_links(chain, kg_per_m=3.0)
     assert all("uniform link masses assumed" in t.name for t in catalogue.gravity(chain, 2))
@@ -231,7 +231,7 @@ def test_a_state_of_everything_is_offered_everything(make_state):
         assert term.basis.values(state).shape == (term.n_coefficients, 3000)
 
 
-def test_what_is_missing_is_said(make_state):
+def test_skipped_terms_have_reasons(make_state):
     state = make_state(n=400, temperature_degC=None, directions=None, columns={"load_tip_N": np.arange(400.0)})
     _, left_out = candidate_terms(state)
     assert left_out == [
@@ -241,7 +241,7 @@ def test_what_is_missing_is_said(make_state):
     ]
 
 
-def test_what_never_changes_is_left_to_the_constants(make_state):
+def test_constant_functions_are_skipped(make_state):
     state = make_state(n=400, temperature_degC=np.full(400, 23.0), columns={"load_1": np.ones(400)})
     terms, left_out = candidate_terms(state)
     assert {reason for _, reason in left_out} == {"it is constant in these readings"}
@@ -259,7 +259,7 @@ def test_an_upright_first_joint_bears_no_torque_about_itself():
     assert not any("base" in t.name and "torque about z" in t.name for t in terms)
 
 
-def test_a_joint_that_hardly_moved_loses_slow_harmonics_and_the_reason_says_so():
+def test_slow_harmonics_of_a_joint_that_hardly_moved_are_skipped_with_a_reason():
     rng = np.random.default_rng(0)
     state = turning(rng.uniform(-3, 3, 2000), np.radians(np.linspace(-6, 6, 2000)))
     terms, left_out = candidate_terms(state)
@@ -281,7 +281,7 @@ def test_a_joint_that_stood_still_has_no_harmonics():
 
 @settings(deadline=None, max_examples=25)
 @given(st.integers(2, 40), st.floats(-7, 7), st.integers(0, 3), st.integers(0, 100))
-def test_harmonics_kept_on_a_graduated_circle_can_be_told_apart(n_angles, start, turns, seed):
+def test_offered_harmonics_on_a_graduated_circle_are_distinguishable(n_angles, start, turns, seed):
     """At n angles around a circle, whatever the turn and the jitter, constant and harmonics are independent."""
     rng = np.random.default_rng(seed)
     angles = np.tile(start + np.arange(n_angles) * 2 * np.pi / n_angles, 4)
@@ -313,7 +313,7 @@ def test_a_sliding_joint_is_offered_the_rest(make_state):
 
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 6), st.integers(0, 1000), st.sampled_from([0.0, 1e-9, 0.1, 1.0, 1e6]), st.integers(0, 100))
-def test_any_readings_are_offered_what_they_can_bear(make_state, n, seed, size, highest):
+def test_any_readings_get_terms_that_they_can_determine(make_state, n, seed, size, highest):
     rng = np.random.default_rng(seed)
     state = make_state(seed % 7, n, angles=size * rng.normal(size=(n, 5)), columns={})
     terms, left_out = candidate_terms(state, highest=highest)
@@ -375,7 +375,7 @@ def test_hostile_data_make_a_term_or_an_input_error(key, draw):
         ({"scale": 1}, "expected a term with"),
     ],
 )
-def test_what_is_not_a_term_is_refused(changed, says):
+def test_invalid_terms_are_refused(changed, says):
     with pytest.raises(InputError, match=says):
         Term.from_data(good_data(**changed))
 
@@ -387,7 +387,7 @@ def test_a_term_needs_a_basis_and_a_place_on_the_chain(make_chain):
         Term("a", 7, ABOUT_Z, Constant(), "a", 1e-3).check_place(make_chain())
 
 
-def test_terms_take_numpy_numbers():
+def test_terms_accept_numpy_numbers():
     term = Term("a", 1, np.array(ABOUT_Z), Column("load_1"), "a", np.float64(1e-3))
     assert term == Term("a", 1, ABOUT_Z, Column("load_1"), "a", 1e-3)
     assert term.prior_stds.tolist() == [1e-3]

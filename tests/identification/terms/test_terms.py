@@ -138,6 +138,6 @@ def test_links_may_have_their_own_temperatures():
         (lambda c: growth_motions(c, np.zeros((4, 2))), r"\(n, 3\)"),
     ],
 )
-def test_what_does_not_fit_is_refused(call, says):
+def test_mismatched_shapes_are_refused(call, says):
     with pytest.raises(InputError, match=says):
         call(horizontal_arm(2))
