@@ -134,9 +134,9 @@ def test_a_warm_place_is_longer_than_the_certificate(artefact, certified, error_
 @pytest.mark.parametrize(
     ("growth", "message"),
     [
-        ((0.0, "", 0.0), "positive growth"),
-        ((1.0, "steel", 0.0), "uncertainty of the growth"),
-        ((1.0, "", 1e-5), "uncertainty of the growth"),
+        ((0.0, "", 0.0), "positive expansion factor"),
+        ((1.0, "steel", 0.0), "uncertainty of the expansion"),
+        ((1.0, "", 1e-5), "uncertainty of the expansion"),
         ((1.0, "steel", 2e-5), "several"),
     ],
 )

@@ -269,7 +269,7 @@ def test_uncertainties_that_are_none_are_refused(value, arm):
     angles, points = reading(arm)
     std = np.full((6, 3), 0.1)
     std[2, 2] = value
-    with pytest.raises(InputError, match="expected standard uncertainties of a point of zero or more"):
+    with pytest.raises(InputError, match="expected finite standard uncertainties of a point, zero or more"):
         identify(arm.chain, ArmState(arm.chain, angles), constants(arm.chain), [Points(np.arange(6), points, std)])
     with pytest.raises(InputError, match=r"uncertainties of shape \(6, 3\), got \(6, 1\)"):
         Points(np.arange(6), points, np.ones((6, 1)))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Self, overload
+from typing import Any, Literal, NamedTuple, Self, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +49,27 @@ FREE_PARTS = ("base", "tip")
 MAX_NOMINAL_ERROR = 0.05
 # Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
 MIN_ROWS = 4
+
+
+class TrainingData(NamedTuple):
+    """A session prepared once for all identifications of a fit.
+
+    Attributes
+    ----------
+    session : Session
+        All readings in one frame.
+    state : ArmState
+        State of the arm at them.
+    references : list of Reference
+        Of the readings and the lengths.
+    lengths : Lengths or None
+        Known lengths between their seats.
+    """
+
+    session: Session
+    state: ArmState
+    references: list[Reference]
+    lengths: Lengths | None
 
 
 class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
@@ -160,12 +181,13 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self.session_frames_ = rough_session_frames(arm, readings, self.free_)
         in_one_frame = to_first_session_frame(readings, self.session_frames_)
         self.training_ = TrainingConditions.of(readings, arm.chain.is_prismatic, lengths)
+        data = TrainingData(in_one_frame, state_of(arm, in_one_frame), references_of(in_one_frame, lengths), lengths)
         if nominal is None:
-            self.nominal_ = self._fit_nominal(in_one_frame, lengths)
+            self.nominal_ = self._fit_nominal(data)
             self._check_nominal(readings)
         else:
             self.nominal_ = self._same_nominal(nominal)
-        self._fit(in_one_frame, lengths, progress or _no_progress)
+        self._fit(data, progress or _no_progress)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
@@ -348,7 +370,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         return tags
 
     @abstractmethod
-    def _fit(self, readings: Session, lengths: Lengths | None, progress: Callable[[int, str], None]) -> None:
+    def _fit(self, data: TrainingData, progress: Callable[[int, str], None]) -> None:
         """Learn from readings in one frame; `nominal_` and `training_` are set. See `fit_readings`."""
 
     @abstractmethod
@@ -426,27 +448,25 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         """Readings without the names of their sessions, if the model was trained on one."""
         return readings if self.session_frames_ else replace(readings, session=None)
 
-    def _fit_nominal(self, readings: Session, lengths: Lengths | None) -> IdentificationResult:
+    def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
         """The nominal chain, its free parts identified from the readings."""
         terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
-        state, references = state_of(self.arm_, readings), references_of(readings, lengths)
-        fit_nominal = partial(self._identify_terms, readings, state, terms)
-        check_sizes(readings, lengths, references, fit_nominal, state)
-        return fit_nominal(references)
+        fit_nominal = partial(self._identify_terms, data, terms)
+        check_sizes(data.session, data.lengths, data.references, fit_nominal, data.state)
+        return fit_nominal(data.references)
 
     def _identify_terms(
         self,
-        readings: Session,
-        state: ArmState,
+        data: TrainingData,
         terms: Sequence[Term],
         references: Sequence[Reference],
         progress: Callable[[int, str], None] | None = None,
     ) -> IdentificationResult:
         """Terms, and beside them those of the tool and of the sessions' frames, identified from references."""
         return identify(
-            roughly_aligned_chain(self.arm_, readings, self.free_),
-            state,
-            [*terms, *tool_terms(self.arm_, readings), *session_frame_terms(self.arm_.chain, self.session_frames_)],
+            roughly_aligned_chain(self.arm_, data.session, self.free_),
+            data.state,
+            [*terms, *tool_terms(self.arm_, data.session), *session_frame_terms(self.arm_.chain, self.session_frames_)],
             references,
             robust=self.robust,
             progress=progress,

@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import MIN_ROWS, Compensator
+from truearm.compensation.models.compensator import MIN_ROWS, Compensator, TrainingData
 from truearm.compensation.models.reading_references import references_of, state_of
 from truearm.errors import InputError
 from truearm.identification.estimation.cross_validation import birge_ratio, cross_validate_by_group
@@ -111,17 +111,14 @@ class IdentifiedModel(Compensator):
     def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
         """The terms offered, with the free parts `free_`, and those that the readings cannot show."""
 
-    def _fit(self, readings: Session, lengths: Lengths | None, progress: Callable[[int, str], None]) -> None:
+    def _fit(self, data: TrainingData, progress: Callable[[int, str], None]) -> None:
+        readings, state, references, _ = data
         self.refit_reading_ids_ = np.zeros(0)
         progress(0, "terms")
-        state = state_of(self.arm_, readings)
         terms, excluded = self._terms(state)
         if not readings.has_point.any():
             terms = [term for term in terms if not _places_the_frame(term)]
-        references = references_of(readings, lengths)
-        self.fit_ = (
-            self.nominal_ if self._is_nominal else self._identify_terms(readings, state, terms, references, progress)
-        )
+        self.fit_ = self.nominal_ if self._is_nominal else self._identify_terms(data, terms, references, progress)
         self.excluded_terms_ = tuple(excluded)
         self.held_out_ = cross_validate_by_group(
             self.fit_, state, references, cross_validation_groups(readings, self.session_frames_)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import MIN_ROWS, Compensator
+from truearm.compensation.models.compensator import MIN_ROWS, Compensator, TrainingData
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
@@ -171,8 +171,8 @@ class NetworkModel(Compensator):
             hint="repeat readings, or weigh them in a kinematic or physical model",
         )
 
-    def _fit(self, readings: Session, lengths: Lengths | None, progress: Callable[[int, str], None]) -> None:
-        del lengths  # refused before
+    def _fit(self, data: TrainingData, progress: Callable[[int, str], None]) -> None:
+        readings = data.session
         if self.session_frames_:
             raise readings.error(
                 f"the readings are of {len(self.session_frames_)} sessions, each in a frame of its own, and a network "
