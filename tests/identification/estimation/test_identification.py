@@ -235,11 +235,11 @@ def reading(arm):
 @pytest.mark.parametrize(
     ("rows", "shape", "message"),
     [
-        (np.arange(0), (0, 3), "expected the numbers of one reading or more with a point"),
-        (np.arange(6.0), (6, 3), "expected the numbers of one reading or more with a point"),
-        (np.ones(6, bool), (6, 3), "expected the numbers of one reading or more with a point"),
-        (np.arange(6) + 1, (6, 3), "expected a point at readings 0 to 5, got 1 to 6"),
-        (np.arange(6) - 1, (6, 3), "expected a point at readings 0 to 5, got -1 to 4"),
+        (np.arange(0), (0, 3), "expected the rows of one reading or more with a point"),
+        (np.arange(6.0), (6, 3), "expected the rows of one reading or more with a point"),
+        (np.ones(6, bool), (6, 3), "expected the rows of one reading or more with a point"),
+        (np.arange(6) + 1, (6, 3), "expected a point in rows 0 to 5, got 1 to 6"),
+        (np.arange(6) - 1, (6, 3), "expected a point in rows 0 to 5, got -1 to 4"),
         (np.arange(6), (1, 3), r"expected points of shape \(6, 3\), got \(1, 3\)"),
         (np.arange(5), (6, 3), r"expected points of shape \(5, 3\), got \(6, 3\)"),
         (np.arange(6), (6, 2), r"expected points of shape \(6, 3\), got \(6, 2\)"),

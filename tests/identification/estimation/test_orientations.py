@@ -124,10 +124,10 @@ def test_a_stated_uncertainty_of_orientations_is_used(rng):
     ("R", "message"),
     [
         (np.zeros((2, 3, 3)), "expected 1 orientations"),
-        (2 * np.eye(3)[None], "reading 4"),
-        (np.diag([1.0, 1, -1])[None], "reading 4"),
-        (np.full((1, 3, 3), np.nan), "reading 4"),
-        (np.full((1, 3, 3), 1e300), "reading 4"),
+        (2 * np.eye(3)[None], "reading 5"),
+        (np.diag([1.0, 1, -1])[None], "reading 5"),
+        (np.full((1, 3, 3), np.nan), "reading 5"),
+        (np.full((1, 3, 3), 1e300), "reading 5"),
     ],
 )
 def test_invalid_orientations_are_refused(R, message):

@@ -176,7 +176,7 @@ def test_readings_of_many_surfaces_keep_apart(rng):
 @pytest.mark.parametrize(("kind", "least"), [(Spheres, 4), (Planes, 3), (Lines, 2)])
 def test_too_few_readings_are_refused_with_the_name(kind, least):
     kind(np.arange(least), np.zeros(least, int), ("A",))
-    with pytest.raises(InputError, match=f"{least} readings or more of {kind.kind} 'A'"):
+    with pytest.raises(InputError, match=f"{least} readings on {kind.kind} 'A'"):
         kind(np.arange(least - 1), np.zeros(least - 1, int), ("A",))
     with pytest.raises(InputError, match="'B'"):
         kind(np.arange(least), np.zeros(least, int), ("A", "B"))

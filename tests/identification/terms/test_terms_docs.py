@@ -14,7 +14,7 @@ def test_its_example_runs_and_gives_what_it_states():
     for block in re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL):
         exec(block, names)
     belt, cable, state = names["belt"], names["cable"], names["state"]
-    assert names["skipped"][0].reason == "the readings have no temperature"
+    assert names["not_offered"][0].reason == "the readings have no temperature"
     assert cable.basis.values(state).shape == (1, 500)
     assert cable.as_data()["basis"] == {"kind": "Winding", "joint": 6}
     assert names["terms"][-2:] == [belt, cable]
