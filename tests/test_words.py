@@ -48,7 +48,11 @@ def test_a_module_speaks_the_language_of_the_field(path):
     assert not dialect_in(text_of_module(path))
 
 
-PAGES = [*sorted(CHECKOUT.glob("*.md")), *sorted((CHECKOUT / "docs").glob("*.md")), *sorted((CHECKOUT / "docs/start").glob("*.md"))]
+PAGES = [
+    *sorted(CHECKOUT.glob("*.md")),
+    *sorted((CHECKOUT / "docs").glob("*.md")),
+    *sorted((CHECKOUT / "docs/start").glob("*.md")),
+]
 PAGES += sorted(HOUSE.rglob("*.toml")) + sorted(HOUSE.rglob("*.j2"))
 
 

@@ -263,3 +263,18 @@ def test_a_reference_that_never_moves():
     readings = Session(np.linspace([0.0, 0.0], [1.0, 2.0], 6), np.full((6, 3), 5.0))
     with pytest.raises(InputError, match="all 6 readings have the same reference point, though the joints move"):
         check_fit(readings, n_joints=2, min_rows=4)
+
+
+@pytest.mark.parametrize(("unit", "mm"), [("m", 1000.0), ("cm", 10.0), ("inch", 25.4), ("um", 0.001)])
+def test_reference_points_in_another_unit_are_refused_with_that_unit(rng, unit, mm):
+    tips = rng.normal(scale=400.0, size=(50, 3))
+    session = Session(rng.uniform(-2, 2, (50, 6)), (tips + [800.0, 0.0, 300.0]) / mm)
+    with pytest.raises(InputError, match=f"may be in {unit}:"):
+        check_scale(session, tips)
+
+
+def test_reference_points_that_spread_about_as_far_as_the_tips_pass(rng):
+    tips = rng.normal(scale=400.0, size=(50, 3))
+    for factor in (0.3, 1.0, 3.0):
+        check_scale(Session(rng.uniform(-2, 2, (50, 6)), factor * tips), tips)
+    check_scale(Session(rng.uniform(-2, 2, (50, 6))), tips)

@@ -24,6 +24,9 @@ BETWEEN_SESSIONS = "but the base or the reference moved between sessions"
 
 # Two points of an arm are at most two reaches apart; an unknown tip may add to that.
 MAX_REACHES = 4.0
+# Factor by which reference points may spread more or less than the nominal tips. A tool that the arm file lacks changes
+# the spread by less, another unit (cm, inch, m, um) by more.
+MAX_SCALE = 8.0
 
 
 @dataclass(frozen=True)
@@ -230,6 +233,36 @@ def check_reach(session: Session, *, reach: float) -> None:
         f" {reach:.4g} mm ({int(far.sum())} of {int(session.has_point.sum())} readings)",
         row,
         hint="check the unit of the points, or delete the reading",
+    )
+
+
+def check_scale(session: Session, tips: FloatArray) -> None:
+    """Check that reference points are in the unit of the arm: they spread about as far as the nominal tips.
+
+    Parameters
+    ----------
+    session : Session
+        Without three reference points there is nothing to check.
+    tips : (n, 3) array
+        Tips of the nominal arm at the readings [mm].
+
+    Raises
+    ------
+    InputError
+        If the points spread `MAX_SCALE` times more or less than the tips, with the unit that would explain it.
+    """
+    seen = session.has_point
+    if session.points is None or seen.sum() < 3 or session.session is not None:
+        return
+    spread, nominal = (float(np.sqrt(points[seen].var(axis=0).sum())) for points in (session.points, tips))
+    if nominal == 0 or spread == 0 or 1 / MAX_SCALE < spread / nominal < MAX_SCALE:
+        return
+    units = {"m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
+    unit, factor = min(units.items(), key=lambda item: abs(np.log(item[1] * spread / nominal)))
+    likely = abs(np.log(factor * spread / nominal)) < np.log(2)
+    raise session.error(
+        f"the reference points spread over {spread:.3g} mm, the nominal tips at the same readings over {nominal:.4g} mm",
+        hint=f"the points may be in {unit}: convert them to mm" if likely else "check the unit of points and angles",
     )
 
 

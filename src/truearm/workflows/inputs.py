@@ -25,6 +25,7 @@ from truearm.readings import (
     check_angles,
     check_fit,
     check_reach,
+    check_scale,
     point_errors,
     read_lengths,
     read_session,
@@ -167,7 +168,7 @@ def check_session_fits(session: Session, arm: Arm, model: str) -> None:
     Raises
     ------
     InputError
-        As `check_fit` and `check_reach`.
+        As `check_fit`, `check_reach` and `check_scale`.
     """
     n_constants = 4 * arm.n_joints + 3
     check_fit(
@@ -177,6 +178,7 @@ def check_session_fits(session: Session, arm: Arm, model: str) -> None:
         relations=model != "network",
     )
     check_reach(session, reach=arm.chain.reach)
+    check_scale(session, arm.chain.tip_in_base(session.angles))
 
 
 def check_has_reference(session: Session, arm: Arm, *, purpose: str) -> None:
