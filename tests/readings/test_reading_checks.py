@@ -16,6 +16,7 @@ from truearm.readings import (
     check_angles,
     check_fit,
     check_reach,
+    check_scale,
     check_sessions,
     has_reference,
     limit_excesses,
