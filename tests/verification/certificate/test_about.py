@@ -47,8 +47,8 @@ def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_pat
         ({"number": " \t"}, "(?s)number.*is empty"),
         ({"place": "moon"}, "place"),
         ({"persons": []}, "persons"),
-        ({"persons": [{"name": "p"}]}, "nobody signs it"),
-        ({"issued": DAY.replace(day=1)}, "before the arm came"),
+        ({"persons": [{"name": "p"}]}, "no person signs"),
+        ({"issued": DAY.replace(day=1)}, "before the arm was received"),
         ({"laboratory": TOLD["laboratory"] | {"country": "Germany"}}, "two capital letters, got 'Germany'"),
         ({"conditions": {"temperature_degC": (21.0, 20.0)}}, "lowest and the highest"),
         ({"conditions": {"temperature_degC": (293.0, 294.0)}}, "from -50 to 100"),
@@ -66,7 +66,7 @@ def test_what_is_wrong_is_said(changes, told):
 def test_days_must_fit_those_of_the_points():
     with pytest.raises(InputError, match="issued on 2026-11-02, before the last points were taken on 2026-11-03"):
         certificate(about(issued=DAY.replace(day=2), received=DAY.replace(day=1)))
-    with pytest.raises(InputError, match="the arm came on 2026-11-04, after points were taken on 2026-11-03"):
+    with pytest.raises(InputError, match="the arm was received on 2026-11-04, after points were measured on 2026-11-03"):
         certificate(about(received=DAY.replace(day=4)))
     assert certificate(about(received=DAY, issued=DAY)).begin == DAY
 

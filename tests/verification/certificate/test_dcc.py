@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from made_up_outcome import ROWS, about, certificate, outcome, row
 
 from truearm.errors import InputError, TruearmError
-from truearm.verification.certificate import dcc as module
+from truearm.verification.certificate import dcc_reader as module
 from truearm.verification.certificate.administrative_data import xml_text as one_line
 from truearm.verification.certificate.certificate import (
     CONFORMITIES,
@@ -22,7 +22,8 @@ from truearm.verification.certificate.certificate import (
     StatedResult,
     conformity_of,
 )
-from truearm.verification.certificate.dcc import dcc, parse_dcc, read_dcc, write_dcc
+from truearm.verification.certificate.dcc import dcc, write_dcc
+from truearm.verification.certificate.dcc_reader import parse_dcc, read_dcc
 from truearm.verification.standards.decision import DECISION_RULES, Budget, Contribution
 from truearm.verification.standards.verification_plan import load_verification_plan
 

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.verification.standards.artefacts import Artefacts, example_artefacts
-from truearm.verification.standards.layout import directions, hemisphere, lay_out_tests, seat_normal, select_lengths
+from truearm.verification.standards.layout import lay_out_tests, select_lengths
 from truearm.verification.standards.measured_points import KEY_COLUMNS, MeasuredPoints, PointGroup
 from truearm.verification.standards.point_checks import SAME_PLACE_MM
+from truearm.verification.standards.positions import directions, hemisphere, seat_normal
 from truearm.verification.standards.specification import example_specification
 from truearm.verification.standards.verification import verify
 from truearm.verification.standards.verification_plan import PLANS, load_verification_plan

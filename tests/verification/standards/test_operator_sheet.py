@@ -11,7 +11,8 @@ from browser import printed
 from truearm.pages.html import render
 from truearm.verification.standards.artefacts import Artefacts, example_artefacts
 from truearm.verification.standards.layout import lay_out_tests
-from truearm.verification.standards.operator_sheet import OperatorSheet, describe_direction, operator_sheet_page
+from truearm.verification.standards.operator_sheet import operator_sheet_page
+from truearm.verification.standards.operator_sheet_figures import OperatorSheet, describe_direction
 from truearm.verification.standards.verification_plan import PLANS, VerificationPlan, load_verification_plan
 
 RANGE = 2000.0

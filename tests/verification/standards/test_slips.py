@@ -11,9 +11,9 @@ from truearm.errors import InputError
 from truearm.verification.standards import blunders
 from truearm.verification.standards.artefacts import CalibratedSphere
 from truearm.verification.standards.decision import Budget, ConformityResult
-from truearm.verification.standards.layout import hemisphere
 from truearm.verification.standards.measurands import SphereMeasurement
 from truearm.verification.standards.measured_points import PointGroup
+from truearm.verification.standards.positions import hemisphere
 
 DAY = datetime.date(2026, 1, 1)
 BALL = CalibratedSphere(

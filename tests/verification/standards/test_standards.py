@@ -14,8 +14,8 @@ from truearm.verification.standards.artefacts import CalibratedBar, CalibratedLe
 from truearm.verification.standards.asme_b89_4_22 import SeatPoints, effective_diameter, single_point, volumetric
 from truearm.verification.standards.decision import Verdict
 from truearm.verification.standards.iso10360_12 import e_bi, e_uni, l_dia, p_form, p_size
-from truearm.verification.standards.layout import hemisphere
 from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement, check_spread
+from truearm.verification.standards.positions import hemisphere
 from truearm.verification.standards.specification import Specification
 
 CALIBRATED = {

@@ -49,7 +49,7 @@ def test_a_plan_of_ones_own(tmp_path):
     ("before", "after", "phrase"),
     [
         ("value = 25,", "value = 0,", "probing.points.value: expected 1 or more, got 0"),
-        ("value = 25,", "value = 4,", "5 points or more of a sphere"),
+        ("value = 25,", "value = 4,", "5 points or more on a sphere"),
         (
             "value = 25,",
             'value = "25",',
@@ -61,7 +61,7 @@ def test_a_plan_of_ones_own(tmp_path):
         (
             "value = 0.66,",
             "value = 66,",
-            "uni.longest_share.value: expected a share of 1 or less, got 66. Try: 0.66 is",
+            "uni.longest_share.value: expected a share of 1 or less, got 66. Try: write 0.66 for",
         ),
         ("points = {", "points = 25 #", "probing.points: expected a table of confirmed, source, value, got 25"),
         ("value = 51,", "value = 5,", "smallest_sphere_mm is larger than largest_sphere_mm"),
@@ -126,9 +126,9 @@ BAR = BALL.replace("spheres", "bars").replace("diameter_mm = 25.0004\nu_diameter
     ("text", "phrase"),
     [
         ("", "got none"),
-        (BALL + BALL, "the artefact 'ball' stands twice"),
-        (BALL + BAR, "the artefact 'ball' stands twice"),
-        (BAR + LENGTH, "the length of 'ball' '1000' stands twice"),
+        (BALL + BALL, "the artefact 'ball' is given twice"),
+        (BALL + BAR, "the artefact 'ball' is given twice"),
+        (BAR + LENGTH, "the length of 'ball' '1000' is given twice"),
         (BALL.replace("2027", "2025"), "which is not after its calibration"),
         (BALL.replace("date = 2026-01-15\n", ""), "the key spheres[1].date is missing"),
         (
@@ -146,9 +146,9 @@ BAR = BALL.replace("spheres", "bars").replace("diameter_mm = 25.0004\nu_diameter
         (BALL.replace("u_fixture_mm", "fixture_mm"), "unknown key spheres[1].fixture_mm. Try: use one of name"),
         (
             BALL.replace("u_diameter_mm", "U_diameter_mm"),
-            "unknown key U_diameter_mm. Try: u_diameter_mm, the standard uncertainty (k = 1): half of",
+            "unknown key U_diameter_mm. Try: write u_diameter_mm, the standard uncertainty (k = 1): half of",
         ),
-        (BAR.replace("u_mm", "U_mm"), "bars[1].lengths[1]: unknown key U_mm. Try: u_mm, the standard uncertainty"),
+        (BAR.replace("u_mm", "U_mm"), "bars[1].lengths[1]: unknown key U_mm. Try: write u_mm, the standard uncertainty"),
         (BALL.replace("2026-01-15", "15.01.2026"), "line 4: not valid TOML: Expected newline"),
         (BAR.replace("u_mm = 0.001", "u_mm = 20"), "ball, 1000: u_mm = 20 mm"),
         (BAR.partition("[[bars.lengths]]")[0], "the key bars[1].lengths is missing"),
@@ -168,11 +168,11 @@ def test_an_artefact_is_looked_up_by_kind_and_serves_while_its_certificate_does(
     artefacts.sphere("ball").check_valid(datetime.date(2027, 1, 15))
     with pytest.raises(InputError, match=r"'K-1' of 'ball' expired on 2027-01-15; points were taken on 2027-01-16"):
         artefacts.sphere("ball").check_valid(datetime.date(2027, 1, 16))
-    with pytest.raises(InputError, match="was calibrated on 2026-01-15, after points were taken"):
+    with pytest.raises(InputError, match="was calibrated on 2026-01-15, after points were measured"):
         artefacts.sphere("ball").check_valid(datetime.date(2026, 1, 14))
     assert artefacts.bar("bar").length("1000").length_mm == 1000.001
     for look_up, phrase in (
-        (lambda: artefacts.sphere("bar"), "no sphere 'bar'. Try: 'ball'"),
+        (lambda: artefacts.sphere("bar"), "no sphere 'bar'. Try: use one of 'ball'"),
         (lambda: artefacts.seat("cone"), r"no seat 'cone'. Try: add it under \[\[seats\]\]"),
         (lambda: artefacts.bar("bar").length("500"), "no length '500'. Try: '1000'"),
     ):
@@ -207,20 +207,20 @@ def test_the_three_forms_of_a_limit():
 @pytest.mark.parametrize(
     ("limits", "phrase"),
     [
-        ("E_Unidir = { B_um = 30 }", "unknown symbol 'E_Unidir'. Try: E_Uni"),
+        ("E_Unidir = { B_um = 30 }", "unknown symbol 'E_Unidir'. Try: use E_Uni"),
         ("colour = { B_um = 30 }", f"unknown symbol 'colour'. Try: {', '.join(SYMBOLS)}"),
-        ('E_Uni = { B_um = 30 }\n"E_Uni:0" = { B_um = 30 }', "the limit of E_Uni stands twice"),
+        ('E_Uni = { B_um = 30 }\n"E_Uni:0" = { B_um = 30 }', "the limit of E_Uni is given twice"),
         ("E_Uni = { A_um = 30 }", "A_um and K_mm_per_um belong together"),
-        ("E_Uni = {}", "got none of them"),
+        ("E_Uni = {}", "got none"),
         (
             "SPAT.Max = { B_um = 30 }\nSPAT.2s = { B_um = 40 }",
-            'limits: SPAT.Max stands without quotes. Try: "SPAT.Max" = { .. }',
+            'limits: SPAT.Max has no quotes. Try: write "SPAT.Max" = { .. }',
         ),
-        ("P_Size.Sph.1x25 = { B_um = 30 }", "limits: P_Size.Sph.1x25 stands without quotes"),
+        ("P_Size.Sph.1x25 = { B_um = 30 }", "limits: P_Size.Sph.1x25 has no quotes"),
         ("E_Uni = { B_um = 0.03 }", "limits.E_Uni: expected B_um in micrometres, got 0.03"),
         (
             "E_Uni = { A_um = 5, K_mm_per_um = 0.0125 }",
-            "millimetres of length for a micrometre, got 0.0125. Try: for L/80",
+            "millimetres of length for a micrometre, got 0.0125. Try: write 80 for L/80",
         ),
         ("E_Uni = { B_um = 0 }", "limits.E_Uni.B_um: expected more than 0, got 0"),
         ("E_Uni = { B_mm = 0.03 }", "unknown key limits.E_Uni.B_mm. Try: use one of A_um, K_mm_per_um, B_um"),

@@ -17,7 +17,7 @@ from truearm.verification.shapes.plane import fit_plane
 from truearm.verification.shapes.sphere import Sphere, fit_sphere
 from truearm.verification.standards.artefacts import CalibratedBar, CalibratedLength, CalibratedSphere
 from truearm.verification.standards.decision import Budget, Contribution
-from truearm.verification.standards.layout import hemisphere
+from truearm.verification.standards.positions import hemisphere
 
 # Fewer points of a ball leave none to spare.
 LEAST_ON_BALL = 5

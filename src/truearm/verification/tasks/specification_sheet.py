@@ -48,7 +48,8 @@ from truearm.identification.virtual.error_model import (
 from truearm.identification.virtual.presets import SHOP, Preset
 from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Artefacts
-from truearm.verification.standards.layout import ZONES, Placement, lay_out_tests
+from truearm.verification.standards.layout import Placement, lay_out_tests
+from truearm.verification.standards.positions import ZONES
 from truearm.verification.standards.specification import Specification
 from truearm.verification.standards.verification_plan import VerificationPlan, load_verification_plan
 from truearm.verification.tasks.first_order_results import FirstOrderResults

@@ -1,0 +1,271 @@
+"""The reader of digital calibration certificates of this program; and the names of the format.
+
+It takes XML of others without harm: a document type is refused before anything is parsed, so that no entity can expand
+or reach another file or the network, and the size is limited.
+"""
+
+from __future__ import annotations
+
+import datetime
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from truearm.errors import InputError
+from truearm.files.file_reading import read_limited
+from truearm.verification.certificate.administrative_data import AdministrativeData
+from truearm.verification.certificate.certificate import (
+    CONFORMITIES,
+    Certificate,
+    Equipment,
+    Method,
+    StatedQuantity,
+    StatedResult,
+)
+
+SCHEMA_VERSION = "3.3.0"
+LANGUAGE = "en"  # of all texts
+MAX_BYTES = 10_000_000
+
+SPACES = {
+    "dcc": "https://ptb.de/dcc",
+    "si": "https://ptb.de/si",
+    "xsi": "http://www.w3.org/2001/XMLSchema-instance",
+}
+UNITS = {"mm": r"\milli\metre", "degC": r"\degreecelsius", "1": r"\one"}
+# Reference types and names of the conditions.
+AMBIENT, HUMIDITY, ARTEFACT = "basic_temperature", "basic_humidityRelative", "truearm_artefactTemperature"
+CONDITIONS = {
+    AMBIENT: "ambient temperature",
+    HUMIDITY: "relative humidity",
+    ARTEFACT: "artefact temperature, means of groups of points",
+}
+LIMIT = "truearm_limit"
+
+ADDRESS = (("street", "street"), ("street_no", "streetNo"), ("post_code", "postCode"), ("city", "city"))
+
+Element = ET.Element
+
+
+def read_dcc(path: str | Path) -> Certificate:
+    """Read a certificate of this program.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, too long, not such a certificate, or breaks a rule of its content.
+    """
+    try:
+        return parse_dcc(read_limited(path, limit_bytes=MAX_BYTES))
+    except InputError as error:
+        raise error.in_file(path) from None
+
+
+def parse_dcc(content: bytes) -> Certificate:
+    """Read the content of a certificate, see `read_dcc`."""
+    root = _parsed(content)
+    if root.tag != f"{{{SPACES['dcc']}}}digitalCalibrationCertificate":
+        raise InputError(f"expected a digital calibration certificate, got <{root.tag:.80}>")
+    if (version := root.get("schemaVersion")) != SCHEMA_VERSION:
+        raise InputError(f"expected schema version {SCHEMA_VERSION}, got {version!r:.80}")
+    administrative = _one(root, "administrativeData")
+    measured = _one(root, "measurementResults/measurementResult")
+    core = _one(administrative, "coreData")
+    software = _one(administrative, "dccSoftware/software")
+    statements = _all(administrative, "statements/statement")
+    return Certificate(
+        about=_about(administrative, core, measured),
+        begin=_date(_one(core, "beginPerformanceDate")),
+        end=_date(_one(core, "endPerformanceDate")),
+        software=_content(software, "name"),
+        release=_text(_one(software, "release")).removeprefix("v"),
+        title=_content(measured, "name"),
+        declarations=tuple(_content(statement, "declaration") for statement in statements),
+        conformity=_conformity(_one(administrative, "statements/statement[@refType='basic_conformity']")),
+        methods=tuple(
+            Method(_content(one, "name"), _content(one, "description"), _maybe(one, "norm"))
+            for one in _all(measured, "usedMethods/usedMethod")
+        ),
+        equipment=tuple(
+            Equipment(
+                _content(one, "name"),
+                _content(one, "description"),
+                _text(_one(one, "identifications/identification/value")),
+                tuple(
+                    _quantity_of(size)
+                    for size in one.findall("dcc:measuringEquipmentQuantities/dcc:measuringEquipmentQuantity", SPACES)
+                ),
+            )
+            for one in _all(measured, "measuringEquipments/measuringEquipment")
+        ),
+        artefact_degC=_condition_of(measured, ARTEFACT),
+        results=tuple(_result_of(one) for one in _all(measured, "results/result")),
+    )
+
+
+def _parsed(content: bytes) -> Element:
+    """Parse UTF-8 XML without a document type."""
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError("expected UTF-8 text") from None
+    # Decoded first, so that no other encoding can hide it; a text that only mentions it is refused too.
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise InputError("a certificate contains no DOCTYPE or ENTITY; truearm refuses such files")
+    try:
+        return ET.fromstring(text)  # noqa: S314, it has no document type
+    except ET.ParseError as error:
+        raise InputError(f"not valid XML: {error}", line=error.position[0]) from None
+    except ValueError as error:  # a NUL, half a surrogate pair
+        raise InputError(f"not valid XML: {error}") from None
+
+
+def _about(administrative: Element, core: Element, measured: Element) -> AdministrativeData:
+    item = _one(administrative, "items/item")
+    numbers = {
+        _text(_one(one, "issuer")): _text(_one(one, "value")) for one in _all(item, "identifications/identification")
+    }
+    laboratory = _one(administrative, "calibrationLaboratory")
+    received = core.find("dcc:receiptDate", SPACES)
+    degC, humidity = _condition_of(measured, AMBIENT), _condition_of(measured, HUMIDITY)
+    fields: dict[str, Any] = {
+        "number": _text(_one(core, "uniqueIdentifier")),
+        "issued": _date(_one(core, "issueDate")),
+        "received": None if received is None else _date(received),
+        "place": _text(_one(core, "performanceLocation")),
+        "item": {
+            "name": _content(item, "name"),
+            "maker": _content(_one(item, "manufacturer"), "name"),
+            "model": _text(_one(item, "model")),
+            "serial_number": numbers.get("manufacturer", ""),
+            "inventory_number": numbers.get("customer"),
+        },
+        "laboratory": _contact_of(_one(laboratory, "contact"))
+        | {"code": _maybe(laboratory, "calibrationLaboratoryCode")},
+        "customer": _contact_of(_one(administrative, "customer")),
+        "persons": [
+            {
+                "name": _content(_one(one, "person"), "name"),
+                "role": _maybe(one, "role"),
+                "main_signer": _text(_one(one, "mainSigner")) == "true",
+            }
+            for one in _all(administrative, "respPersons/respPerson")
+        ],
+        "conditions": {
+            "temperature_degC": () if degC is None else tuple(map(float, degC)),
+            "relative_humidity_percent": None if humidity is None else tuple(float(100 * share) for share in humidity),
+        },
+    }
+    try:
+        return AdministrativeData.model_validate(fields)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise InputError(f"{where}: {first['msg'].removeprefix('Value error, ')}") from None
+
+
+def _contact_of(element: Element) -> dict[str, str | None]:
+    location = _one(element, "location")
+    address = {key: _maybe(location, tag) for key, tag in ADDRESS}
+    needed = {key: address[key] or "" for key in ("post_code", "city")}
+    known = {"name": _content(element, "name"), "email": _maybe(element, "eMail"), "phone": _maybe(element, "phone")}
+    return known | address | needed | {"country": _text(_one(location, "countryCode"))}
+
+
+def _condition_of(measured: Element, kind: str) -> tuple[Decimal, Decimal] | None:
+    found = _all(measured, f"influenceConditions/influenceCondition[@refType='{kind}']", some=False)
+    if not found:
+        return None
+    unit = "1" if kind == HUMIDITY else "degC"
+    ends = [_quantity_of(_one(found[0], f"data/quantity[@refType='{kind}{end}']")) for end in ("Min", "Max")]
+    if any(end.unit != unit for end in ends):
+        raise InputError(f"{CONDITIONS[kind]}: expected the unit {UNITS[unit]}")
+    return ends[0].value, ends[1].value
+
+
+def _result_of(element: Element) -> StatedResult:
+    quantity = _one(element, "data/quantity")
+    statements = _all(quantity, "measurementMetaData/metaData", some=False)
+    if not statements:
+        return StatedResult(_quantity_of(quantity), None, None)
+    return StatedResult(
+        _quantity_of(quantity), _quantity_of(_one(statements[0], "data/quantity")), _conformity(statements[0])
+    )
+
+
+def _quantity_of(element: Element) -> StatedQuantity:
+    real = _one(element, "si:real")
+    written, units = _text(_one(real, "si:unit")), {unit: name for name, unit in UNITS.items()}
+    if written not in units:
+        raise InputError(f"expected a unit of {', '.join(units)}, got {written!r:.80}")
+    uncertainty = "si:measurementUncertaintyUnivariate"
+    expanded = real.find(f"{uncertainty}/si:expandedMU", SPACES)
+    standard = real.find(f"{uncertainty}/si:standardMU", SPACES)
+    stated: dict[str, Decimal] = {}
+    if expanded is not None:
+        keys = (("expanded", "valueExpandedMU"), ("factor", "coverageFactor"), ("level", "coverageProbability"))
+        stated = {key: _number(_one(expanded, f"si:{tag}")) for key, tag in keys}
+    elif standard is not None:
+        stated = {"standard": _number(_one(standard, "si:valueStandardMU"))}
+    return StatedQuantity(_content(element, "name"), _number(_one(real, "si:value")), units[written], **stated)
+
+
+def _conformity(element: Element) -> str:
+    stated = _text(_one(element, "conformity"))
+    if stated not in CONFORMITIES:
+        raise InputError(f"expected a conformity of {', '.join(CONFORMITIES)}, got {stated!r:.80}")
+    return stated
+
+
+def _number(element: Element) -> Decimal:
+    text = _text(element)
+    try:
+        value = Decimal(text) if len(text) < 100 else Decimal("NaN")
+    except InvalidOperation:
+        value = Decimal("NaN")
+    if not value.is_finite() or "e" in text.lower():
+        raise InputError(f"<{_name(element)}>: expected a number without an exponent, got {text[:80]!r}")
+    return value
+
+
+def _date(element: Element) -> datetime.date:
+    try:
+        return datetime.date.fromisoformat(_text(element))
+    except ValueError:
+        raise InputError(f"<{_name(element)}>: expected a date, got {_text(element)[:80]!r}") from None
+
+
+def _all(element: Element, path: str, *, some: bool = True) -> Sequence[Element]:
+    tags = [part if ":" in part.partition("[")[0] else f"dcc:{part}" for part in path.split("/")]
+    found = element.findall("/".join(tags), SPACES)
+    if some and not found:
+        raise InputError(f"<{_name(element)}> has no {path}")
+    return found
+
+
+def _one(element: Element, path: str) -> Element:
+    found = _all(element, path)
+    if len(found) > 1:
+        raise InputError(f"<{_name(element)}>: expected one {path}, got {len(found)}")
+    return found[0]
+
+
+def _maybe(element: Element, path: str) -> str | None:
+    found = _all(element, path, some=False)
+    return _text(found[0]) if found else None
+
+
+def _content(element: Element, path: str) -> str:
+    return _text(_one(element, f"{path}/content"))
+
+
+def _text(element: Element) -> str:
+    return element.text or ""
+
+
+def _name(element: Element) -> str:
+    return element.tag.rpartition("}")[2]
