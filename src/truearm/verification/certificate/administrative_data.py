@@ -1,6 +1,6 @@
-"""What a certificate says beside the results: number, days, place, the arm, laboratory, customer, persons, conditions.
+"""The administrative data of a certificate: number, dates, place, arm, laboratory, customer, persons, conditions.
 
-The file (TOML, docs/certificate.md) is written by hand; `template` is one to fill in.
+The file (TOML, docs/certificate.md) is written by hand; `template` returns one to fill in.
 """
 
 from __future__ import annotations
@@ -17,27 +17,29 @@ from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Real, read_document
 from truearm.verification.standards.dates import check_past
 
-# An artefact that has lain in a room for some hours is no further from the temperature of its air [K].
+# The greatest difference between an artefact, after some hours in a room, and its air [K].
 MOST_K_FROM_ROOM = 3.0
-# What XML 1.0 cannot hold (its production 2), lone surrogates included.
+# Characters that XML 1.0 does not allow (its production 2), with lone surrogates.
 _NOT_XML = re.compile("[^\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
 
 
 def xml_text(text: str) -> str:
-    """Give a text on one line that XML can hold: single spaces, and a sign for every character that it cannot hold."""
+    """Return a text in one line for XML: single spaces, and a replacement for every character that is not allowed."""
     return _NOT_XML.sub("\ufffd", " ".join(text.split()))
 
 
 def _filled_in(text: str) -> str:
     if not text.strip():
-        raise InputError("it is empty", hint="fill it in")
+        raise InputError("the text is empty", hint="fill it in")
     return xml_text(text)
 
 
 def _country(text: str) -> str:
     text = _filled_in(text)
     if not re.fullmatch("[A-Z]{2}", text):
-        raise InputError(f"expected two capital letters, got {text!r:.80}", hint="DE, FR, JP: a code of ISO 3166-1")
+        raise InputError(
+            f"expected two capital letters, got {text!r:.80}", hint="write a code of ISO 3166-1, such as DE, FR, JP"
+        )
     return text
 
 
@@ -72,7 +74,7 @@ class Contact(Document):
 
 
 class Laboratory(Contact):
-    """Who measured; `code` is that of its accreditation."""
+    """The laboratory that measured; `code` is that of its accreditation."""
 
     code: Text | None = None
 
@@ -99,21 +101,24 @@ class Conditions(Document):
         ):
             if pair is not None and not least <= pair[0] <= pair[1] <= most:
                 got = f"{pair[0]:g} and {pair[1]:g}"
-                raise InputError(f"{key}: expected the lowest and the highest, from {least} to {most}, got {got}")
+                raise InputError(
+                    f"{key}: expected the lowest and the highest, from {least} to {most}, got {got}",
+                    hint="write [lowest, highest]",
+                )
         return self
 
 
 class AdministrativeData(Document):
-    """What a certificate says beside the results.
+    """The administrative data of a certificate.
 
     Attributes
     ----------
     number : str
-        Of the certificate; unique.
+        Unique number of the certificate.
     issued, received : date
-        Of signing it; of the arm's coming, None if not known.
+        Dates of the signature and of the arm's arrival; the latter may be None.
     place : str
-        Where it was measured.
+        Place of the measurement.
     item : Item
     laboratory, customer : Contact
     persons : tuple of Person
@@ -139,13 +144,16 @@ class AdministrativeData(Document):
     @model_validator(mode="after")
     def _signed_after_it_came(self) -> Self:
         if not any(person.main_signer for person in self.persons):
-            raise InputError("nobody signs it", hint="main_signer = true for one of the persons")
+            raise InputError("no person signs the certificate", hint="write main_signer = true for one of the persons")
         if self.received is not None and self.issued < self.received:
-            raise InputError(f"issued on {self.issued}, before the arm came on {self.received}")
+            raise InputError(
+                f"issued on {self.issued}, before the arm was received on {self.received}",
+                hint="correct one of the dates",
+            )
         return self
 
     def check_days(self, begin: datetime.date, end: datetime.date) -> None:
-        """Check that the arm came before it was measured, and the certificate was issued after.
+        """Check that the arm was received before the measurement, and the certificate issued after it.
 
         Raises
         ------
@@ -153,12 +161,18 @@ class AdministrativeData(Document):
             If not.
         """
         if self.issued < end:
-            raise InputError(f"issued on {self.issued}, before the last points were taken on {end}")
+            raise InputError(
+                f"issued on {self.issued}, before the last points were measured on {end}",
+                hint="correct the date issued",
+            )
         if self.received is not None and self.received > begin:
-            raise InputError(f"the arm came on {self.received}, after points were taken on {begin}")
+            raise InputError(
+                f"the arm was received on {self.received}, after points were measured on {begin}",
+                hint="correct the date received",
+            )
 
     def check_room(self, coldest_degC: float, warmest_degC: float) -> None:
-        """Check that artefacts were about as warm as the room, in which they are left until they are.
+        """Check that the artefacts had about the temperature of the room.
 
         Raises
         ------
@@ -169,21 +183,21 @@ class AdministrativeData(Document):
         if coldest_degC < low - MOST_K_FROM_ROOM or warmest_degC > high + MOST_K_FROM_ROOM:
             raise InputError(
                 f"the room was at {low:g} to {high:g} degC, artefacts at {coldest_degC:g} to {warmest_degC:g} degC",
-                hint="temperature_degC under [conditions], or artefact_degC of the points",
+                hint="correct temperature_degC under [conditions], or artefact_degC of the points",
             )
 
 
 def read_administrative_data(path: str | Path) -> AdministrativeData:
-    """Read the file of what a certificate says beside the results.
+    """Read the administrative data of a certificate.
 
     Raises
     ------
     InputError
-        If the file is missing or breaks a rule of its format; what is not filled in is named.
+        If the file is missing or breaks a rule of its format; the message names empty keys.
     """
     return read_document(path, AdministrativeData)
 
 
 def template() -> str:
-    """The text of such a file to fill in."""
+    """Return the text of such a file, to fill in."""
     return files("truearm.verification.certificate").joinpath("about.toml").read_text(encoding="utf-8")

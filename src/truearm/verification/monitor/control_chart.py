@@ -1,17 +1,17 @@
-"""Control charts of single values whose mean and spread nobody knows beforehand.
+"""Control charts of single values with unknown mean and standard deviation.
 
 Each value is compared with those before it. With mean ``m`` and standard deviation ``s`` of the n values before, the
 next one of an unchanged process makes ``T = (x - m) / (s sqrt(1 + 1/n))`` a Student t of n - 1 degrees of freedom, and
 ``z = Phi^-1(F(T))`` standard normal, independent of the scores before: D. M. Hawkins, "Self-starting CUSUM charts for
 location and scale", The Statistician 36 (1987) 299; C. P. Quesenberry, "SPC Q charts for start-up processes and short
-or long runs", J. Quality Technology 23 (1991) 213. So the rate of false alarms is what it is said to be from the third
-value on. With limits of 2.66 mean moving ranges (M, 6.33) from a baseline of ten values it is not: of unchanged series
-24 % have a value beyond them within the next twenty, where 5.3 % are meant.
+or long runs", J. Quality Technology 23 (1991) 213. So the rate of false alarms is as specified from the third value
+on. With limits of 2.66 mean moving ranges (M, 6.33) from a baseline of ten values it is not: of unchanged series
+24 % have a value beyond them within the next twenty, in place of 5.3 %.
 
 Two rules watch the scores. Limits (Shewhart's chart of individuals, ISO 7870-2) see a large change at once; two
 one-sided cumulative sums (ISO 7870-4; E. S. Page, Biometrika 41 (1954) 100) see a small or slow one. Formulae marked M
 are those of D. C. Montgomery, "Introduction to Statistical Quality Control", chapters 6 and 9. Standards and books were
-not at hand: what is cited is recalled.
+not available: they are cited from memory.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from truearm.errors import InputError
 from truearm.typing import FloatArray
 
 MIN_BASELINE_CHECKS = 10
-"""Values of an unchanged process before a chart is asked.
+"""Values of an unchanged process that a chart needs.
 
-With fewer, a jump is often taken into the baseline before it is seen. One of three standard deviations is seen, in 95
-of 100 cases, within seven values after ten and within five after twenty; where six charts share the false alarms,
-within eleven and six (simulated).
+With fewer, a step often becomes part of the baseline before it is detected. A step of three standard deviations is
+detected, in 95 of 100 cases, within seven values after ten and within five after twenty; where six charts share the
+false alarms, within eleven and six (simulated).
 """
 
 FALSE_ALARMS = 0.0027
@@ -46,19 +46,19 @@ REFERENCE_VALUE = 0.5
 """k of the cumulative sums, in standard deviations: quickest for a change of one of them (M, 9.1.3)."""
 
 LEAST_MM = 1e-6
-"""A nanometre: values do not repeat better, or it does not matter."""
+"""A nanometre: values do not repeat better, or a smaller scatter is irrelevant."""
 
 
 @dataclass(frozen=True)
 class ControlRules:
-    """What counts as a change, for charts that are watched together.
+    """The rules that detect a change, for charts that are assessed together.
 
     Attributes
     ----------
     limit : float
-        Scores beyond are beyond the limits.
+        The limit of the scores.
     decision_interval : float
-        h: a cumulative sum above tells of a drift.
+        h: a cumulative sum above it signals a drift.
     """
 
     limit: float
@@ -67,9 +67,9 @@ class ControlRules:
 
 @cache
 def control_rules(n_sides: int) -> ControlRules:
-    """The rules of charts that have `n_sides` sides together: two of a value that may go up or down, else one.
+    """Return the rules of charts with `n_sides` sides in all: two for a value that may rise or fall, else one.
 
-    The false alarms are shared out evenly. One chart with two sides has the limits of the textbooks: 3 standard
+    The sides share the false alarms evenly. One chart with two sides has the limits of the textbooks: 3 standard
     deviations, k = 0.5, h = 4.77 (M, table 9.4).
 
     Parameters
@@ -88,7 +88,7 @@ def control_rules(n_sides: int) -> ControlRules:
 
 
 def _decision_interval(run_length: float) -> float:
-    """The h at which a one-sided sum of an unchanged process runs so long on average.
+    """The h that gives a one-sided sum of an unchanged process this average run length.
 
     Siegmund's approximation (M, 9.6): ``ARL = (exp(2 k b) - 2 k b - 1) / (2 k^2)`` with ``b = h + 1.166``, solved by
     Newton's steps from above, where the function is convex.
@@ -103,16 +103,16 @@ def _decision_interval(run_length: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ControlChart:
-    """A series of values and what the rules say of each, in the order of the values.
+    """A series of values and the result of the rules for each.
 
     Attributes
     ----------
     values : (n,) array
         [mm]
     n_before : (n,) int array
-        Of values of the unchanged process that each was compared with.
+        Number of values of the unchanged process with which each was compared.
     scores : (n,) array
-        Standard normal if nothing has changed; NaN where there were less than two before.
+        Standard normal if nothing has changed; NaN with fewer than two values before.
     centre, lower, upper : (n,) array
         Mean of the values before, and the limits for the next [mm]; NaN where there are none.
     cusum : (2, n) array
@@ -122,9 +122,9 @@ class ControlChart:
     signal_index : int or None
         The first value at which a cumulative sum was above the decision interval.
     change_index : int or None
-        The first value of the change that this sum tells of.
+        The first value of the change that this sum signals.
     gradual : bool
-        Whether that change fits a drift, growing from value to value, better than a jump.
+        Whether a drift fits that change better than a step.
     rules : ControlRules
         Those of the last value.
     """
@@ -144,11 +144,10 @@ class ControlChart:
 
     @property
     def since(self) -> int | None:
-        """The first value of the change that stands at the last value; None where nothing has changed.
+        """The first value of the present change; None where nothing has changed.
 
-        What a cumulative sum has told of stands for good. A value beyond the limits stands while it is the last one,
-        or those after it are beyond them on the same side too: a single one may be dirt in a seat, and so may one to
-        either side.
+        The signal of a cumulative sum is permanent. A value beyond the limits counts while it is the last one, or while
+        all later ones are beyond the same limit: dirt in a seat may cause a single one, and one on either side.
         """
         if self.change_index is not None:
             return self.change_index
@@ -159,7 +158,7 @@ class ControlChart:
 
     @property
     def enough(self) -> bool:
-        """Whether the last value was compared with as many as it takes to say that nothing has changed."""
+        """Whether the last value was compared with enough values for the statement that nothing has changed."""
         return bool(self.n_before[-1] >= MIN_BASELINE_CHECKS)
 
 
@@ -171,17 +170,17 @@ def control_chart(
     scale: bool = False,
     upper_only: bool = False,
 ) -> ControlChart:
-    """Chart a series of values.
+    """Make the control chart of a series of values.
 
     Parameters
     ----------
     values : (n,) array
-        In the order in which they were taken [mm].
+        In the order of measurement [mm].
     u : (n,) array
-        What the standard deviation of each is expected to be [mm]. A process has it at least while there are less than
-        `MIN_BASELINE_CHECKS` values to tell it from; later the values alone do.
+        Expected standard deviation of each [mm]: the least one of the process while there are fewer than
+        `MIN_BASELINE_CHECKS` values; later the values alone determine it.
     rules : ControlRules or sequence of ControlRules
-        For all values, or of each: that they change does not change what was said before.
+        For all values, or for each.
     scale : bool
         Whether values are scatters, never negative. Their power 2/3 is charted, which is nearly normal: E. B. Wilson,
         M. M. Hilferty, Proc. Natl. Acad. Sci. 17 (1931) 684.
@@ -196,11 +195,11 @@ def control_chart(
 
     Notes
     -----
-    A value beyond its limits is not taken into the baseline, and none after a cumulative sum has told of a change: the
-    baseline is then that of the values before the change. In the sums a score counts at most as much as the limit:
-    a single value cannot raise one above the decision interval. One beyond its limits, and none beside it to the same
-    side, is taken out again with the next: "two in a row" of J. M. Lucas, R. B. Crosier, Commun. Statist. Theory Meth.
-    11 (1982) 2669 [recalled].
+    A value beyond its limits does not enter the baseline, nor does any after the signal of a cumulative sum: the
+    baseline is then that of the values before the change. In the sums a score counts at most as much as the limit, so
+    that a single value cannot raise one above the decision interval. A value beyond its limits without a neighbour
+    beyond the same limit is removed from the sums with the next value: "two in a row" of J. M. Lucas, R. B.
+    Crosier, Commun. Statist. Theory Meth. 11 (1982) 2669 [recalled].
     """
     given, floor = np.array(values, dtype=float), np.array(u, dtype=float)
     if given.ndim != 1 or not len(given) or floor.shape != given.shape:
@@ -253,14 +252,14 @@ def control_chart(
 
 
 def _alone(i: int, scores: FloatArray, beyond: npt.NDArray[np.bool_]) -> bool:
-    """Whether value i, which has a next one, is beyond its limits, and no neighbour beyond them to the same side."""
+    """Whether value i, which has a next one, is beyond its limits without a neighbour beyond the same limit."""
     sides = [beyond[j] and np.sign(scores[j]) == np.sign(scores[i]) for j in (i - 1, i + 1)]
     return bool(beyond[i] and not any(sides))
 
 
 @cache
 def _quantile(dof: int, limit: float) -> float:
-    """What Student's t of `dof` degrees of freedom passes as rarely as a standard normal value passes `limit`."""
+    """The quantile of Student's t with `dof` degrees of freedom that a standard normal value has at `limit`."""
     return -float(stdtrit(dof, ndtr(-limit)))
 
 
@@ -299,8 +298,8 @@ def _change(rows: npt.NDArray[np.intp], values: FloatArray) -> tuple[int, bool]:
 
     By least squares, which is maximum likelihood for normal values: a constant, and from some row on either another one
     (J. J. Pignatiello, T. R. Samuel, J. Quality Technology 33 (2001) 82) or a straight line up or down (M. B. Perry,
-    J. J. Pignatiello, Quality Technology & Quantitative Management 3 (2006) 325). For a jump it is nearer than the row
-    after the last zero of the cumulative sum, which is often above zero by chance when the change comes.
+    J. J. Pignatiello, Quality Technology & Quantitative Management 3 (2006) 325). For a step this is more accurate than
+    the row after the last zero of the cumulative sum, which is often above zero by chance before the change.
 
     Parameters
     ----------
@@ -308,12 +307,12 @@ def _change(rows: npt.NDArray[np.intp], values: FloatArray) -> tuple[int, bool]:
         Numbers of the values, three or more, increasing.
     values : (n,) array
     """
-    at = rows[2:, None]  # two at least are from before
+    at = rows[2:, None]  # at least two belong to the unchanged process
     jump = (rows >= at).astype(float)
-    ramp = np.maximum(rows - at + 1.0, 0.0)[:-1]  # of one value it is a jump
+    ramp = np.maximum(rows - at + 1.0, 0.0)[:-1]  # a ramp of one value is a step
     shapes = np.concatenate([jump, ramp])
     shapes -= shapes.mean(axis=1, keepdims=True)
-    # What each shape, times its best factor, takes off the sum of squares.
+    # The reduction of the sum of squares by each shape times its best factor.
     explained = (shapes @ (values - values.mean())) ** 2 / (shapes**2).sum(axis=1)
     best = int(explained.argmax())
     gradual = best >= len(jump)

@@ -53,27 +53,30 @@ class _Placed(NamedTuple):
 def fit_circle(points: npt.ArrayLike, *, std_mm: float | None = None) -> Circle:
     """Fit a circle in space by least squares of the points' distances from it.
 
-    The distance is the true one, within and across the plane together; it is not the plane's fit first and a circle in
-    it then, which differs where points scatter far across the plane.
+    The distance combines that within and across the plane. A plane fitted first, and a circle in it, would differ where
+    points scatter far across the plane.
 
     Parameters
     ----------
     points : (n, 3) array
         At least three, not on a line [mm].
     std_mm : float, optional
-        Standard deviation of a coordinate [mm]; from the residuals by default, which takes four points.
+        Standard deviation of a coordinate [mm]; from the residuals by default, which needs four points.
 
     Raises
     ------
     InputError
-        If the points are too few, in one place or on a line, or determine no circle: what they bend is within their
-        scatter.
+        If the points are too few, in one place or on a line, or determine no circle: their
+        curvature is within their scatter.
     """
     normal = normalise_points(points, least=3, shape="circle")
     spreads, axes = principal_axes(normal)
     if spreads[1] - spreads[2] <= normal.nothing * spreads[0]:
-        what = "on a line" if spreads[1] <= normal.nothing * spreads[0] else "that spread alike in two directions"
-        raise InputError(f"expected points all round a circle, got points {what}: they tell no plane")
+        what = "on a line" if spreads[1] <= normal.nothing * spreads[0] else "with equal spreads in two directions"
+        raise InputError(
+            f"expected points all round a circle, got points {what}: they determine no plane",
+            hint="measure more points all round the circle",
+        )
     frame = axes * direction_sign(axes[:, 2])
 
     def linearised(placed: _Placed) -> LinearisedResiduals:

@@ -1,4 +1,4 @@
-"""The smallest sphere that holds points."""
+"""The minimum circumscribed sphere of points."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class CircumscribedSphere:
 
 
 def circumscribed_sphere(points: npt.ArrayLike) -> CircumscribedSphere:
-    """Find the smallest sphere that holds all of a few points, exactly.
+    """Return the smallest sphere that contains all of a few points, exactly.
 
     Parameters
     ----------
@@ -46,14 +46,14 @@ def circumscribed_sphere(points: npt.ArrayLike) -> CircumscribedSphere:
     Raises
     ------
     InputError
-        If they are not (n, 3) finite numbers, none, or too many.
+        If they are not (n, 3) finite numbers, or there are none or too many.
 
     Notes
     -----
-    Two, three or four of the points, those which the sphere touches, determine it: it is the smallest on which they
-    lie. So its centre is among those of all pairs, triples and quadruples. A sphere about any centre that reaches the
-    farthest point holds them all; the smallest of those is it. Nothing is compared with a tolerance: of points in one
-    place, on a line, in a plane or on one sphere some candidates are lost or inaccurate, never one that is needed.
+    The two, three or four points that it touches determine the sphere: it is the smallest through them. So its centre
+    is among those of all pairs, triples and quadruples; it is the one with the smallest distance to the farthest point.
+    There is no tolerance: for coincident, collinear, coplanar or cospherical points some candidates are lost or
+    inaccurate, but never the one that is needed.
     """
     given = np.asarray(points, dtype=float)
     if given.ndim != 2 or given.shape[1] != 3 or not np.isfinite(given).all():
@@ -71,9 +71,9 @@ def circumscribed_sphere(points: npt.ArrayLike) -> CircumscribedSphere:
 
 
 def _centres(points: FloatArray, k: int) -> FloatArray:
-    """Centres (m, 3) of the smallest spheres on which k points lie, for all k of them; not finite where none is.
+    """Centres (m, 3) of the smallest spheres through k points, for all k of them; not finite where there is none.
 
-    The formulas of the circumcentre by products of the edges u, v, w from the first point, which lose fewer digits of
+    The circumcentre by products of the edges u, v, w from the first point, which lose fewer digits for
     thin triangles and tetrahedra than a linear solve does.
     """
     first, *others = points[np.array(list(combinations(range(len(points)), k)))].transpose(1, 0, 2)

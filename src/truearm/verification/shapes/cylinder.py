@@ -26,9 +26,8 @@ from truearm.verification.shapes.orthogonal_regression import (
     undetermined_error,
 )
 
-# Directions that are tried for the axis: all over half a sphere, about eight degrees apart, of which the best are
-# followed; and about each of the points' own axes, about two degrees apart. They are followed for so many steps at
-# first: the lowest then goes on to its minimum.
+# Start directions of the axis: all over half a sphere, about eight degrees apart, of which the best are used; and about
+# each principal axis of the points, about two degrees apart. Each start gets some steps; the lowest one then converges.
 DIRECTIONS, FOLLOWED, NEARBY, STEPS = 400, 6, 60, 30
 
 
@@ -73,14 +72,17 @@ def fit_cylinder(points: npt.ArrayLike, *, std_mm: float | None = None) -> Cylin
 
     Notes
     -----
-    The sum of squares has several minima. Gauss-Newton steps start from the best of some hundred directions, each with
+    The sum of squares has several minima. The iteration starts from the best of some hundred directions, each with
     the circle through the points seen along it (D. Eberly, "Least squares fitting of data by linear or quadratic
-    structures", Geometric Tools, searches the half sphere likewise), and the lowest minimum is taken.
+    structures", Geometric Tools, searches the half sphere likewise); the lowest minimum is the result.
     """
     normal = normalise_points(points, least=6, shape="cylinder")
     spreads, axes = principal_axes(normal)
     if spreads[2] <= normal.nothing * spreads[0]:
-        raise InputError("expected points all round a cylinder, got points in one plane")
+        raise InputError(
+            "expected points all round a cylinder, got points in one plane",
+            hint="measure points all round the cylinder",
+        )
 
     def linearised(placed: _Placed) -> LinearisedResiduals:
         distance, jacobian = radial_distances((normal.points - placed.origin) @ placed.frame, moves=(0, 1))
@@ -94,18 +96,18 @@ def fit_cylinder(points: npt.ArrayLike, *, std_mm: float | None = None) -> Cylin
     def size(placed: _Placed) -> float:
         return float(np.abs(placed.origin).max())
 
-    found: list[tuple[float, _Placed]] = []
+    minima: list[tuple[float, _Placed]] = []
     for start in _starts(normal, axes):
         try:
             placed, at = gauss_newton(
                 start, linearised, moved, size=size, shape="cylinder", most_steps=STEPS, arrive=False
             )
-        except InputError:  # this start leads nowhere; another may
+        except InputError:  # another start may converge
             continue
-        found.append((float(at.residuals @ at.residuals), placed))
-    if not found:
+        minima.append((float(at.residuals @ at.residuals), placed))
+    if not minima:
         raise undetermined_error("cylinder")
-    lowest = min(found, key=lambda one: one[0])[1]
+    lowest = min(minima, key=lambda one: one[0])[1]
     placed, at = gauss_newton(lowest, linearised, moved, size=size, shape="cylinder")
     frame = placed.frame * direction_sign(placed.frame[:, 2])
     at = linearised(_Placed(placed.origin, frame))
@@ -125,9 +127,9 @@ def fit_cylinder(points: npt.ArrayLike, *, std_mm: float | None = None) -> Cylin
 
 
 def _starts(normal: NormalisedPoints, axes: FloatArray) -> list[_Placed]:
-    """The most promising places of the axis: along the best directions that differ, and along the points' own axes.
+    """The best start positions of the axis: along the best different directions, and along the principal axes.
 
-    A long rod is seen round from a narrow cone only, and the points' longest axis lies in it or nearby.
+    A long rod looks circular from a narrow cone only, and the longest principal axis lies in or near that cone.
     """
     own = [axes[:, [1, 2, 0]], axes[:, [2, 0, 1]], axes]
     starts = []

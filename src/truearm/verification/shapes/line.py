@@ -44,21 +44,24 @@ def fit_line(points: npt.ArrayLike, *, std_mm: float | None = None) -> Line:
     points : (n, 3) array
         At least two [mm].
     std_mm : float, optional
-        Standard deviation of a coordinate [mm]; from the residuals by default, which takes three points.
+        Standard deviation of a coordinate [mm]; from the residuals by default, which needs three points.
 
     Raises
     ------
     InputError
-        If the points are too few, in one place, or spread alike along two axes.
+        If the points are too few, in one place, or have equal spreads along two axes.
 
     Notes
     -----
-    In closed form: the line holds the points' mean and follows the axis along which they spread most.
+    In closed form: the line contains the points' mean and follows the axis along which they spread most.
     """
     normal = normalise_points(points, least=2, shape="line")
     spreads, axes = principal_axes(normal)
     if spreads[0] - spreads[1] <= normal.nothing * spreads[0]:
-        raise InputError("expected points along a line, got points that spread alike in two directions")
+        raise InputError(
+            "expected points along a line, got points with equal spreads in two directions",
+            hint="measure points farther apart along the line",
+        )
     # The frame's third axis is the line's direction.
     frame = axes[:, [1, 2, 0]] * direction_sign(axes[:, 0])
     x, y, z = (normal.points @ frame).T

@@ -1,11 +1,11 @@
-"""Orthogonal distance regression: what the least-squares ("Gauss") shapes share.
+"""Orthogonal distance regression: the common part of the least-squares ("Gauss") shapes.
 
-Residuals are distances [mm] from the nearest point of the shape, and the sum of their squares is least: A. B. Forbes,
+Residuals are distances [mm] from the nearest point of the shape; the sum of their squares is minimised: A. B. Forbes,
 "Least-squares best-fit geometric elements", NPL Report DITC 140/89, National Physical Laboratory 1989; C. M. Shakarji,
 "Least-squares fitting algorithms of the NIST Algorithm Testing System", J. Res. Natl. Inst. Stand. Technol. 103 (1998)
-633. Points are brought to their mean and to a root mean square distance of 1 from it first, so that neither far-away
-coordinates nor units cost digits. A shape is moved in a frame of its own, which every step takes along: no direction
-is singular.
+633. Points are first moved to their mean and scaled to a root mean square distance of 1, so that neither far-away
+coordinates nor units cost digits. A shape moves in a frame of its own that every step updates: no direction is
+singular.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from truearm.typing import FloatArray
 
 ShapeParameters = TypeVar("ShapeParameters")
 
-# Spreads below this share of the largest are taken for none: points on a line, in a plane.
+# Spreads below this share of the largest count as zero: points on a line, in a plane.
 NOTHING = 1e-9
-# Singular values of the derivative below this share of the largest: parameters that the points do not tell apart.
+# Singular values of the derivative below this share of the largest: parameters that the points do not determine.
 RANK = 1e-11
-# In spreads of the points: a radius beyond is that of a straight thing.
+# In spreads of the points: a larger radius is that of a straight object.
 FARTHEST = 1e6
 MOST_STEPS = 1000
 # Steps that change residuals by less than this share, and no longer by less and less, are rounding.
@@ -69,7 +69,7 @@ class LinearisedResiduals(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ShapeFit:
-    """What every shape fitted to points says of the fit.
+    """A shape fitted to points.
 
     Attributes
     ----------
@@ -80,8 +80,8 @@ class ShapeFit:
         residuals than parameters.
     covariance : (p, p) array
         Of the parameters, in the order that the shape's description gives them, to first order and for points with
-        independent errors alike in all directions. Points and directions that move only across the shape, or keep
-        length 1, make it singular. NaN where `std_mm` is.
+        independent errors alike in all directions. It is singular where points and directions move only across the
+        shape, or keep length 1. NaN where `std_mm` is.
     """
 
     residuals: FloatArray
@@ -97,7 +97,7 @@ class ShapeFit:
 
 
 def normalise_points(points: npt.ArrayLike, *, least: int, shape: str) -> NormalisedPoints:
-    """Check points (n, 3) [mm], and bring them to their middle and to unit spread.
+    """Check points (n, 3) [mm], move them to their mean and scale them to unit spread.
 
     Raises
     ------
@@ -121,13 +121,15 @@ def normalise_points(points: npt.ArrayLike, *, least: int, shape: str) -> Normal
     centred, middle = centred - rest, unit * (middle + rest)
     spread = float(np.sqrt((centred**2).sum(axis=1).mean()))
     if spread <= 16 * np.finfo(float).eps:
-        raise InputError(f"expected points all over a {shape}, got {len(given)} in one place")
+        raise InputError(
+            f"expected points all over a {shape}, got {len(given)} in one place", hint="measure points farther apart"
+        )
     scale = spread * unit
     return NormalisedPoints(centred / spread, middle, scale, float(np.finfo(float).eps * largest / scale))
 
 
 def principal_axes(normal: NormalisedPoints) -> tuple[FloatArray, FloatArray]:
-    """Spreads (3,) of the points, largest first, and the right-handed frame (3, 3) of their axes as columns."""
+    """Return the spreads (3,) of the points, largest first, and the right-handed frame (3, 3) of their axes."""
     n = len(normal.points)
     three = np.concatenate([normal.points, np.zeros((max(3 - n, 0), 3))])  # rows of zeros change neither
     _, spreads, axes = np.linalg.svd(three, full_matrices=False)
@@ -212,15 +214,15 @@ _ARRIVED = solve.StopReason("The residuals do not change any more.", True)
 
 
 def undetermined_error(shape: str) -> InputError:
-    """The error of points from which no shape can be found."""
+    """Return the error for points that do not determine a shape."""
     return InputError(
         f"the points do not determine a {shape}: within their scatter it may be of any size or direction",
-        hint="points spread wider over it, and look for points that belong to another surface",
+        hint="measure points spread wider over it, and remove points that belong to another surface",
     )
 
 
 def scatter_std(at: LinearisedResiduals, scale: float, std_mm: float | None) -> float:
-    """The standard deviation of a coordinate [mm]: the given one, or from the residuals; NaN if they cannot tell.
+    """Return the standard deviation of a coordinate [mm]: the given one, or from the residuals; NaN without redundancy.
 
     Raises
     ------
@@ -246,7 +248,7 @@ def covariance_of(at: LinearisedResiduals, to_parameters: FloatArray, std: float
 
 
 def tilt_frame(frame: FloatArray, a: float, b: float) -> FloatArray:
-    """The frame (3, 3) turned about its own first two axes by small angles `a`, `b` [rad], orthonormal again."""
+    """Return the frame (3, 3) turned about its own first two axes by small angles `a`, `b` [rad]."""
     third = frame[:, 2] + b * frame[:, 0] - a * frame[:, 1]
     third = third / np.sqrt(third @ third)
     first = frame[:, 0] - (frame[:, 0] @ third) * third
@@ -255,26 +257,26 @@ def tilt_frame(frame: FloatArray, a: float, b: float) -> FloatArray:
 
 
 def cross(one: FloatArray, other: FloatArray) -> FloatArray:
-    """The cross product of two vectors (3,), without the cost of the general one."""
+    """Return the cross product of two vectors (3,), faster than the general one."""
     (a, b, c), (d, e, f) = one, other
     return np.array([b * f - c * e, c * d - a * f, a * e - b * d])
 
 
 def radial_distances(local: FloatArray, *, moves: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-    """Distances from the third axis of the shape's frame and their derivatives.
+    """Return the distances from the third axis of the shape's frame, and their derivatives.
 
     Parameters
     ----------
     local : (n, 3) array
         Points in the frame.
     moves : tuple of int
-        Axes along which the shape moves.
+        The axes along which the shape can move.
 
     Returns
     -------
     distance : (n,) array
     jacobian : (n, len(moves) + 3) array
-        Of distance less radius, by the moves, the tilts about the first and second axis, and the radius.
+        Derivatives of distance less radius by the moves, the tilts about the first and second axis, and the radius.
     """
     x, y, z = local.T
     distance = np.sqrt(x * x + y * y)
@@ -285,16 +287,16 @@ def radial_distances(local: FloatArray, *, moves: tuple[int, ...]) -> tuple[Floa
 
 
 def direction_sign(direction: FloatArray) -> float:
-    """The sign that makes the largest component of a direction (3,) positive."""
+    """Return the sign that makes the largest component of a direction (3,) positive."""
     return 1.0 if direction[np.argmax(np.abs(direction))] > 0 else -1.0
 
 
 def circle_start(plane: FloatArray) -> FloatArray:
-    """The centre (2,) of the circle through points (n, 2), or (3,) of the sphere through points (n, 3), algebraically.
+    """Return the centre (2,) of the circle through points (n, 2), or (3,) of the sphere through (n, 3), algebraically.
 
     Linear in centre and ``r^2 - c^2``: I. Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8.
     """
     square = (plane**2).sum(axis=1)
     A = np.column_stack([2 * plane, np.ones(len(plane))])
-    found, *_ = np.linalg.lstsq(A, square, rcond=None)
-    return np.asarray(found[:-1])
+    solution, *_ = np.linalg.lstsq(A, square, rcond=None)
+    return np.asarray(solution[:-1])

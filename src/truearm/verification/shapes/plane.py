@@ -44,7 +44,7 @@ def fit_plane(points: npt.ArrayLike, *, std_mm: float | None = None) -> Plane:
     points : (n, 3) array
         At least three, not on a line [mm].
     std_mm : float, optional
-        Standard deviation of a coordinate [mm]; from the residuals by default, which takes four points.
+        Standard deviation of a coordinate [mm]; from the residuals by default, which needs four points.
 
     Raises
     ------
@@ -53,14 +53,15 @@ def fit_plane(points: npt.ArrayLike, *, std_mm: float | None = None) -> Plane:
 
     Notes
     -----
-    In closed form: the plane holds the points' mean and is normal to the axis along which they spread least.
+    In closed form: the plane contains the points' mean and is normal to the axis along which they spread least.
     """
     normal = normalise_points(points, least=3, shape="plane")
     spreads, axes = principal_axes(normal)
     if spreads[1] - spreads[2] <= normal.nothing * spreads[0]:
-        what = "on a line" if spreads[1] <= normal.nothing * spreads[0] else "that spread alike in two directions"
+        what = "on a line" if spreads[1] <= normal.nothing * spreads[0] else "with equal spreads in two directions"
         raise InputError(
-            f"expected points all over a plane, got points {what}: they tell no normal", hint="points beside the line"
+            f"expected points all over a plane, got points {what}: they determine no normal",
+            hint="measure points all over the plane",
         )
     frame = axes * direction_sign(axes[:, 2])
     x, y, z = (normal.points @ frame).T

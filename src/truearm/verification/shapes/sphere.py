@@ -43,22 +43,22 @@ def fit_sphere(points: npt.ArrayLike, *, std_mm: float | None = None) -> Sphere:
     points : (n, 3) array
         At least four, not in one plane [mm].
     std_mm : float, optional
-        Standard deviation of a coordinate [mm]; from the residuals by default, which takes five points.
+        Standard deviation of a coordinate [mm]; from the residuals by default, which needs five points.
 
     Raises
     ------
     InputError
-        If the points are too few, in one place, on a line or in a plane, or determine no sphere: what they bulge is
-        within their scatter.
+        If the points are too few, in one place, on a line or in a plane, or determine no sphere: their
+        curvature is within their scatter.
 
     Notes
     -----
-    For any centre the best radius is the mean distance from it, so that the steps search the centre alone.
+    For any centre the best radius is the mean distance from it, so that only the centre is iterated.
     """
     normal = normalise_points(points, least=4, shape="sphere")
     if np.linalg.svd(normal.points, compute_uv=False)[2] <= normal.nothing * np.sqrt(len(normal.points)):
         raise InputError(
-            "expected points all over a sphere, got points in one plane, through which pass spheres of all sizes",
+            "expected points all over a sphere, got points in one plane, which determine no radius",
             hint="add a point at the pole",
         )
 

@@ -1,7 +1,7 @@
-"""Calibrated artefacts: what their certificates say, and how well they are set up.
+"""Calibrated artefacts: the values of their certificates, and the uncertainty of their set-up.
 
-The file (TOML, docs/verification.md) has one entry an artefact. Uncertainties are standard ones (k = 1): half of a
-certificate's U for k = 2.
+The file (TOML, docs/verification.md) has one entry for each artefact. Uncertainties are standard ones (k = 1): half
+of a certificate's U for k = 2.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from truearm.files.toml_documents import Document, Name, NotNegative, Positive, 
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.verification.standards.decision import Contribution
 
-# A larger form deviation or uncertainty is no calibrated artefact's, but in micrometres [mm].
+# No calibrated artefact has a larger form deviation or uncertainty [mm]; such numbers are micrometres.
 LARGEST_MM = 0.2
-IN_MM = "in mm: 0.5 micrometres are 0.0005"
-# A calibrated length further from its nominal one than this share is that of another artefact, or in another unit.
+IN_MM = "convert to mm: 0.5 micrometres are 0.0005"
+# A calibrated length that differs from its nominal one by this share belongs to another artefact or unit.
 NOMINAL_SHARE = 0.05
 
 
 class _WithUncertainties(Document):
-    """A table whose uncertainties are standard ones: an expanded one is no unknown key but a trap."""
+    """A table with standard uncertainties; the key of an expanded one has a message of its own."""
 
     @model_validator(mode="before")
     @classmethod
@@ -36,28 +36,28 @@ class _WithUncertainties(Document):
             if str(key).startswith("U") and small in cls.model_fields:
                 raise InputError(
                     f"unknown key {key}",
-                    hint=f"{small}, the standard uncertainty (k = 1): half of a certificate's U for k = 2",
+                    hint=f"write {small}, the standard uncertainty (k = 1): half of a certificate's U for k = 2",
                 )
         return given
 
 
 class Artefact(_WithUncertainties):
-    """What every artefact's entry has.
+    """The keys of every artefact.
 
     Attributes
     ----------
     name : str
-        As the points file has it.
+        As in the file of points.
     certificate : str
         Number or title of its certificate.
     date, expires : date
-        Of the calibration, and until when it serves.
+        Dates of the calibration and of the end of its validity.
     form_mm : float
-        Form deviation of its ball, or of its faces or its seat [mm].
+        Form deviation of the ball, the faces or the seat [mm].
     u_form_mm : float
-        Standard uncertainty of that [mm].
+        Standard uncertainty of the form deviation [mm].
     u_fixture_mm : float
-        How still it is held: standard uncertainty [mm].
+        Standard uncertainty of the position in its fixture [mm].
     """
 
     name: Name
@@ -85,37 +85,37 @@ class Artefact(_WithUncertainties):
         return self
 
     def check_valid(self, day: datetime.date) -> None:
-        """Check that the certificate serves on a day.
+        """Check that the certificate is valid on a day.
 
         Raises
         ------
         InputError
-            If it has expired by then, or the calibration came later.
+            If it has expired before, or the calibration is later.
         """
         if day > self.expires:
             raise InputError(
-                f"the certificate {self.certificate!r} of {self.name!r} expired on {self.expires}; points were taken "
-                f"on {day}",
+                f"the certificate {self.certificate!r} of {self.name!r} expired on {self.expires}; points were "
+                f"measured on {day}",
                 hint="have it calibrated again, or use an artefact with a valid certificate",
             )
         if day < self.date:
             raise InputError(
-                f"{self.name!r} was calibrated on {self.date}, after points were taken on it on {day}",
-                hint="the certificate that was valid on that day",
+                f"{self.name!r} was calibrated on {self.date}, after points were measured on it on {day}",
+                hint="enter the certificate that was valid on that day",
             )
 
     def form_and_fixture(self, ends: int = 1, places: int = 1) -> tuple[Contribution, ...]:
-        """Contributions of form and fixture.
+        """Return the contributions of form and fixture.
 
-        Half the form deviation counts as a standard uncertainty, as in ISO/TS 23165 [recalled, not confirmed].
+        The standard uncertainty is half the form deviation, as in ISO/TS 23165 [recalled, not confirmed].
 
         Parameters
         ----------
         ends : int
-            A length has two, each with a form; its fixture is stated for the whole of it.
+            Number of ends: a length has two, each with a form; u_fixture_mm applies to the whole length.
         places : int
-            How many places of the artefact are compared, between which it may have moved: a distance has two, each
-            with the fixture's share.
+            Number of positions that are compared, between which the artefact may move: a distance has two, each with
+            the contribution of the fixture.
         """
         return (
             Contribution("form of the artefact", sqrt(ends) * self.form_mm / 2),
@@ -128,7 +128,7 @@ A = TypeVar("A", bound=Artefact)
 
 
 class _Expanding(Artefact):
-    """An artefact whose size is calibrated, and grows with temperature."""
+    """An artefact with a calibrated size and a thermal expansion."""
 
     expansion_per_K: Annotated[float, Field(strict=True, ge=-1e-4, le=1e-3)]
     u_expansion_per_K: NotNegative
@@ -139,17 +139,18 @@ class _Expanding(Artefact):
     def _known_to_some_share(self) -> Self:
         if self.u_expansion_per_K > 1e-4:
             raise InputError(
-                f"{self.name!r}: u_expansion_per_K = {self.u_expansion_per_K:g} is larger than any expansion",
-                hint="1e-6 per K is one micrometre per metre and kelvin",
+                f"{self.name!r}: u_expansion_per_K = {self.u_expansion_per_K:g} is larger than any expansion "
+                "coefficient",
+                hint="write it per kelvin: 1e-6 is one micrometre per metre and kelvin",
             )
         return self
 
     def at_reference(self, length_mm: float, degC: float) -> float:
-        """A length measured at `degC` as it is at 20 degC: ``L / (1 + alpha (T - 20))``."""
+        """Correct a length measured at `degC` to 20 degC: ``L / (1 + alpha (T - 20))``."""
         return length_mm / (1 + self.expansion_per_K * (degC - REFERENCE_DEGC))
 
     def thermal(self, length_mm: float, degC: float) -> tuple[Contribution, ...]:
-        """Contributions ``L alpha u(T)`` and ``L (T - 20) u(alpha)`` (GUM H.1.3 names both)."""
+        """Return the contributions ``L alpha u(T)`` and ``L (T - 20) u(alpha)`` (GUM H.1.3)."""
         return (
             Contribution("temperature of the artefact", abs(length_mm * self.expansion_per_K) * self.u_temperature_K),
             Contribution("expansion of the artefact", length_mm * abs(degC - REFERENCE_DEGC) * self.u_expansion_per_K),
@@ -172,7 +173,7 @@ class CalibratedSphere(_Expanding):
 
 
 class CalibratedLength(_WithUncertainties):
-    """A length of a bar: between two balls' centres, or two faces, at 20 degC."""
+    """A length of a bar at 20 degC: between the centres of two balls, or two faces."""
 
     name: Name
     length_mm: Positive
@@ -200,17 +201,17 @@ class CalibratedBar(_Expanding):
         Raises
         ------
         InputError
-            If the certificate has none of that name.
+            If the certificate has no length of that name.
         """
         for length in self.lengths:
             if length.name == name:
                 return length
         known = ", ".join(repr(length.name) for length in self.lengths)
-        raise InputError(f"the certificate of {self.name!r} has no length {name!r}", hint=known)
+        raise InputError(f"the certificate of {self.name!r} has no length {name!r}", hint=f"use one of {known}")
 
 
 class Seat(Artefact):
-    """A cone, trihedral socket or other seat that holds the tip: nothing of it is calibrated but its form."""
+    """A cone, trihedral socket or other seat for the tip; only its form is calibrated."""
 
 
 class Artefacts(Document):
@@ -224,21 +225,24 @@ class Artefacts(Document):
     def _each_once(self) -> Self:
         names = [one.name for kind in (self.spheres, self.bars, self.seats) for one in kind]
         if not names:
-            raise InputError("expected an artefact under [[spheres]], [[bars]] or [[seats]], got none")
+            raise InputError(
+                "expected an artefact under [[spheres]], [[bars]] or [[seats]], got none",
+                hint="add the artefacts you use",
+            )
         _check_once(names, "artefact")
         return self
 
     def sphere(self, name: str) -> CalibratedSphere:
-        """Look a sphere up; an InputError says what there is."""
-        return _found(self.spheres, name, "sphere")
+        """Look a sphere up; an InputError lists the known ones."""
+        return _look_up(self.spheres, name, "sphere")
 
     def bar(self, name: str) -> CalibratedBar:
-        """Look a bar up; an InputError says what there is."""
-        return _found(self.bars, name, "bar")
+        """Look a bar up; an InputError lists the known ones."""
+        return _look_up(self.bars, name, "bar")
 
     def seat(self, name: str) -> Seat:
-        """Look a seat up; an InputError says what there is."""
-        return _found(self.seats, name, "seat")
+        """Look a seat up; an InputError lists the known ones."""
+        return _look_up(self.seats, name, "seat")
 
 
 def read_artefacts(path: str | Path) -> Artefacts:
@@ -252,25 +256,27 @@ def read_artefacts(path: str | Path) -> Artefacts:
     return read_document(path, Artefacts)
 
 
-def _found(artefacts: tuple[A, ...], name: str, kind: str) -> A:
+def _look_up(artefacts: tuple[A, ...], name: str, kind: str) -> A:
     for one in artefacts:
         if one.name == name:
             return one
-    known = ", ".join(repr(one.name) for one in artefacts) or f"add it under [[{kind}s]]"
-    raise InputError(f"the file of artefacts has no {kind} {name!r}", hint=known)
+    known = ", ".join(repr(one.name) for one in artefacts)
+    raise InputError(
+        f"the file of artefacts has no {kind} {name!r}", hint=f"use one of {known}, or add it under [[{kind}s]]"
+    )
 
 
 def _check_once(names: list[str], what: str) -> None:
     for i, name in enumerate(names):
         if name in names[:i]:
-            raise InputError(f"the {what} {name!r} stands twice")
+            raise InputError(f"the {what} {name!r} is given twice", hint="remove one, or rename it")
 
 
 def _check_nominal(what: str, value: Real, nominal: Real | None) -> None:
     if nominal is not None and abs(value - nominal) > NOMINAL_SHARE * nominal:
         raise InputError(
-            f"{what}: calibrated {value:g} mm, nominal {nominal:g} mm: they are not of one artefact",
-            hint="both in mm, from the same certificate",
+            f"{what}: calibrated {value:g} mm, nominal {nominal:g} mm: too different for one artefact",
+            hint="enter both in mm, from the same certificate",
         )
 
 

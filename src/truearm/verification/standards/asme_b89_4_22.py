@@ -1,7 +1,7 @@
 """The performance tests of ASME B89.4.22 for articulated arms with contact probes, one function each.
 
-The standard's text was not at hand: its three tests are confirmed by published abstracts, what is written here of their
-evaluation is recalled. Numbers of points, places and runs are in the test plan.
+The text of the standard was not available: published abstracts confirm its three tests, their evaluation is recalled.
+The numbers of points, positions and runs are in the test plan.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from truearm.verification.standards.specification import Specification
 
 @dataclass(frozen=True, eq=False)
 class SeatPoints:
-    """Points of the tip's centre in one seat, the joints changed between them as far as possible.
+    """Points of the tip's centre in one seat, with joint angles as different as possible.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class SeatPoints:
     points : (n, 3) array
         [mm]
     where : str
-        The zone or place, in words.
+        The zone or position, as text.
     """
 
     seat: Seat
@@ -76,15 +76,15 @@ def effective_diameter(
 def single_point(
     seats: Sequence[SeatPoints], specification: Specification, *, rule: DecisionRule = "iso14253-1"
 ) -> list[ConformityResult]:
-    """Single-point articulation: how far the points taken in one seat are from their mean.
+    """Single-point articulation: distances of the points in one seat from their mean.
 
     With ``d_i = |p_i - mean p|``: the largest, and twice ``s = sqrt(sum d_i^2 / (n - 1))``. Recalled, not confirmed:
     the divisor of s, ten points a seat. The half range of each coordinate is a maker's field test (FARO's maintenance
-    pages) and stands beside, without a limit.
+    pages) and is printed too, without a limit.
 
     The uncertainty of all three is that of form and fixture of the seat, once. If the seat moves by u_fixture in each
-    direction at each point, this is about what the largest and 2s change by (0.9 to 1.0 times u_fixture rms, found by
-    simulation for ten points of an arm that scatters more than the fixture); if it keeps still, it is more.
+    direction at each point, the largest and 2s change by about that (0.9 to 1.0 times u_fixture rms by simulation, for
+    ten points of an arm that scatters more than the fixture); if it does not move, they change less.
 
     Parameters
     ----------
@@ -95,17 +95,20 @@ def single_point(
     Returns
     -------
     list of ConformityResult
-        Three rows a seat.
+        Three rows for each seat.
 
     Raises
     ------
     InputError
-        If a seat has less than two points.
+        If a seat has fewer than two points.
     """
     rows = []
     for one in seats:
         if len(one.points) < 2:
-            raise InputError(f"{one.where}: expected two points or more in a seat, got {len(one.points)}")
+            raise InputError(
+                f"{one.where}: expected two points or more in a seat, got {len(one.points)}",
+                hint="measure more points in the seat",
+            )
         away = one.points - one.points.mean(axis=0)
         distance = np.sqrt((away**2).sum(axis=1))
         s = np.sqrt((distance**2).sum() / (len(away) - 1))
@@ -124,14 +127,14 @@ def single_point(
 def volumetric(
     lengths: Sequence[LengthMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1"
 ) -> list[ConformityResult]:
-    """Volumetric performance: deviations of a bar's lengths all over the volume.
+    """Volumetric performance: deviations of a bar's lengths throughout the volume.
 
     With ``D_j = L_j - L_cal,j``: the largest magnitude; ``2 s`` about their mean, divisor n - 1; ``2 RMS`` about zero,
-    divisor n, which contains the error of the scale; their range and mean, which have no limit. Recalled, not
+    divisor n, which contains the scale error; their range and mean, which have no limit. Recalled, not
     confirmed: the divisors, two lengths, twenty positions in all.
 
-    The uncertainty of 2s, 2RMS, range and mean is taken as that of the least certain single deviation, times 2 for the
-    first two: more than it is.
+    The uncertainty of 2s, 2RMS, range and mean is that of the most uncertain single deviation, times 2 for the first
+    two: an upper bound.
 
     Parameters
     ----------
@@ -142,10 +145,10 @@ def volumetric(
     Raises
     ------
     InputError
-        If there are less than two lengths.
+        If there are fewer than two lengths.
     """
     if len(lengths) < 2:
-        raise InputError(f"expected two measured lengths or more, got {len(lengths)}")
+        raise InputError(f"expected two measured lengths or more, got {len(lengths)}", hint="measure more lengths")
     corrected = specification.corrected_to_20_degC
     deviation = np.array([one.error(opposite=False, corrected=corrected) for one in lengths])
     budgets = [one.budget(corrected=corrected) for one in lengths]

@@ -1,7 +1,7 @@
-"""Slips of measuring or typing: what no arm does, said beside a verdict that it may have made.
+"""Blunders: mistakes of the operator that no arm makes, reported as remarks beside the verdict.
 
-The verdict stays, as nobody can know. A length or size far beyond its limit is told with the number to check; a point,
-or a group of points, that is alone in the wrong with its line. So all groups are those of a file.
+The verdict does not change, as the program cannot be certain. A remark on a length or size far beyond its limit names
+the number to check; a remark on a single deviating point, or group of points, names its line in the file.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from truearm.verification.standards.measurands import LengthMeasurement, SphereM
 from truearm.verification.standards.measured_points import PointGroup, join_names
 from truearm.verification.standards.specification import Specification
 
-# Chosen here: an arm out of adjustment misses its limits by some times; 20 times 0.02 to 0.05 mm, 0.4 to 1 mm, is what
-# a mistyped number or another artefact makes.
+# Chosen here: an arm out of adjustment exceeds its limits by some times; 20 times 0.02 to 0.05 mm, 0.4 to 1 mm, is due
+# to a mistyped number or another artefact.
 FAR_BEYOND = 20.0
-# A point is alone in the wrong if the others scatter so much less without it.
+# A point is a single outlier if the scatter of the others without it falls to this share.
 ALONE = 0.1
-# What is nearer disturbs nobody [mm]; points that are all the same would each be one.
+# Smaller distances are ignored [mm]: of equal points each would be an outlier.
 LEAST_MM = 0.001
-# With equal noise few points agree without one by chance. Of so many points fewer than 1 in 1000 simulated groups had a
-# point alone in the wrong: 0.5 in 1000 balls of 9 points (of 8: 3.3), 0.6 in 1000 seats of 6 whose points scatter along
-# one line and a fiftieth as far across it (of 5: 3.6), 0.2 in 1000 of 5 groups whose centres scatter a tenth as far
+# Few points may agree without one by chance. With these numbers of points and equal noise, fewer than 1 in 1000
+# simulated groups had a single outlier: 0.5 in 1000 balls of 9 points (of 8: 3.3), 0.6 in 1000 seats of 6 whose points
+# scatter along one line and a fiftieth as far across it (of 5: 3.6), 0.2 in 1000 of 5 groups whose centres scatter a tenth as far
 # across (a fiftieth: 1.5; of 4 and a fiftieth: 15). Of 5 seats or groups that scatter alike in all directions none.
 LEAST_ON_BALL, LEAST_IN_SEAT, LEAST_GROUPS = 9, 6, 5
 
@@ -35,47 +35,47 @@ LEAST_ON_BALL, LEAST_IN_SEAT, LEAST_GROUPS = 9, 6, 5
 def on_spheres(
     test: str, groups: Sequence[PointGroup], spheres: Sequence[SphereMeasurement], size: ConformityResult
 ) -> Iterator[str]:
-    """Single points off a ball; or else a size, the row `size`, that no arm measures."""
+    """Report single points off a ball; if there are none, a size (the row `size`) far beyond its limit."""
     clean = True
     for group, one in zip(groups, spheres, strict=True):
         away = np.abs(np.linalg.norm(one.points - one.fit.centre, axis=1) - one.fit.radius_mm)
-        i = _alone(one.points, away, lambda some: fit_sphere(some).form_mm, least=LEAST_ON_BALL)
+        i = _single_outlier(one.points, away, lambda some: fit_sphere(some).form_mm, least=LEAST_ON_BALL)
         if i is not None:
             clean = False
             rest = fit_sphere(np.delete(one.points, i, axis=0))
             off = abs(float(np.linalg.norm(one.points[i] - rest.centre)) - rest.radius_mm)
             yield (
-                f"test {test!r}, {group.where}: the point of line {group.lines[i]} alone is {off:.2g} mm off the "
-                f"sphere of the others, whose form is {rest.form_mm:.4f} mm: measure the position again"
+                f"test {test!r}, {group.where}: only the point of line {group.lines[i]} deviates, by {off:.2g} mm "
+                f"from the sphere of the others, whose form is {rest.form_mm:.4f} mm; measure the position again"
             )
     if clean and size.limit is not None and abs(size.value) > FAR_BEYOND * size.limit:
         yield (
-            f"{_beyond(size.label, size.value, size.limit)}: check diameter_mm of {spheres[0].sphere.name!r}, and "
+            f"{_beyond(size.label, size.value, size.limit)}; check diameter_mm of {spheres[0].sphere.name!r}, and "
             f"whether the points are compensated or need tip_diameter_mm"
         )
 
 
 def in_groups(test: str, groups: Sequence[PointGroup], spheres: Sequence[SphereMeasurement]) -> Iterator[str]:
-    """A group of an articulation whose sphere lies apart from those of all others at its position."""
+    """Report a group of an articulation whose sphere deviates from those of all others at its position."""
     centres = np.array([one.fit.centre for one in spheres])
     away = _from_mean(centres)
-    i = _alone(centres, away, lambda some: circumscribed_sphere(some).diameter_mm, least=LEAST_GROUPS)
+    i = _single_outlier(centres, away, lambda some: circumscribed_sphere(some).diameter_mm, least=LEAST_GROUPS)
     if i is not None:
         yield (
-            f"test {test!r}, {groups[i].where} (line {groups[i].line}): its sphere alone lies apart, {away[i]:.2g} mm "
-            f"from the mean of all groups: measure the group again"
+            f"test {test!r}, {groups[i].where} (line {groups[i].line}): only its sphere deviates, by {away[i]:.2g} mm "
+            f"from the mean of all groups; measure the group again"
         )
 
 
 def in_seats(test: str, groups: Sequence[PointGroup]) -> Iterator[str]:
-    """Single points away from the others in a seat."""
+    """Report single deviating points in a seat."""
     for group in groups:
         away = _from_mean(group.points)
-        i = _alone(group.points, away, lambda some: float(_from_mean(some).max()), least=LEAST_IN_SEAT)
+        i = _single_outlier(group.points, away, lambda some: float(_from_mean(some).max()), least=LEAST_IN_SEAT)
         if i is not None:
             yield (
-                f"test {test!r}, {group.where}: the point of line {group.lines[i]} alone is {away[i]:.2g} mm from the "
-                f"mean of all points: measure the position again"
+                f"test {test!r}, {group.where}: only the point of line {group.lines[i]} deviates, by "
+                f"{away[i]:.2g} mm from the mean of all points; measure the position again"
             )
 
 
@@ -85,14 +85,14 @@ def in_lengths(
     errors: Sequence[float],
     specification: Specification,
 ) -> Iterator[str]:
-    """Lengths that are so wrong that no arm measured them.
+    """Report lengths with errors far beyond those of any arm.
 
     Parameters
     ----------
     symbol : str
-        Whose limit it is.
+        Symbol of the limit.
     pairs : sequence of (LengthMeasurement, PointGroup)
-        What was measured, with the points of end A.
+        The measured lengths, each with the points of end A.
     errors : sequence of float
         Measured less calibrated [mm].
     specification : Specification
@@ -105,25 +105,27 @@ def in_lengths(
         limit = specification.limit(symbol, length.length_mm)
         if limit is None or not (far := [i for i in members if abs(errors[i]) > FAR_BEYOND * limit]):
             continue
-        said = _beyond(f"{symbol}, {length.name}", max((errors[i] for i in far), key=abs), limit)
+        problem = _beyond(f"{symbol}, {length.name}", max((errors[i] for i in far), key=abs), limit)
         if len(far) == len(members):
             yield (
-                f"{said}, and all that was measured of it is as far off: check length_mm = {length.length_mm:.10g} of "
+                f"{problem}, and so are all measurements of this length; check length_mm = {length.length_mm:.10g} of "
                 f"{bar.name!r}, and the names of its lengths in the points"
             )
         else:
             runs = join_names([f"{pairs[i][1].where} (line {pairs[i][1].line})" for i in far], "; ")
             lone = any(len(end) == 1 for i in far for end in (pairs[i][0].start, pairs[i][0].end))
-            ends = ", and that ends of one point are seats or middles of balls, not points on them" if lone else ""
-            yield f"{said}: check {runs}{ends}"
+            ends = ", and that single points are seats or centres of balls, not points on a ball" if lone else ""
+            yield f"{problem}; check {runs}{ends}"
 
 
 def _beyond(label: str, value: float, limit: float) -> str:
-    return f"{label}: {value:+.4f} mm is {abs(value) / limit:.0f} times the limit, which no arm makes"
+    return f"{label}: {value:+.4f} mm is {abs(value) / limit:.0f} times the limit: probably a blunder"
 
 
-def _alone(points: FloatArray, away: FloatArray, spread: Callable[[FloatArray], float], *, least: int) -> int | None:
-    """Which of points (n, 3) is in the wrong, the farthest one by `away` (n,), if the others agree without it."""
+def _single_outlier(
+    points: FloatArray, away: FloatArray, spread: Callable[[FloatArray], float], *, least: int
+) -> int | None:
+    """The index of a single outlier among points (n, 3), the farthest by `away` (n,); None if there is none."""
     i = int(away.argmax())
     if len(points) >= least and away[i] > LEAST_MM and spread(np.delete(points, i, axis=0)) <= ALONE * spread(points):
         return i

@@ -21,12 +21,12 @@ DECISION_RULES: tuple[DecisionRule, ...] = ("iso14253-1", "simple")
 
 # Two-sided, of a normal distribution within two standard deviations: k = 2 for infinite degrees of freedom.
 COVERAGE_PROBABILITY = erf(2 / sqrt(2))
-# Simple acceptance wants limits this many times the expanded uncertainty: the "4:1 rule" of laboratories.
+# Simple acceptance needs limits of this many times the expanded uncertainty: the "4:1 rule" of laboratories.
 SIMPLE_RATIO = 4.0
 
 
 class Verdict(Enum):
-    """What a test value says of conformity with a specification."""
+    """The conformity of a test value with a specification."""
 
     CONFORM = "conform"
     NOT_CONFORM = "not conform"
@@ -44,9 +44,9 @@ class Contribution:
     Parameters
     ----------
     label : str
-        Where it comes from.
+        Its source.
     u : float
-        Standard uncertainty that it gives the test value, in the test value's unit: sensitivity included.
+        Standard uncertainty of the test value due to it, in the unit of the test value, with its sensitivity.
     dof : float, optional
         Its degrees of freedom; infinite by default.
 
@@ -95,7 +95,7 @@ class Budget:
             return 2.0
         from scipy.stats import t
 
-        # The integer may not fall for the rounding of a sum, nor below what a single contribution has.
+        # Neither the rounding of a sum nor a single contribution may reduce the integer.
         return float(t.ppf((1 + COVERAGE_PROBABILITY) / 2, max(1, int(self.dof * (1 + 1e-12)))))
 
     @property
@@ -111,18 +111,18 @@ class ConformityResult:
     Attributes
     ----------
     label : str
-        What was tested.
+        The test.
     value : float
         The test value.
     unit : str
     budget : Budget
-        Of the test value: of artefact and set-up, not of the arm (ISO 23165's view, recalled).
+        Contributions of artefact and set-up, not of the arm (ISO 23165, recalled).
     limit : float or None
         Maximum permissible error or limit; None where the specification states none.
     verdict : Verdict or None
         None where there is no limit.
     where : str
-        At which place, length and run the value was found.
+        Position, length and run of the value.
     """
 
     label: str
@@ -145,7 +145,7 @@ class ConformityResult:
 
 
 def decide(value: float, uncertainty: float, limit: float, *, rule: DecisionRule = "iso14253-1") -> Verdict:
-    """Decide whether a test value conforms.
+    """Decide on the conformity of a test value.
 
     Parameters
     ----------
@@ -157,9 +157,8 @@ def decide(value: float, uncertainty: float, limit: float, *, rule: DecisionRule
         Maximum permissible error, positive.
     rule : {"iso14253-1", "simple"}
         ISO 14253-1 for a supplier who proves conformity and a customer who proves the contrary: conform if
-        ``|value| + U <= limit``, not conform if ``|value| - U > limit``, else undecided. Simple acceptance leaves the
-        uncertainty out where that is small; where it is more than the limit over `SIMPLE_RATIO` simple acceptance does
-        not apply, and ISO 14253-1 decides.
+        ``|value| + U <= limit``, not conform if ``|value| - U > limit``, else undecided. Simple acceptance ignores
+        an uncertainty of at most the limit over `SIMPLE_RATIO`; where it is larger, ISO 14253-1 applies.
 
     Raises
     ------
@@ -193,13 +192,13 @@ def assess_conformity(
     rule: DecisionRule,
     where: str = "",
 ) -> ConformityResult:
-    """Make the row of a test value in mm, with the verdict where there is a limit."""
+    """Return the row of a test value in mm, with the verdict where there is a limit."""
     verdict = None if limit is None else decide(value, budget.expanded, limit, rule=rule)
     return ConformityResult(label, value, "mm", budget, limit, verdict, where)
 
 
 def worst_result(rows: Sequence[ConformityResult]) -> ConformityResult:
-    """Find the row that decides over several of one test: the worst verdict, and nearest to its limit among those."""
+    """Return the decisive row of a test: the one with the worst verdict and, among those, nearest to its limit."""
     return max(
         rows,
         key=lambda row: (
@@ -210,6 +209,6 @@ def worst_result(rows: Sequence[ConformityResult]) -> ConformityResult:
 
 
 def overall_verdict(rows: Iterable[ConformityResult]) -> Verdict | None:
-    """The verdict of a whole verification: conform only where every row that has a limit is; None if none has one."""
+    """Return the verdict of a verification: conform if every row with a limit conforms; None without limits."""
     verdicts = [row.verdict for row in rows if row.verdict is not None]
     return max(verdicts, key=_ORDER.index) if verdicts else None

@@ -1,8 +1,7 @@
 """The tactile tests of ISO 10360-12 for articulated arms, one function each.
 
-The standard's text was not at hand. What is taken from where stands at each function; numbers of points, places and
-runs are in the test plan (`truearm.verification.standards.verification_plan`) and checked by `truearm.verification.standards.verification`, so that functions
-here take whatever they are given.
+The text of the standard was not available; each function states its sources. The numbers of points, positions and runs
+are in the test plan (`verification_plan`) and checked by `point_checks`; the functions accept any numbers.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ def p_size(
 ) -> ConformityResult:
     """Probing size error P_Size.Sph.1x25: diameter of the least-squares sphere less the calibrated one.
 
-    The worst of all positions counts. Source: Kreon's page on ISO 10360-12 (25 points, least-squares sphere, two
-    positions, the worse one counts). Not confirmed: that the sign is kept, the sizes allowed for the sphere.
+    The worst position counts. Source: Kreon's page on ISO 10360-12 (25 points, least-squares sphere, two
+    positions, the worse one counts). Not confirmed: the sign, the permitted diameters of the sphere.
 
     Parameters
     ----------
@@ -63,9 +62,9 @@ def p_size(
 def p_form(
     spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1"
 ) -> ConformityResult:
-    """Probing form error P_Form.Sph.1x25: thickness of the shell about the least-squares centre that holds all points.
+    """Probing form error P_Form.Sph.1x25: thickness of the least-squares shell with all points.
 
-    The worst of all positions counts. Source: Kreon's page on ISO 10360-12, in these words. Arguments as `p_size`.
+    The worst position counts. Source: Kreon's page on ISO 10360-12, in these words. Arguments as `p_size`.
     """
     limit = specification.limit("P_Form.Sph.1x25")
     return worst_result(
@@ -79,10 +78,10 @@ def p_form(
 def l_dia(
     positions: Sequence[Sequence[SphereMeasurement]], specification: Specification, *, rule: DecisionRule = "iso14253-1"
 ) -> list[ConformityResult]:
-    """Articulated location error L_Dia.5x5: diameter of the smallest sphere that holds the centres of the groups.
+    """Articulated location error L_Dia.5x5: diameter of the smallest sphere that contains the centres of the groups.
 
     Each group's sphere is fitted with a free radius. Source: Kreon's page on ISO 10360-12 (five groups of five points,
-    in each group the probe points one way). Not confirmed: the minimum circumscribed sphere, the number of positions.
+    one direction of the stylus in each group). Not confirmed: minimum circumscribed sphere, number of positions.
 
     Parameters
     ----------
@@ -94,15 +93,15 @@ def l_dia(
     Returns
     -------
     list of ConformityResult
-        L_Dia of the worst position, and there the largest distance between two centres, which is never larger and
-        has no limit: some programs print that.
+        L_Dia of the worst position, and the largest distance between two centres there, which some programs print; it
+        is never larger and has no limit.
     """
     limit = specification.limit("L_Dia.5x5")
     rows, secondary = [], []
     for groups in positions:
         centres = np.stack([one.fit.centre for one in groups])
-        # The diameter hangs on two to four centres; each may have moved with the fixture on its own. A distance of two
-        # then has sqrt(2) u; of circumscribed spheres of five, 1.3 u was found by simulation.
+        # The diameter depends on two to four centres, each of which may move with the fixture. A distance of two then
+        # has sqrt(2) u; the circumscribed sphere of five has 1.3 u by simulation.
         budget, where = groups[0].position_budget, groups[0].where
         value = circumscribed_sphere(centres).diameter_mm
         rows.append(assess_conformity("L_Dia.5x5", value, budget, limit, rule=rule, where=where))
@@ -122,7 +121,7 @@ def e_uni(
     tolerated_sets: int = 0,
     rule: DecisionRule = "iso14253-1",
 ) -> list[ConformityResult]:
-    """Length measurement error E_Uni: distance found less calibrated, ends touched from the same side.
+    """Length measurement error E_Uni: measured less calibrated length, ends touched from the same side.
 
     Ball centre to ball centre, seat to seat, or between faces approached from the same side: the error of the stylus
     tip cancels. Source: ISO 10360-2's structure; not confirmed that part 12 has its lengths, positions and repeats,
@@ -133,17 +132,17 @@ def e_uni(
     lengths : sequence of LengthMeasurement
     specification : Specification
     repeats : int
-        Runs that make one set.
+        Number of runs in a set.
     tolerated_sets : int
-        How many sets (one length at one position) may have a single value that does not conform, if measured again as
-        often; the second runs then count instead.
+        Number of sets (one length at one position) in which a single value may not conform, if the set is measured
+        again; the second set counts then.
     rule : {"iso14253-1", "simple"}
 
     Returns
     -------
     list of ConformityResult
-        One row a length, the worst of its positions and repeats; and how many sets were measured again, if any is
-        tolerated.
+        One row for each length, the worst of its positions and repeats; and the number of sets measured again, if any
+        is tolerated.
     """
     return _length_errors("E_Uni", False, lengths, specification, repeats, tolerated_sets, rule)
 
@@ -156,10 +155,10 @@ def e_bi(
     tolerated_sets: int = 0,
     rule: DecisionRule = "iso14253-1",
 ) -> list[ConformityResult]:
-    """Length measurement error E_Bi: distance found less calibrated, faces touched from opposite sides.
+    """Length measurement error E_Bi: measured less calibrated length, faces touched from opposite sides.
 
-    It contains the error of the stylus tip. With three and more points on face A the distance is taken along the
-    normal of their least-squares plane. Source, arguments and what is not confirmed: as `e_uni`.
+    It contains the error of the stylus tip. With three or more points on face A, the distance is that along the normal
+    of their least-squares plane. Arguments, sources and unconfirmed numbers as for `e_uni`.
     """
     return _length_errors("E_Bi", True, lengths, specification, repeats, tolerated_sets, rule)
 
@@ -196,14 +195,14 @@ def _length_errors(
         if outside == 1 and len(second) == repeats and again < tolerated_sets:
             first, second, again = second, [], again + 1
         counted.setdefault(key[:2], []).extend(first + second)
-    found = [worst_result(rows) for rows in counted.values()]
+    results = [worst_result(rows) for rows in counted.values()]
     if tolerated_sets:
-        found.append(
+        results.append(
             ConformityResult(f"{symbol}, sets measured again", again, "", Budget(), None, None, f"of {len(sets)}")
         )
-    return found
+    return results
 
 
 def _run(one: LengthMeasurement) -> int:
-    """The number of its run; 0 of what has none."""
+    """The number of its run; 0 where it has none."""
     return int(one.repeat) if one.repeat.isdecimal() else 0

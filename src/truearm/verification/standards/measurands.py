@@ -1,6 +1,6 @@
-"""What the tests compare with a certificate: the size of a sphere, the distance between the ends of a length.
+"""The measurands that tests compare with a certificate: the size of a sphere, and a length.
 
-The budgets hold what artefact and set-up contribute, not the arm: its errors are what is tested (ISO 23165's view,
+The uncertainty budgets contain artefact and set-up but not the errors of the arm, which are tested (ISO 23165,
 recalled): ``u^2 = u_cal^2 + (L alpha u_T)^2 + (L (T - 20) u_alpha)^2 + u_fixture^2 + u_form^2``.
 """
 
@@ -19,50 +19,55 @@ from truearm.verification.standards.artefacts import CalibratedBar, CalibratedLe
 from truearm.verification.standards.decision import Budget, Contribution
 from truearm.verification.standards.positions import hemisphere
 
-# Fewer points of a ball leave none to spare.
+# Fewer points on a ball leave no degree of freedom.
 LEAST_ON_BALL = 5
-# Chosen here: points that know a ball this many times less well than points all over its half are refused. Points
-# evenly over a cap are, when it ends nearer to its pole than some 55 to 60 deg.
+# Chosen here: points that determine a ball this many times less accurately than points all over its half are refused,
+# such as points evenly over a cap that ends nearer to its pole than 55 to 60 deg.
 LOOSEST = 3.0
 
 
 def check_spread(points: FloatArray, planned: int) -> None:
-    """Check that points on a ball are spread so far over it that they tell its middle and size.
+    """Check that points are spread over a ball so far that they determine its centre and size.
 
-    The largest standard uncertainty that they leave to any combination of middle and radius, for points with equal
-    errors (root of the largest eigenvalue of the fit's covariance), is compared with that of as many as planned evenly
-    over half of the ball.
+    The largest standard uncertainty of any combination of centre and radius, for points with equal errors (root of the
+    largest eigenvalue of the fit's covariance), is compared with that of the planned number of points evenly over half
+    of the ball.
 
     Parameters
     ----------
     points : (n, 3) array
         [mm]
     planned : int
-        How many points the ball was to have.
+        The planned number of points.
 
     Raises
     ------
     InputError
-        If two points are one, they determine no sphere, or tell it `LOOSEST` times less well.
+        If two points are the same, they determine no sphere, or determine it `LOOSEST` times less accurately.
     """
     if len(np.unique(points, axis=0)) < len(points):
-        raise InputError("two points on the ball have the same coordinates", hint="touch each point anew; no copies")
+        raise InputError(
+            "two points on the ball have the same coordinates", hint="measure each point; copies are refused"
+        )
     loose = _largest_u(points) / _largest_u(hemisphere(planned))
     if loose > LOOSEST:
         raise InputError(
-            f"the points lie so close together on the ball that its middle and size are known {loose:.2g} times less "
-            f"well than from points all over its half",
-            hint="touch the ball all over the half that is reached, from its pole down to its equator",
+            f"the points lie so close together on the ball that its centre and size are {loose:.2g} times more "
+            f"uncertain than from points all over its half",
+            hint="measure points all over the accessible half of the ball, from the pole to the equator",
         )
 
 
-def _middle(points: FloatArray) -> FloatArray:
-    """The end of a length: a single point, or the middle of a ball."""
+def _end_point(points: FloatArray) -> FloatArray:
+    """The end of a length: a single point, or the centre of a ball."""
     if len(points) == 1:
         alone: FloatArray = points[0]
         return alone
     if len(points) < LEAST_ON_BALL:
-        raise InputError(f"expected one point, or {LEAST_ON_BALL} and more all over the ball, got {len(points)}")
+        raise InputError(
+            f"expected one point, or {LEAST_ON_BALL} and more all over the ball, got {len(points)}",
+            hint="measure more points on the ball",
+        )
     check_spread(points, len(points))
     return fit_sphere(points, std_mm=1.0).centre
 
@@ -85,7 +90,7 @@ class SphereMeasurement:
     tip_mm : float
         Diameter of the stylus tip where points are its centres, 0 where they are compensated.
     where : str
-        The place or run, in words.
+        The position or run, as text.
     """
 
     sphere: CalibratedSphere
@@ -101,16 +106,16 @@ class SphereMeasurement:
 
     @property
     def diameter_mm(self) -> float:
-        """The diameter found, as it is at the sphere's temperature [mm]."""
+        """The measured diameter at the sphere's temperature [mm]."""
         return 2 * self.fit.radius_mm - self.tip_mm
 
     def size_error(self, *, corrected: bool) -> float:
-        """Diameter found less calibrated [mm]; `corrected` to 20 degC or as it is."""
-        found = self.sphere.at_reference(self.diameter_mm, self.degC) if corrected else self.diameter_mm
-        return found - self.sphere.diameter_mm
+        """Return measured less calibrated diameter [mm]; `corrected` to 20 degC or at its temperature."""
+        measured = self.sphere.at_reference(self.diameter_mm, self.degC) if corrected else self.diameter_mm
+        return measured - self.sphere.diameter_mm
 
     def size_budget(self, *, corrected: bool) -> Budget:
-        """The uncertainty of `size_error`."""
+        """Return the uncertainty budget of `size_error`."""
         sphere = self.sphere
         calibration = Contribution("calibration of the diameter", sphere.u_diameter_mm, sphere.calibration_dof)
         thermal = sphere.thermal(sphere.diameter_mm, self.degC) if corrected else ()
@@ -118,12 +123,12 @@ class SphereMeasurement:
 
     @property
     def form_budget(self) -> Budget:
-        """The uncertainty of form: that of form and fixture."""
+        """The uncertainty budget of the form: form and fixture of the artefact."""
         return Budget(self.sphere.form_and_fixture())
 
     @property
     def position_budget(self) -> Budget:
-        """The uncertainty of the distance between two places of the sphere, which may move between them."""
+        """The uncertainty budget of the distance between two fits of the sphere, which may move between them."""
         return Budget(self.sphere.form_and_fixture(places=2))
 
 
@@ -141,9 +146,9 @@ class LengthMeasurement:
     degC : float
         Temperature of the bar.
     tip_mm : float
-        As of `SphereMeasurement`; it matters between opposite faces only.
+        As for `SphereMeasurement`; it matters between opposite faces only.
     position, repeat : str
-        Which place of the bar, and which run there.
+        The position of the bar and the run.
     """
 
     bar: CalibratedBar
@@ -157,11 +162,11 @@ class LengthMeasurement:
 
     @property
     def where(self) -> str:
-        """Place and run in words."""
+        """The position and the run, as text."""
         return f"position {self.position}" + (f", repeat {self.repeat}" if self.repeat else "")
 
     def distance_mm(self, *, opposite: bool) -> float:
-        """The distance between the ends, as it is at the bar's temperature [mm].
+        """Return the distance between the ends at the bar's temperature [mm].
 
         Parameters
         ----------
@@ -172,18 +177,18 @@ class LengthMeasurement:
         Raises
         ------
         InputError
-            If an end has a number of points from which it cannot be found, or they lie too close together on the ball.
+            If the number of points of an end does not determine it, or they lie too close together on the ball.
         """
         if opposite:
             return self._between_faces() - self.tip_mm
-        middles = []
+        centres = []
         for points, name in ((self.start, "A"), (self.end, "B")):
             try:
-                middles.append(_middle(points))
+                centres.append(_end_point(points))
             except InputError as error:
                 where = f"length {self.length.name!r}, {self.where}, end {name}"
                 raise InputError(f"{where}: {error.problem}", hint=error.hint) from None
-        return float(np.linalg.norm(middles[1] - middles[0]))
+        return float(np.linalg.norm(centres[1] - centres[0]))
 
     def _between_faces(self) -> float:
         if len(self.start) == len(self.end) == 1:
@@ -191,18 +196,19 @@ class LengthMeasurement:
         if len(self.start) < 3:
             raise InputError(
                 f"length {self.length.name!r}, {self.where}: expected one point on either face, or three and more on "
-                f"face A, got {len(self.start)} and {len(self.end)}"
+                f"face A, got {len(self.start)} and {len(self.end)}",
+                hint="measure the missing points",
             )
         face = fit_plane(self.start, std_mm=1.0)
         return float(abs((self.end.mean(axis=0) - face.point) @ face.normal))
 
     def error(self, *, opposite: bool, corrected: bool) -> float:
-        """Distance found less calibrated length [mm]; `corrected` to 20 degC or as it is."""
-        found = self.distance_mm(opposite=opposite)
-        return (self.bar.at_reference(found, self.degC) if corrected else found) - self.length.length_mm
+        """Return measured less calibrated length [mm]; `corrected` to 20 degC or at its temperature."""
+        measured = self.distance_mm(opposite=opposite)
+        return (self.bar.at_reference(measured, self.degC) if corrected else measured) - self.length.length_mm
 
     def budget(self, *, corrected: bool) -> Budget:
-        """The uncertainty of `error`."""
+        """Return the uncertainty budget of `error`."""
         bar = self.bar
         calibration = Contribution("calibration of the length", self.length.u_mm, bar.calibration_dof)
         thermal = bar.thermal(self.length.length_mm, self.degC) if corrected else ()

@@ -1,7 +1,7 @@
-"""Measured points: which test, artefact, place and run each belongs to.
+"""Measured points: the test, artefact, position and run of each.
 
-The file (CSV, docs/verification.md) has one row a point. Which of the columns a test needs stands in `KEY_COLUMNS`; the cells
-of the others stay empty. Points that come from elsewhere than a file are made into groups (`MeasuredPoints.of`).
+The file (CSV, docs/verification.md) has one row for each point. `KEY_COLUMNS` lists the columns that a test needs; the
+cells of the others are empty. Points from a program are given as groups (`MeasuredPoints.of`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
 from truearm.typing import FloatArray, NameArray
 from truearm.verification.standards.dates import check_past
 
-# The columns that tell the groups of a test's points apart, outermost first.
+# The columns that identify a group of points in a test, outermost first.
 KEY_COLUMNS: dict[str, tuple[str, ...]] = {
     "probing": ("position",),
     "articulation": ("position", "group"),
@@ -32,47 +32,47 @@ KEY_COLUMNS: dict[str, tuple[str, ...]] = {
     "volumetric": ("length", "position", "end"),
 }
 ENDS = ("A", "B")
-# Tests that compare with a calibrated size, which grows with temperature.
+# Tests that compare with a calibrated size, which depends on temperature.
 SIZE_TESTS = ("probing", "uni", "bi", "effective_diameter", "volumetric")
 
-# Chosen here: temperatures of one group, or of both ends of a length, that differ by more are not averaged.
+# Chosen here: temperatures within a group, or at both ends of a length, that differ by more are not averaged.
 MAX_TEMPERATURE_SPREAD_K = 2.0
 # A kilometre; no arm reaches there.
 FARTHEST_MM = 1e6
 
 POINT = ("x_mm", "y_mm", "z_mm")
 TEMPERATURE, TIP = "artefact_degC", "tip_diameter_mm"
-# Names that are listed in a message; of more, how many.
+# The greatest number of names in a message.
 MOST_NAMED = 12
 REQUIRED_COLUMNS = ("test", "artefact", "date", *POINT)
 OPTIONAL_COLUMNS = ("position", "length", "repeat", "end", "group", TEMPERATURE, TIP)
 
 
 def join_names(names: Sequence[str], separator: str = ", ") -> str:
-    """List names, the first of them if they are many."""
+    """Join names to a list; of many, the first ones and the number of the others."""
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return separator.join(names[:MOST_NAMED]) + more
 
 
 @dataclass(frozen=True, eq=False)
 class PointGroup:
-    """Points that belong together: touched in one go on one thing.
+    """Points that belong together: measured in one go on one artefact.
 
     Attributes
     ----------
     artefact : str
     keys : dict of str to str
-        What tells it from the other groups of its test, by column.
+        Position, repeat, end etc., by column.
     points : (n, 3) array
         [mm]
     degC : float
-        Mean temperature of the artefact; NaN where the test needs none and none is given.
+        Mean temperature of the artefact; NaN where it is not given and the test needs none.
     tip_mm : float
         Diameter of the stylus tip where points are its centres; 0 where they are compensated.
     date : datetime.date
-        The day it was measured.
+        Day of the measurement.
     lines : tuple of int
-        Of its points in the file, counted from 1; empty of points that come from no file.
+        Lines of its points in the file, counted from 1; empty for points from a program.
     """
 
     artefact: str
@@ -85,24 +85,24 @@ class PointGroup:
 
     @property
     def line(self) -> int | None:
-        """Of its first point in the file."""
+        """The line of its first point in the file; None for points from a program."""
         return self.lines[0] if self.lines else None
 
     @property
     def where(self) -> str:
-        """The keys in words: ``position 3, repeat 2``."""
+        """The keys as text: ``position 3, repeat 2``."""
         return ", ".join(f"{key} {value}" for key, value in self.keys.items() if key != "end")
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPoints:
-    """The groups of every test, as `read_points` finds them.
+    """The groups of every test.
 
     Attributes
     ----------
     tests : dict of str to tuple of PointGroup
     file : Path or None
-        None of points that come from no file.
+        None for points from a program.
     """
 
     tests: dict[str, tuple[PointGroup, ...]]
@@ -110,7 +110,7 @@ class MeasuredPoints:
 
     @classmethod
     def of(cls, groups: Iterable[tuple[str, PointGroup]]) -> MeasuredPoints:
-        """Points that come from no file: groups, each with the name of its test.
+        """Make measured points from groups, each with the name of its test.
 
         Raises
         ------
@@ -120,10 +120,10 @@ class MeasuredPoints:
         tests: dict[str, list[PointGroup]] = {}
         for test, group in groups:
             if test not in KEY_COLUMNS:
-                raise InputError(f"unknown test {quoted_cell(test)}", hint=", ".join(KEY_COLUMNS))
+                raise InputError(f"unknown test {quoted_cell(test)}", hint=f"use one of {', '.join(KEY_COLUMNS)}")
             if set(group.keys) != set(KEY_COLUMNS[test]):
                 came = ", ".join(group.keys) or "none"
-                raise InputError(f"a group of test {test!r} is told by {', '.join(KEY_COLUMNS[test])}, got {came}")
+                raise InputError(f"a group of test {test!r} has the keys {', '.join(KEY_COLUMNS[test])}, got {came}")
             points = group.points
             if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.isfinite(points).all():
                 raise InputError(f"test {test!r}, {group.where}: expected finite points (n, 3), got {points.shape}")
@@ -131,7 +131,7 @@ class MeasuredPoints:
         return cls({test: tuple(members) for test, members in tests.items()})
 
     def error(self, problem: str, group: PointGroup | None = None, *, hint: str | None = None) -> InputError:
-        """Make an error that knows the file, and the line of a group."""
+        """Return an error with the file, and the line of a group."""
         return InputError(problem, file=self.file, line=None if group is None else group.line, hint=hint)
 
 
@@ -141,7 +141,7 @@ def read_points(path: str | Path) -> MeasuredPoints:
     Raises
     ------
     InputError
-        If anything is not as the format demands: the file, the line and the column, and what to try.
+        If anything breaks a rule of the format: with file, line, column and remedy.
     """
     path = Path(path)
     sheet = read_sheet(path)
@@ -155,7 +155,7 @@ def read_points(path: str | Path) -> MeasuredPoints:
                 f"unknown test {quoted_cell(test)}",
                 int(np.argmax(columns.words["test"] == test)),
                 "test",
-                hint=close[0] if close else ", ".join(KEY_COLUMNS),
+                hint=f"use {close[0] if close else ', '.join(KEY_COLUMNS)}",
             )
         tests[test] = tuple(_groups(columns, test))
     return MeasuredPoints(tests, path)
@@ -163,7 +163,7 @@ def read_points(path: str | Path) -> MeasuredPoints:
 
 @dataclass(frozen=True, eq=False)
 class _Columns:
-    """The columns of the file as arrays; those that are not there are full of empty cells."""
+    """The columns of the file as arrays; missing columns are filled with empty cells."""
 
     numbers: dict[str, FloatArray]
     words: dict[str, NameArray]
@@ -174,9 +174,9 @@ class _Columns:
 
 
 def _in_mm(column: str) -> str | None:
-    """The name that a coordinate in another unit, or in none, should have."""
+    """The correct name of a coordinate in another unit, or in none."""
     is_coordinate = column[:1] in ("x", "y", "z") and column[1:2] in ("", "_")
-    return f"{column[0]}_mm: coordinates in mm; convert others first" if is_coordinate else None
+    return f"{column[0]}_mm, with coordinates in mm; convert other units first" if is_coordinate else None
 
 
 def _columns(sheet: Sheet) -> _Columns:
@@ -198,14 +198,16 @@ def _columns(sheet: Sheet) -> _Columns:
 
 
 def _groups(columns: _Columns, test: str) -> Iterator[PointGroup]:
-    """The groups of a test in the order of their first points."""
+    """The groups of a test, in the order of their first points."""
     keys = KEY_COLUMNS[test]
     rows = np.flatnonzero(columns.words["test"] == test)
     for key in ("artefact", "date", *keys):
         cells = columns.words[key][rows]
         if (cells == "").any():
             row = int(rows[np.argmax(cells == "")])
-            raise columns.error(f"a point of test {test!r} needs {key!r}, got an empty cell", row, key)
+            raise columns.error(
+                f"a point of test {test!r} needs {key!r}, got an empty cell", row, key, hint="fill the cell in"
+            )
         for cell in np.unique(cells):
             try:
                 reject_control_characters(str(cell))
@@ -227,28 +229,34 @@ def _groups(columns: _Columns, test: str) -> Iterator[PointGroup]:
                 f"a point of test {test!r} has no {key!r}, got {quoted_cell(str(columns.words[key][row]))}",
                 row,
                 key,
-                hint=f"it is told by artefact, {', '.join(keys)}: leave the cell empty",
+                hint=f"leave the cell empty: this test uses artefact, {', '.join(keys)}",
             )
     members: dict[tuple[str, ...], list[int]] = {}
     for row in rows.tolist():
-        told = tuple(str(columns.words[key][row]) for key in ("artefact", *keys))
-        members.setdefault(told, []).append(row)
-    for told, inside in members.items():
-        yield _group(columns, test, told, inside)
+        identity = tuple(str(columns.words[key][row]) for key in ("artefact", *keys))
+        members.setdefault(identity, []).append(row)
+    for identity, inside in members.items():
+        yield _group(columns, test, identity, inside)
 
 
-def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int]) -> PointGroup:
+def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[int]) -> PointGroup:
     days = columns.words["date"][rows]
     if (days != days[0]).any():
         row = rows[int(np.argmax(days != days[0]))]
         raise columns.error(
-            f"points of one group were taken on {days[0]} and on {columns.words['date'][row]}", row, "date"
+            f"points of one group were measured on {days[0]} and on {columns.words['date'][row]}",
+            row,
+            "date",
+            hint="measure a group on one day; correct the date if it is mistyped",
         )
     try:
         day = datetime.date.fromisoformat(str(days[0]))
     except ValueError:
         raise columns.error(
-            f"expected a date, got {quoted_cell(str(days[0]))}", rows[0], "date", hint="2026-03-31: year, month, day"
+            f"expected a date, got {quoted_cell(str(days[0]))}",
+            rows[0],
+            "date",
+            hint="write year, month, day: 2026-03-31",
         ) from None
     try:
         check_past(day)
@@ -260,7 +268,7 @@ def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int])
             f"a point of test {test!r} needs the temperature of the artefact, to compare with its size at 20 degC",
             rows[int(np.argmax(np.isnan(degC)))],
             TEMPERATURE,
-            hint="fill in what the thermometer on the artefact showed",
+            hint="enter the temperature that the thermometer on the artefact showed",
         )
     if (absurd := (degC < COLDEST_DEGC) | (degC > WARMEST_DEGC)).any():
         row = rows[int(np.argmax(absurd))]
@@ -268,30 +276,34 @@ def _group(columns: _Columns, test: str, told: tuple[str, ...], rows: list[int])
             f"expected the temperature of the artefact in degC, got {columns.numbers[TEMPERATURE][row]:g}",
             row,
             TEMPERATURE,
-            hint="degrees Fahrenheit less 32, over 1.8, are degC",
+            hint="convert from Fahrenheit: (F - 32) / 1.8",
         )
     tip = np.nan_to_num(columns.numbers[TIP][rows])
     if (tip != tip[0]).any() or tip[0] < 0:
         row = rows[int(np.argmax(tip != tip[0]))]
         raise columns.error(
-            f"expected one tip diameter of 0 or more for the group, got {tip.min():g} to {tip.max():g} mm", row, TIP
+            f"expected one tip diameter of 0 or more for the group, got {tip.min():g} to {tip.max():g} mm",
+            row,
+            TIP,
+            hint="write the same diameter in all rows of the group",
         )
     points = np.column_stack([columns.numbers[name][rows] for name in POINT])
     if (np.abs(points) > FARTHEST_MM).any():
         row, axis = (int(i) for i in np.argwhere(np.abs(points) > FARTHEST_MM)[0])
         problem = f"expected a coordinate within {FARTHEST_MM:g} mm, got {points[row, axis]:g} mm"
-        raise columns.error(problem, rows[row], POINT[axis])
+        raise columns.error(problem, rows[row], POINT[axis], hint="write coordinates in mm")
     known = degC[~np.isnan(degC)]
     if len(known) and np.ptp(known) > MAX_TEMPERATURE_SPREAD_K:
         raise columns.error(
-            f"points of one group were taken at {known.min():g} and at {known.max():g} degC: their mean tells nothing",
+            f"points of one group were measured at {known.min():g} and at {known.max():g} degC: no definite "
+            "temperature",
             rows[0],
             TEMPERATURE,
-            hint="measure the group again when the artefact keeps its temperature",
+            hint="measure the group again when the temperature of the artefact is stable",
         )
     return PointGroup(
-        artefact=told[0],
-        keys=dict(zip(KEY_COLUMNS[test], told[1:], strict=True)),
+        artefact=identity[0],
+        keys=dict(zip(KEY_COLUMNS[test], identity[1:], strict=True)),
         points=points,
         degC=float(known.mean()) if len(known) else float("nan"),
         tip_mm=float(tip[0]),

@@ -21,14 +21,14 @@ from truearm.errors import InputError
 from truearm.typing import FloatArray
 
 SHOULDER_SHARE = 0.25
-"""Height of the shoulder above the base as a share of the reach, where it is not given: about that of arms in use."""
+"""Height of the shoulder above the base as a share of the reach, where it is not given; typical of arms in use."""
 
 # The farthest position from the shoulder as a share of the reach: beyond, an arm is stretched out.
 FARTHEST = 0.88
 # Spheres: horizontal distance from the arm's axis and height above the shoulder in shares of the reach, azimuth [deg].
 SPHERES = ((0.42, -0.15, 15.0), (0.65, 0.10, -30.0))
-# Seats stand before the arm at the height of its base or a little above. Few postures reach the centres of the first and
-# the last zone: the seats stand nearer to the middle of the reach.
+# Seats stand before the arm at the height of its base or a little above. Few postures reach the centres of the first
+# and the last zone: the seats stand nearer to the middle of the reach.
 SEATS = (0.19, 0.50, 0.82)
 SEAT_HEIGHT = -0.15
 # Lines of bars: direction of the bar, and direction from the shoulder to its middle.

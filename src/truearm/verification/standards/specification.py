@@ -1,4 +1,4 @@
-"""What an arm's specification permits: its measuring range and limits by symbol.
+"""The specification of an arm: its measuring range and its limits by symbol.
 
 The file (TOML, docs/verification.md) states limits in micrometres with the length in millimetres, as data sheets do:
 ``+-(A + L/K)``, ``+-B``, or ``+-min(A + L/K, B)`` (the forms of ISO 10360-1 and -2, recalled).
@@ -15,7 +15,7 @@ from pydantic import field_validator, model_validator
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, read_document
 
-# By what the test functions call their results; the index that standards write after them (":0:Tact.AArm") is left out.
+# The names of the results of the tests, without the index that standards add (":0:Tact.AArm").
 SYMBOLS = (
     "P_Size.Sph.1x25",
     "P_Form.Sph.1x25",
@@ -30,7 +30,7 @@ SYMBOLS = (
     "Volumetric.2RMS",
 )
 
-# Less is in another unit: a limit of an arm [um], a K [mm/um] (1 is a millimetre a metre), a measuring range [mm].
+# Smaller numbers are in another unit: limits [um], K [mm/um] (1 is a millimetre per metre), measuring range [mm].
 LEAST_UM = 0.5
 LEAST_K = 1.0
 LEAST_RANGE_MM = 100.0
@@ -44,7 +44,7 @@ class Limit(Document):
     A_um : float
         [um]
     K_mm_per_um : float
-        The length in mm over K is in um.
+        The length in mm divided by K is in um.
     B_um : float
         [um]
     """
@@ -56,35 +56,43 @@ class Limit(Document):
     @model_validator(mode="after")
     def _one_of_the_forms(self) -> Self:
         if (self.A_um is None) != (self.K_mm_per_um is None):
-            raise InputError("A_um and K_mm_per_um belong together", hint="B_um alone for a limit without a length")
+            raise InputError(
+                "A_um and K_mm_per_um belong together",
+                hint="add the missing one, or write B_um for a limit without a length",
+            )
         if self.A_um is None and self.B_um is None:
-            raise InputError("expected B_um, or A_um and K_mm_per_um, or all three; got none of them")
+            raise InputError(
+                "expected B_um, or A_um and K_mm_per_um, or all three; got none", hint="add the limit in um"
+            )
         for name, given in (("A_um", self.A_um), ("B_um", self.B_um)):
             if given is not None and 0 < given < LEAST_UM:
                 raise InputError(
-                    f"expected {name} in micrometres, got {given:g}, which no arm keeps", hint="0.015 mm are 15"
+                    f"expected {name} in micrometres, got {given:g}, too small for any arm",
+                    hint="write 15 for 0.015 mm",
                 )
         if self.K_mm_per_um is not None and self.K_mm_per_um < LEAST_K:
             raise InputError(
                 f"expected K_mm_per_um, millimetres of length for a micrometre, got {self.K_mm_per_um:g}",
-                hint="for L/80 it is 80; for 12.5 um a metre 80 too",
+                hint="write 80 for L/80, or for 12.5 um per metre",
             )
         return self
 
     def at(self, length_mm: float | None) -> float:
-        """The limit [mm] of a length; of a test without a length where that is None.
+        """Return the limit [mm] at a length; None for a test without a length.
 
         Raises
         ------
         InputError
             If the limit needs a length and there is none.
         """
-        among = [] if self.B_um is None else [self.B_um]
+        forms = [] if self.B_um is None else [self.B_um]
         if self.A_um is not None and self.K_mm_per_um is not None:
             if length_mm is None:
-                raise InputError("this test has no length: its limit is B_um alone, not A_um + L / K_mm_per_um")
-            among.append(self.A_um + length_mm / self.K_mm_per_um)
-        return min(among) / 1000
+                raise InputError(
+                    "this test has no length, and its limit depends on one", hint="write B_um, not A_um and K_mm_per_um"
+                )
+            forms.append(self.A_um + length_mm / self.K_mm_per_um)
+        return min(forms) / 1000
 
 
 class Specification(Document):
@@ -93,11 +101,11 @@ class Specification(Document):
     Attributes
     ----------
     name, source : str
-        The arm, and where the numbers come from.
+        The arm, and the source of the limits.
     measuring_range_mm : float
         Diameter of its spherical reach [mm].
     corrected_to_20_degC : bool
-        Whether the limits hold for lengths corrected to 20 degC for the artefact's temperature; as usual.
+        Whether the limits apply to lengths corrected to 20 degC by the artefact's temperature, as usual.
     limits : dict of str to Limit
         By symbol.
     """
@@ -112,42 +120,44 @@ class Specification(Document):
     @classmethod
     def _in_mm(cls, given: float) -> float:
         if given < LEAST_RANGE_MM:
-            raise InputError(f"expected the diameter of the reach in mm, got {given:g}", hint="2.5 m are 2500")
+            raise InputError(f"expected the diameter of the reach in mm, got {given:g}", hint="write 2500 for 2.5 m")
         return given
 
     @field_validator("limits", mode="before")
     @classmethod
     def _in_quotes(cls, limits: object) -> object:
-        """To TOML a symbol with a dot is a table in a table, unless it stands in quotes."""
+        """Refuse symbols without quotes: TOML reads a dot in them as a table in a table."""
         for key, table in limits.items() if isinstance(limits, dict) else ():
             symbol = str(key)
             while inner := [(k, t) for k, t in table.items() if isinstance(t, dict)] if isinstance(table, dict) else []:
                 symbol, table = f"{symbol}.{inner[0][0]}", inner[0][1]
             if symbol != key:
-                raise InputError(f"{symbol:.80} stands without quotes", hint=f'"{symbol:.80}" = {{ .. }}')
+                raise InputError(f"{symbol:.80} has no quotes", hint=f'write "{symbol:.80}" = {{ .. }}')
         return limits
 
     @field_validator("limits")
     @classmethod
     def _known_symbols(cls, limits: dict[str, Limit]) -> dict[str, Limit]:
-        found: dict[str, Limit] = {}
+        by_symbol: dict[str, Limit] = {}
         for written, limit in limits.items():
             symbol = written.partition(":")[0]
             if symbol not in SYMBOLS:
                 close = difflib.get_close_matches(symbol, SYMBOLS, n=1)
-                raise InputError(f"unknown symbol {written!r:.80}", hint=close[0] if close else ", ".join(SYMBOLS))
-            if symbol in found:
-                raise InputError(f"the limit of {symbol} stands twice")
-            found[symbol] = limit
-        return found
+                raise InputError(
+                    f"unknown symbol {written!r:.80}", hint=f"use {close[0] if close else ', '.join(SYMBOLS)}"
+                )
+            if symbol in by_symbol:
+                raise InputError(f"the limit of {symbol} is given twice", hint="remove one of them")
+            by_symbol[symbol] = limit
+        return by_symbol
 
     def limit(self, symbol: str, length_mm: float | None = None) -> float | None:
-        """The limit [mm] of a symbol, at a length where it has one; None where none is stated."""
+        """Return the limit [mm] of a symbol, at a length where it depends on one; None where none is stated."""
         stated = self.limits.get(symbol)
         try:
             return None if stated is None else stated.at(length_mm)
         except InputError as error:
-            raise InputError(f"limits.{symbol}: {error.problem}") from None
+            raise InputError(f"limits.{symbol}: {error.problem}", hint=error.hint) from None
 
 
 def read_specification(path: str | Path) -> Specification:

@@ -1,7 +1,7 @@
-"""Test plans: how many points, places, lengths and runs a standard's tests take, each number with its source.
+"""Test plans: the numbers of points, positions, lengths and runs of a standard's tests, each with its source.
 
-The standards are sold; their texts were not at hand. So no such number stands in the evaluation: all are in plans
-(TOML, in the folder ``plans``, or a user's own), each with where it comes from and whether it is confirmed.
+The standards are sold; their texts were not available. So all such numbers are in plans and none is in the evaluation:
+TOML files in the folder ``plans``, or the user's own, that state the source of each number and whether it is confirmed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ PLANS = ("iso10360-12", "asme-b89.4.22")
 
 
 class _Sourced(Document):
-    """A number of a plan: where it comes from, and whether a text that says so was read, or it is recalled."""
+    """A number of a plan with its source; `confirmed` if it was read in a published text, otherwise recalled."""
 
     confirmed: Annotated[bool, Field(strict=True)]
     source: Name
@@ -55,12 +55,12 @@ class Share(_Sourced):
     @classmethod
     def _at_most_whole(cls, given: float) -> float:
         if given > 1:
-            raise InputError(f"expected a share of 1 or less, got {given:g}", hint="0.66 is 66 %")
+            raise InputError(f"expected a share of 1 or less, got {given:g}", hint="write 0.66 for 66 %")
         return given
 
 
 class PlannedTest(Document):
-    """What every test of a plan has: whether a verification without it is incomplete, and the text it comes from."""
+    """A test of a plan: whether a verification needs it, and the clause of the standard."""
 
     required: Annotated[bool, Field(strict=True)]
     clause: Name
@@ -74,20 +74,23 @@ class _OnSphere(PlannedTest):
     @model_validator(mode="after")
     def _in_order(self) -> Self:
         if self.smallest_sphere_mm.value > self.largest_sphere_mm.value:
-            raise InputError("smallest_sphere_mm is larger than largest_sphere_mm")
+            raise InputError("smallest_sphere_mm is larger than largest_sphere_mm", hint="exchange the two")
         if self.points.value < 5:
-            raise InputError(f"expected 5 points or more of a sphere, which leaves one spare, got {self.points.value}")
+            raise InputError(
+                f"expected 5 points or more on a sphere, got {self.points.value}",
+                hint="plan one point more than the four unknowns",
+            )
         return self
 
 
 class Probing(_OnSphere):
-    """P_Size and P_Form: so many points on a sphere at so many positions."""
+    """P_Size and P_Form: points on a sphere at several positions."""
 
     positions: Count
 
 
 class Articulation(_OnSphere):
-    """L_Dia: so many points in each group of one direction, at so many positions."""
+    """L_Dia: groups of points, each with one direction of the stylus, at several positions."""
 
     groups: Count
     positions: Count
@@ -96,8 +99,8 @@ class Articulation(_OnSphere):
 class LengthTest(PlannedTest):
     """E_Uni and E_Bi: lengths at positions, each repeated.
 
-    `tolerated_sets` of one length at one position may have one value outside, if measured again as often with all
-    inside: the rule of ISO 10360-2; 0 switches it off.
+    In up to `tolerated_sets` sets (one length at one position) one value may exceed its limit, if none does when
+    the set is measured again: the rule of ISO 10360-2; 0 switches it off.
     """
 
     lengths: Count
@@ -114,14 +117,14 @@ class EffectiveDiameter(_OnSphere):
 
 
 class SinglePoint(PlannedTest):
-    """Single-point articulation: points in a seat in each zone of the reach, one position a zone."""
+    """Single-point articulation: points in a seat, one position in each zone of the reach."""
 
     points: Count
     positions: Count
 
 
 class Volumetric(PlannedTest):
-    """Volumetric performance: lengths, in so many positions in all."""
+    """Volumetric performance: lengths at several positions in all."""
 
     lengths: Count
     positions: Count
@@ -129,7 +132,7 @@ class Volumetric(PlannedTest):
 
 
 class VerificationPlan(Document):
-    """A test plan; tests that it has not are not part of it."""
+    """A test plan; a test without an entry is not part of it."""
 
     name: Name
     title: Name
@@ -145,17 +148,17 @@ class VerificationPlan(Document):
     @model_validator(mode="after")
     def _not_empty(self) -> Self:
         if not self.tests:
-            raise InputError("expected a test, got none", hint=", ".join(sorted(TESTS)))
+            raise InputError("expected a test, got none", hint=f"add one of {', '.join(sorted(TESTS))}")
         return self
 
     @property
     def tests(self) -> dict[str, PlannedTest]:
         """The tests of the plan by name, in the order of the standards."""
-        found = {name: getattr(self, name) for name in TESTS}
-        return {name: test for name, test in found.items() if test is not None}
+        tests = {name: getattr(self, name) for name in TESTS}
+        return {name: test for name, test in tests.items() if test is not None}
 
     def unconfirmed(self) -> Iterator[tuple[str, float, str]]:
-        """Numbers that were recalled and not read: key, value and where it comes from."""
+        """Yield the numbers that are not confirmed: key, value and source."""
         for name, test in self.tests.items():
             for key in type(test).model_fields:
                 number = getattr(test, key)
@@ -163,8 +166,8 @@ class VerificationPlan(Document):
                     yield f"{name}.{key}", number.value, number.source  # type: ignore[attr-defined]
 
     def changed_numbers(self) -> Iterator[tuple[str, float, float]]:
-        """Numbers other than in the program's own plan after the same standard: key, value, value there."""
-        there = next((plan.tests for plan in map(_coming, PLANS) if plan.standard == self.standard), {})
+        """Yield the numbers that differ from truearm's plan after the same standard: key, value, value there."""
+        there = next((plan.tests for plan in map(_builtin, PLANS) if plan.standard == self.standard), {})
         for name, test in self.tests.items():
             for key in type(test).model_fields:
                 number, other = getattr(test, key), getattr(there.get(name), key, None)
@@ -178,7 +181,7 @@ TESTS = tuple(name for name, field in VerificationPlan.model_fields.items() if n
 
 
 def load_verification_plan(name: str | Path) -> VerificationPlan:
-    """Load a plan: one that comes with the program by its name, or a file.
+    """Load a plan of truearm by its name, or a file.
 
     Raises
     ------
@@ -186,28 +189,28 @@ def load_verification_plan(name: str | Path) -> VerificationPlan:
         If there is no plan of that name and no such file, or it breaks a rule of the format.
     """
     if str(name) in PLANS:
-        return _coming(str(name))
+        return _builtin(str(name))
     if not str(name).endswith(".toml"):
         raise InputError(
-            f"there is no plan {str(name)!r:.80}", hint=f"{', '.join(PLANS)}, or a file that ends in .toml"
+            f"there is no plan {str(name)!r:.80}", hint=f"use {', '.join(PLANS)}, or a file that ends in .toml"
         )
     return read_document(name, VerificationPlan)
 
 
 @cache
-def _coming(name: str) -> VerificationPlan:
-    """A plan that comes with the program, read once: simulated tests ask for it arm by arm."""
+def _builtin(name: str) -> VerificationPlan:
+    """A plan of truearm, read once: simulated tests ask for it for each arm."""
     return parse_toml(plan_text(name).encode(), VerificationPlan)
 
 
 def plan_text(name: str) -> str:
-    """The text of a plan that comes with the program, to edit.
+    """Return the text of a plan of truearm, to edit.
 
     Raises
     ------
     InputError
-        If there is none of that name.
+        If there is no plan of that name.
     """
     if name not in PLANS:
-        raise InputError(f"there is no plan {name!r:.80}", hint=" or ".join(PLANS))
+        raise InputError(f"there is no plan {name!r:.80}", hint=f"use {' or '.join(PLANS)}")
     return (files("truearm.verification.standards") / "plans" / f"{name}.toml").read_text(encoding="utf-8")
