@@ -10,7 +10,7 @@ from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.readings import read_lengths, read_session
-from truearm.verification.certificate.dcc import read_dcc
+from truearm.verification.certificate.dcc_reader import read_dcc
 
 READERS = [
     (read_session, ".csv"),

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truearm.verification.standards.artefacts import example_artefacts
-from truearm.verification.standards.layout import SHOULDER_SHARE, lay_out_tests
+from truearm.verification.standards.layout import lay_out_tests
+from truearm.verification.standards.positions import SHOULDER_SHARE
 from truearm.verification.standards.specification import example_specification
 from truearm.workflows.outputs import PageRecord
 from truearm.workflows.verify import (
@@ -22,7 +23,7 @@ from truearm.workflows.verify import (
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
-    from truearm.verification.standards.operator_sheet import OperatorSheet
+    from truearm.verification.standards.operator_sheet_figures import OperatorSheet
 
 # Of the example specification [mm].
 RANGE_MM = 2500.0
@@ -118,7 +119,7 @@ def operator_sheet(
     operator's sheet, 97 points of Articulated arm with contact probe, after ASME B89.4.22
     measuring range and artefacts: examples; give your own specification and artefacts
     """
-    from truearm.verification.standards.operator_sheet import OperatorSheet
+    from truearm.verification.standards.operator_sheet_figures import OperatorSheet
 
     files = [Path(one) for one in (plan, artefacts, specification) if isinstance(one, str | Path)]
     examples = [what for what, given in (("measuring range", specification), ("artefacts", artefacts)) if given is None]

@@ -114,8 +114,8 @@ def trend_figure(trends: Sequence[Trend]) -> Figure:
     ends = join_phrases(f"{trend.latest.label} {trend.latest.value_mm:.4f} mm" for trend, _ in charted)
     return Figure(
         panels,
-        caption="Above: the value of each check; grey: its limits and the mean, from earlier checks; orange: beyond the "
-        "limits; dotted: the limit of the specification. Below: cumulative sums of the deviations upwards and "
+        caption="Above: the value of each check; grey: its limits and the mean, from earlier checks; orange: beyond "
+        "the limits; dotted: the limit of the specification. Below: cumulative sums of the deviations upwards and "
         "downwards, in standard deviations, with the decision interval. Orange line: the beginning of the change.",
         alt=f"Control charts of {format_count(len(charted), 'value')} over the checks. Their last values: {ends}.",
         columns=2,

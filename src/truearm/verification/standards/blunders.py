@@ -27,8 +27,9 @@ ALONE = 0.1
 LEAST_MM = 0.001
 # Few points may agree without one by chance. With these numbers of points and equal noise, fewer than 1 in 1000
 # simulated groups had a single outlier: 0.5 in 1000 balls of 9 points (of 8: 3.3), 0.6 in 1000 seats of 6 whose points
-# scatter along one line and a fiftieth as far across it (of 5: 3.6), 0.2 in 1000 of 5 groups whose centres scatter a tenth as far
-# across (a fiftieth: 1.5; of 4 and a fiftieth: 15). Of 5 seats or groups that scatter alike in all directions none.
+# scatter along one line and a fiftieth as far across it (of 5: 3.6), 0.2 in 1000 of 5 groups whose centres scatter a
+# tenth as far across (a fiftieth: 1.5; of 4 and a fiftieth: 15). Of 5 seats or groups that scatter alike in all
+# directions none.
 LEAST_ON_BALL, LEAST_IN_SEAT, LEAST_GROUPS = 9, 6, 5
 
 
