@@ -281,25 +281,25 @@ POINTS = {
     "column twice": (first_column("repeat", "length"), ["column 'length'", "two columns have this name"]),
     "unknown test": (first("uni", "uni", "unit"), ["column 'test'", "unknown test 'unit'", "Try: uni"]),
     "another standard's": (first("uni", "uni", "volumetric"), ["has no 'repeat'", "leave the cell empty"]),
-    "unknown artefact": (lambda text: text.replace("ing,ball", "ing,bal"), ["has no sphere 'bal'", "Try: 'ball'"]),
-    "unknown length": (lambda text: text.replace(",150,", ",160,"), ["'bar' has no length '160'", "Try: '150'"]),
+    "unknown artefact": (lambda text: text.replace("ing,ball", "ing,bal"), ["has no sphere 'bal'", "Try: use one of 'ball'"]),
+    "unknown length": (lambda text: text.replace(",150,", ",160,"), ["'bar' has no length '160'", "Try: use one of '150'"]),
     "days to come": (
         lambda text: text.replace("2026", "2027"),
         ["line 2, column 'date': the date 2027-11-03 is in the future. Try: write year, month, day"],
     ),
-    "too early": (lambda text: text.replace("2026", "2025"), ["calibrated on 2026-01-15, after points were taken"]),
+    "too early": (lambda text: text.replace("2026", "2025"), ["calibrated on 2026-01-15, after points were measured"]),
     "no date": (first("uni", "2026-11-03", ""), ["column 'date'", "needs 'date', got an empty cell"]),
     "odd date": (
         lambda text: text.replace("2026-11-03", "3.11.2026"),
-        ["expected a date, got '3.11.2026'", "Try: 2026"],
+        ["expected a date, got '3.11.2026'", "Try: write year"],
     ),
     "no temperature": (first("probing", ",20.0", ","), ["column 'artefact_degC'", "needs the temperature"]),
     "end B warmer": (
         first(",1,150,1,B,", ",20.0", ",25.0"),
         ["test 'uni', length 150, position 1, repeat 1: end A was at 20", "no definite temperature"],
     ),
-    "a point warmer": (first("probing", ",20.0", ",25.0"), ["points of one group were taken at 20 and at 25 degC"]),
-    "fahrenheit": (lambda text: text.replace(",20.0", ",68.7"), ["in degC, got 68.7", "degrees Fahrenheit less 32"]),
+    "a point warmer": (first("probing", ",20.0", ",25.0"), ["points of one group were measured at 20 and at 25 degC"]),
+    "fahrenheit": (lambda text: text.replace(",20.0", ",68.7"), ["in degC, got 68.7", "convert from Fahrenheit"]),
     "kelvin": (lambda text: text.replace(",20.0", ",293.15"), ["column 'artefact_degC'", "in degC, got 293.15"]),
     "no group": (first("articulation", ",A,", ",,"), ["column 'group'", "needs 'group', got an empty cell"]),
     "odd repeat": (first("uni", ",1,A", ",one,A"), ["column 'repeat'", "expected a whole number", "got 'one'"]),
@@ -375,33 +375,33 @@ SLIPS = {
         "artefacts.toml",
         lambda text: text.replace("length_mm = 450.002", "length_mm = 470.002"),
         (
-            r"E_Uni, 450: -20\.00\d\d mm is 95\d times the limit, which no arm makes, and all that was measured "
-            r".*: check length_mm = 470\.002 of 'bar', and the names of its lengths in the points"
+            r"E_Uni, 450: -20\.00\d\d mm is 95\d times the limit: probably a blunder, and so are all "
+            r"measurements of this length; check length_mm = 470\.002 of 'bar', and the names of its lengths in the points"
         ),
     ),
     "an end": (
         "points.csv",
         moved("uni", (3, 4, 5), ("4", "900", "2"), by_mm=20.0, ends="B"),
-        r"E_Uni, 900: .* which no arm makes: check length 900, position 4, repeat 2 \(line \d+\), and that .*",
+        r"E_Uni, 900: .*: probably a blunder; check length 900, position 4, repeat 2 \(line \d+\), and that .*",
     ),
     "the diameter": (
         "artefacts.toml",
         lambda text: text.replace("diameter_mm = 25.0004", "diameter_mm = 25.4004"),
-        r"P_Size\.Sph\.1x25: -0\.40\d\d mm is 27 times the limit, which no arm makes: check diameter_mm of 'ball', .*",
+        r"P_Size\.Sph\.1x25: -0\.40\d\d mm is 27 times the limit: probably a blunder; check diameter_mm of 'ball', .*",
     ),
     "a point of a ball": (
         "points.csv",
         lambda text: text.replace(*off(text, 10, 3.0)),
         (
-            r"test 'probing', position 1: the point of line 10 alone is 1\.7 mm off the sphere of the others, whose "
-            r"form is 0\.00\d\d mm: measure the position again"
+            r"test 'probing', position 1: only the point of line 10 deviates, by 1\.7 mm from the sphere of the others, whose "
+            r"form is 0\.00\d\d mm; measure the position again"
         ),
     ),
     "a group": (
         "points.csv",
         moved("articulation", (3, 7), ("2", "C"), by_mm=3.0, ends=("",)),
         (
-            r"test 'articulation', position 2, group C \(line \d+\): its sphere alone lies apart, 2\.4 mm from the "
+            r"test 'articulation', position 2, group C \(line \d+\): only its sphere deviates, by 2\.4 mm from the "
             r"mean of all groups: measure the group again"
         ),
     ),
@@ -416,7 +416,7 @@ def off(text, line, by_mm):
 
 
 @pytest.mark.parametrize("what", SLIPS)
-def test_what_no_arm_does_is_told_beside_the_verdict(truearm, bench, what):
+def test_a_blunder_is_reported_beside_the_verdict(truearm, bench, what):
     file, change, told = SLIPS[what]
     good = json.loads(truearm(*options(), "--json").out)
     path = Path(file)
@@ -439,13 +439,13 @@ def test_single_points_in_a_seat_and_lengths_of_the_other_standard(truearm, benc
     found = json.loads(truearm(*options("asme-b89.4.22"), "--json").out)
     seat, length = found["remarks"][:2]
     assert seat == (
-        f"test 'single_point', position near: the point of line {line} alone is 1.8 mm from the mean of all points: "
+        f"test 'single_point', position near: only the point of line {line} deviates, by 1.8 mm from the mean of all points; "
         f"measure the position again"
     )
-    assert re.match(r"Volumetric\.Max, 900: -9\.00\d\d mm is 180 times .*: check length_mm = 909\.003 of 'bar'", length)
+    assert re.match(r"Volumetric\.Max, 900: -9\.00\d\d mm is 180 times .*; check length_mm = 909\.003 of 'bar'", length)
 
 
-def test_an_arm_out_of_adjustment_is_no_slip(truearm, bench):
+def test_an_arm_out_of_adjustment_is_no_blunder(truearm, bench):
     """Ten times its noise, 0.5 mm in a metre: not conform, and nothing is suspected."""
     good = json.loads(truearm(*options(), "--json").out)["remarks"]
     Path("points.csv").write_text(Made(noise_mm=0.05, too_large=1e-4, away_mm=0.2).iso().text())
@@ -454,7 +454,7 @@ def test_an_arm_out_of_adjustment_is_no_slip(truearm, bench):
     assert found["remarks"] == good
 
 
-def test_points_that_are_all_the_same_have_no_stray_one(truearm, bench):
+def test_equal_points_have_no_outlier(truearm, bench):
     """Seats of an arm with noise of 0.1 um: the one whose point is 2 mm off is told, the others scatter by nothing."""
     plan = plan_text("asme-b89.4.22")
     head, _, rest = plan.partition("[effective_diameter]")
@@ -519,7 +519,7 @@ def test_points_of_one_group_are_of_one_day(truearm, bench):
     path.write_text(first("probing,ball,2026-11-03,1", "2026-11-03", "2026-11-04")(path.read_text()))
     ran = truearm(*options())
     assert ran.code == 2
-    assert "points of one group were taken on 2026-11-04 and on 2026-11-03" in ran.err
+    assert "points of one group were measured on 2026-11-04 and on 2026-11-03" in ran.err
 
 
 def test_groups_of_two_places_are_not_taken_for_one(truearm, bench):
@@ -552,7 +552,7 @@ def test_groups_of_two_places_are_not_taken_for_one(truearm, bench):
             ["artefacts.toml", "not after its calibration"],
         ),
         ("artefacts.toml", "diameter_mm = 25.0004", "diameter_mm = 0.98427", ["calibrated 0.98427 mm, nominal 25 mm"]),
-        ("artefacts.toml", '"ball"', '"bar"', ["the artefact 'bar' stands twice"]),
+        ("artefacts.toml", '"ball"', '"bar"', ["the artefact 'bar' is given twice"]),
         (
             "artefacts.toml",
             "[[seats]]",
@@ -563,7 +563,7 @@ def test_groups_of_two_places_are_not_taken_for_one(truearm, bench):
         ("mpe.toml", "arm 2.5 m", "arm \\u001b]0;title\\u0007", ["name: expected plain text in one line", r"'\x1b'"]),
         ("artefacts.toml", '"K-101"', '"K\\n101"', ["certificate: expected plain text in one line", r"'\n'"]),
         ("mpe.toml", "measuring_range_mm", "measuring_range_m", ["mpe.toml: unknown key measuring_range_m"]),
-        ("mpe.toml", "E_Uni = {", "E_uni = {", ["unknown symbol 'E_uni'", "Try: E_Uni"]),
+        ("mpe.toml", "E_Uni = {", "E_uni = {", ["unknown symbol 'E_uni'", "Try: use E_Uni"]),
         (
             "mpe.toml",
             "{ B_um = 15 }",

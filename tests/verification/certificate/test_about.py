@@ -33,7 +33,7 @@ def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_pat
         read_administrative_data(tmp_path / "about.toml")
     assert refused.value.file == tmp_path / "about.toml"
     empty = re.findall(r'^(\w+) = ""', text, flags=re.M)
-    assert refused.value.problem.endswith(": it is empty")
+    assert refused.value.problem.endswith(": the text is empty")
     assert len(refused.value.problem.partition(":")[0].split(", ")) == len(empty) == 14
     filled = re.sub(r'^country = ""', 'country = "DE"', text.replace("# temp", "temp"), flags=re.M)
     filled = re.sub(r'^(\w+) = ""', r'\1 = "x"', filled, flags=re.M)
@@ -64,9 +64,11 @@ def test_what_is_wrong_is_said(changes, told):
 
 
 def test_days_must_fit_those_of_the_points():
-    with pytest.raises(InputError, match="issued on 2026-11-02, before the last points were taken on 2026-11-03"):
+    with pytest.raises(InputError, match="issued on 2026-11-02, before the last points were measured on 2026-11-03"):
         certificate(about(issued=DAY.replace(day=2), received=DAY.replace(day=1)))
-    with pytest.raises(InputError, match="the arm was received on 2026-11-04, after points were measured on 2026-11-03"):
+    with pytest.raises(
+        InputError, match="the arm was received on 2026-11-04, after points were measured on 2026-11-03"
+    ):
         certificate(about(received=DAY.replace(day=4)))
     assert certificate(about(received=DAY, issued=DAY)).begin == DAY
 

@@ -108,7 +108,7 @@ def test_a_certificate_of_a_verification_goes_to_a_file_and_back(made, tmp_path)
 
 
 def test_what_would_be_read_differently_is_not_written(tmp_path):
-    with pytest.raises(TruearmError, match="please report it"):
+    with pytest.raises(TruearmError, match="please report this"):
         write_dcc(replace(WHOLE, title="two  spaces\r\n"), tmp_path / "certificate.xml")
     assert not list(tmp_path.iterdir())
 
@@ -314,7 +314,7 @@ def test_no_other_encoding_hides_a_document_type():
 def test_a_long_file_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MAX_BYTES", 1000)
     write_dcc(WHOLE, tmp_path / "certificate.xml")
-    with pytest.raises(InputError, match=r"at most 0\.001 MB"):
+    with pytest.raises(InputError, match=r"larger than 0\.001 MB"):
         read_dcc(tmp_path / "certificate.xml")
 
 

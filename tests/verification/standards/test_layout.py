@@ -254,12 +254,14 @@ def test_artefacts_that_do_not_serve_are_refused(plan, artefacts, problem):
     assert refused.value.hint
 
 
-def test_what_has_no_place_is_refused():
+def test_a_length_without_a_position_is_refused():
     plan = edited("iso10360-12", uni={"longest_share": 0.0})
-    with pytest.raises(InputError, match="has no place before an arm with a reach of 900 mm"):
+    with pytest.raises(InputError, match="has no position before an arm with a reach of 900 mm"):
         lay_out_tests(plan, example_artefacts(RANGE), 1800.0)
     plan = edited("asme-b89.4.22", volumetric={"lengths": 1, "positions": 1000})
-    with pytest.raises(InputError, match=r"has \d+ places 30 mm apart .* 1000 mm, the plan asks for 1000") as refused:
+    with pytest.raises(
+        InputError, match=r"has \d+ positions 30 mm apart .* 1000 mm, the plan asks for 1000"
+    ) as refused:
         lay_out_tests(plan, bar_of(1500.0), 2000.0)
     assert "fewer positions" in refused.value.hint
     with pytest.raises(InputError, match="positive measuring range"):
@@ -276,7 +278,7 @@ def test_groups_from_memory_are_checked():
     group = as_measured([good], example_artefacts(RANGE)).tests["probing"][0]
     for test, changed, problem in (
         ("probbing", group, "unknown test"),
-        ("articulation", group, "is told by position, group, got position"),
+        ("articulation", group, "has the keys position, group, got position"),
         ("probing", PointGroup("ball", group.keys, group.points[:0], 20.0, 0.0, group.date), "finite points"),
         ("probing", PointGroup("ball", group.keys, group.points * np.nan, 20.0, 0.0, group.date), "finite points"),
     ):

@@ -52,7 +52,7 @@ def test_pages_hold_places_pictures_and_what_was_recalled():
     for phrase in ("bar\u00a07", "ball\u00a02", "check against your copy of the standard", "uni.positions = 7"):
         assert phrase in html
     assert 'class="to-fill"' in html
-    bars = section(page, "Where the bar lies")
+    bars = section(page, "Positions of the bar")
     assert len(bars.figures[0].panels) == 7
     for row in bars.tables[0].rows:
         start, end = np.array(row[1:4]), np.array(row[4:7])
@@ -65,7 +65,7 @@ def test_pages_hold_places_pictures_and_what_was_recalled():
         "seat\u00a02",
         "seat\u00a03",
     ]
-    assert "In groups" not in section(seats, "Which way the stylus points").text
+    assert "In groups" not in section(seats, "Directions of the stylus").text
 
 
 @pytest.mark.parametrize("keep", ["probing", "articulation", "uni", "single_point"])
@@ -73,16 +73,14 @@ def test_a_plan_of_one_test_has_no_empty_chapters(keep):
     whole = {**load_verification_plan("iso10360-12").tests, **load_verification_plan("asme-b89.4.22").tests}
     plan = VerificationPlan(name="mine", title="mine", standard="mine", **{keep: whole[keep]})
     page = operator_sheet_page(sheet_of(plan))
-    assert ("Where the bar lies" in [one.title for one in page.sections]) == (keep == "uni")
-    assert ("Which way the stylus points" in [one.title for one in page.sections]) == (
-        keep in ("probing", "articulation")
-    )
+    assert ("Positions of the bar" in [one.title for one in page.sections]) == (keep == "uni")
+    assert ("Directions of the stylus" in [one.title for one in page.sections]) == (keep in ("probing", "articulation"))
     assert "<svg" in render(page)
 
 
 def test_the_sheet_says_how_seats_and_balls_are_touched():
     page = operator_sheet_page(sheet_of(load_verification_plan("iso10360-12")))
-    assert "on a ball five all over its half" in section(page, "Where the bar lies").text
+    assert "five points all over the half of a ball" in section(page, "Positions of the bar").text
     steps = [row[1] for row in section(page, "Step by step").tables[0].rows if "test 'uni'" in row[1]]
     assert steps
     assert all("in a seat one point, on a ball five all over it" in step for step in steps)
@@ -130,5 +128,5 @@ def test_it_prints_whole(tmp_path):
     assert all("what to do" in one for one in steps)
     found = [int(number) for one in steps for number in re.findall(r"(?m)^ *(\d+) +(?:Ball|Bar)", one)]
     assert found == list(range(1, 20))
-    (bars,) = [one for one in sheets if "Where the bar lies" in one]
+    (bars,) = [one for one in sheets if "Positions of the bar" in one]
     assert "Each place from above and from the side" in bars

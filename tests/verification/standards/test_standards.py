@@ -193,7 +193,7 @@ def test_how_much_less_a_cap_tells_is_what_simulated_fits_scatter_by():
         found = [fit_sphere(10 * points + 1e-3 * rng.normal(size=(9, 3))) for _ in range(300)]
         states = np.array([[*one.centre, one.radius_mm] for one in found])
         scatter.append(np.sqrt(np.linalg.eigvalsh(np.cov(states.T))[-1]))
-    with pytest.raises(InputError, match=r"known 5\.1 times"):
+    with pytest.raises(InputError, match=r"5\.1 times more uncertain"):
         check_spread(cap(9, 45), 9)
     assert scatter[1] / scatter[0] == pytest.approx(5.1, rel=0.15)
 

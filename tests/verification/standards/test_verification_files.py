@@ -148,7 +148,10 @@ BAR = BALL.replace("spheres", "bars").replace("diameter_mm = 25.0004\nu_diameter
             BALL.replace("u_diameter_mm", "U_diameter_mm"),
             "unknown key U_diameter_mm. Try: write u_diameter_mm, the standard uncertainty (k = 1): half of",
         ),
-        (BAR.replace("u_mm", "U_mm"), "bars[1].lengths[1]: unknown key U_mm. Try: write u_mm, the standard uncertainty"),
+        (
+            BAR.replace("u_mm", "U_mm"),
+            "bars[1].lengths[1]: unknown key U_mm. Try: write u_mm, the standard uncertainty",
+        ),
         (BALL.replace("2026-01-15", "15.01.2026"), "line 4: not valid TOML: Expected newline"),
         (BAR.replace("u_mm = 0.001", "u_mm = 20"), "ball, 1000: u_mm = 20 mm"),
         (BAR.partition("[[bars.lengths]]")[0], "the key bars[1].lengths is missing"),
@@ -166,7 +169,7 @@ def test_an_artefact_is_looked_up_by_kind_and_serves_while_its_certificate_does(
     artefacts = parse_toml((BALL + BAR.replace('"ball"', '"bar"')).encode(), Artefacts)
     artefacts.sphere("ball").check_valid(datetime.date(2026, 1, 15))
     artefacts.sphere("ball").check_valid(datetime.date(2027, 1, 15))
-    with pytest.raises(InputError, match=r"'K-1' of 'ball' expired on 2027-01-15; points were taken on 2027-01-16"):
+    with pytest.raises(InputError, match=r"'K-1' of 'ball' expired on 2027-01-15; points were measured on 2027-01-16"):
         artefacts.sphere("ball").check_valid(datetime.date(2027, 1, 16))
     with pytest.raises(InputError, match="was calibrated on 2026-01-15, after points were measured"):
         artefacts.sphere("ball").check_valid(datetime.date(2026, 1, 14))
@@ -200,7 +203,7 @@ def test_the_three_forms_of_a_limit():
     assert spec.limit("E_Bi", 2000.0) == pytest.approx(0.058)
     assert spec.limit("L_Dia.5x5") == pytest.approx(0.040)
     assert spec.limit("P_Size.Sph.1x25") is None
-    with pytest.raises(InputError, match=r"limits.E_Bi: this test has no length: its limit is B_um alone"):
+    with pytest.raises(InputError, match=r"limits.E_Bi: this test has no length, and its limit depends on one"):
         spec.limit("E_Bi")
 
 
@@ -208,7 +211,7 @@ def test_the_three_forms_of_a_limit():
     ("limits", "phrase"),
     [
         ("E_Unidir = { B_um = 30 }", "unknown symbol 'E_Unidir'. Try: use E_Uni"),
-        ("colour = { B_um = 30 }", f"unknown symbol 'colour'. Try: {', '.join(SYMBOLS)}"),
+        ("colour = { B_um = 30 }", f"unknown symbol 'colour'. Try: use {', '.join(SYMBOLS)}"),
         ('E_Uni = { B_um = 30 }\n"E_Uni:0" = { B_um = 30 }', "the limit of E_Uni is given twice"),
         ("E_Uni = { A_um = 30 }", "A_um and K_mm_per_um belong together"),
         ("E_Uni = {}", "got none"),

@@ -261,9 +261,8 @@ def _look_up(artefacts: tuple[A, ...], name: str, kind: str) -> A:
         if one.name == name:
             return one
     known = ", ".join(repr(one.name) for one in artefacts)
-    raise InputError(
-        f"the file of artefacts has no {kind} {name!r}", hint=f"use one of {known}, or add it under [[{kind}s]]"
-    )
+    hint = f"use one of {known}, or add it under [[{kind}s]]" if known else f"add it under [[{kind}s]]"
+    raise InputError(f"the file of artefacts has no {kind} {name!r}", hint=hint)
 
 
 def _check_once(names: list[str], what: str) -> None:

@@ -43,23 +43,23 @@ def of_groups(centres) -> list[str]:
 
 
 @pytest.mark.parametrize("n", [7, 8, 9])
-def test_of_balls_with_equal_noise_fewer_than_1_in_1000_have_a_point_alone(n):
+def test_of_balls_with_equal_noise_fewer_than_1_in_1000_have_an_outlier(n):
     """Touched anywhere on the upper half. Seven leave two to spare without one, and agree more often."""
-    rng, told, many = np.random.default_rng(n), 0, 4000
+    rng, remarks, many = np.random.default_rng(n), 0, 4000
     for _ in range(many):
         towards = rng.normal(size=(n, 3))
         towards[:, 2] = np.abs(towards[:, 2])
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
         try:
-            told += len(of_ball(12.5 * towards + 0.01 * rng.normal(size=(n, 3))))
-        except InputError:  # directions so near each other that they tell no ball
+            remarks += len(of_ball(12.5 * towards + 0.01 * rng.normal(size=(n, 3))))
+        except InputError:  # directions that do not determine a ball
             continue
-    assert told <= FALSE_REMARKS * many
+    assert remarks <= FALSE_REMARKS * many
 
 
 @pytest.mark.parametrize("n", [4, 5, 6, 7])
 @pytest.mark.parametrize("across", [0.02, 1.0])
-def test_of_seats_with_equal_noise_fewer_than_1_in_1000_have_a_point_alone(n, across):
+def test_of_seats_with_equal_noise_fewer_than_1_in_1000_have_an_outlier(n, across):
     """Along one line mostly is worst, as of a loose joint."""
     rng, many = np.random.default_rng(n), 10_000
     scattered = 0.02 * rng.normal(size=(many, n, 3)) * [1.0, across, across]
@@ -67,14 +67,14 @@ def test_of_seats_with_equal_noise_fewer_than_1_in_1000_have_a_point_alone(n, ac
 
 
 @pytest.mark.parametrize(
-    ("told", "least", "good"),
+    ("report", "least", "good"),
     [(of_ball, 9, 12.5 * hemisphere(9)), (of_seat, 6, np.zeros((6, 3))), (of_groups, 5, np.zeros((5, 3)))],
 )
-def test_from_so_many_on_the_one_that_is_off_is_told(told, least, good):
+def test_a_single_outlier_is_reported_from_the_least_number_of_points(report, least, good):
     rng = np.random.default_rng(0)
     points = good + 0.005 * rng.normal(size=good.shape)
-    assert told(points) == []
+    assert report(points) == []
     points[2] += [0.0, 0.0, 1.0]
     assert len(points) == least
-    assert "alone" in told(points)[0]
-    assert told(points[:-1]) == []
+    assert "only" in report(points)[0]
+    assert report(points[:-1]) == []
