@@ -45,7 +45,7 @@ def test_every_point_is_in_a_step_and_named_as_the_file_has_it(name):
     assert ("3 times" in said) == (name == "iso10360-12")
 
 
-def test_pages_hold_places_pictures_and_what_was_recalled():
+def test_the_page_has_positions_figures_and_unconfirmed_numbers():
     page = operator_sheet_page(sheet_of(load_verification_plan("iso10360-12")))
     html = render(page)
     assert html == render(page)
@@ -58,9 +58,9 @@ def test_pages_hold_places_pictures_and_what_was_recalled():
         start, end = np.array(row[1:4]), np.array(row[4:7])
         assert np.linalg.norm(end - start) == pytest.approx(1360, abs=20)  # told to a centimetre
         assert np.degrees(np.arcsin(abs(end - start)[2] / 1360)) == pytest.approx(row[7], abs=1.5)
-    assert "below the base" in section(page, "Where").text
+    assert "below the base" in section(page, "Positions").text
     seats = operator_sheet_page(sheet_of(load_verification_plan("asme-b89.4.22")))
-    assert [row[0] for row in section(seats, "Where").tables[0].rows][1:] == [
+    assert [row[0] for row in section(seats, "Positions").tables[0].rows][1:] == [
         "seat\u00a01",
         "seat\u00a02",
         "seat\u00a03",
@@ -78,13 +78,13 @@ def test_a_plan_of_one_test_has_no_empty_chapters(keep):
     assert "<svg" in render(page)
 
 
-def test_the_sheet_says_how_seats_and_balls_are_touched():
+def test_the_sheet_describes_how_to_touch_seats_and_balls():
     page = operator_sheet_page(sheet_of(load_verification_plan("iso10360-12")))
     assert "five points all over the half of a ball" in section(page, "Positions of the bar").text
     steps = [row[1] for row in section(page, "Step by step").tables[0].rows if "test 'uni'" in row[1]]
     assert steps
     assert all("in a seat one point, on a ball five all over it" in step for step in steps)
-    written = section(page, "What to write down").text
+    written = section(page, "Records").text
     assert "tip_diameter_mm" in written
     assert "switch that off for seats" in written
     seats = operator_sheet_page(sheet_of(load_verification_plan("asme-b89.4.22")))
@@ -119,13 +119,13 @@ def test_directions_are_told_as_seen_from_the_arm():
         assert re.match("from beyond and the right", describe_direction(leaning(ball - 45, 30), at))
 
 
-def test_it_prints_whole(tmp_path):
+def test_it_prints_completely(tmp_path):
     """A4: heads of the step table on each of its sheets, no step lost, no caption parted from its picture."""
     sheet = sheet_of(load_verification_plan("iso10360-12"))
     sheets = printed(operator_sheet_page(sheet), tmp_path)
     assert 4 <= len(sheets) <= 6
     steps = [one for one in sheets if re.search(r"test '", one)]
-    assert all("what to do" in one for one in steps)
+    assert all("action" in one for one in steps)
     found = [int(number) for one in steps for number in re.findall(r"(?m)^ *(\d+) +(?:Ball|Bar)", one)]
     assert found == list(range(1, 20))
     (bars,) = [one for one in sheets if "Positions of the bar" in one]

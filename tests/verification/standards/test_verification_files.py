@@ -165,7 +165,7 @@ def test_wrong_or_inconsistent_certificates_are_refused(tmp_path, text, phrase):
     assert phrase in str(refused.value)
 
 
-def test_an_artefact_is_looked_up_by_kind_and_serves_while_its_certificate_does():
+def test_an_artefact_is_looked_up_by_kind_and_needs_a_valid_certificate():
     artefacts = parse_toml((BALL + BAR.replace('"ball"', '"bar"')).encode(), Artefacts)
     artefacts.sphere("ball").check_valid(datetime.date(2026, 1, 15))
     artefacts.sphere("ball").check_valid(datetime.date(2027, 1, 15))
