@@ -134,7 +134,7 @@ class IdentifiedModel(Compensator):
             self.variance_function_ = fit_variance_function(held_out, angles)
             share = self.variance_function_.share(angles[held_out.rows])
             variance = conformal_residual_variance(replace(held_out, freedom=share * held_out.freedom))
-            if len(held_out.rows) < len(self.held_out_.rows):  # few may be left, and those the best known
+            if len(held_out.rows) < len(self.held_out_.rows):  # few may remain, and those the best known
                 variance = max(variance, noise_variance)
         else:
             self.variance_function_ = VarianceFunction.flat(angles.shape[1])
@@ -222,10 +222,10 @@ class IdentifiedModel(Compensator):
 
 
 def _places_the_frame(term: Term) -> bool:
-    """Whether a constant only says where the arm's frame is: its base, and zero and height of joint 1.
+    """Whether a constant only places the arm's frame: its base, and offset and height of joint 1.
 
-    Seats and lengths tell how points lie to one another. The frame is then the arm's own, with the axis and zero of
-    joint 1 as drawn (L. J. Everett, T.-W. Hsu, "The theory of kinematic parameter identification for industrial
+    Seats and lengths determine points relative to each other. The frame is then the arm's own, with the nominal axis
+    and offset of joint 1 (L. J. Everett, T.-W. Hsu, "The theory of kinematic parameter identification for industrial
     robots", J. Dyn. Sys. Meas. Control 110 (1988) 96, on what a choice of frames leaves to identify).
     """
     along_own_axis = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -237,10 +237,10 @@ def _places_the_frame(term: Term) -> bool:
 def cross_validation_groups(readings: Session, sessions: Iterable[str] = ()) -> IntArray:
     """(n,) numbers of the groups that a fair test keeps together.
 
-    A reading's group is its position; where it names none, its seat; else it is its own. What would put all readings
-    into one group counts for nothing, nor does what would put all points of one of `sessions` into one, those that have
-    a frame of their own: nothing else would tell it. Readings of a single seat are parted in `PARTS_OF_A_SEAT`, as they
-    follow each other.
+    A reading's group is its position; without one, its seat; without both, the reading alone. A column that would put
+    all readings into one group is ignored, and so is one that would put all points of one of `sessions` into one group,
+    as nothing else would determine its frame. Readings of a single seat are divided into `PARTS_OF_A_SEAT` parts, in
+    their order.
     """
     n = len(readings)
     group = np.arange(n)
@@ -261,14 +261,14 @@ def cross_validation_groups(readings: Session, sessions: Iterable[str] = ()) -> 
 
 
 class NominalModel(IdentifiedModel):
-    """The nominal kinematics, with only base and tip fitted, as far as they are free.
+    """The nominal kinematics; only base and tip are identified, as far as they are free.
 
     Parameters
     ----------
     arm : Arm
     free : tuple of str
-        Which of ``"base"`` (where the arm stands in the reference's frame) and ``"tip"`` (where the tip sits on the
-        flange) are unknown. With none, points are in the arm's own base frame and the tip is as drawn.
+        Which of ``"base"`` (place of the arm in the reference's frame) and ``"tip"`` (place of the tip on the flange)
+        are unknown. With none, points are in the arm's base frame and the tip is nominal.
     """
 
     _is_nominal: ClassVar[bool] = True
@@ -284,18 +284,17 @@ class NominalModel(IdentifiedModel):
 class KinematicModel(IdentifiedModel):
     """The arm's true constants: six small motions after every joint, the base and the tip.
 
-    More constants than any minimal parametrisation; what the readings cannot tell apart is held by a Gaussian prior
-    about the nominal arm, whose scales evidence finds, so that no list of fixed parameters is needed and near-parallel
-    axes need no special form.
+    More constants than any minimal parametrisation; combinations that are not identifiable stay near the nominal arm by
+    a Gaussian prior, whose scales evidence determines. No list of fixed parameters is needed, and near-parallel axes
+    need no special form.
 
     Parameters
     ----------
     arm : Arm
     free : tuple of str
-        Which of ``"base"`` and ``"tip"`` are unknown altogether; the others are known as well as any constant of the
-        arm.
+        Which of ``"base"`` and ``"tip"`` are unknown; the others have the prior of any constant of the arm.
     robust : bool
-        Whether readings far off weigh less, for the nominal arm to compare with too.
+        Whether outliers have a smaller weight, for the nominal arm to compare with too.
     """
 
     def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip"), robust: bool = True) -> None:
@@ -308,18 +307,17 @@ class KinematicModel(IdentifiedModel):
 
 
 class PhysicalModel(IdentifiedModel):
-    """The arm with every term that its readings can show; evidence decides which it has, and how large.
+    """The arm with every term that its readings can determine; evidence selects terms and their scales.
 
     Parameters
     ----------
     arm : Arm
     free : tuple of str
-        Which of ``"base"`` and ``"tip"`` are unknown altogether; the others are known as well as any constant of the
-        arm.
+        Which of ``"base"`` and ``"tip"`` are unknown; the others have the prior of any constant of the arm.
     highest : int
-        Highest order of harmonics about a joint's own axis that is offered.
+        Highest order of the harmonics offered about a joint's own axis.
     robust : bool
-        Whether readings far off weigh less, for the nominal arm to compare with too.
+        Whether outliers have a smaller weight, for the nominal arm to compare with too.
     """
 
     def __init__(

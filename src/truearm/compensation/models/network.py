@@ -1,4 +1,4 @@
-"""The network model of the founding paper: straight from joint angles to coordinates."""
+"""The network model of Gao et al. (2017): from joint angles to coordinates, without kinematics."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ class Member:
 class NetworkModel(Compensator):
     """Multilayer perceptrons from joint angles to coordinates, as Gao et al. (2017) train them.
 
-    They know nothing of kinematics: they need thousands of readings and hold only within their joint ranges.
+    They use no kinematics, so they need thousands of readings and are valid only within their joint ranges.
 
     Parameters
     ----------
     arm : Arm
-        Serves the comparison with the nominal arm only.
+        Used only for the comparison with the nominal arm.
     hidden : tuple of int
         Units of the hidden layers.
     activation : str
@@ -75,16 +75,16 @@ class NetworkModel(Compensator):
         regularisation: slower, but no overfitting where readings are few), ``"traingd"`` or ``"traingdx"`` (gradient
         descent: thousands of epochs for a rough fit; here because others report it).
     epochs : int
-        At most so many a training.
+        Maximum epochs per training run.
     goal : float
         Mean squared error of scaled outputs at which to stop.
     validation : float
-        Share of the readings set aside; training stops when the error on them grows, and the best weights are kept.
+        Share of the readings used for validation; training stops when their error grows, and the best weights are kept.
     max_fail : int
         Epochs in a row without a better validation error that stop it; ``"trainbr"`` does not stop so.
     n_restarts : int
         Trainings of a member, each from start weights of its own. The one with the smallest validation error is kept,
-        the smallest training error where nothing is set aside.
+        the smallest training error without validation data.
     n_members : int
         Networks of the ensemble, each with start weights and a division into training and validation data of its own.
         Their mean is the prediction.
@@ -151,14 +151,14 @@ class NetworkModel(Compensator):
     def member_scatter(self, angles: npt.ArrayLike) -> FloatArray:
         """(n, 3, 3) covariance of the members' points about their mean [mm^2]; zero where there is one member.
 
-        Small where the readings were, large where they do not tell what to predict.
+        Small within the training readings, large where they do not determine the prediction.
         """
         return self._scatter(self._checked_angles(angles))
 
     def _check_references(self, readings: Session, lengths: Lengths | None) -> int:
         if lengths is not None:
             raise InputError(
-                "a network learns from points alone, and lengths between seats were given with them",
+                "a network learns from points only, and lengths between seats were given",
                 hint="fit it without lengths, or fit a kinematic or physical model",
             )
         return super()._check_references(readings, lengths)
@@ -175,10 +175,10 @@ class NetworkModel(Compensator):
         readings = data.session
         if self.session_frames_:
             raise readings.error(
-                f"the readings are of {len(self.session_frames_)} sessions, each in a frame of its own, and a network "
-                "learns one",
+                f"the readings are of {len(self.session_frames_)} sessions, each in its own frame, and a network "
+                "learns one frame",
                 column="session",
-                hint="the readings of one session (truearm split --by session), or a physical model",
+                hint="use the readings of one session (truearm split --by session), or a physical model",
             )
         points = readings.points
         assert points is not None  # checked
@@ -221,7 +221,7 @@ class NetworkModel(Compensator):
             weights, record = TRAINERS[self.trainer](
                 training,
                 weights,
-                callback=self._teller(number * self.n_restarts + restart, progress),
+                callback=self._epoch_callback(number * self.n_restarts + restart, progress),
                 **options,
             )
             error = float((record.perf if validation is None else record.vperf)[record.best_epoch])
@@ -230,13 +230,13 @@ class NetworkModel(Compensator):
         assert best is not None  # one start at least
         return best
 
-    def _teller(self, done: int, progress: Callable[[int, str], None]) -> Callable[[Epoch], None]:
+    def _epoch_callback(self, done: int, progress: Callable[[int, str], None]) -> Callable[[Epoch], None]:
         """Progress of a training after `done` others: errors in mm instead of scaled squares."""
         scale = float(np.sqrt(np.mean(self.point_scale_.half_range**2)))
         n_trainings = self.n_members * self.n_restarts
         first = f"training {done + 1}/{n_trainings}, " if n_trainings > 1 else ""
 
-        def tell(state: Epoch) -> None:
+        def report(state: Epoch) -> None:
             note = f"{first}epoch {state.epoch}, rms error {scale * np.sqrt(state.perf):.3g} mm"
             if np.isfinite(state.vperf):
                 note += f", validation {scale * np.sqrt(state.vperf):.3g} mm"
@@ -244,7 +244,7 @@ class NetworkModel(Compensator):
                 note += f", mu {state.mu:.0e}"
             progress(done * self.epochs + state.epoch, note)
 
-        return tell
+        return report
 
     def _stream(self, member: int, restart: int) -> int:
         """The seed of a start, or of a member's division (restart 0); that of the first is `seed` itself."""
@@ -254,13 +254,13 @@ class NetworkModel(Compensator):
         return int(words[0]) << 64 | int(words[1])
 
     def _check_enough(self, training: FitProblem, readings: Session) -> None:
-        """Refuse to train a network, with nothing set aside, that can repeat every reading."""
+        """Refuse a network that can fit every reading exactly, without validation data."""
         if self.trainer != "trainbr" and training.n_errors <= self.network_.n_weights:
             raise readings.error(
                 f"{training.inputs.shape[1]} readings give {training.n_errors} coordinates for "
-                f"{self.network_.n_weights} weights: the network would repeat them, and nothing would tell how wrong "
-                "it is elsewhere",
-                hint="set readings aside (validation=0.15), trainbr, more readings, fewer units, the kinematic model",
+                f"{self.network_.n_weights} weights: the network would fit them exactly, and its error elsewhere "
+                "would be unknown",
+                hint="use validation data (validation=0.15), trainbr, more readings, fewer units or the kinematic model",
             )
 
     def _check_options(self) -> None:
@@ -281,12 +281,12 @@ class NetworkModel(Compensator):
     def _residual_covariance(
         self, angles: FloatArray, points: FloatArray, judges: list[IntArray], *, apart: bool
     ) -> FloatArray:
-        """What a member leaves over: on the readings by which it is judged, over and above the members' scatter."""
+        """Residual covariance of a member on its judging readings, in excess of the members' scatter."""
         parts = []
         for member, rows in zip(self.members_, judges, strict=True):
             residuals = self._points(member, self.angle_scale_.scale(angles[rows].T)) - points[rows]
             squares = residuals.T @ residuals / len(rows)
-            if len(rows) < MIN_ROWS:  # too few to tell directions apart
+            if len(rows) < MIN_ROWS:  # too few for three directions
                 squares = np.trace(squares) / 3 * np.eye(3)
             parts.append(squares if apart else squares / self._free_share(member, residuals.size))
         covariance = np.mean(parts, axis=0)
@@ -298,7 +298,7 @@ class NetworkModel(Compensator):
         return np.asarray(covariance)
 
     def _free_share(self, member: Member, n_coordinates: int) -> float:
-        """Share of the training coordinates' freedom that the weights in use have left."""
+        """Degrees of freedom that the weights leave, as a share of the training coordinates."""
         in_use = member.record.gamk[-1] if isinstance(member.record, BayesianRecord) else self.network_.n_weights
         return max(1 - in_use / n_coordinates, 1e-3)
 
@@ -337,11 +337,11 @@ class NetworkModel(Compensator):
         return out
 
     def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
-        """What the data left open of the weights, and what members leave over.
+        """Uncertainty of the weights, and the residual covariance of members.
 
         The first is the second, times the leverage of the last hidden layers, and the members' scatter. The leverage is
         that of a Bayesian linear output layer. Hidden units saturate, so that it does not grow without bound far
-        outside; the scatter does not hold the error that all members share. Such rows are flagged instead.
+        outside; the scatter does not include the error that all members share. Such rows are flagged instead.
         """
         angles = readings.angles
         inputs = self.angle_scale_.scale(angles.T)
@@ -349,8 +349,8 @@ class NetworkModel(Compensator):
         for member in self.members_:
             basis = self._basis(member.weights, inputs)
             leverage += np.einsum("ni,ij,nj->n", basis, member.basis_covariance, basis) / len(self.members_)
-        left_over = np.broadcast_to(self.residual_covariance_, (len(angles), 3, 3))
-        return leverage[:, None, None] * left_over + self._scatter(angles), left_over
+        residual = np.broadcast_to(self.residual_covariance_, (len(angles), 3, 3))
+        return leverage[:, None, None] * residual + self._scatter(angles), residual
 
 
 def _check_motion(arm: Arm, readings: Session, points: FloatArray) -> None:
@@ -362,12 +362,12 @@ def _check_motion(arm: Arm, readings: Session, points: FloatArray) -> None:
                 f"joint {name} is at {values[0]:.6g} {unit} in all {len(readings)} readings: a network cannot learn "
                 "from a joint that does not move",
                 column=None if readings.angle_columns is None else readings.angle_columns[joint],
-                hint='readings in which it moves, or an arm without it (type = "fixed" in an arm file)',
+                hint='measure readings in which it moves, or describe it as type = "fixed" in the arm file',
             )
     for axis, values in zip("xyz", points.T, strict=True):
         if values.min() == values.max():
             raise readings.error(
                 f"the coordinate {axis} is {values[0]:.6g} mm in all {len(readings)} readings: a network has nothing "
-                "to learn in it",
-                hint="readings that leave this plane, the kinematic model",
+                "to learn from it",
+                hint="measure readings outside this plane, or use the kinematic model",
             )

@@ -1,4 +1,4 @@
-"""What readings say of their tips, as identification takes it."""
+"""References of a session, as identification uses them: points, seats, surfaces, orientations."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from truearm.typing import FloatArray, IntArray, NameArray
 
 # Share of the reach by which points must be spread to both sides of a line.
 MIN_POINT_SPREAD = 1e-3
-# Share by which a stated length or distance may differ from that of the arm as drawn. Real arms are within a hundredth
-# of their drawings; radii in place of distances, other units and other seats are not.
+# Share by which a stated length or distance may differ from that of the nominal arm. Real arms are within a hundredth
+# of their nominal lengths; radii in place of distances, other units and other seats are not.
 MAX_SIZE_ERROR = 0.05
-# Readings that it takes to find a surface.
+# Readings needed to locate a surface.
 MIN_READINGS_ON = {"sphere": Spheres.least, "plane": Planes.least, "line": Lines.least}
 
 
@@ -41,7 +41,7 @@ def state_of(
     columns: Mapping[str, float] | None = None,
     direction: float | None = None,
 ) -> ArmState:
-    """State of the arm at readings; where they have no temperature, column or directions, the given ones stand in."""
+    """State of the arm at readings; the arguments replace a temperature, columns or directions that are not stated."""
     n = len(readings)
     temperature = readings.temperature_degC
     if temperature is None and temperature_degC is not None:
@@ -63,26 +63,24 @@ def state_of(
 def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]:
     """References of the readings, one of a kind.
 
-    Lengths are as long as they are at the temperature of the readings in their seats, where their expansion is known.
-    A seat with one reading, or one pose again and again, and no known length says nothing and is left out; so are
-    lengths between other seats, and surfaces of fewer readings without a point than it takes to find them (see
-    `surfaces_with_too_few_readings`).
+    Lengths are those at the temperature of the readings in their seats, where their expansion is known. Ignored are
+    seats with one reading or one repeated pose and no known length, lengths between other seats, and surfaces with too
+    few readings without a point (see `surfaces_with_too_few_readings`).
 
-    A reading whose tip was held in a seat while an instrument saw it says both: where the tip was, but for the
-    instrument's noise, and that it was where the seat's other readings were, but for the touch. Both count, each kind
-    with the noise that is found of it.
+    A reading in a seat that also has a reference point counts twice: as a point, with the noise of the instrument, and
+    as a reading of its seat, with the noise of the contact.
 
     Raises
     ------
     InputError
-        If there is nothing.
+        If the session has no reference.
     """
-    found: list[Reference] = []
+    references: list[Reference] = []
     seen = np.flatnonzero(readings.has_point)
     if len(seen):
         assert readings.points is not None
         std = None if readings.point_std is None else readings.point_std[seen]
-        found.append(Points(seen, readings.points[seen], std))
+        references.append(Points(seen, readings.points[seen], std))
     seat = readings.seat
     held = np.flatnonzero(seat != "") if seat is not None else np.zeros(0, dtype=np.intp)
     if len(held):
@@ -91,7 +89,7 @@ def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]
         ends = [name for row in between for name in row[:2]]
         held = held[np.isin(seat[held], np.array([*_in_poses(readings, held), *ends], dtype=seat.dtype))]
         if len(held):
-            found.append(seats_of(held, seat[held], between))
+            references.append(seats_of(held, seat[held], between))
     surfaces: dict[str, Callable[[IntArray, NameArray], Reference]] = {
         "sphere": lambda rows, names: spheres_of(rows, names, _radii(readings, rows)),
         "plane": planes_of,
@@ -104,17 +102,17 @@ def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]
         names = getattr(readings, kind)
         touched = touched[~np.isin(names[touched], few)] if len(touched) else touched
         if len(touched):
-            found.append(made(touched, names[touched]))
+            references.append(made(touched, names[touched]))
     turned = rows_with_orientation(readings)
     if len(turned):
-        found.append(Orientations(turned, _orientations(readings, turned)))
-    if not found:
+        references.append(Orientations(turned, _orientations(readings, turned)))
+    if not references:
         raise InputError(
             "expected reference points (x_mm, y_mm, z_mm), seats of two readings or more, spheres of four, planes of "
-            "three, lines of two or orientations to learn from, the readings have none",
+            "three, lines of two or orientations, the readings have none of these",
             file=readings.file,
         )
-    return found
+    return references
 
 
 def check_sizes(
@@ -124,10 +122,10 @@ def check_sizes(
     fit_nominal: Callable[[Sequence[Reference]], IdentificationResult],
     state: ArmState,
 ) -> None:
-    """Check that known lengths and distances are about those of the arm as drawn.
+    """Check that known lengths and distances are about those of the nominal arm.
 
-    Points show when an arm is described wrongly. Seats and surfaces agree with an arm of any size, and a length in
-    another unit would make one that is as much larger, without a sign of it.
+    Points show when an arm is described wrongly. Seats and surfaces agree with an arm of any size: a length in another
+    unit would scale the arm, and nothing else would show it.
 
     Parameters
     ----------
@@ -136,35 +134,35 @@ def check_sizes(
     references : sequence of Reference
         Of both.
     fit_nominal : callable
-        Gives the arm as drawn with base and tip identified from references.
+        Returns the nominal arm with base and tip identified from references.
     state : ArmState
         Of the readings.
 
     Raises
     ------
     InputError
-        If the arm as drawn, identified without them, has another length by a share of more than `MAX_SIZE_ERROR`
-        beyond three standard deviations.
+        If a length differs from that of the nominal arm, identified without lengths, by more than a share of
+        `MAX_SIZE_ERROR` and three standard deviations.
     """
     bare = [_without_sizes(reference) for reference in references]
     if all(one is reference for one, reference in zip(bare, references, strict=True)):
         return
-    told = constraint_residuals(fit_nominal(bare), state, bare, references)
-    assert told is not None  # some are without what they state
-    drawn, stated = told.values.T
-    most = MAX_SIZE_ERROR * stated + 3 * np.sqrt(told.covariance.diagonal() + told.std**2)
-    excess = np.abs(told.residuals) / most
+    residuals = constraint_residuals(fit_nominal(bare), state, bare, references)
+    assert residuals is not None  # some references state a length
+    drawn, stated = residuals.values.T
+    most = MAX_SIZE_ERROR * stated + 3 * np.sqrt(residuals.covariance.diagonal() + residuals.std**2)
+    excess = np.abs(residuals.residuals) / most
     worst = int(np.argmax(excess))
     if excess[worst] > 1:
-        of_sphere = told.names[worst].startswith("distance")
+        of_sphere = residuals.names[worst].startswith("distance")
         raise InputError(
-            f"expected a {told.names[worst]} of about {drawn[worst]:.4g} mm, as the arm as drawn has it, "
+            f"expected a {residuals.names[worst]} of about {drawn[worst]:.4g} mm, as the nominal arm has, "
             f"got {stated[worst]:.6g} mm",
             file=readings.file if of_sphere or lengths is None else lengths.file,
             column="sphere_distance_mm" if of_sphere else "length_mm",
-            hint="(D + d) / 2 of sphere and ball, the distance of the centres, not the radius; its unit; the arm"
+            hint="check that it is (D + d) / 2 of sphere and ball, not a radius; its unit; the arm"
             if of_sphere
-            else "the unit of the length, the names of its two seats, the arm",
+            else "check the unit of the length, the names of its two seats, the arm",
         )
 
 
@@ -178,18 +176,18 @@ def _without_sizes(reference: Reference) -> Reference:
 
 
 def surfaces_with_too_few_readings(readings: Session) -> list[tuple[str, str, int]]:
-    """Surfaces that are left out: kind, name, and readings without a point, fewer than it takes to find it."""
-    found = []
+    """Ignored surfaces: kind, name, and the number of readings without a point, which is too small to locate it."""
+    ignored = []
     for kind, least in MIN_READINGS_ON.items():
         touched = _touched(readings, kind)
         if len(touched):
             names, counts = np.unique(getattr(readings, kind)[touched], return_counts=True)
-            found += [(kind, str(name), int(n)) for name, n in zip(names, counts, strict=True) if n < least]
-    return found
+            ignored += [(kind, str(name), int(n)) for name, n in zip(names, counts, strict=True) if n < least]
+    return ignored
 
 
 def _touched(readings: Session, kind: str) -> IntArray:
-    """Readings on a kind of surface that have no point, which would count instead."""
+    """Readings on a kind of surface without a point; with one, only the point counts."""
     names = getattr(readings, kind)
     if names is None:
         return np.zeros(0, dtype=np.intp)
@@ -197,12 +195,12 @@ def _touched(readings: Session, kind: str) -> IntArray:
 
 
 def check_spread(readings: Session, arm: Arm) -> None:
-    """Check that reference points say where the base stands.
+    """Check that reference points determine the position of the base.
 
     Raises
     ------
     InputError
-        If they lie on a line, or nearly so: the arm may turn about it.
+        If they lie on a line, or nearly so: a rotation about it is not identifiable.
     """
     if readings.points is None:
         return
@@ -210,20 +208,21 @@ def check_spread(readings: Session, arm: Arm) -> None:
     off = rms_distance_from_line(seen)
     if off < MIN_POINT_SPREAD * arm.chain.reach:
         raise readings.error(
-            f"the {len(seen)} reference points lie within {off:.3g} mm of a line, about which the base may turn unseen",
-            hint="points spread over an area, or a base that stays (--free tip)",
+            f"the {len(seen)} reference points lie within {off:.3g} mm of a line: a rotation of the base about it "
+            "is not identifiable",
+            hint="measure points spread over an area, or keep the base (--free tip)",
         )
 
 
 def rows_with_orientation(readings: Session) -> IntArray:
-    """Readings whose flange's orientation a reference saw."""
+    """Readings with an orientation of the flange."""
     if readings.quaternion is None:
         return np.zeros(0, dtype=np.intp)
     return np.flatnonzero(np.isfinite(readings.quaternion).all(axis=1))
 
 
 def roughly_aligned_chain(arm: Arm, readings: Session, free: tuple[str, ...]) -> Chain:
-    """The arm's chain, as a whole and with its tool, put roughly to where the readings saw it."""
+    """The arm's chain, its base and tool placed roughly where the readings have them."""
     chain = place_base_coarsely(arm.chain, readings, free)
     turned = rows_with_orientation(readings)
     return (
@@ -234,7 +233,7 @@ def roughly_aligned_chain(arm: Arm, readings: Session, free: tuple[str, ...]) ->
 
 
 def tool_terms(arm: Arm, readings: Session) -> list[Term]:
-    """The tool's rotation on the flange, where orientations see it."""
+    """The tool's rotation on the flange, where orientations were measured."""
     return tool_rotation(arm.chain) if len(rows_with_orientation(readings)) else []
 
 
@@ -244,7 +243,7 @@ def _orientations(readings: Session, rows: IntArray) -> FloatArray:
 
 
 def _in_poses(readings: Session, held: IntArray) -> list[str]:
-    """Seats that were held in two or more states of the arm; in one and the same, all its tips are one."""
+    """Seats with readings in two or more states of the arm; in a single state the tip is the same."""
     assert readings.seat is not None
     names, seat = np.unique(readings.seat[held], return_inverse=True)
     state = [readings.angles, *readings.columns.values()]
@@ -254,7 +253,7 @@ def _in_poses(readings: Session, held: IntArray) -> list[str]:
 
 
 def _radii(readings: Session, rows: IntArray) -> list[tuple[str, float, float]]:
-    """Effective radii of the spheres of readings `rows`, where they are known, and their uncertainties."""
+    """Known distances of the tip from the spheres' centres at readings `rows`, and their uncertainties."""
     if readings.sphere_distance is None:
         return []
     assert readings.sphere is not None  # no distance without one
@@ -264,14 +263,14 @@ def _radii(readings: Session, rows: IntArray) -> list[tuple[str, float, float]]:
 
 
 def _between(lengths: Lengths | None, readings: Session, held: IntArray) -> list[StatedLength]:
-    """The lengths whose two seats are among those of readings `held`, as long as they are at their temperature."""
+    """Lengths between two seats of the readings `held`, at the temperature of these readings."""
     assert readings.seat is not None
     seat, degC = readings.seat[held], readings.temperature_degC
     here = None if lengths is None else lengths.within(seat.tolist())
     if here is None:
         return []
     growth = thermal_expansion_of(here, seat, None if degC is None else degC[held])
-    # Thermometer and coefficient err alike wherever a thing of that material stands; the least known place counts.
+    # Artefacts of one material share the errors of thermometer and coefficient; the largest uncertainty counts.
     expansion = np.full(len(here), np.nan) if here.expansion_per_K is None else here.expansion_per_K
     growth_std = np.array([growth.u[expansion == one].max(initial=0.0) for one in expansion])
     material = [f"lengths of {one:g} per K" if u else "" for one, u in zip(expansion, growth_std, strict=True)]

@@ -1,4 +1,4 @@
-"""Session transfer: the arm of a model in a new set-up, its base and tip identified anew from a few readings."""
+"""Transfer of a model to a new set-up: base and tip are re-identified from a few readings."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from truearm.typing import BoolArray, FloatArray
 
 Model = TypeVar("Model", bound=Compensator)
 
-# Numbers go into a reading's mark as multiples of this [rad, mm]: angles come back from a file to 1e-12 of their value.
-MARKED_TO = 1e-9
+# Numbers go into a reading's identifier as multiples of this [rad, mm]: angles read from a file differ by 1e-12.
+ID_RESOLUTION = 1e-9
 
 
 def refit(
@@ -40,52 +40,52 @@ def refit(
     lengths: Lengths | None = None,
     progress: Callable[[int, str], None] | None = None,
 ) -> Model:
-    """Take a model's arm to a new set-up: a tracker elsewhere, another probe.
+    """Transfer a model to a new set-up: another place of the tracker, another probe.
 
-    Only where the base stands and where the tip sits is identified from the new readings; four will do. All that was
-    found of the arm keeps its values, and its uncertainty goes into that of base and tip, with which it is correlated
-    from then on (`truearm.identification.estimation.consider_parameters`).
+    Only the position of the base and of the tip is identified from the new readings, of which there must be four or
+    more. All other parameters keep their values; their uncertainty propagates into base and tip as that of consider
+    parameters (`truearm.identification.estimation.consider_parameters`).
 
     Parameters
     ----------
     model : Compensator
-        Fitted. It stays as it is.
+        Fitted; it is not changed.
     readings : Session
         Of the new set-up, with reference points, seats or surfaces; orientations are not used.
     free : tuple of str
-        What is new: ``"base"``, ``"tip"`` or both. Without reference points the base stays where it was.
+        What to re-identify: ``"base"``, ``"tip"`` or both. Without reference points the base keeps its position.
     lengths : Lengths, optional
         Known lengths between seats of the readings.
     progress : callable, optional
-        Told the rounds done and how it stands.
+        Called with the rounds done and a note.
 
     Returns
     -------
     Compensator
         Of the same class. `residual_std_` is that of `model`, or larger if the new readings say so (see
-        `consider_update`). `held_out_` is empty; `angle_ranges_` and `n_train_` are those of the arm;
-        `data_fingerprint_` is that of the new readings.
+        `consider_update`). `held_out_` is empty; `training_` keeps the angles and temperatures that the arm was
+        identified at, with the fingerprint of the new readings.
 
     Raises
     ------
     InputError
-        If the model is a network, the readings do not fit the arm or are too few, or the base is to stay and points are
-        of a session whose frame a model of several does not know.
+        If the model is a network, the readings do not fit the arm or are too few, or the base is kept and points are of
+        a session that the model was not trained on.
     """
     check_is_fitted(model)
     if not isinstance(model, IdentifiedModel):
         raise InputError(
-            "a network learns coordinates as a whole: it knows no base and no tip that could be identified anew",
+            "a network has no base and no tip that could be re-identified",
             hint="fit a network to the new readings, or refit a physical model",
         )
     if not free or not set(free) <= set(FREE_PARTS):
-        raise InputError(f"expected what is new among {list(FREE_PARTS)}, got {list(free)}")
+        raise InputError(f"expected what to re-identify among {list(FREE_PARTS)}, got {list(free)}")
     model._check_inputs(model.arm_, readings)
-    marks, whole = _marks(readings), readings
+    ids, whole = _reading_ids(readings), readings
     readings = replace(readings, quaternion=None)
     if lengths is not None:
         if readings.seat is None:
-            raise readings.error("lengths are between seats, and the readings name none", column="seat")
+            raise readings.error("lengths are between seats, and the readings name no seats", column="seat")
         lengths = lengths.between(readings.seat)
     check_sessions(readings, lengths, own_frame=not {"base"} & {*free, *model.free})
     n_known = model._check_references(readings, lengths)
@@ -95,15 +95,15 @@ def refit(
         free = tuple(part for part in free if part != "base")
         if not free:
             raise readings.error(
-                "the base is where reference points say, and the readings have none", hint="--free tip"
+                "the position of the base needs reference points, and the readings have none", hint="--free tip"
             )
     elif "base" in free:
         check_spread(readings, model.arm)
         if rough_session_frames(model.arm, readings, free):
             raise readings.error(
-                "a refit finds one frame, and the readings are of several sessions",
+                "refit identifies one frame, and the readings are of several sessions",
                 column="session",
-                hint="refit each by itself: truearm split --by session",
+                hint="refit each session separately: truearm split --by session",
             )
     else:
         _check_known_sessions(model, readings)
@@ -117,7 +117,7 @@ def refit(
     references = references_of(readings, lengths)
     terms = constants(model.arm_.chain, free=free, angle_std=0.0, length_std=0.0)
 
-    def anew(fit: IdentificationResult, unexplained_std: float) -> IdentificationResult:
+    def transfer(fit: IdentificationResult, unexplained_std: float) -> IdentificationResult:
         chain = fit.perturbed_chain.chain
         if "base" in free:
             seen = readings.has_point
@@ -134,47 +134,47 @@ def refit(
             progress=progress,
         )
 
-    new.nominal_ = anew(model.nominal_, model.nominal_.references[0].noise_std)
+    new.nominal_ = transfer(model.nominal_, model.nominal_.references[0].noise_std)
     new._check_nominal(readings)
-    new.fit_ = anew(model.fit_, model.residual_std_)
+    new.fit_ = transfer(model.fit_, model.residual_std_)
     new.residual_std_ = max(model.residual_std_, new.fit_.references[0].noise_std)
     new.free_ = free
     new.held_out_, new.held_out_errors_ = NONE_HELD_OUT, None
-    new.refit_reading_ids_ = np.concatenate([model.refit_reading_ids_, marks])
+    new.refit_reading_ids_ = np.concatenate([model.refit_reading_ids_, ids])
     new.fit_seconds_ = time.perf_counter() - begun
     return new
 
 
 def _check_known_sessions(model: Compensator, readings: Session) -> None:
-    """Check that the points of a base that stays are in frames that the model knows, if it knows several."""
+    """Check that points are in the frames of the model's sessions, if it has several and the base is kept."""
     known = list(model.session_frames_)
     session = np.full(len(readings), "") if readings.session is None else readings.session
     unknown = readings.has_point & ~np.isin(session, known)
     if known and unknown.any():
         row = int(np.argmax(unknown))
         raise readings.error(
-            f"the model knows the frames of the sessions {', '.join(known)}, got a point "
-            + (f"of session {str(session[row])!r}" if session[row] else "that names none"),
+            f"expected points of the sessions of the model ({', '.join(known)}), got a point "
+            + (f"of session {str(session[row])!r}" if session[row] else "without a session"),
             row,
             column="session",
-            hint="name the session of the model that the points are of; for a new set-up --free base,tip",
+            hint="name the session that the points are of; for a new set-up use --free base,tip",
         )
 
 
 def used_in_refit(model: Compensator, readings: Session) -> BoolArray:
-    """(n,) True for the readings from which the model's base and tip were identified anew: no test is fair on them."""
-    marks = model.refit_reading_ids_ if isinstance(model, IdentifiedModel) else np.zeros(0)
-    if not len(marks):
+    """(n,) True for readings from which base and tip were re-identified: they are no independent test."""
+    ids = model.refit_reading_ids_ if isinstance(model, IdentifiedModel) else np.zeros(0)
+    if not len(ids):
         return np.zeros(len(readings), dtype=bool)
-    return np.isin(_marks(readings), marks)
+    return np.isin(_reading_ids(readings), ids)
 
 
-def _marks(readings: Session) -> FloatArray:
+def _reading_ids(readings: Session) -> FloatArray:
     """(n,) a whole number below 2**52 for every reading: the first bits of the SHA-256 of angles, point and seat."""
     numbers = [readings.angles]
     if readings.points is not None:
         numbers.append(np.nan_to_num(readings.points))
-    rows = np.round(np.hstack(numbers) / MARKED_TO).astype("<i8")
+    rows = np.round(np.hstack(numbers) / ID_RESOLUTION).astype("<i8")
     seat = np.full(len(readings), "") if readings.seat is None else readings.seat
     digests = (hashlib.sha256(row.tobytes() + name.encode()) for row, name in zip(rows, seat.tolist(), strict=True))
     return np.array([int.from_bytes(digest.digest()[:8], "little") >> 12 for digest in digests], dtype=float)

@@ -1,4 +1,4 @@
-"""Which model to keep: the simplest that predicts readings held out as well as the best, within its standard error."""
+"""Model selection: the simplest model whose error on readings held out is within a standard error of the least."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 
-# From the simplest up.
+# The simplest first.
 CANDIDATES: dict[str, type[IdentifiedModel]] = {
     "nominal": NominalModel,
     "kinematic": KinematicModel,
@@ -28,17 +28,18 @@ CANDIDATES: dict[str, type[IdentifiedModel]] = {
 
 @dataclass(frozen=True)
 class ModelScore:
-    """A model as its held-out readings judge it.
+    """Errors of a model on readings held out.
 
     Attributes
     ----------
     name : str
     mean_mm, standard_error_mm : float
-        Error of readings held out with their position or seat, and how well that mean is known.
+        Mean error of readings held out with their position or seat, and its standard error.
     p95_mm, max_mm : float
     n_effective : float
         Parameters that the readings determine.
     kept : bool
+        Whether the model was selected.
     """
 
     name: str
@@ -61,8 +62,8 @@ def select_model(
 ) -> tuple[IdentifiedModel, tuple[ModelScore, ...]]:
     """Fit the nominal, the kinematic and the physical model and keep one.
 
-    Kept is the simplest whose mean error on readings held out lies within one standard error of the least (L. Breiman
-    and others, "Classification and Regression Trees", 1984, section 3.4.3): terms that do not pay are not taken along.
+    One standard error rule (L. Breiman and others, "Classification and Regression Trees", 1984, section 3.4.3): the
+    simplest model is kept whose mean error on readings held out lies within one standard error of the least.
 
     Parameters
     ----------
@@ -74,9 +75,9 @@ def select_model(
     lengths : Lengths, optional
         Known lengths between seats.
     progress : callable, optional
-        Told the steps done and how it stands.
+        Called with the steps done and a note.
     nominal : NominalModel, optional
-        The first of the three, if it has been fitted to these readings with these options.
+        The first of the three, if it is already fitted to these readings with these options.
 
     Returns
     -------
@@ -95,18 +96,18 @@ def select_model(
         if name in models:
             continue
 
-        def told(_: int, note: str, number: int = number, name: str = name) -> None:
+        def report(_: int, note: str, number: int = number, name: str = name) -> None:
             if progress is not None:
                 progress(number, f"{name}: {note}")
 
         model = kind(arm, free=free)
-        models[name] = model.fit_readings(readings, lengths=lengths, progress=told, nominal=models.get("nominal"))
+        models[name] = model.fit_readings(readings, lengths=lengths, progress=report, nominal=models.get("nominal"))
         if not len(models[name].held_out_.rows):
             raise InputError(
-                "expected readings with points, or seats of two readings or more, as models are compared on points of "
-                "readings held out, and surfaces and orientations give none",
+                "expected readings with points, or seats of two readings or more: models are compared on points of "
+                "readings held out",
                 file=readings.file,
-                hint="these readings serve to fit a model that is named: --model kinematic, or --model physical",
+                hint="name the model: --model kinematic, or --model physical",
             )
     held_out = {name: model.held_out_ for name, model in models.items()}
     best = min(held_out, key=lambda name: held_out[name].mean_mm)

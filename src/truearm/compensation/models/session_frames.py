@@ -1,9 +1,9 @@
-"""Frames of sessions: between two set-ups the base or the reference moved, so each has a frame of its own.
+"""Frames of sessions: base or reference moved between two set-ups, so each session has its own frame.
 
-Terms are small motions, and between two places of a tracker lie metres. So a further session's points are first carried
-into the first one's frame by a rough rigid motion, from where the nominal arm has its tips; what that is off by is six
-small motions of the base in that session alone, identified with all others. A rough motion stays with the model, which
-gives points of a session back in its own frame.
+Terms are small motions, and two places of a tracker are metres apart. So the points of a further session are first
+transformed into the frame of the first by a rough rigid motion, from the tips of the nominal arm; the rest are six
+small motions of the base in that session, identified with all other terms. The model keeps the rough motions and predicts
+points of a session in its own frame.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ from truearm.typing import BoolArray, FloatArray
 
 Frames = Mapping[str, FloatArray]
 
-FEWEST_POINTS = 3
+MIN_POINTS = 3
 
 
 def rough_session_frames(arm: Arm, readings: Session, free: tuple[str, ...]) -> dict[str, FloatArray]:
-    """Rough frames of the sessions in which a reference saw the arm.
+    """Rough frames of the sessions with reference points or orientations.
 
     Parameters
     ----------
     arm : Arm
     readings : Session
-        As they are, each session in its own frame.
+        Each session in its own frame.
     free : tuple of str
-        With a base that is not free all points are in the arm's own frame.
+        Without ``"base"`` all points are in the arm's base frame.
 
     Returns
     -------
     dict of str to (4, 4) array
-        By the session's name, in the order of the readings, the motion that carries its points into the frame of the
-        first [mm]. Empty where there is one session or none.
+        By the session's name, in the order of the readings, the rigid motion of its points into the frame of the first
+        [mm]. Empty for one session or none.
 
     Raises
     ------
     InputError
-        If some readings that the reference saw name a session and others do not, or a session's points are less than
-        three or lie on a line.
+        If some readings with a point or orientation name a session and others do not, or a session has fewer than three
+        points or all on a line.
     """
     seen = readings.has_point
     seen[rows_with_orientation(readings)] = True
@@ -61,26 +61,26 @@ def rough_session_frames(arm: Arm, readings: Session, free: tuple[str, ...]) -> 
     if "" in names:
         row = int(np.argmax(seen & (readings.session == "")))
         raise readings.error(
-            "expected the session of every reading that the reference saw, got none",
+            "expected the session of every reading with a reference point, got none",
             row,
             column="session",
-            hint="each session has a frame of its own: name all of them, or leave the column out if there is one",
+            hint="each session has its own frame: name all of them, or remove the column if there is one session",
         )
     return dict(zip(names, _motions(arm, readings, names), strict=True))
 
 
 def _motions(arm: Arm, readings: Session, names: list[str]) -> Iterator[FloatArray]:
-    """Motions (4, 4) that carry points into the frame of the first of the sessions."""
+    """Rigid motions (4, 4) of the sessions' points into the frame of the first."""
     assert readings.session is not None
     first = None
     for name in names:
         rows = np.flatnonzero((readings.session == name) & readings.has_point)
         points = np.zeros((0, 3)) if readings.points is None else readings.points[rows]
-        if len(points) < FEWEST_POINTS or rms_distance_from_line(points) < MIN_POINT_SPREAD * arm.chain.reach:
+        if len(points) < MIN_POINTS or rms_distance_from_line(points) < MIN_POINT_SPREAD * arm.chain.reach:
             raise readings.error(
-                f"session {name!r} has {len(points)} reference points, too few or along a line: where the base stands "
-                "in it cannot be told",
-                hint="three points or more, spread over an area; or leave the session out, truearm refit serves it",
+                f"session {name!r} has {len(points)} reference points, too few or on a line: the position of the "
+                "base is not identifiable",
+                hint="measure three points or more, spread over an area; or remove the session and use truearm refit",
             )
         placement = align_robust(arm.chain.tip_in_base(readings.angles[rows]), points)
         first = placement if first is None else first
@@ -88,7 +88,7 @@ def _motions(arm: Arm, readings: Session, names: list[str]) -> Iterator[FloatArr
 
 
 def session_frame_terms(chain: Chain, frames: Frames) -> list[Term]:
-    """Small motions of the base in every session but the first, as free as the base."""
+    """Small motions of the base in every session but the first, with the prior of a free base."""
     return [
         replace(term, name=f"{term.name}, session {name}", basis=InSession(name), group="frames of further sessions")
         for name in list(frames)[1:]
@@ -97,10 +97,9 @@ def session_frame_terms(chain: Chain, frames: Frames) -> list[Term]:
 
 
 def to_first_session_frame(readings: Session, frames: Frames) -> Session:
-    """Readings with what the reference saw in the frame of the first session.
+    """Readings with points and orientations in the frame of the first session.
 
-    Standard uncertainties that differ by axis are turned too; what correlations that makes between the new axes is left
-    out.
+    Standard uncertainties that differ by axis are rotated too, without the correlations between the new axes.
     """
     points, std, quaternion = readings.points, readings.point_std, readings.quaternion
     for rows, T in _by_session(readings, frames):
@@ -114,13 +113,13 @@ def to_first_session_frame(readings: Session, frames: Frames) -> Session:
         if quaternion is not None:
             quaternion = quaternion.copy() if quaternion is readings.quaternion else quaternion
             turned = np.flatnonzero(rows & np.isfinite(quaternion).all(axis=1))
-            found = Rotation.from_matrix(R) * Rotation.from_quat(quaternion[turned], scalar_first=True)
-            quaternion[turned] = found.as_quat(scalar_first=True)
+            orientation = Rotation.from_matrix(R) * Rotation.from_quat(quaternion[turned], scalar_first=True)
+            quaternion[turned] = orientation.as_quat(scalar_first=True)
     return replace(readings, points=points, point_std=std, quaternion=quaternion)
 
 
 def points_to_session_frames(points: FloatArray, readings: Session, frames: Frames) -> FloatArray:
-    """Points (n, 3) [mm] of the first session's frame, each in the frame of its reading's session if that is known."""
+    """Points (n, 3) [mm] from the frame of the first session into that of each reading's session, if known."""
     out = points
     for rows, T in _by_session(readings, frames):
         out = out.copy() if out is points else out
@@ -129,7 +128,7 @@ def points_to_session_frames(points: FloatArray, readings: Session, frames: Fram
 
 
 def covariances_to_session_frames(covariance: FloatArray, readings: Session, frames: Frames) -> FloatArray:
-    """Covariances (n, 3, 3) [mm^2], turned likewise."""
+    """Covariances (n, 3, 3) [mm^2], rotated likewise."""
     out = covariance
     for rows, T in _by_session(readings, frames):
         out = out.copy() if out is covariance else out
@@ -138,7 +137,7 @@ def covariances_to_session_frames(covariance: FloatArray, readings: Session, fra
 
 
 def _by_session(readings: Session, frames: Frames) -> Iterator[tuple[BoolArray, FloatArray]]:
-    """Readings (n,) of every session but the first, and the motion (4, 4) that carries its points."""
+    """Readings (n,) of every session but the first, and the rigid motion (4, 4) of its points."""
     for name in list(frames)[1:]:
         rows = np.zeros(len(readings), bool) if readings.session is None else readings.session == name
         if rows.any():
@@ -146,14 +145,14 @@ def _by_session(readings: Session, frames: Frames) -> Iterator[tuple[BoolArray, 
 
 
 def checked_frames(names: list[str], motions: FloatArray) -> dict[str, FloatArray]:
-    """Frames as a file has them.
+    """Frames from a file.
 
     Raises
     ------
     InputError
-        If they are not rigid motions (k, 4, 4), the first of them none at all, or a name stands twice.
+        If they are not rigid motions (k, 4, 4), the first is not the identity, or a name is there twice.
     """
     rigid = Chain(motions, np.zeros(3)).fixed
     if len(rigid) != len(names) or len(set(names)) != len(names) or (rigid[0] != np.eye(4)).any():
-        raise InputError(f"expected a frame for each of {len(names)} sessions, the first one's as it is")
+        raise InputError(f"expected a frame for each of {len(names)} sessions, the identity for the first")
     return dict(zip(names, rigid, strict=True))

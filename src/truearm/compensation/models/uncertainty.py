@@ -1,4 +1,4 @@
-"""The uncertainty that a model states at readings, put together as a metrologist does, and whether readings keep it."""
+"""The uncertainty budget of predicted points, and its check against reference points."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from truearm.identification.estimation.propagation import relative_covariance
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
-# U = k u with k = 2 holds a coordinate with a probability of about 95 % (JCGM 100:2008, 6.3.3).
+# U = k u with k = 2 has a coverage probability of about 95 % for a coordinate (JCGM 100:2008, 6.3.3).
 COVERAGE_FACTOR = 2.0
 LEVEL = 0.95
-# An ellipsoid that holds a point with that probability has half axes of so many standard uncertainties.
+# Half axes, in standard uncertainties, of an ellipsoid with that coverage probability for a point.
 ELLIPSOID_FACTOR = float(np.sqrt(chi2.ppf(LEVEL, 3)))
 # Whitened length from which a reading is far off: of Gaussian ones, one in 10^13 is.
 FAR_STDS = 8.0
@@ -30,20 +30,20 @@ class UncertaintyBudget:
     Attributes
     ----------
     of_parameters_mm : float
-        What the readings left open of the arm.
+        From the uncertainty of the arm's parameters.
     unexplained_mm : float
-        What the model cannot explain.
+        From the residual variance.
     combined_mm : float
         Of both.
     largest_mm : float
         The largest combined one of a coordinate at a reading.
     is_relative : bool
-        Whether `of_parameters_mm` is of coordinates against each other, a frame fitted to them: of an arm identified
-        without points or orientations, which cannot know where its frame stands, and asked about readings without.
+        Whether `of_parameters_mm` is that of coordinates relative to each other, after a frame was fitted to them: for
+        an arm identified without points or orientations, whose frame is arbitrary, and readings without points.
     n_points : int
-        Readings with reference points, to check by.
+        Readings with reference points.
     n_covered : int
-        How many of them lie in their ellipsoids of 95 %, the reference's own uncertainty included.
+        Those that lie in their 95 % ellipsoids, the reference's own uncertainty included.
     """
 
     of_parameters_mm: float
@@ -61,12 +61,12 @@ class UncertaintyBudget:
 
     @property
     def ellipsoid_mm(self) -> float:
-        """Half axis of a point's 95 % ellipsoid, were it a sphere [mm]."""
+        """Half axis of the 95 % ellipsoid of a point with equal uncertainties in all directions [mm]."""
         return ELLIPSOID_FACTOR * self.combined_mm
 
 
 def uncertainty_budget(model: Compensator, readings: Session) -> tuple[UncertaintyBudget, tuple[Outlier, ...]]:
-    """Put together what a model's uncertainty is at readings, and find the readings that belie it.
+    """Uncertainty budget of a model at the readings of a session, and the readings that contradict it.
 
     Parameters
     ----------
@@ -79,11 +79,11 @@ def uncertainty_budget(model: Compensator, readings: Session) -> tuple[Uncertain
     -------
     budget : UncertaintyBudget
     far : tuple of Outlier
-        Those of more than eight standard deviations, the farthest first.
+        Those of more than eight standard deviations, the largest first.
     """
     of_parameters, unexplained = model.covariance_parts(readings)
     seen = np.flatnonzero(readings.has_point)
-    is_relative = isinstance(model, IdentifiedModel) and not len(seen) and _frame_unseen(model)
+    is_relative = isinstance(model, IdentifiedModel) and not len(seen) and _frame_is_arbitrary(model)
     if is_relative:
         of_parameters = relative_covariance(model.fit_, model.state(readings)) + model.expansion_covariance(readings)
     combined = of_parameters + unexplained
@@ -113,8 +113,8 @@ def uncertainty_budget(model: Compensator, readings: Session) -> tuple[Uncertain
     return budget, tuple(far)
 
 
-def _frame_unseen(model: IdentifiedModel) -> bool:
-    """Whether nothing that the model learned from says where the arm's frame stands."""
+def _frame_is_arbitrary(model: IdentifiedModel) -> bool:
+    """Whether no reference in training determined the place of the arm's frame."""
     return not {"point", "orientation"} & {reference.kind for reference in model.fit_.references}
 
 

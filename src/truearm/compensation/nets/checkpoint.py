@@ -1,4 +1,4 @@
-"""The file a stopped training goes on from.
+"""The checkpoint file from which an interrupted training resumes.
 
 An uncompressed npz archive without pickles: ``about`` (JSON as bytes) and arrays of doubles. It is written whole or not
 at all, and checked before a number of it is used.
@@ -23,7 +23,7 @@ from truearm.files.atomic_write import atomic_file, check_writable
 from truearm.typing import FloatArray
 
 FORMAT = 1
-RESTART_HINT = "delete it to start the training anew"
+RESTART_HINT = "delete it to start the training from the beginning"
 MAX_ABOUT = 1 << 16  # bytes: a fingerprint and a sentence
 
 
@@ -52,7 +52,7 @@ class TrainingSnapshot:
         Parameters of the best epoch.
     best_epoch : int
     stop : str
-        Why the training ended; empty while it goes on.
+        Why the training ended; empty while it runs.
     """
 
     rows: FloatArray
@@ -67,7 +67,7 @@ class TrainingSnapshot:
 class Checkpoint:
     """Where a training is kept so that it can be stopped and gone on with.
 
-    If `file` exists, a trainer goes on from it, to the same weights and record (but for `time`) as without the stop,
+    If `file` exists, a trainer resumes from it, to the same weights and record (but for `time`) as without the stop,
     bit for bit; a finished training's file gives its end at once. Whoever makes the checkpoint removes the file.
 
     Parameters
@@ -125,7 +125,7 @@ class Checkpoint:
         ----------
         trainer : str
         most_rows, n_columns, n, n_memory : int
-            Sizes: at most so many rows; columns; parameters; numbers of the solver's memory.
+            Sizes: maximum number of rows; columns; parameters; numbers of the solver's memory.
 
         Raises
         ------
@@ -151,7 +151,7 @@ class Checkpoint:
     ) -> TrainingSnapshot:
         names = ["about.npy", "best_x.npy", "memory.npy", "rows.npy", "x.npy"]
         if sorted(archive.namelist()) != names:
-            raise InputError(f"expected a checkpoint, which holds {', '.join(names)}, got another archive")
+            raise InputError(f"expected a checkpoint, with {', '.join(names)}, got another archive")
         try:
             about = _About.model_validate_json(_array(archive, "about", "|u1", (MAX_ABOUT,)).tobytes())
         except ValidationError as error:
@@ -172,7 +172,7 @@ class Checkpoint:
         if saved.rows.shape[1] != rows[1] or not saved.best_epoch < len(saved.rows):
             raise InputError(f"expected rows of {rows[1]} numbers up to the best epoch, got {saved.rows.shape}")
         if not all(np.isfinite(array).all() for array in (saved.x, saved.memory, saved.best_x)):
-            raise InputError("the checkpoint holds numbers that are not finite")
+            raise InputError("the checkpoint has numbers that are not finite")
         return saved
 
 
@@ -185,7 +185,7 @@ def _bytes(array: npt.NDArray[np.float64] | npt.NDArray[np.uint8]) -> bytes:
 def _array(
     archive: zipfile.ZipFile, name: str, dtype: str, most: tuple[int, ...], *, exact: bool = False
 ) -> FloatArray:
-    """An array of at most (or exactly) the shape `most`. Its header is checked before memory is taken."""
+    """An array of at most (or exactly) the shape `most`. Its header is checked before memory is allocated."""
     info = archive.getinfo(f"{name}.npy")
     if info.compress_type != zipfile.ZIP_STORED or info.file_size > np.dtype(dtype).itemsize * math.prod(most) + 1024:
         raise InputError(f"the array {name} is compressed or larger than this training needs")

@@ -1,4 +1,4 @@
-"""Our own training: variable projection, Nielsen's damping, geodesic acceleration."""
+"""Training by variable projection, with Nielsen's damping and geodesic acceleration."""
 
 from __future__ import annotations
 

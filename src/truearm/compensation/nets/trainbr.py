@@ -160,7 +160,7 @@ def trainbr(
         perf, squares = training.mean_square(start), float(start @ start)
     else:
         if not (row["alpha"] > 0 and row["beta"] > 0):
-            raise log.damaged("the checkpoint holds an alpha or beta that is not above zero")
+            raise log.damaged("the checkpoint has an alpha or beta that is not above zero")
         evidence = Evidence(row["alpha"], row["beta"], row["gamk"])
         perf, squares = row["perf"], row["ssX"]
 

@@ -115,11 +115,11 @@ def descent_memory(state: DescentState) -> FloatArray:
 
 
 def descent_start(log: TrainingLog) -> FloatArray | DescentState:
-    """Where a descent begins, or goes on."""
+    """Start of a descent, or the state to resume from."""
     if (row := log.resumed) is None:
         return log.start
     if not log.memory[0] > 0:
-        raise log.damaged("the checkpoint holds a learning rate that is not above zero")
+        raise log.damaged("the checkpoint has a learning rate that is not above zero")
     return DescentState(
         epoch=log.epoch,
         x=log.x,

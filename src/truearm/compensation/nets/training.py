@@ -1,4 +1,4 @@
-"""What trainers are given and give: options and their limits, what is told after an epoch, the record, the division."""
+"""Common parts of the trainers: checks of options, state after an epoch, training record, division of samples."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from truearm.typing import FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Epoch:
-    """How a training stands after an epoch.
+    """State of a training after an epoch.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Epoch:
     seconds : float
         Time of training so far [s], that before an interruption included.
     weights : callable
-        Gives all weights (n_weights,) of this epoch.
+        Returns all weights (n_weights,) of this epoch.
     """
 
     epoch: int
@@ -134,14 +134,14 @@ def dividerand(
     Raises
     ------
     InputError
-        If a share is negative, or nothing is left to train on.
+        If a share is negative, or no samples remain to train on.
     """
     shares = np.array([train, validation, test], dtype=float)
     if (shares < 0).any() or not np.isfinite(shares).all() or shares.sum() <= 0:
         raise InputError(f"expected shares of training, validation and test data of 0 or more, got {shares.tolist()}")
     n_validation, n_test = (int(np.floor(n * float(share) + 0.5)) for share in shares[1:] / shares.sum())
     if n - n_validation - n_test < 1:
-        raise InputError(f"no samples left to train on: {n} in all, {n_validation} to validate, {n_test} to test")
+        raise InputError(f"no samples remain to train on: {n} in all, {n_validation} to validate, {n_test} to test")
     order = np.random.default_rng([seed, *b"dividerand"]).permutation(n)
     parts = np.split(order, [n - n_validation - n_test, n - n_test])
     return np.sort(parts[0]), np.sort(parts[1]), np.sort(parts[2])

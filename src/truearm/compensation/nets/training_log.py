@@ -1,4 +1,4 @@
-"""A training's logbook: its record, what is told of it, its checkpoint."""
+"""The log of a training: record, callback, checkpoint."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ Record = TypeVar("Record", bound=TrainingRecord)
 
 
 @dataclass(frozen=True, eq=False)
-class _Standing:
-    """What a training stands on after an epoch; replaced as a whole, so that an interrupt finds no half of it."""
+class _EpochState:
+    """State of a training after an epoch; replaced as a whole, so that an interrupt never sees a part of it."""
 
     n_rows: int
     x: FloatArray
@@ -35,9 +35,9 @@ class _Standing:
 
 
 class TrainingLog:
-    """Keeps a training's record, epoch by epoch; tells it; writes it to the checkpoint and goes on from there.
+    """Keeps the record of a training, calls back after every epoch, writes the checkpoint and resumes from it.
 
-    The training runs in its context: an interrupt (Ctrl-C, kill) goes on its way after the checkpoint is written.
+    The training runs in its context: at an interrupt (Ctrl-C, kill) the checkpoint is written first.
 
     Parameters
     ----------
@@ -48,17 +48,17 @@ class TrainingLog:
     training, validation, test : FitProblem
         As the trainer was given them.
     epochs : int
-        At most so many.
+        Maximum number of epochs.
     max_fail : float
         Of the validation stop.
     n_memory : int
-        How many numbers the solver remembers beside its parameters.
+        Numbers that the solver remembers in addition to its parameters.
     extra : tuple of str
         Columns of the record that only this trainer has.
     full_weights : callable, optional
         All weights from the solver's parameters, where these are not all.
     callback : callable, optional
-        Told every epoch.
+        Called after every epoch.
     checkpoint : Checkpoint, optional
 
     Attributes
@@ -94,7 +94,7 @@ class TrainingLog:
         self._test, self._completed, self._callback, self._checkpoint = test, full_weights, callback, checkpoint
         self.resumed: dict[str, float] | None = None
         self._rows: list[tuple[float, ...]] = []
-        self._last: _Standing | None = None
+        self._last: _EpochState | None = None
         self._written = time.perf_counter()
         self._watch: ValidationStop | None = None
         if validation is not None:
@@ -132,7 +132,7 @@ class TrainingLog:
         return np.empty(0) if self._last is None else self._last.memory
 
     def lm_start(self, damping: MarquardtDamping | NielsenDamping) -> FloatArray | OptimizerState:
-        """Where Levenberg-Marquardt begins, or goes on."""
+        """Start of Levenberg-Marquardt, or the state to resume from."""
         if (row := self.resumed) is None:
             return self.start
         try:
@@ -169,12 +169,12 @@ class TrainingLog:
         val_fail = 0 if self._watch is None else best.failures
         tperf = np.nan if self._test is None else self._test.mean_square(self._weights_at(state.x))
         if self._callback is not None:
-            # Before the epoch is taken in: one whose telling was interrupted is told again.
+            # Before the epoch is recorded: if the callback is interrupted, it is called again after a resume.
             weights = partial(self._all_weights, state.x)
             self._callback(Epoch(state.epoch, perf, vperf, state.mu, gradient, val_fail, state.seconds, weights))
         self._rows.append((perf, vperf, tperf, state.mu, gradient, val_fail, state.seconds, *extra))
         reason = "" if state.reason is None else state.reason.text
-        self._last = _Standing(len(self._rows), state.x, np.array(memory, dtype=float), best, reason)
+        self._last = _EpochState(len(self._rows), state.x, np.array(memory, dtype=float), best, reason)
         now = time.perf_counter()
         if self._checkpoint is not None and (reason or now - self._written >= self._checkpoint.seconds):
             self._write()
@@ -224,14 +224,14 @@ class TrainingLog:
         judged = columns["perf" if self._watch is None else "vperf"]
         needed = [judged, *(column for name, column in columns.items() if name not in ("vperf", "tperf", "mu"))]
         if not len(saved.rows) or not all(np.isfinite(column).all() for column in needed):
-            raise self.damaged("the checkpoint's record is empty or holds numbers that are not finite")
+            raise self.damaged("the checkpoint's record is empty or has numbers that are not finite")
         failures = int(columns["val_fail"][-1])
         best = BestPoint(saved.best_epoch, saved.best_x, float(judged[saved.best_epoch]), failures)
         if self._watch is not None:
             self._watch.best = best
         self._rows = [tuple(row) for row in saved.rows.tolist()]
         self.resumed = dict(zip(self._columns, self._rows[-1], strict=True))
-        self._last = _Standing(len(self._rows), saved.x, saved.memory, best, saved.stop)
+        self._last = _EpochState(len(self._rows), saved.x, saved.memory, best, saved.stop)
 
     def _weights_at(self, x: FloatArray) -> FloatArray:
         return x if self._completed is None else self._completed(x)

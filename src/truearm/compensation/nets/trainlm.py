@@ -53,10 +53,10 @@ def trainlm(
         Where to start.
     epochs, goal, max_fail, min_grad, mu, mu_dec, mu_inc, mu_max, time
         As in MATLAB. `goal` is a mean squared error of scaled outputs, `min_grad` a norm of its gradient, `time` is
-        in seconds. The damping `mu` stands beside ``J^T J`` of the scaled errors, summed over samples and outputs.
+        in seconds. The damping `mu` is added to ``J^T J`` of the scaled errors, summed over samples and outputs.
     callback : callable, optional
-        Told how the training stands after every epoch, and at the start. The checkpoint takes an epoch in once it was
-        told: one whose telling was interrupted is told again.
+        Called with the state after every epoch, and at the start. The checkpoint records an epoch after the call: if it
+        is interrupted, it is repeated after a resume.
     checkpoint : Checkpoint, optional
         Where to keep the training, so that it can be stopped and gone on with.
 
