@@ -169,7 +169,7 @@ def test_what_does_not_fit_the_arm_is_refused(readings):
     for highest in (0, -1, 1001, 2.0, "8", None):
         with pytest.raises(InputError, match="expected a highest order from 1 to 1000"):
             PhysicalModel(arm, highest=highest).fit(angles, points)
-    with pytest.raises(InputError, match="180 coordinates for 1143 weights.*Try: set readings aside"):
+    with pytest.raises(InputError, match="180 coordinates for 1143 weights.*Try: use validation data"):
         NetworkModel(arm, validation=0).fit(angles, points)
 
 
@@ -207,3 +207,75 @@ def test_a_networks_stated_uncertainty_is_that_of_new_readings(validation, train
     errors = predicted - arm.chain.tip_in_base(others) - rng.normal(0, 1, (300, 3))
     whitened = errors**2 / np.diagonal(covariance, axis1=1, axis2=2)
     assert 0.5 < np.sqrt(whitened.mean()) < 2
+
+
+# Weights, DataFrames, units ------------------------------------------------------------------------------------------
+
+
+def test_weights_are_one_over_the_variance(rng):
+    """Half of the points have ten times the noise; weights make them count as little as they should."""
+    arm = zigzag(3)
+    angles, others = rng.uniform(-1, 1, (200, 3)), rng.uniform(-1, 1, (200, 3))
+    std = np.repeat([0.01, 0.1], 100)
+    points = arm.chain.tip_in_base(angles) + std[:, None] * rng.normal(size=(200, 3))
+    model = KinematicModel(arm, robust=False)
+
+    def error(**weights):
+        return np.abs(
+            clone(model).fit(angles, points, **weights).predict(others) - arm.chain.tip_in_base(others)
+        ).mean()
+
+    weighted = clone(model).fit(angles, points, sample_weight=std**-2)
+    assert error(sample_weight=std**-2) < 0.5 * error()
+    assert weighted.fit_.references[0].noise_std == pytest.approx(0.01, rel=0.2)
+    np.testing.assert_array_equal(
+        clone(model).fit(angles, points, sample_weight=np.full(200, 7.0)).predict(others),
+        clone(model).fit(angles, points).predict(others),
+    )
+
+
+def test_weight_zero_is_no_reading(readings):
+    arm, angles, points = readings
+    weight = np.r_[np.zeros(20), np.ones(40)]
+    np.testing.assert_array_equal(
+        KinematicModel(arm).fit(angles, points, sample_weight=weight).predict(angles),
+        KinematicModel(arm).fit(angles[20:], points[20:]).predict(angles),
+    )
+
+
+def test_a_network_refuses_weights_with_the_reason(readings):
+    arm, angles, points = readings
+    with pytest.raises(InputError, match="does not use sample_weight: its trainers"):
+        NetworkModel(arm, hidden=(4,), epochs=3).fit(angles, points, sample_weight=np.arange(60.0) + 1)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_data_frames_are_predicted_by_the_names_of_their_columns(name, readings):
+    pd = pytest.importorskip("pandas")
+    arm, angles, points = readings
+    frame = pd.DataFrame(angles, columns=["q1", "q2", "q3"])
+    model = MODELS[name](arm, **SMALL.get(name, {})).fit(frame, pd.DataFrame(points))
+    assert model.feature_names_in_.tolist() == ["q1", "q2", "q3"]
+    expected = MODELS[name](arm, **SMALL.get(name, {})).fit(angles, points).predict(angles, return_cov=True)
+    for one, other in zip(model.predict(frame, return_cov=True), expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+    with pytest.raises(ValueError, match="feature names"):
+        model.predict(frame[["q3", "q2", "q1"]])
+
+
+def test_wrong_units_and_arms_are_refused_at_fit(real, rng):
+    session = real.points(60, rng)
+    for angles, points in (
+        (np.degrees(session.angles), session.points),
+        (session.angles, session.points / 1000),
+        (-session.angles, session.points),
+    ):
+        with pytest.raises(InputError, match="outside its limits|misses its references by .* Try: check"):
+            KinematicModel(real.arm).fit(angles, points)
+
+
+def test_degrees_are_refused_at_prediction(real, rng):
+    session = real.points(60, rng)
+    model = KinematicModel(real.arm).fit_readings(session)
+    with pytest.raises(InputError, match="outside.*check the unit"):
+        model.predict(np.degrees(session.angles))

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from truearm.arm import LinkMasses, load_arm, read_arm, write_arm
-from truearm.cli.arms import _identified
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.reading_references import state_of
@@ -21,6 +20,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.prior import nominal_prior
 from truearm.identification.terms import GravityTorque, Term, gravity_torques
 from truearm.readings import Session
+from truearm.workflows.arms import identified_arm
 
 GIVE = 3e-5  # rad/(N m)
 
@@ -106,7 +106,7 @@ def test_an_identified_arm_is_pulled_the_same_way_in_the_frame_of_the_reference(
     angles = wall.working + 0.8 * rng.uniform(-1, 1, (30, 6))
     points = wall.chain.with_reference_frame(turned).tip_in_base(angles) + rng.normal(0, 0.005, (30, 3))
     save_model(PhysicalModel(wall, highest=1).fit_readings(Session(angles, points)), tmp_path / "m.truearm")
-    arm = _identified(tmp_path / "m.truearm")
+    arm = identified_arm(tmp_path / "m.truearm")
     np.testing.assert_allclose(arm.gravity_direction, [0, 0, -1], atol=1e-3)  # some 0.1 mrad of the base's tilt
     here, there = (state_of(one, Session(angles)).gravity_torques for one in (wall, arm))
     np.testing.assert_allclose(there, here, atol=0.05)  # of up to 50 N m

@@ -292,7 +292,7 @@ def test_options_out_of_range_are_refused(options, message, arm, readings):
 def test_more_weights_than_coordinates_need_readings_set_aside_or_trainbr(arm, readings):
     few = readings.rows(slice(0, 20))
     for trainer in ("varpro", "traingd"):
-        with pytest.raises(InputError, match="60 coordinates for 73 weights.*Try: set readings aside"):
+        with pytest.raises(InputError, match="60 coordinates for 73 weights.*Try: use validation data"):
             small(arm, hidden=(10,), validation=0.0, trainer=trainer).fit_readings(few)
     small(arm, hidden=(10,), validation=0.0, trainer="trainbr").fit_readings(few)
     small(arm, hidden=(10,)).fit_readings(few)

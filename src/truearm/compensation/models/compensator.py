@@ -37,7 +37,7 @@ from truearm.identification.estimation.identification import IdentificationResul
 from truearm.identification.estimation.references import Reference
 from truearm.identification.terms import ArmState, Term, constants
 from truearm.identification.terms.thermal import link_vectors
-from truearm.readings.checks import check_angles, check_sessions, skip_beyond_limits
+from truearm.readings.checks import MAX_SKIPPED_SHARE, check_angles, check_sessions, skip_beyond_limits
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import STEEL_PER_K
@@ -49,6 +49,9 @@ FREE_PARTS = ("base", "tip")
 MAX_NOMINAL_ERROR = 0.05
 # Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
 MIN_ROWS = 4
+# Angles of joints without limits may be this far outside the trained ones [rad]: ten turns. Degrees read as radians are
+# more, from 63 degrees on.
+MAX_FURTHER_ANGLE = 20 * np.pi
 
 
 class TrainingData(NamedTuple):
@@ -433,6 +436,16 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     def _check_session(self, readings: Session) -> None:
         check_is_fitted(self)
         self._check_inputs(self.arm_, readings)
+        excess = np.abs(readings.angles) - np.abs(self.training_.angle_ranges).max(axis=1)
+        far = (excess > MAX_FURTHER_ANGLE) & ~self.arm_.chain.is_prismatic
+        if far.any(axis=1).mean() > MAX_SKIPPED_SHARE:
+            row, joint = (int(i) for i in np.argwhere(far)[0])
+            raise readings.error(
+                f"J{joint + 1} is at {readings.angles[row, joint]:.4g} rad, ten turns outside the trained range",
+                row,
+                column=None if readings.angle_columns is None else readings.angle_columns[joint],
+                hint="check the unit of the angles: radians, not degrees",
+            )
 
     def _checked_arm(self) -> Arm:
         if not isinstance(self.arm, Arm):

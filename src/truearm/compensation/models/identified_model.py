@@ -150,16 +150,17 @@ class IdentifiedModel(Compensator):
         return own
 
     def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
-        """Learn from weighted points: `WEIGHT_ROUNDS` fits, as a point's variance is its own plus that of the noise.
+        """Learn from weighted points: some fits, as a point's variance is its own plus that of the noise.
 
-        With weights w of which the largest is 1, a point states the variance ``s^2 (1/w - 1)``. Where the noise comes
-        out as s^2, the sum is ``s^2 / w``, so s is the noise of the fit before.
+        With weights w of which the largest is 1, a point states the variance ``s^2 (1/w - 1)``, where s^2 is the
+        weighted mean square ``mean(w r^2)`` of the residuals before. With noise of s^2 the sum is ``s^2 / w``.
         """
         rows = np.flatnonzero(weight > 0)
         readings, excess = readings.rows(rows), weight.max(initial=0.0) / weight[rows] - 1
         self.fit_readings(readings)
         for _ in range(WEIGHT_ROUNDS if excess.any() else 0):
-            std = np.maximum(self.fit_.references[0].noise_std * np.sqrt(excess), LEAST_STD_MM)
+            noise = np.sqrt((self.fit_.references[0].residuals ** 2 / (1 + excess)).mean())
+            std = np.maximum(noise * np.sqrt(excess), LEAST_STD_MM)
             self.fit_readings(replace(readings, point_std=np.repeat(std[:, None], 3, axis=1)))
         return self
 

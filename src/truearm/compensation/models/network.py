@@ -260,7 +260,7 @@ class NetworkModel(Compensator):
                 f"{training.inputs.shape[1]} readings give {training.n_errors} coordinates for "
                 f"{self.network_.n_weights} weights: the network would fit them exactly, and its error elsewhere "
                 "would be unknown",
-                hint="use validation data (validation=0.15), trainbr, more readings, fewer units or the kinematic model",
+                hint="use validation data (validation=0.15), trainbr, more readings, fewer units or a kinematic model",
             )
 
     def _check_options(self) -> None:

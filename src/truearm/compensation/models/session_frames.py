@@ -2,8 +2,8 @@
 
 Terms are small motions, and two places of a tracker are metres apart. So the points of a further session are first
 transformed into the frame of the first by a rough rigid motion, from the tips of the nominal arm; the rest are six
-small motions of the base in that session, identified with all other terms. The model keeps the rough motions and predicts
-points of a session in its own frame.
+small motions of the base in that session, identified with all other terms. The model keeps the rough motions and
+predicts points of a session in its own frame.
 """
 
 from __future__ import annotations
