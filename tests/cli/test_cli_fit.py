@@ -111,7 +111,7 @@ def test_a_wrong_length_is_refused_or_named_and_a_sphere_of_three_readings_is_ig
     lengths.to_csv(tmp_path / "long.csv", index=False)
     ran = fit(truearm, shop, "seats.csv", tmp_path / "m.truearm", "--lengths", tmp_path / "long.csv")
     assert ran.code == 2
-    assert "as the arm as drawn has it" in ran.err
+    assert "as the nominal arm has" in ran.err
     lengths["length_mm"] /= 1.2
     assert len(lengths) > 2
     lengths.loc[1, "length_mm"] += 2.0

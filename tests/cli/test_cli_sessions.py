@@ -37,5 +37,5 @@ def test_a_file_of_two_sessions_is_learned_from_and_found_again(truearm, made, t
 
     again = truearm("refit", tmp_path / "m", tmp_path / "s.csv", "--out", tmp_path / "m2")
     assert again.code != 0
-    assert "a refit finds one frame" in again.err
+    assert "refit identifies one frame" in again.err
     assert "truearm split --by session" in again.err

@@ -311,7 +311,7 @@ def test_without_a_point_the_frame_is_the_arms_own(real, rng):
 def test_what_cannot_be_learned_from_is_refused_with_the_reason(real, rng):
     held, seen = real.held(rng), real.points(20, rng)
     model = KinematicModel(real.arm)
-    with pytest.raises(InputError, match="expected reference points .* to learn from, the readings have none"):
+    with pytest.raises(InputError, match="expected reference points .*, the readings have none"):
         model.fit_readings(Session(seen.angles))
     with pytest.raises(InputError, match="seats of two readings or more"):
         model.fit_readings(Session(seen.angles, seat=np.array([f"s{i}" for i in range(20)])))

@@ -95,7 +95,7 @@ def test_without_points_the_base_stays(real):
     assert new.free_ == ("tip",)
     centres = [new.predict_readings(held)[held.seat == name].mean(axis=0) for name in ("S1", "S2", "S3")]
     np.testing.assert_allclose(centres, real.seats, rtol=0, atol=5 * NOISE)
-    with pytest.raises(InputError, match="the base is where reference points say"):
+    with pytest.raises(InputError, match="the position of the base needs reference points"):
         refit(fitted, held, free=("base",))
 
 
@@ -207,13 +207,13 @@ def test_what_cannot_be_refitted_is_refused(real, fitted):
     rng = np.random.default_rng(13)
     taken = elsewhere(real, 10, rng)
     network = NetworkModel(real.arm, hidden=(3,), epochs=3).fit_readings(real.points(60, rng))
-    with pytest.raises(InputError, match="a network learns coordinates as a whole"):
+    with pytest.raises(InputError, match="a network has no base and no tip"):
         refit(network, taken)
     with pytest.raises(InputError, match="expected 4 or more readings with a reference, got 3"):
         refit(fitted, taken.rows(slice(3)))
-    with pytest.raises(InputError, match="what is new among"):
+    with pytest.raises(InputError, match="what to re-identify among"):
         refit(fitted, taken, free=())
-    with pytest.raises(InputError, match="what is new among"):
+    with pytest.raises(InputError, match="what to re-identify among"):
         refit(fitted, taken, free=("elbow",))
     with pytest.raises(InputError, match="readings of 6 joints .*, got 5"):
         refit(fitted, Session(taken.angles[:, :5], taken.points))

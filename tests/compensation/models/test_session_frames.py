@@ -227,14 +227,14 @@ def test_sessions_that_leave_a_frame_open_are_refused(readings, real):
     refused("session 'July' has 2 reference points", points=few)
     line = readings.points.copy()
     line[70:] = np.arange(20)[:, None] * [1.0, 2.0, 3.0]
-    refused("session 'July' has 20 reference points, too few or along a line", points=line)
+    refused("session 'July' has 20 reference points, too few or on a line", points=line)
     refused("seat 'A' is in session 'May' and in session 'June'", seat=np.full(90, "A"))
     with pytest.raises(InputError, match="of 3 sessions.*a network learns one"):
         NetworkModel(real.arm, hidden=(3,), epochs=1).fit_readings(readings)
 
 
 def test_a_refit_forgets_the_frames_with_the_base_and_keeps_them_with_the_tip(model, readings, real, rng):
-    with pytest.raises(InputError, match="a refit finds one frame"):
+    with pytest.raises(InputError, match="refit identifies one frame"):
         refit(model, readings)
     july = readings.rows(readings.session == "July")
     new = refit(model, replace(july, session=np.full(20, "August")))

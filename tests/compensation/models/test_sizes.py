@@ -57,7 +57,7 @@ def on_sphere(taken, distance):
 def test_lengths_of_another_size_are_refused(kind, scale, taken):
     readings, lengths = in_seats(taken, scale)
     with pytest.raises(
-        InputError, match=r"expected a length between seats . and . of about .* mm, as the arm as drawn"
+        InputError, match=r"expected a length between seats . and . of about .* mm, as the nominal arm has"
     ) as caught:
         kind(load_arm("gao2017")).fit_readings(readings, lengths=lengths)
     assert caught.value.column == "length_mm"
@@ -76,7 +76,7 @@ def test_another_distance_of_a_sphere_is_refused(distance, taken):
     with pytest.raises(InputError, match="expected a distance of sphere S of about 27") as caught:
         NominalModel(load_arm("gao2017")).fit_readings(on_sphere(taken, distance))
     assert caught.value.column == "sphere_distance_mm"
-    assert "not the radius" in caught.value.hint
+    assert "not a radius" in caught.value.hint
 
 
 def test_what_the_arm_has_is_taken(taken):

@@ -293,7 +293,7 @@ def test_a_foreign_file_is_refused(interrupted, edit, message):
     with pytest.raises(InputError, match=message) as caught:
         trained(traingdx, Checkpoint(interrupted, "mine"))
     assert caught.value.file == interrupted
-    assert "delete it to start the training anew" in str(caught.value)
+    assert "delete it to start the training from the beginning" in str(caught.value)
     assert interrupted.read_bytes() == before
 
 

@@ -123,7 +123,7 @@ def test_dividerand_divides_everything_once():
     everything, none, none_too = dividerand(10, train=1, validation=0, test=0, seed=5)
     assert len(everything) == 10
     assert len(none) == len(none_too) == 0
-    with pytest.raises(InputError, match="no samples left"):
+    with pytest.raises(InputError, match="no samples remain"):
         dividerand(3, train=0, validation=1, test=0, seed=0)
     with pytest.raises(InputError, match="shares"):
         dividerand(3, train=-1, seed=0)

@@ -161,7 +161,10 @@ class NetworkModel(Compensator):
                 "a network learns from points only, and lengths between seats were given",
                 hint="fit it without lengths, or fit a kinematic or physical model",
             )
-        return super()._check_references(readings, lengths)
+        n_points = super()._check_references(readings, lengths)
+        assert readings.points is not None  # checked
+        _check_motion(self.arm, readings, readings.points)
+        return n_points
 
     def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
         if (weight == weight[0]).all():
@@ -182,7 +185,6 @@ class NetworkModel(Compensator):
             )
         points = readings.points
         assert points is not None  # checked
-        _check_motion(self.arm, readings, points)
         self.network_ = Perceptron.with_layers(readings.n_joints, self.hidden, 3, activation=self.activation)
         self.angle_scale_ = MinMaxScaler.of(readings.angles.T, what="the angle of joint")
         self.point_scale_ = MinMaxScaler.of(points.T, what="coordinate")

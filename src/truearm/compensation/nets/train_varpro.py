@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 
 from truearm.compensation.nets.checkpoint import Checkpoint
 from truearm.compensation.nets.normal_equations import FitProblem
@@ -69,7 +70,7 @@ def train_varpro(
         test,
         epochs=epochs,
         max_fail=max_fail,
-        n_memory=4,
+        n_memory=len(fields(damping)),
         full_weights=problem.full_weights,
         callback=callback,
         checkpoint=checkpoint,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 from truearm.compensation.nets.checkpoint import Checkpoint
 from truearm.compensation.nets.normal_equations import FitProblem
@@ -149,7 +149,7 @@ def trainbr(
         validation,
         test,
         epochs=epochs,
-        n_memory=4,
+        n_memory=len(fields(damping)),
         extra=("gamk", "ssX", "alpha", "beta"),
         callback=callback,
         checkpoint=checkpoint,

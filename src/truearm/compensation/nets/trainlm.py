@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 
 from truearm.compensation.nets.checkpoint import Checkpoint
 from truearm.compensation.nets.normal_equations import FitProblem
@@ -82,7 +83,7 @@ def trainlm(
         test,
         epochs=epochs,
         max_fail=max_fail,
-        n_memory=4,
+        n_memory=len(fields(damping)),
         callback=callback,
         checkpoint=checkpoint,
     )
