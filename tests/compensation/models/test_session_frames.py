@@ -245,7 +245,7 @@ def test_a_refit_forgets_the_frames_with_the_base_and_keeps_them_with_the_tip(mo
     assert probe.session_frames_ is model.session_frames_
     for session, said in (("August", "point of session 'August'"), ("", "names none")):
         with pytest.raises(
-            InputError, match=f"knows the frames of the sessions May, June, July, got.*{said}"
+            InputError, match=f"sessions of the model .May, June, July., got.*{said}"
         ) as caught:
             refit(model, replace(july, session=np.full(20, session)), free=("tip",))
         assert "--free base,tip" in caught.value.hint
