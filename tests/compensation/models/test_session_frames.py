@@ -243,7 +243,7 @@ def test_a_refit_forgets_the_frames_with_the_base_and_keeps_them_with_the_tip(mo
     assert off.mean() < 3 * NOISE
     probe = refit(model, readings.rows(np.r_[0:10, 70:90]), free=("tip",))
     assert probe.session_frames_ is model.session_frames_
-    for session, said in (("August", "point of session 'August'"), ("", "names none")):
+    for session, said in (("August", "point of session 'August'"), ("", "without a session")):
         with pytest.raises(
             InputError, match=f"sessions of the model .May, June, July., got.*{said}"
         ) as caught:
