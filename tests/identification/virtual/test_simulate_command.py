@@ -76,7 +76,7 @@ def test_the_box_can_be_narrowed(tmp_path):
     ("options", "says"),
     [
         ({"strategy": "grid"}, "box, uniform, sobol-box, sobol, measuring, seat, got 'grid'"),
-        ({"preset": "laboratory"}, "expected a preset out of"),
+        ({"preset": "laboratory"}, "expected a preset among"),
         ({"seats": 2}, "seats are for the strategy seat, not for box"),
         ({"strategy": "seat", "half_width_deg": 5.0}, "a half width is for the strategies box and sobol-box"),
         ({"poses": 0}, "at least one of poses, got 0"),

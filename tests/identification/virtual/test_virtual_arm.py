@@ -360,9 +360,9 @@ def test_a_seat_out_of_reach_is_refused(research):
         (lambda a: Preset(encoder_noise_arcsec=-1.0), r"encoder_noise_arcsec must be a number >= 0 \[arcsec\]"),
         (lambda a: Preset(reference_std_mm=float("nan")), "reference_std_mm"),
         (lambda a: Preset(link_bending_stiffness_Nm2=0.0), "link_bending_stiffness_Nm2"),
-        (lambda a: Preset(nominal_mean_mm=0.4, length_std_mm=1.0), "go together"),
-        (lambda a: Preset(nominal_mean_mm=0.4, nominal_max_mm=0.8), "needs geometry"),
-        (lambda a: VirtualArm.draw(a.nominal, replace(a.preset, nominal_mean_mm=0.01), seed=0), "already errs by"),
+        (lambda a: Preset(nominal_mean_mm=0.4, length_std_mm=1.0), "needs a larger nominal_max_mm"),
+        (lambda a: Preset(nominal_mean_mm=0.4, nominal_max_mm=0.8), "needs errors of the geometry"),
+        (lambda a: VirtualArm.draw(a.nominal, replace(a.preset, nominal_mean_mm=0.01), seed=0), "mm already"),
         (lambda a: VirtualArm.draw(a.nominal, replace(a.preset, nominal_max_mm=40.0), seed=0), "none of 20000 draws"),
     ],
 )

@@ -1,7 +1,7 @@
-"""Draw only arms that err as a known arm does.
+"""Draw only arms whose nominal model has the errors of a known arm.
 
-NIST's constrained Monte Carlo (Phillips and others) keeps, out of many virtual machines, those whose simulated test
-gives the results of the real one. The test here is the founding paper's: errors of the nominal model in a box of poses.
+NIST's constrained Monte Carlo (Phillips and others) accepts those of many virtual machines whose simulated test gives
+the results of the real one. The test here is that of Gao et al. 2017: errors of the nominal model in a box of poses.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from truearm.identification.virtual.state import virtual_state
 from truearm.identification.virtual.systematic_errors import SystematicErrors
 from truearm.typing import FloatArray
 
-TESTS = 30  # the maximum over 200 random poses scatters by some per cent: so many tests must agree
+TESTS = 30  # all must agree, since the maximum over 200 random poses scatters by some per cent
 TRIES = 20_000
 BATCH = 50
-ROUNDS = 100  # four, mostly
+ROUNDS = 100  # usually four
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +47,15 @@ class _Test:
 
 
 def constrain_geometry(arm: Arm, systematic: SystematicErrors, preset: Preset, *, seed: int) -> SystematicErrors:
-    """Replace the geometry by the first drawn whose test results are the preset's.
+    """Replace the geometry by the first draw with the test results of the preset.
 
-    Geometry is drawn again and again from the arm's stream. Scaling a draw settles the mean error; the draw is kept if
-    the maxima of thirty tests are then all within the preset's tolerance.
+    Geometry is drawn repeatedly from the arm's stream. Each draw is scaled to the mean error of the preset and accepted
+    if the maxima of thirty tests are then all within the preset's tolerance.
 
     Raises
     ------
     InputError
-        If none out of 20,000 draws is, or the other classes alone already err more than the mean asked for.
+        If none of 20,000 draws is accepted, or the other classes alone exceed the mean error.
     """
     test = _test_of(arm, preset)
     stream = geometry_stream(seed)
@@ -64,9 +64,9 @@ def constrain_geometry(arm: Arm, systematic: SystematicErrors, preset: Preset, *
     other_mean = np.abs(others).mean()
     if other_mean >= preset.nominal_mean_mm:
         raise InputError(
-            f"preset {preset.name!r} asks for a nominal error of {preset.nominal_mean_mm} mm, but without any error of "
-            f"geometry arm {arm.name!r} already errs by {other_mean:.3f} mm",
-            hint="smaller magnitudes of the other classes, or a larger nominal_mean_mm",
+            f"preset {preset.name!r} states a nominal error of {preset.nominal_mean_mm} mm, but the error of arm "
+            f"{arm.name!r} without errors of the geometry is {other_mean:.3f} mm already",
+            hint="use smaller magnitudes of the other classes, or a larger nominal_mean_mm",
         )
     for _ in range(TRIES // BATCH):
         batch = np.stack([draw_geometry(arm.chain, preset, stream) for _ in range(BATCH)])
@@ -77,20 +77,20 @@ def constrain_geometry(arm: Arm, systematic: SystematicErrors, preset: Preset, *
             if off <= preset.nominal_max_tolerance_mm:
                 return systematic.with_geometry(scaled)
     raise InputError(
-        f"none of {TRIES} draws of arm {arm.name!r} errs by {preset.nominal_mean_mm} mm on average and "
-        f"{preset.nominal_max_mm} mm at most, as preset {preset.name!r} asks",
-        hint="another nominal_max_mm, or a larger nominal_max_tolerance_mm",
+        f"none of {TRIES} draws of arm {arm.name!r} has a mean error of {preset.nominal_mean_mm} mm and a maximum error "
+        f"of {preset.nominal_max_mm} mm, as preset {preset.name!r} states",
+        hint="use another nominal_max_mm, or a larger nominal_max_tolerance_mm",
     )
 
 
 def box_sample(arm: Arm, n: int, *, half_width_rad: float) -> FloatArray:
-    """Draw the same random poses each time about the working pose, inside the limits, (n, n_joints)."""
+    """Draw random poses about the working pose, inside the limits, the same in each call, (n, n_joints)."""
     lower = np.maximum(arm.working - half_width_rad, arm.limits[:, 0])
     upper = np.minimum(arm.working + half_width_rad, arm.limits[:, 1])
     return np.random.default_rng([*b"constraint"]).uniform(lower, upper, (n, arm.n_joints))
 
 
-@lru_cache(maxsize=1)  # arms are drawn in rows, all of one drawing
+@lru_cache(maxsize=1)  # many arms of one nominal arm are drawn in a row
 def _test_of(arm: Arm, preset: Preset) -> _Test:
     n = TESTS * preset.constraint_poses
     angles = box_sample(arm, n, half_width_rad=np.radians(preset.constraint_half_width_deg))
@@ -101,7 +101,7 @@ def _test_of(arm: Arm, preset: Preset) -> _Test:
 
 
 def _likely(test: _Test, others: FloatArray, batch: FloatArray, preset: Preset, *, n_tests: int) -> FloatArray:
-    """Keep the draws that pass `n_tests` to first order, which is good to some um, with a larger tolerance."""
+    """Keep the draws that pass `n_tests` to first order, accurate to some um, with a larger tolerance."""
     values = n_tests * preset.constraint_poses * 3
     geometric = batch.reshape(len(batch), len(test.by_constant)) @ test.by_constant[:, :values]
     scale, errors = to_mean(others[:values], geometric, preset.nominal_mean_mm)
@@ -113,23 +113,23 @@ def _likely(test: _Test, others: FloatArray, batch: FloatArray, preset: Preset, 
 def _scaled(
     test: _Test, motions: FloatArray, others: FloatArray, constants: FloatArray, preset: Preset
 ) -> tuple[FloatArray, float]:
-    """Scale geometry until the mean error is the preset's, with exact motions; also say how far the maxima are off.
+    """Scale geometry to the mean error of the preset, with exact motions; also return the deviation of the maxima.
 
-    Errors are taken as linear between no geometry and that of the last round. Motions of milliradians bend them by
-    about as much: the first order's scale is good to three digits, and each round gains three more.
+    Errors are linear between no geometry and that of the last round, up to the square of motions of milliradians: the
+    first-order scale is accurate to three digits, and each round gains three more.
     """
     for _ in range(2):
         geometric = test.errors(motions + constants) - others
         scale, errors = to_mean(others, geometric[None], preset.nominal_mean_mm)
         constants = scale * constants
         off = float(_off(errors, preset, n_tests=TESTS)[0])
-        if off > 1.01 * preset.nominal_max_tolerance_mm:  # further digits do not bring it back
+        if off > 1.01 * preset.nominal_max_tolerance_mm:  # further digits do not change that
             break
     return constants, off
 
 
 def _off(errors: FloatArray, preset: Preset, *, n_tests: int) -> FloatArray:
-    """By how much the maximum of any test is off that of the preset, (k,) [mm], for errors (k, m) of k arms."""
+    """Largest deviation of the maximum of a test from that of the preset, (k,) [mm], for errors (k, m) of k arms."""
     maxima = np.abs(errors).reshape(len(errors), n_tests, errors.shape[1] // n_tests).max(axis=2)
     off: FloatArray = np.abs(maxima - preset.nominal_max_mm).max(axis=1)
     return off
@@ -139,13 +139,13 @@ def to_mean(others: FloatArray, geometric: FloatArray, mean: float) -> tuple[Flo
     """Scale errors of geometry (k, m) until, with the others (m,), their mean magnitude is `mean`.
 
     The mean magnitude is a convex function of the scale, below `mean` at 0. Newton's method from a scale that is too
-    large comes down to the only root above. Where the others of a few tests leave no root, the scale is any.
+    large converges to the only root above. If the others of a few tests leave no root, the scale is arbitrary.
 
     Returns
     -------
     scale : (k,) array
     errors : (k, m) array
-        Both errors together at this scale.
+        Sum of both errors at this scale.
     """
     size = np.abs(geometric).mean(axis=1)
     scale = (mean + np.abs(others).mean()) / size
@@ -154,6 +154,6 @@ def to_mean(others: FloatArray, geometric: FloatArray, mean: float) -> tuple[Flo
         slope = np.einsum("km,km->k", np.sign(errors), geometric) / len(others)
         step = (np.abs(errors).mean(axis=1) - mean) / np.maximum(slope, 1e-3 * size)
         scale = scale - step
-        if (step <= 1e-6 * scale).all():  # straight but where an error changes its sign: so small a step is the last
+        if (step <= 1e-6 * scale).all():  # piecewise linear, so after so small a step it has converged
             break
     return scale, others + scale[:, None] * geometric

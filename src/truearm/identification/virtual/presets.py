@@ -1,4 +1,4 @@
-"""Magnitudes of the errors of a virtual arm, each with its unit and where it comes from."""
+"""Presets: magnitudes of the errors of virtual arms, each with its unit and source."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from truearm.errors import InputError
 
-# Where a magnitude comes from, in the words printed beside it.
+# Sources of the magnitudes, as printed in the documentation.
 GAO_2018 = "identified minus nominal parameters of a 6-axis arm: Gao et al. 2018, Math. Probl. Eng. 1760190, table 2"
 GRATING = "encoder makers: 412.5 e/D arcsec; raw arms 20 to 80 arcsec, compensated 1 to 4"
 HARMONICS = "order of magnitude: raw 2 to 10 and 0.5 to 2 arcsec (orders 2 and 4), compensated 0.5 to 2"
@@ -34,7 +34,7 @@ def _magnitude(unit: str, source: str, *, default: float = 0.0) -> Any:
 
 @dataclass(frozen=True)
 class Preset:
-    """How large the errors of a virtual arm are. Everything is zero unless stated: a perfect arm.
+    """Magnitudes of the errors of virtual arms, by default zero: a perfect arm.
 
     Magnitudes of *systematic* errors are standard deviations of one draw per arm; those of noise are standard
     deviations of one draw per reading. `magnitudes` lists every one with its unit and source.
@@ -43,7 +43,7 @@ class Preset:
     name: str = "custom"
     about: str = ""
 
-    # Geometry: constants of all places.
+    # Geometry: constant motions at all places.
     length_std_mm: float = _magnitude("mm", GAO_2018)
     angle_std_deg: float = _magnitude("deg", GAO_2018)
 
@@ -117,18 +117,19 @@ class Preset:
                 )
         if self.nominal_mean_mm > 0 and self.length_std_mm == self.angle_std_deg == 0:
             raise InputError(
-                f"preset {self.name!r}: a constrained nominal error needs geometry to draw, but it has none"
+                f"preset {self.name!r}: a constrained nominal error needs errors of the geometry; their magnitudes are "
+                "zero"
             )
         if (self.nominal_mean_mm > 0) != (self.nominal_max_mm > self.nominal_mean_mm):
             raise InputError(
-                f"preset {self.name!r}: nominal_mean_mm and the larger nominal_max_mm go together, "
+                f"preset {self.name!r}: nominal_mean_mm needs a larger nominal_max_mm, "
                 f"got {self.nominal_mean_mm} and {self.nominal_max_mm} mm"
             )
 
 
 @dataclass(frozen=True)
 class Magnitude:
-    """One magnitude of a preset: what the table in the documentation prints."""
+    """One magnitude of a preset, as in the table of the documentation."""
 
     name: str
     value: float
@@ -158,7 +159,7 @@ PERFECT = Preset(name="perfect", about="no errors and no noise: the nominal arm 
 
 RESEARCH = Preset(
     name="research",
-    about="a research arm before identification: the nominal model errs as the arm of Gao et al. 2017 did",
+    about="a research arm before identification, with the nominal error of the arm of Gao et al. 2017",
     length_std_mm=0.3,
     angle_std_deg=0.03,
     eccentricity_std_um=2.0,
@@ -227,13 +228,13 @@ PRESETS: Mapping[str, Preset] = {preset.name: preset for preset in (PERFECT, RES
 
 
 def load_preset(name: str) -> Preset:
-    """Give a preset by its name.
+    """Return a preset by its name.
 
     Raises
     ------
     InputError
-        If there is none of that name.
+        If there is no preset of that name.
     """
     if name not in PRESETS:
-        raise InputError(f"expected a preset out of {', '.join(PRESETS)}, got {name!r}")
+        raise InputError(f"expected a preset among {', '.join(PRESETS)}, got {name!r}")
     return PRESETS[name]
