@@ -77,8 +77,8 @@ def constrain_geometry(arm: Arm, systematic: SystematicErrors, preset: Preset, *
             if off <= preset.nominal_max_tolerance_mm:
                 return systematic.with_geometry(scaled)
     raise InputError(
-        f"none of {TRIES} draws of arm {arm.name!r} has a mean error of {preset.nominal_mean_mm} mm and a maximum error "
-        f"of {preset.nominal_max_mm} mm, as preset {preset.name!r} states",
+        f"none of {TRIES} draws of arm {arm.name!r} has a mean error of {preset.nominal_mean_mm} mm and a maximum "
+        f"error of {preset.nominal_max_mm} mm, as preset {preset.name!r} states",
         hint="use another nominal_max_mm, or a larger nominal_max_tolerance_mm",
     )
 

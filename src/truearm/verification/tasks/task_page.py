@@ -44,7 +44,7 @@ def task_page(task: TaskAssessment, *, source: str, facts: Sequence[tuple[str, s
     sections += [
         Section(
             "Errors of the measured feature",
-            f"Measured minus true value of {format_count(result.n_arms, 'drawn arm')}, drawn from {source}. "
+            f"Measured minus true value of {format_count(result.n_arms, 'arm')}, drawn from {source}. "
             "The interval is the shortest one that contains 95 % of the errors.",
             figures=(errors_figure(result.estimates, fit),),
             tables=(_table(result),),
