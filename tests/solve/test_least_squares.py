@@ -10,10 +10,13 @@ import pytest
 
 from truearm.errors import InputError, TruearmError
 from truearm.solve import (
+    UNSOLVED,
     BestPoint,
     CostConverged,
     CostGoal,
     DampingLimit,
+    DenseProblem,
+    KnownStep,
     MarquardtDamping,
     MaxEpochs,
     MaxSeconds,
@@ -21,8 +24,12 @@ from truearm.solve import (
     NielsenDamping,
     NormalEquations,
     OptimizerState,
+    StepHalving,
     ValidationStop,
+    damped_step,
+    gauss_newton,
     levenberg_marquardt,
+    levenberg_marquardt_by_row,
 )
 
 
@@ -353,3 +360,70 @@ def test_bending_saves_epochs_in_a_narrow_valley():
     plain, bent = (levenberg_marquardt(rosenbrock(), [-1.2, 1.0], acceleration=way) for way in (None, bending))
     np.testing.assert_allclose(bent.x, [1, 1], atol=1e-6)
     assert bent.epochs < plain.epochs
+
+
+def dense(problem, **options):
+    return DenseProblem(lambda x: (problem.residuals(x), problem.jacobian(x)), **options)
+
+
+def test_gauss_newton_on_a_dense_problem_reaches_the_certified_values():
+    result = gauss_newton(dense(misra1a()), np.array([250.0, 0.5]), stops=[CostConverged(1e-14), MaxEpochs(100)])
+    np.testing.assert_allclose(result.x * [1, 1e-3], MISRA1A_B, rtol=1e-8)  # of 11 printed digits
+    assert 2 * result.cost == pytest.approx(MISRA1A_SQUARES, rel=1e-9)
+
+
+@pytest.mark.parametrize("mu", [0.0, 1e-3, 10.0])
+def test_dense_and_normal_equations_have_the_same_damped_step(rng, mu):
+    J, r = rng.normal(size=(9, 4)), rng.normal(size=9)
+    one, other = DenseProblem(lambda _: (r, J)).normal_equations(0), NormalEquations(0.5 * r @ r, J.T @ r, J.T @ J)
+    step = one.damped_step(mu)
+    np.testing.assert_allclose(step, other.damped_step(mu), rtol=1e-10)
+    assert one.predicted_decrease(step) == pytest.approx(other.predicted_decrease(step))
+    assert one.cost == other.cost
+
+
+def test_parameters_that_the_data_do_not_tell_apart_have_no_step(rng):
+    column = rng.normal(size=(9, 1))
+    singular = DenseProblem(lambda x: (np.ones(9), np.hstack([column, 2 * column])))
+    assert gauss_newton(singular, np.zeros(2)).reason is UNSOLVED
+
+
+def test_a_step_is_halved_until_the_cost_does_not_rise():
+    """Of cost x^2 / 2 from 1, a step of -9 leads to -8, -3.5, -1.25 and, after three halvings, to -0.125."""
+    halves = Residuals(lambda x: x, lambda x: np.eye(1))
+    epoch = damped_step(halves, np.ones(1), KnownStep(0.5, np.array([-9.0])), StepHalving())
+    assert epoch.trial.x == -0.125
+    assert (epoch.damping.share, epoch.damping.halvings) == (1.0, 0)
+    refused = damped_step(halves, np.ones(1), KnownStep(0.5, np.array([-9.0])), StepHalving(max_halvings=2))
+    assert refused.trial is None
+
+
+class Circles:
+    """Points at distances from an origin: n problems of one residual each."""
+
+    def __init__(self, radius):
+        self.radius = radius
+
+    def rows(self, which):
+        return Circles(self.radius[which])
+
+    def linearise(self, x):
+        return (x**2).sum(axis=1, keepdims=True) - self.radius[:, None] ** 2, 2 * x[:, None, :]
+
+    def move(self, x, residuals, jacobian, mu):
+        gram = jacobian @ jacobian.transpose(0, 2, 1) + mu[:, None, None]
+        return x - (jacobian.transpose(0, 2, 1) @ np.linalg.solve(gram, residuals[:, :, None]))[:, :, 0]
+
+    def has_converged(self, residuals):
+        return np.abs(residuals[:, 0]) < 1e-10
+
+
+def test_rows_are_minimised_independently(rng):
+    start, radius = rng.normal(size=(20, 2)), rng.uniform(0.1, 10, 20)
+    x, residuals = levenberg_marquardt_by_row(Circles(radius), start, damping=MarquardtDamping(), max_epochs=100)
+    assert np.abs(residuals).max() < 1e-10
+    for i in range(20):
+        one, _ = levenberg_marquardt_by_row(
+            Circles(radius[[i]]), start[[i]], damping=MarquardtDamping(), max_epochs=100
+        )
+        np.testing.assert_allclose(one[0], x[i], rtol=1e-12)

@@ -257,10 +257,10 @@ def test_points_that_are_not_those_of_the_readings_are_refused(rows, shape, mess
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e9, 1e300])
-def test_points_that_are_no_places_are_refused(value, arm):
+def test_points_beyond_any_reach_are_refused(value, arm):
     _, points = reading(arm)
     points[4, 1] = value
-    with pytest.raises(InputError, match="at reading 14"):
+    with pytest.raises(InputError, match="at reading 15"):
         Points(np.arange(10, 16), points)
 
 
