@@ -136,7 +136,7 @@ def load_ur5() -> Session:
 def load_wam() -> Session:
     """Load the Barrett WAM measured by a laser tracker (Tsinghua University): 216 readings, each its own position.
 
-    The publisher gives differences from the targets without their sign; added, they let the arm sag, as gravity demands.
+    The publisher gives differences from the targets without their sign; added, they let the arm sag, as it must.
 
     Returns
     -------

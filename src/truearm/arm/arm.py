@@ -47,10 +47,10 @@ class Arm:
 
     Examples
     --------
-    >>> from truearm.arm import load_arm
-    >>> arm = load_arm("ur10")
-    >>> arm.n_joints, round(arm.chain.reach)
-    (6, 1472)
+    >>> import truearm as ta
+    >>> arm = ta.load_arm("ur10")
+    >>> arm.n_joints, arm.joint_names[0]
+    (6, 'J1')
     """
 
     name: str

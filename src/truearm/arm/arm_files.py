@@ -259,7 +259,7 @@ def _chain_of(file: _ArmFile) -> Chain:
 
 
 def _masses_of(file: _ArmFile) -> LinkMasses | None:
-    """Masses of the links, those of fixed rows with the link that carries them; a mass that does not move has no effect."""
+    """Masses of the links, those of fixed rows with the link that carries them; what does not move has no effect."""
     ends = row_end_frames(file.convention, **_table_of(file))
     lumps = []
     for joint, (number, end) in zip(file.joints, ends, strict=True):
@@ -322,7 +322,7 @@ def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
         if np.isfinite(upper):
             yield f"max_{unit} = {plain(upper)}"
         if np.isinf(lower) and np.isinf(upper):
-            yield f"# min_{unit} = -170.0, max_{unit} = 170.0: limits of travel, one a line; none for an unlimited joint"
+            yield f"# min_{unit} = -170.0, max_{unit} = 170.0: limits, one a line; none for an unlimited joint"
         yield f"working_{unit} = {plain(arm.working[i])}"
         if arm.masses is not None:
             yield f"mass_kg = {_plain(arm.masses.mass_kg[i])}"

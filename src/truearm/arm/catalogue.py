@@ -18,7 +18,8 @@ def list_arms() -> tuple[str, ...]:
 
     Examples
     --------
-    >>> "ur10" in list_arms()
+    >>> import truearm as ta
+    >>> "ur10" in ta.list_arms()
     True
     """
     return tuple(sorted(_files()))
@@ -39,7 +40,8 @@ def load_arm(arm: str | Path) -> Arm:
 
     Examples
     --------
-    >>> load_arm("ur10")
+    >>> import truearm as ta
+    >>> ta.load_arm("ur10")
     Arm('ur10', 6 joints)
     """
     path = Path(arm)

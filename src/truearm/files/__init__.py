@@ -1,1 +1,1 @@
-"""Files: written whole or not at all; read with a bound on their size; CSV, TOML and XML with the place of every fault."""
+"""Files: written whole or not at all; read with a bound on their size; CSV, TOML and XML with the place of a fault."""

@@ -77,7 +77,7 @@ class Sheet:
     def error(
         self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
     ) -> InputError:
-        """Make an error that states this file and the line of `row`, counted from 0; without a row that of the header."""
+        """Make an error that states this file and the line of `row` (counted from 0), or of the header."""
         line = self.first_line + row if row is not None else self.first_line - 1 or None
         return InputError(problem, file=self.file, line=line, column=column, hint=hint)
 

@@ -192,7 +192,8 @@ def skip_beyond_limits(
     if len(skipped) > MAX_SKIPPED_SHARE * len(session):
         raise session.error(
             f"{first.joint} is at {first.value:.6g} {first.unit}, outside its limits {first.lower:.6g} .. "
-            f"{first.upper:.6g} {first.unit} ({len(skipped)} of {len(session)} readings are outside the limits of a joint)",
+            f"{first.upper:.6g} {first.unit} ({len(skipped)} of {len(session)} readings are outside the limits of a "
+            "joint)",
             first.row,
             column=_column(session, int(first.joint[1:]) - 1),
             hint="check the unit, sign and zero of the angles, or the limits in the arm file",

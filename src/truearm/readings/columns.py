@@ -1,4 +1,4 @@
-"""The columns of a session: their names state the units, and no unit is guessed. CSV, Parquet and data frames share them."""
+"""The columns of a session in CSV, Parquet and data frames: their names state the units, and no unit is guessed."""
 
 from __future__ import annotations
 

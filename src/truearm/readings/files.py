@@ -31,7 +31,7 @@ MAX_CELLS = 2**27
 
 
 def read_session(path: str | Path, *, n_joints: int | None = None) -> Session:
-    """Read a session file (docs/session-file.md).
+    r"""Read a session file (docs/session-file.md).
 
     Parameters
     ----------
@@ -49,6 +49,14 @@ def read_session(path: str | Path, *, n_joints: int | None = None) -> Session:
     ------
     InputError
         If the file breaks a rule of the format; with file, line, column and what to do.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import truearm as ta
+    >>> _ = Path("session.csv").write_text("q1_deg,q2_deg,x_mm,y_mm,z_mm\n10,20,500,0,100\n30,-40,400,200,100\n")
+    >>> ta.read_session("session.csv")
+    Session(2 readings of 2 joints, session.csv)
     """
     path = Path(path)
     check_readable(path, limit_bytes=MAX_BYTES)

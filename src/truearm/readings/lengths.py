@@ -72,7 +72,8 @@ class Lengths:
 
     Examples
     --------
-    >>> lengths = Lengths(["A"], ["B"], [500.0123], [0.0005])
+    >>> import truearm as ta
+    >>> lengths = ta.Lengths(["A"], ["B"], [500.0123], [0.0005])
     >>> lengths.to_frame().to_dict("records")
     [{'seat_a': 'A', 'seat_b': 'B', 'length_mm': 500.0123, 'u_mm': 0.0005}]
     """
@@ -264,7 +265,8 @@ class Lengths:
             first = pairs.setdefault(tuple(sorted(pair)), row)
             if first != row:
                 raise self.error(
-                    f"the length between {quoted_cell(pair[0])} and {quoted_cell(pair[1])} is stated in {self.called(first)} already",
+                    f"the length between {quoted_cell(pair[0])} and {quoted_cell(pair[1])} is stated in "
+                    f"{self.called(first)} already",
                     row,
                     hint="state it once, with the uncertainty of the mean if it was measured several times",
                 )
@@ -278,7 +280,7 @@ class Lengths:
 
 
 def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Lengths:
-    """Read a file of lengths (docs/session-file.md): CSV with the columns ``seat_a, seat_b, length_mm, u_mm``.
+    r"""Read a file of lengths (docs/session-file.md): CSV with the columns ``seat_a, seat_b, length_mm, u_mm``.
 
     Columns ``artefact``, ``u_place_mm``, ``expansion_per_K`` and ``u_expansion_per_K`` are optional, and so are their
     cells.
@@ -294,6 +296,14 @@ def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Len
     ------
     InputError
         If the file breaks a rule of the format; with file, line, column and what to do.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import truearm as ta
+    >>> _ = Path("lengths.csv").write_text("seat_a,seat_b,length_mm,u_mm\nA,B,500.0123,0.0005\n")
+    >>> ta.read_lengths("lengths.csv").length_mm.tolist()
+    [500.0123]
     """
     path = Path(path)
     sheet = read_sheet(path)

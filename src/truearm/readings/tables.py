@@ -126,7 +126,7 @@ def import_table(
     encoding: str = "utf-8",
     session_name: str | None = None,
 ) -> Session:
-    """Read a session from a table with other columns and units than the session file.
+    r"""Read a session from a table with other columns and units than the session file.
 
     Parameters
     ----------
@@ -158,6 +158,17 @@ def import_table(
     ------
     InputError
         If the table does not fit `columns` and `scale`; with file, line, column and what to do.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import truearm as ta
+    >>> from truearm.readings import JointScale, TableColumns
+    >>> _ = Path("table.txt").write_text("J1;J2;X;Y;Z\n0,1;-0,2;0,5;0,0;0,25\n")
+    >>> columns = TableColumns(["J1", "J2"], points=["X", "Y", "Z"])
+    >>> session = ta.import_table("table.txt", columns, JointScale("rad"), point_unit="m", separator=";", decimal=",")
+    >>> session.points.tolist()
+    [[500.0, 0.0, 250.0]]
     """
     if point_unit not in _TO_MM:
         raise InputError(f"unknown unit of points {quoted_cell(point_unit)}", hint=f"one of {', '.join(_TO_MM)}")
