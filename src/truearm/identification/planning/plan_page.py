@@ -127,7 +127,8 @@ def poses_figure(plan: CalibrationPlan, angles: FloatArray) -> Figure:
     number = format_count(len(shown), "pose")
     return Figure(
         tuple(drawing for drawing, _, _ in panels),
-        caption=f"The arm in {len(shown)} of {format_number(len(angles))} poses, as lines from joint to joint. Orange: the tip.",
+        caption=f"The arm in {len(shown)} of {format_number(len(angles))} poses, as lines from joint to joint. "
+        "Orange: the tip.",
         alt=f"The arm in {number}, from above and from the side, as lines from joint to joint.",
         columns=2,
     )
