@@ -8,6 +8,7 @@ import json
 import zipfile
 from copy import copy
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,31 @@ from truearm.compensation.models.network import TRAINERS
 from truearm.errors import InputError, TruearmError
 from truearm.identification.estimation.outliers import outliers
 from truearm.readings import Session
+
+# Files of format 1, and the predictions of their models at the working pose: tip, standard uncertainties and nominal
+# tip [mm].
+SAMPLES = {
+    "nominal": (
+        [60.99777190266799, -47.99830362902277, 2.9993045717095104],
+        [0.011333177817361291, 0.011333378116168333, 0.011328750496204472],
+        [60.99777190266799, -47.99830362902277, 2.9993045717095104],
+    ),
+    "kinematic": (
+        [60.99777190266798, -47.99830362902278, 2.999304571709537],
+        [0.01133317791679876, 0.011333378215472572, 0.011328750596987737],
+        [60.99777190266799, -47.99830362902277, 2.9993045717095104],
+    ),
+    "physical": (
+        [60.997894363284615, -47.99666395502765, 2.999379507552891],
+        [0.011146572349497787, 0.011175343461098603, 0.011110221459081719],
+        [60.99777190266799, -47.99830362902277, 2.9993045717095104],
+    ),
+    "network": (
+        [85.47393968847484, -44.82023982724284, 2.9968739702879383],
+        [21.394395528391208, 11.65778211821027, 0.008271403125432876],
+        [60.99777190266799, -47.99830362902277, 2.9993045717095104],
+    ),
+}
 
 
 @pytest.fixture(scope="module")
@@ -138,6 +164,17 @@ def test_a_scale_without_a_range_is_refused(fitted, tmp_path):
     rewritten(tmp_path / "m", edit_array("angle_scale_.lower", lambda a: a + 1e6))
     with pytest.raises(InputError, match="that rise from lower to upper"):
         load_model(tmp_path / "m")
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_file_of_format_1_predicts_what_it_did(name):
+    """To the last bit on the machine that wrote it; sums in another order differ by 1e-12."""
+    model = load_model(Path(__file__).parent / f"{name}-format-1.truearm")
+    tip, std, nominal = SAMPLES[name]
+    points, covariance = model.predict(model.arm.working[None], return_cov=True)
+    np.testing.assert_allclose(points, [tip], rtol=1e-12)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), std, rtol=1e-8)
+    np.testing.assert_allclose(model.predict_nominal(model.arm.working[None]), [nominal], rtol=1e-12)
 
 
 @pytest.fixture

@@ -244,9 +244,7 @@ def test_a_refit_forgets_the_frames_with_the_base_and_keeps_them_with_the_tip(mo
     probe = refit(model, readings.rows(np.r_[0:10, 70:90]), free=("tip",))
     assert probe.session_frames_ is model.session_frames_
     for session, said in (("August", "point of session 'August'"), ("", "without a session")):
-        with pytest.raises(
-            InputError, match=f"sessions of the model .May, June, July., got.*{said}"
-        ) as caught:
+        with pytest.raises(InputError, match=f"sessions of the model .May, June, July., got.*{said}") as caught:
             refit(model, replace(july, session=np.full(20, session)), free=("tip",))
         assert "--free base,tip" in caught.value.hint
     with pytest.raises(InputError, match="without a session"):
