@@ -263,7 +263,7 @@ def test_a_length_without_a_position_is_refused():
         InputError, match=r"has \d+ positions 30 mm apart .* 1000 mm, the plan asks for 1000"
     ) as refused:
         lay_out_tests(plan, bar_of(1500.0), 2000.0)
-    assert "fewer positions" in refused.value.hint
+    assert "reduce the positions" in refused.value.hint
     with pytest.raises(InputError, match="positive measuring range"):
         lay_out_tests(plan, example_artefacts(RANGE), float("nan"))
     nothing = edited(

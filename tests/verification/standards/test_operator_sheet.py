@@ -83,7 +83,7 @@ def test_the_sheet_describes_how_to_touch_seats_and_balls():
     assert "five points all over the half of a ball" in section(page, "Positions of the bar").text
     steps = [row[1] for row in section(page, "Step by step").tables[0].rows if "test 'uni'" in row[1]]
     assert steps
-    assert all("in a seat one point, on a ball five all over it" in step for step in steps)
+    assert all("one point in a seat, five all over a ball" in step for step in steps)
     written = section(page, "Records").text
     assert "tip_diameter_mm" in written
     assert "switch that off for seats" in written
@@ -129,4 +129,4 @@ def test_it_prints_completely(tmp_path):
     found = [int(number) for one in steps for number in re.findall(r"(?m)^ *(\d+) +(?:Ball|Bar)", one)]
     assert found == list(range(1, 20))
     (bars,) = [one for one in sheets if "Positions of the bar" in one]
-    assert "Each place from above and from the side" in bars
+    assert "Each position from above and from the side" in bars

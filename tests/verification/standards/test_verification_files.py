@@ -177,7 +177,7 @@ def test_an_artefact_is_looked_up_by_kind_and_needs_a_valid_certificate():
     for look_up, phrase in (
         (lambda: artefacts.sphere("bar"), "no sphere 'bar'. Try: use one of 'ball'"),
         (lambda: artefacts.seat("cone"), r"no seat 'cone'. Try: add it under \[\[seats\]\]"),
-        (lambda: artefacts.bar("bar").length("500"), "no length '500'. Try: '1000'"),
+        (lambda: artefacts.bar("bar").length("500"), "no length '500'. Try: use one of '1000'"),
     ):
         with pytest.raises(InputError, match=phrase):
             look_up()
