@@ -70,7 +70,8 @@ def test_every_name_has_an_example_that_runs(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     thing = getattr(ta, name)
     text = inspect.getdoc(thing) or ""
-    example = doctest.DocTestParser().get_doctest(text, {"ta": ta}, name, None, None)
+    names = {**vars(sys.modules[thing.__module__]), "ta": ta}
+    example = doctest.DocTestParser().get_doctest(text, names, name, None, None)
     assert "Examples\n--------" in text, f"{name} has no Examples section"
     assert example.examples
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL, verbose=False)

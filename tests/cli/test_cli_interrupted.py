@@ -171,8 +171,16 @@ def test_nothing_of_a_bar_where_nobody_watches(made):
     assert "\x1b" not in ran.stdout
 
 
+def test_a_result_that_can_be_printed_nowhere_is_no_success(tmp_path):
+    """Standard output closed before the start: the file is written, the exit code is that of a closed pipe."""
+    command = f"exec {sys.executable} -m truearm arms ur10 --out a.toml >&-"
+    ran = subprocess.run(["sh", "-c", command], cwd=tmp_path, stderr=subprocess.PIPE)
+    assert (ran.returncode, ran.stderr) == (128 + signal.SIGPIPE, b"")
+    assert (tmp_path / "a.toml").exists()
+
+
 @pytest.mark.parametrize("arguments", [["arms"], ["arms", "--json"], ["--help"], ["fetch", "--list"]])
-def test_a_reader_that_goes_early_is_no_error(arguments):
+def test_a_closed_output_pipe_ends_the_program_quietly(arguments):
     reader, writer = os.pipe()
     os.close(reader)
     try:

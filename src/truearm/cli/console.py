@@ -1,4 +1,4 @@
-"""What the commands say: results on standard output, progress on standard error."""
+"""Output of the commands: results on standard output, progress on standard error; options that they share."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ def print_line(text: str) -> None:
 
 
 def printable(text: str) -> str:
-    """The text with bytes of a file name that are no UTF-8 (lone surrogates) spelt out: no terminal shows them."""
+    """The text with bytes that are not UTF-8 (lone surrogates, in file names) as escapes: no terminal can show them."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 def print_status(text: str) -> None:
-    """Print a remark on how it goes; a terminal that is gone (a closed window) is no error."""
+    """Print a remark on progress; a closed terminal window is no error."""
     with suppress(OSError):
         typer.echo(printable(text), err=True)
 
 
 def _silent(done: int, note: str) -> None:
-    """Tell nobody: nobody watches."""
+    """No progress bar: standard error is no terminal."""
 
 
 def print_json(result: Mapping[str, Any]) -> None:
@@ -77,7 +77,7 @@ def print_record(record: Record, *, as_json: bool = False, files: Mapping[str, P
 
 
 def print_table(columns: list[str], rows: list[list[str]], *, left_aligned: tuple[int, ...] = (0,)) -> None:
-    """Print rows under column heads: the columns numbered in `left_aligned` to the left, the others to the right."""
+    """Print rows under headings, the columns `left_aligned` to the left, the others to the right."""
     widths = [max(len(row[i]) for row in [columns, *rows]) for i in range(len(columns))]
     for row in [columns, *rows]:
         cells = [
@@ -123,19 +123,19 @@ def numbers_of(text: str, option: str, example: str) -> list[float]:
 
 @contextmanager
 def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, str], None]]:
-    """Show a progress bar and the time left on standard error while the block runs, if a person watches.
+    """Show a progress bar and the remaining time on standard error while the block runs, if that is a terminal.
 
     Parameters
     ----------
     what : str
-        What is going on.
+        Label of the bar.
     total : int, optional
-        Number of steps; unknown by default (the bar then only shows that something moves).
+        Number of steps; unknown by default (the bar then shows activity only).
 
     Yields
     ------
     callable
-        ``tell(done, note)``: the steps done so far, and a few words on how it stands.
+        ``update(done, note)``: the number of steps done, and a note on the state.
     """
     if not sys.stderr.isatty() or os.environ.get("TERM") in ("dumb", "unknown"):
         yield _silent
@@ -145,7 +145,7 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, str
     from rich.text import Text
 
     class Bar(Progress):
-        """A bar with the note on a line of its own below it: a training has more to tell than a line holds."""
+        """A bar with the note on a line of its own below it: notes of a training are long."""
 
         def get_renderables(self) -> Iterator[RenderableType]:
             yield self.make_tasks_table(self.tasks)

@@ -1,4 +1,4 @@
-"""``truearm import``: a foreign table becomes a session file."""
+"""``truearm import``: a table of another program becomes a session file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from truearm.cli.console import check_output_is_not_input, print_line, print_table, progress
+from truearm.cli.console import check_output_is_not_input, print_line, progress
 
 if TYPE_CHECKING:
     from truearm.readings import JointScale, Session
@@ -44,28 +44,29 @@ def import_table(
     skip_lines: Annotated[int, typer.Option("--skip-lines", min=0, help="Lines above the header to skip.")] = 0,
     encoding: Annotated[str, typer.Option("--encoding", help="utf-8, cp1252, utf-16, ..")] = "utf-8",
 ) -> None:
-    """Turn a table from elsewhere into a session file.
+    """Turn a table of another program into a session file.
 
-    Its columns, units, signs, zeros and separators are settled here, once. Columns go by name, or by number from 1.
-    The ranges that come out are printed: a wrong unit or sign is seen at once.
+    State its columns, units, signs, zeros and separators here, once. A column is given by its name, or by its number
+    from 1. The ranges of the result are printed: they show a wrong unit or sign.
     """
-    from truearm import readings as room
+    from truearm.readings import JointScale, TableColumns, check_session_path, write_session
+    from truearm.readings import import_table as read_table
 
     check_output_is_not_input(out, table)
-    room.check_session_path(out)
+    check_session_path(out)
 
-    scale = room.JointScale(
+    scale = JointScale(
         unit=cast(Any, _listed(angle_unit)),
         counts_per_turn=_numbers(counts_per_turn, "--counts-per-turn"),
         sign=_signs(sign),
         zero=_numbers(zero, "--zero"),
     )
-    columns = room.TableColumns(
+    columns = TableColumns(
         _listed(angles), _listed(points), _listed(point_std), seat or None, session or None, temperature or None,
         _listed(position),
     )  # fmt: skip
     with progress(f"importing {table.name}"):
-        readings = room.import_table(
+        readings = read_table(
             table,
             columns,
             scale,
@@ -79,28 +80,30 @@ def import_table(
         )
         units = scale.units(readings.n_joints)
         unit = "rad" if "rad" in units else "deg"
-        room.write_session(readings, out, prismatic=[u == "mm" for u in units], angle_unit=cast(Any, unit))
+        write_session(readings, out, prismatic=[u == "mm" for u in units], angle_unit=cast(Any, unit))
     print_line(f"{out}: {len(readings)} readings of {readings.n_joints} joints from {table.name}")
-    _say_ranges(readings, scale)
+    _print_ranges(readings, scale)
 
 
-def _say_ranges(readings: Session, scale: JointScale) -> None:
-    """Print what came out, so that a wrong unit or sign is seen at once."""
+def _print_ranges(readings: Session, scale: JointScale) -> None:
+    """Print the ranges of the result, which show a wrong unit or sign."""
+    from truearm.workflows.record import TextTable
+
     rows = []
     for i, unit in enumerate(scale.units(readings.n_joints)):
         values = readings.angles[:, i] if unit == "mm" else readings.angles[:, i] * 57.29577951308232
         name = readings.angle_columns[i] if readings.angle_columns else ""
-        rows.append([f"q{i + 1}", name, f"{values.min():.3f}", f"{values.max():.3f}", "mm" if unit == "mm" else "deg"])
+        rows.append([f"J{i + 1}", name, f"{values.min():.3f}", f"{values.max():.3f}", "mm" if unit == "mm" else "deg"])
     if readings.points is not None:
         for axis, values in zip("xyz", readings.points.T, strict=True):
             rows.append([axis, "reference", f"{values.min():.3f}", f"{values.max():.3f}", "mm"])
     if readings.temperature_degC is not None:
         degC = readings.temperature_degC
         rows.append(["temperature", "", f"{degC.min():.2f}", f"{degC.max():.2f}", "degC"])
-    print_table(["", "from", "least", "most", "unit"], rows)
+    print_line(str(TextTable(["", "column", "min", "max", "unit"], rows, left_aligned=(0, 1))))
     for name in ("position", "seat", "session"):
-        if (words := getattr(readings, name)) is not None:
-            print_line(f"{name}s: {len(set(words.tolist()))}")
+        if (names := getattr(readings, name)) is not None:
+            print_line(f"{name}s: {len(set(names.tolist()))}")
 
 
 def _listed(text: str) -> tuple[str, ...]:

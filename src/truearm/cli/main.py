@@ -1,4 +1,4 @@
-"""The command line: one module a verb, which parses, calls and prints."""
+"""The command line: one module for each command, which parses, calls and prints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from truearm import __version__
 from truearm.cli.console import printable
 from truearm.errors import TruearmError
 
-# The order in which a newcomer meets them.
+# In the order in which a newcomer needs them.
 VERBS: tuple[tuple[str, str], ...] = (
     ("demo", "demo"),
     ("arms", "arms"),
@@ -43,7 +43,7 @@ VERBS: tuple[tuple[str, str], ...] = (
 
 @runtime_checkable
 class SupportsMessage(Protocol):
-    """What errors of click and of Typer have in common."""
+    """Usage errors of click and of Typer."""
 
     def format_message(self) -> str:
         """The message, with the name of the option at fault."""
@@ -65,8 +65,8 @@ def _about(
 
 
 def make_app() -> typer.Typer:
-    """The command line with its verbs; a verb is the function of its module's name."""
-    # Plain help and messages: they wrap anywhere, go through pipes, and "[mm]" stays what it is.
+    """The command line with its commands; a command is the function with the name of its module."""
+    # Plain help and messages: they wrap anywhere, pass through pipes, and "[mm]" is no markup.
     app = typer.Typer(
         add_completion=False,
         pretty_exceptions_enable=False,
@@ -80,49 +80,51 @@ def make_app() -> typer.Typer:
     return app
 
 
-# The parent of all errors in how a command is typed. Typer brings its own or click's, by its version.
+# The parent of all usage errors: Typer's own or click's, depending on its version.
 _UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 
-INTERRUPTED = 130  # 128 + SIGINT, as a shell has it
-READER_GONE = 141  # 128 + SIGPIPE
+INTERRUPTED = 130  # 128 + SIGINT, as in a shell
+OUTPUT_CLOSED = 141  # 128 + SIGPIPE
 FAULT = 70  # EX_SOFTWARE of sysexits.h; 1 would look like a verdict
 
 
 def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and end the program.
 
-    Exit code 0: done; 2: wrong input, or the system refuses (one message on standard error); 70: a fault of this
-    program, with its traceback on standard error; 130: interrupted; 141: the reader of the results went early
-    (| head). 1 and 3 are verdicts, never faults: from `verify`: not conform, undecided; from `task`: not good enough,
-    only with guard bands; from `check`: recalibrate, and check once more or not enough checks yet.
+    Exit codes: 0 done; 2 wrong input, or the system refuses (one message on standard error); 70 a fault of this
+    program, with its traceback on standard error; 130 interrupted (Ctrl-C); 129 and 143 ended by SIGHUP and SIGTERM;
+    141 output pipe closed, or no standard output. 1 and 3 are verdicts, never faults: of `verify` not conform,
+    undecided; of `task` not fit, fit only with guard bands; of `check` recalibrate, repeat the check or too few checks.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        with _ended_tidily():
+        with _signals_unwind():
             code = make_app()(arguments or ["--help"], standalone_mode=False, prog_name="truearm")
     except SystemExit as ended:
-        code = READER_GONE if _reader_gone(ended) else ended.code
+        code = OUTPUT_CLOSED if _output_closed(ended) else ended.code
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
     except (TruearmError, _UsageError, OSError, MemoryError) as error:
-        _complain(_message(error))
+        _print_error(_message(error))
         code = 2
     except Exception:
         traceback.print_exc()
-        _complain("this is a fault of the program, not of its input. Please report it with the lines above")
+        _print_error("this is a fault of the program, not of its input. Please report it with the lines above")
         code = FAULT
+    if not code and sys.stdout is None:  # closed before the start: the result was printed nowhere
+        code = OUTPUT_CLOSED
     if code == INTERRUPTED:
-        _complain("interrupted")
+        _print_error("interrupted")
     sys.exit(code or 0)
 
 
-def _reader_gone(ended: SystemExit) -> bool:
-    """Whether Typer ended the program for a pipe that nobody reads, which it does with 1."""
+def _output_closed(ended: SystemExit) -> bool:
+    """Whether Typer ended the program because nobody reads its output pipe; its own exit code for that is 1."""
     return isinstance(ended.__context__, OSError) and ended.__context__.errno == errno.EPIPE
 
 
 def _message(error: Exception) -> str:
-    """One line on what was wrong, and what to try."""
+    """One line: what happened, where, and what to do."""
     if isinstance(error, TruearmError):
         return str(error)
     if isinstance(error, MemoryError):
@@ -130,25 +132,25 @@ def _message(error: Exception) -> str:
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename else ""
         return f"{where}{error.strerror or error}"
-    said = error.format_message() if isinstance(error, SupportsMessage) else str(error)
-    said = " ".join(said.split()).replace("Value error, ", "").removesuffix(".")
+    problem = error.format_message() if isinstance(error, SupportsMessage) else str(error)
+    problem = " ".join(problem.split()).replace("Value error, ", "").removesuffix(".")
     context = getattr(error, "ctx", None)
-    stop = "" if said.endswith("?") else "."
-    return f"{said}{stop} Try: {context.command_path if context else 'truearm'} --help"
+    stop = "" if problem.endswith("?") else "."
+    return f"{problem}{stop} Try: {context.command_path if context else 'truearm'} --help"
 
 
-def _complain(message: str) -> None:
+def _print_error(message: str) -> None:
     typer.echo(printable(f"truearm: {message}"), err=True)
 
 
 @contextmanager
-def _ended_tidily() -> Iterator[None]:
-    """Let a request to end (kill, a closed terminal) unwind as Ctrl-C does, so that no file is left beside."""
+def _signals_unwind() -> Iterator[None]:
+    """Unwind at SIGTERM and SIGHUP as at Ctrl-C, so that no temporary file remains."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    wanted = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {number: signal.signal(number, _end) for number in wanted if signal.getsignal(number) == signal.SIG_DFL}
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.signal(number, _end) for number in numbers if signal.getsignal(number) == signal.SIG_DFL}
     try:
         yield
     finally:
