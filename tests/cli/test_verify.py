@@ -271,7 +271,7 @@ POINTS = {
     "metres": (scaled(1e-3), ["measured 0.02499", "convert the points to mm: they seem to be in metres"]),
     "centimetres": (scaled(0.1), ["measured 2.49", "convert the points to mm: they seem to be in centimetres"]),
     "inches": (scaled(1 / 25.4), ["measured 0.98", "convert the points to mm: they seem to be in inches"]),
-    "unit in the head": (first_column("x_mm", "x_inch"), ["line 1, column 'x_inch'", "Try: x_mm: coordinates in mm"]),
+    "unit in the head": (first_column("x_mm", "x_inch"), ["line 1, column 'x_inch'", "Try: x_mm, with coordinates in mm"]),
     "no x": (first_column("x_mm", "note_x"), ["the column x_mm is missing"]),
     "empty column": (
         lambda text: text.replace("\n", ",\n"),
@@ -279,7 +279,7 @@ POINTS = {
     ),
     "unknown column": (first_column("group", "gruppe"), ["unknown column 'gruppe'", "Try: test, artefact"]),
     "column twice": (first_column("repeat", "length"), ["column 'length'", "two columns have this name"]),
-    "unknown test": (first("uni", "uni", "unit"), ["column 'test'", "unknown test 'unit'", "Try: uni"]),
+    "unknown test": (first("uni", "uni", "unit"), ["column 'test'", "unknown test 'unit'", "Try: use uni"]),
     "another standard's": (first("uni", "uni", "volumetric"), ["has no 'repeat'", "leave the cell empty"]),
     "unknown artefact": (lambda text: text.replace("ing,ball", "ing,bal"), ["has no sphere 'bal'", "Try: use one of 'ball'"]),
     "unknown length": (lambda text: text.replace(",150,", ",160,"), ["'bar' has no length '160'", "Try: use one of '150'"]),
@@ -402,7 +402,7 @@ SLIPS = {
         moved("articulation", (3, 7), ("2", "C"), by_mm=3.0, ends=("",)),
         (
             r"test 'articulation', position 2, group C \(line \d+\): only its sphere deviates, by 2\.4 mm from the "
-            r"mean of all groups: measure the group again"
+            r"mean of all groups; measure the group again"
         ),
     ),
 }
