@@ -463,8 +463,8 @@ def test_equal_points_have_no_outlier(truearm, bench):
     text = "".join(row for row in rows if row.startswith(("test", "single_point")))
     Path("points.csv").write_text(text.replace(*off(text, 15, 2.0), 1))
     found = json.loads(truearm(*options("own.toml"), "--json").out)
-    (told,) = [remark for remark in found["remarks"] if "alone" in remark]
-    assert told.startswith("test 'single_point', position middle: the point of line")
+    (told,) = [remark for remark in found["remarks"] if "only the point" in remark]
+    assert told.startswith("test 'single_point', position middle: only the point of line")
 
 
 @pytest.mark.parametrize("n", [5, 6, 10])
