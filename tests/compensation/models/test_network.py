@@ -1,4 +1,4 @@
-"""The network model: trainers, restarts, ensembles, their uncertainty, checkpoints, and what it refuses."""
+"""The network model: trainers, restarts, ensembles, their uncertainty, and what it refuses."""
 
 from __future__ import annotations
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
 
-from truearm.compensation.nets.checkpoint import Checkpoint
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
 from truearm.compensation.nets.training_log import TrainingLog
@@ -26,7 +24,6 @@ def train_varpro(
     max_fail: int = 10,
     time: float = float("inf"),
     callback: Callable[[Epoch], None] | None = None,
-    checkpoint: Checkpoint | None = None,
 ) -> tuple[FloatArray, TrainingRecord]:
     """Train a network whose output layer is linear: far fewer epochs than `trainlm` for the same error.
 
@@ -44,7 +41,7 @@ def train_varpro(
         The same network on different samples; without `validation` there is no validation stop.
     weights : (n_weights,) array
         Where to start; the output layer's share is not used.
-    epochs, goal, max_fail, time, callback, checkpoint
+    epochs, goal, max_fail, time, callback
         As in `trainlm`.
 
     Returns
@@ -63,28 +60,22 @@ def train_varpro(
     check_stops(epochs=epochs, goal=goal, time=time, max_fail=max_fail)
     problem, damping = ProjectedProblem(training), NielsenDamping()
     log = TrainingLog(
-        "varpro",
-        weights[: problem.n_hidden_weights],
         training,
         validation,
         test,
-        epochs=epochs,
         max_fail=max_fail,
-        n_memory=len(fields(damping)),
         full_weights=problem.full_weights,
         callback=callback,
-        checkpoint=checkpoint,
     )
 
-    if not log.ended:
-        with one_blas_thread(), log:
-            levenberg_marquardt(
-                problem,
-                log.lm_start(damping),
-                damping=damping,
-                stops=[CostGoal(goal * log.half), MaxEpochs(epochs), MaxSeconds(time), CostConverged(1e-8), *log.stops],
-                callback=log.record_lm_epoch,
-                acceleration=problem.second_directional_derivative,
-            )
+    with one_blas_thread():
+        levenberg_marquardt(
+            problem,
+            weights[: problem.n_hidden_weights],
+            damping=damping,
+            stops=[CostGoal(goal * log.half), MaxEpochs(epochs), MaxSeconds(time), CostConverged(1e-8), *log.stops],
+            callback=log.record_lm_epoch,
+            acceleration=problem.second_directional_derivative,
+        )
     with one_blas_thread():
         return log.best_weights(), log.record(TrainingRecord)

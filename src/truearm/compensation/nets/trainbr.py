@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
-from truearm.compensation.nets.checkpoint import Checkpoint
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
-from truearm.compensation.nets.training_log import TrainingLog, damping_memory
+from truearm.compensation.nets.training_log import TrainingLog
 from truearm.solve import (
     DampingLimit,
     MarquardtDamping,
@@ -99,7 +98,6 @@ def trainbr(
     mu_max: float = 1e10,
     time: float = float("inf"),
     callback: Callable[[Epoch], None] | None = None,
-    checkpoint: Checkpoint | None = None,
 ) -> tuple[FloatArray, BayesianRecord]:
     """Train a network's weights, weighing errors against the size of the weights by the evidence.
 
@@ -124,7 +122,7 @@ def trainbr(
         As in MATLAB; `goal` is a mean squared error of scaled outputs, `min_grad` a norm of the gradient of the cost.
         The cost here is half of beta times the squared errors and so on, with a beta that is twice MATLAB's: the same
         `mu` damps half as much.
-    callback, checkpoint
+    callback
         As in `trainlm`.
 
     Returns
@@ -143,26 +141,15 @@ def trainbr(
     check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad)
     damping = MarquardtDamping(mu, mu_dec, mu_inc, mu_max)
     log = TrainingLog(
-        "trainbr",
-        start,
         training,
         validation,
         test,
-        epochs=epochs,
-        n_memory=len(fields(damping)),
         extra=("gamk", "ssX", "alpha", "beta"),
         callback=callback,
-        checkpoint=checkpoint,
     )
     n = training.n_errors
-    if (row := log.resumed) is None:
-        evidence = Evidence(FIRST_ALPHA, FIRST_BETA, gamma=float(len(start)))
-        perf, squares = training.mean_square(start), float(start @ start)
-    else:
-        if not (row["alpha"] > 0 and row["beta"] > 0):
-            raise log.damaged("the checkpoint has an alpha or beta that is not above zero")
-        evidence = Evidence(row["alpha"], row["beta"], row["gamk"])
-        perf, squares = row["perf"], row["ssX"]
+    evidence = Evidence(FIRST_ALPHA, FIRST_BETA, gamma=float(len(start)))
+    perf, squares = training.mean_square(start), float(start @ start)
 
     def renew(x: FloatArray, equations: NormalEquations) -> tuple[RegularisedProblem, NormalEquations]:
         nonlocal evidence, perf, squares
@@ -189,26 +176,24 @@ def trainbr(
             state,
             perf=perf,
             gradient=state.gradient_norm,
-            memory=damping_memory(state),
             extra=(evidence.gamma, squares, evidence.alpha, evidence.beta),
         )
 
-    if not log.ended:
-        with one_blas_thread(), log:
-            levenberg_marquardt(
-                RegularisedProblem(training, evidence),
-                log.lm_start(damping),
-                damping=damping,
-                stops=[
-                    goal_met,
-                    MaxEpochs(epochs),
-                    MaxSeconds(time),
-                    MinGradient(min_grad),
-                    DampingLimit(),
-                    *log.stops,
-                ],
-                callback=keep,
-                update_problem=renew,
-            )
+    with one_blas_thread():
+        end = levenberg_marquardt(
+            RegularisedProblem(training, evidence),
+            start,
+            damping=damping,
+            stops=[
+                goal_met,
+                MaxEpochs(epochs),
+                MaxSeconds(time),
+                MinGradient(min_grad),
+                DampingLimit(),
+                *log.stops,
+            ],
+            callback=keep,
+            update_problem=renew,
+        )
     record = log.record(BayesianRecord)
-    return log.x.copy(), replace(record, best_epoch=record.num_epochs)
+    return end.x.copy(), replace(record, best_epoch=record.num_epochs)

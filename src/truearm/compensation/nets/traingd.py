@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
-from truearm.compensation.nets.checkpoint import Checkpoint
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
 from truearm.compensation.nets.training_log import TrainingLog
@@ -43,7 +40,6 @@ def traingd(
     min_grad: float = 1e-5,
     time: float = float("inf"),
     callback: Callable[[Epoch], None] | None = None,
-    checkpoint: Checkpoint | None = None,
 ) -> tuple[FloatArray, TrainingRecord]:
     """Train a network's weights by ``weights - lr * gradient of the mean squared error``.
 
@@ -62,7 +58,7 @@ def traingd(
     epochs, goal, lr, max_fail, min_grad, time
         As in MATLAB. `goal` is a mean squared error of scaled outputs, `min_grad` a norm of its gradient, `lr` the
         step for a unit of it, `time` is in seconds.
-    callback, checkpoint
+    callback
         As in `trainlm`.
 
     Returns
@@ -82,51 +78,22 @@ def traingd(
     start = checked_start(training, weights, validation, test)
     check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad, max_fail=max_fail)
     log = TrainingLog(
-        "traingd",
-        start,
         training,
         validation,
         test,
-        epochs=epochs,
         max_fail=max_fail,
-        n_memory=1 + len(start),
         callback=callback,
-        checkpoint=checkpoint,
     )
 
     def keep(state: DescentState) -> None:
-        log.keep(state, perf=state.cost, gradient=state.gradient_norm, memory=descent_memory(state))
+        log.keep(state, perf=state.cost, gradient=state.gradient_norm)
 
-    if not log.ended:
-        with one_blas_thread(), log:
-            gradient_descent(
-                MeanSquareProblem(training),
-                descent_start(log),
-                rate=LearningRate(lr),
-                stops=[CostGoal(goal), MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), *log.stops],
-                callback=keep,
-            )
+    with one_blas_thread():
+        gradient_descent(
+            MeanSquareProblem(training),
+            start,
+            rate=LearningRate(lr),
+            stops=[CostGoal(goal), MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), *log.stops],
+            callback=keep,
+        )
     return log.best_weights(), log.record(TrainingRecord)
-
-
-def descent_memory(state: DescentState) -> FloatArray:
-    """What a descent remembers beside its parameters: rate and step, as `descent_start` takes them up."""
-    return np.concatenate([[state.rate], state.step])
-
-
-def descent_start(log: TrainingLog) -> FloatArray | DescentState:
-    """Start of a descent, or the state to resume from."""
-    if (row := log.resumed) is None:
-        return log.start
-    if not log.memory[0] > 0:
-        raise log.damaged("the checkpoint has a learning rate that is not above zero")
-    return DescentState(
-        epoch=log.epoch,
-        x=log.x,
-        cost=row["perf"],
-        previous_cost=np.nan,
-        gradient_norm=row["gradient"],
-        seconds=row["time"],
-        rate=float(log.memory[0]),
-        step=log.memory[1:],
-    )

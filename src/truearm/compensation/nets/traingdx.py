@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from truearm.compensation.nets.checkpoint import Checkpoint
 from truearm.compensation.nets.normal_equations import FitProblem
-from truearm.compensation.nets.traingd import MeanSquareProblem, descent_memory, descent_start
+from truearm.compensation.nets.traingd import MeanSquareProblem
 from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
 from truearm.compensation.nets.training_log import TrainingLog
 from truearm.errors import InputError
@@ -46,7 +45,6 @@ def traingdx(
     min_grad: float = 1e-5,
     time: float = float("inf"),
     callback: Callable[[Epoch], None] | None = None,
-    checkpoint: Checkpoint | None = None,
 ) -> tuple[FloatArray, AdaptiveRecord]:
     """Train a network's weights by gradient descent with momentum and an adaptive rate.
 
@@ -66,7 +64,7 @@ def traingdx(
         Where to start.
     epochs, goal, lr, lr_inc, lr_dec, max_perf_inc, mc, max_fail, min_grad, time
         As in MATLAB; see `traingd`.
-    callback, checkpoint
+    callback
         As in `trainlm`.
 
     Returns
@@ -89,31 +87,23 @@ def traingdx(
     start = checked_start(training, weights, validation, test)
     check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad, max_fail=max_fail)
     log = TrainingLog(
-        "traingdx",
-        start,
         training,
         validation,
         test,
-        epochs=epochs,
         max_fail=max_fail,
-        n_memory=1 + len(start),
         extra=("lr",),
         callback=callback,
-        checkpoint=checkpoint,
     )
 
     def keep(state: DescentState) -> None:
-        log.keep(
-            state, perf=state.cost, gradient=state.gradient_norm, memory=descent_memory(state), extra=(state.rate,)
-        )
+        log.keep(state, perf=state.cost, gradient=state.gradient_norm, extra=(state.rate,))
 
-    if not log.ended:
-        with one_blas_thread(), log:
-            gradient_descent(
-                MeanSquareProblem(training),
-                descent_start(log),
-                rate=LearningRate(lr, mc, lr_inc, lr_dec, max_perf_inc),
-                stops=[CostGoal(goal), MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), *log.stops],
-                callback=keep,
-            )
+    with one_blas_thread():
+        gradient_descent(
+            MeanSquareProblem(training),
+            start,
+            rate=LearningRate(lr, mc, lr_inc, lr_dec, max_perf_inc),
+            stops=[CostGoal(goal), MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), *log.stops],
+            callback=keep,
+        )
     return log.best_weights(), log.record(AdaptiveRecord)

@@ -30,7 +30,7 @@ class Epoch:
     val_fail : int
         Validation failures since the best epoch.
     seconds : float
-        Time of training so far [s], that before an interruption included.
+        Time of training so far [s].
     weights : callable
         Returns all weights (n_weights,) of this epoch.
     """
@@ -60,7 +60,7 @@ class TrainingRecord:
     val_fail : (epochs + 1,) array
         Validation failures since the best epoch.
     time : (epochs + 1,) array
-        Since the start [s], that before an interruption included.
+        Since the start [s].
     best_epoch : int
         The epoch whose weights were kept.
     stop : str

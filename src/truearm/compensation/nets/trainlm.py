@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
 
-from truearm.compensation.nets.checkpoint import Checkpoint
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
 from truearm.compensation.nets.training_log import TrainingLog
@@ -38,7 +36,6 @@ def trainlm(
     mu_max: float = 1e10,
     time: float = float("inf"),
     callback: Callable[[Epoch], None] | None = None,
-    checkpoint: Checkpoint | None = None,
 ) -> tuple[FloatArray, TrainingRecord]:
     """Train a network's weights.
 
@@ -56,10 +53,7 @@ def trainlm(
         As in MATLAB. `goal` is a mean squared error of scaled outputs, `min_grad` a norm of its gradient, `time` is
         in seconds. The damping `mu` is added to ``J^T J`` of the scaled errors, summed over samples and outputs.
     callback : callable, optional
-        Called with the state after every epoch, and at the start. The checkpoint records an epoch after the call: if it
-        is interrupted, it is repeated after a resume.
-    checkpoint : Checkpoint, optional
-        Where to keep the training, so that it can be stopped and gone on with.
+        Called after every epoch, and at the start.
 
     Returns
     -------
@@ -70,38 +64,32 @@ def trainlm(
     Raises
     ------
     InputError
-        If weights, data or options do not fit together, or the checkpoint's file is of another training.
+        If weights, data or options do not fit together.
     """
     start = checked_start(training, weights, validation, test)
     check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad, max_fail=max_fail)
     damping = MarquardtDamping(mu, mu_dec, mu_inc, mu_max)
     log = TrainingLog(
-        "trainlm",
-        start,
         training,
         validation,
         test,
-        epochs=epochs,
         max_fail=max_fail,
-        n_memory=len(fields(damping)),
         callback=callback,
-        checkpoint=checkpoint,
     )
 
-    if not log.ended:
-        with one_blas_thread(), log:
-            levenberg_marquardt(
-                training,
-                log.lm_start(damping),
-                damping=damping,
-                stops=[
-                    CostGoal(goal * log.half),
-                    MaxEpochs(epochs),
-                    MaxSeconds(time),
-                    MinGradient(min_grad * log.half),
-                    DampingLimit(),
-                    *log.stops,
-                ],
-                callback=log.record_lm_epoch,
-            )
+    with one_blas_thread():
+        levenberg_marquardt(
+            training,
+            start,
+            damping=damping,
+            stops=[
+                CostGoal(goal * log.half),
+                MaxEpochs(epochs),
+                MaxSeconds(time),
+                MinGradient(min_grad * log.half),
+                DampingLimit(),
+                *log.stops,
+            ],
+            callback=log.record_lm_epoch,
+        )
     return log.best_weights(), log.record(TrainingRecord)
