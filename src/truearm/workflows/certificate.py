@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 AdministrativeDataLike: TypeAlias = AdministrativeData | str | Path
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CertificateResult(PageRecord):
     """A calibration certificate.
 

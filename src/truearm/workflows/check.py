@@ -34,7 +34,7 @@ from truearm.workflows.inputs import (
     to_model,
     to_session,
 )
-from truearm.workflows.outputs import PageRecord, check_output_is_not_input, version_row
+from truearm.workflows.outputs import PageRecord, check_output_is_not_input, input_files, version_row
 from truearm.workflows.record import TextTable, format_fixed, to_plain
 from truearm.workflows.verify import SpecificationLike, to_specification
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CheckResult(PageRecord):
     """An interim check beside the earlier checks of the model, and whether it is time to recalibrate.
 
@@ -214,7 +214,7 @@ def check(
     >>> result.recalibrate.value
     'not enough checks yet'
     """
-    files = [Path(one) for one in (model, session, lengths, specification) if isinstance(one, str | Path)]
+    files = input_files(model, session, lengths, specification)
     file = history.path if isinstance(history, History) else Path(history)
     check_output_is_not_input(file, *files)
     moment = now() if date is None else date if isinstance(date, datetime.datetime) else parse_moment(date)
@@ -238,7 +238,7 @@ def check(
     new = InterimCheck(moment, _model_fingerprint(model), fingerprint(readings), temperature, values)
     name = Path(model).name if isinstance(model, str | Path) else type(fitted).__name__
     record = record_check(kept, new, specification=limits, retired=retired, name=name, arm=fitted.arm.name)
-    return CheckResult(record, fitted, name, file, tuple(remarks), tuple(files))
+    return CheckResult(record, fitted, name, file, tuple(remarks), files)
 
 
 def single_reading_remarks(session: Session, lengths: Lengths | None) -> list[str]:

@@ -11,7 +11,7 @@ from truearm.verification.standards.artefacts import example_artefacts
 from truearm.verification.standards.layout import lay_out_tests
 from truearm.verification.standards.positions import SHOULDER_SHARE
 from truearm.verification.standards.specification import example_specification
-from truearm.workflows.outputs import PageRecord
+from truearm.workflows.outputs import PageRecord, input_files
 from truearm.workflows.verify import (
     ArtefactsLike,
     PlanLike,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 RANGE_MM = 2500.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OperatorSheetResult(PageRecord):
     """The operator's sheet of a test plan.
 
@@ -121,7 +121,6 @@ def operator_sheet(
     """
     from truearm.verification.standards.operator_sheet_figures import OperatorSheet
 
-    files = [Path(one) for one in (plan, artefacts, specification) if isinstance(one, str | Path)]
     examples = [what for what, given in (("measuring range", specification), ("artefacts", artefacts)) if given is None]
     arm = example_specification(RANGE_MM) if specification is None else to_specification(specification)
     range_mm = arm.measuring_range_mm
@@ -135,4 +134,4 @@ def operator_sheet(
         shoulder_mm=SHOULDER_SHARE * range_mm / 2,
         arm="" if specification is None else arm.name,
     )
-    return OperatorSheetResult(sheet, tuple(examples), tuple(files))
+    return OperatorSheetResult(sheet, tuple(examples), input_files(plan, artefacts, specification))

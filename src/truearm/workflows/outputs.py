@@ -41,6 +41,11 @@ def check_page_path(page: str | Path, *inputs: str | Path) -> None:
     check_writable(page)
 
 
+def input_files(*given: object) -> tuple[Path, ...]:
+    """The files among the inputs of a verb, which takes objects, names and paths."""
+    return tuple(Path(one) for one in given if isinstance(one, str | Path) and Path(one).is_file())
+
+
 def version_row() -> tuple[str, str]:
     """The row of a page that names the programs that calculated it."""
     import numpy

@@ -22,7 +22,7 @@ from truearm.identification.planning.sampling import Sector
 from truearm.identification.planning.sampling.workspace import stance
 from truearm.identification.planning.template import check_template_path, write_bar_lengths, write_template
 from truearm.workflows.inputs import SessionLike, to_arm, to_session, within_limits
-from truearm.workflows.outputs import PageRecord, version_row
+from truearm.workflows.outputs import PageRecord, input_files, version_row
 from truearm.workflows.record import TextTable
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ ArtefactKind: TypeAlias = Literal["seat", "bar", "tracker"]
 _OBSERVABILITY = tuple(f"o{i}" for i in range(1, 6))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PlanResult(PageRecord):
     """Poses to measure next, and the uncertainty that they lead to.
 
@@ -248,10 +248,9 @@ def plan(
     name = ""
     if measured is not None:
         name = measured.file.name if measured.file is not None else f"{len(measured)} readings"
-    files = [Path(one) for one in (arm, session) if isinstance(one, str | Path)]
     if source:
         planned = replace(planned, known_before=source)
-    return PlanResult(planned, name, seed, tuple(files))
+    return PlanResult(planned, name, seed, input_files(arm, session))
 
 
 def template_files(path: str | Path, artefact: str) -> tuple[Path, ...]:

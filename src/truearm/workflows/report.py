@@ -28,13 +28,13 @@ from truearm.workflows.inputs import (
     with_reference,
     without_refit_readings,
 )
-from truearm.workflows.outputs import PageRecord, check_page_path
+from truearm.workflows.outputs import PageRecord, check_page_path, input_files
 from truearm.workflows.record import TextTable, to_plain
 
 _HEADS = {"mean_mm": "mean [mm]", "rms_mm": "rms [mm]", "p95_mm": "95 % [mm]", "max_mm": "max [mm]"}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ReportResult(PageRecord):
     """Models of one arm compared on the readings of a session.
 
@@ -164,8 +164,7 @@ def report(
     ['nominal', 'kinematic']
     """
     given = _by_name(models)
-    named = [*given.values(), session, *([] if lengths is None else [lengths])]
-    files = tuple(Path(one) for one in named if isinstance(one, str | Path))
+    files = input_files(*given.values(), session, lengths)
     if path is not None:
         check_page_path(path, *files)
     (first_name, first_model), *others = given.items()

@@ -23,7 +23,7 @@ FOLDER = "truearm-gao2017"
 TABLE_HEADS = {2: "Table 2, simulation 1", 3: "Table 3, simulation 2", 4: "Table 4, experiment on virtual arms"}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ReproductionResult(PageRecord):
     """The tables and figures of a paper beside their reproduction.
 

@@ -40,7 +40,7 @@ from truearm.workflows.verify import (
 RANGE_SHARES = (1.0, 0.9, 0.8, 0.7, 0.6)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SimulatedVerification(Record):
     """What virtual arms obtain in the test of a standard.
 

@@ -27,7 +27,7 @@ from truearm.verification.tasks.sampled_arms import ArmDistribution, PosteriorDi
 from truearm.verification.tasks.specification_sheet import SpecificationDistribution
 from truearm.verification.tasks.task import TaskAssessment, assess_task
 from truearm.workflows.inputs import ArmLike, to_arm
-from truearm.workflows.outputs import PageRecord, version_row
+from truearm.workflows.outputs import PageRecord, input_files, version_row
 from truearm.workflows.record import TextTable, format_fixed
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ NOMINAL_ARM = "measuring7"
 SIZES = {"length": "length", "sphere": "diameter", "plane": "size", "circle": "diameter"}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TaskResult(PageRecord):
     """The uncertainty of a measured feature and, with a tolerance, whether the arm is fit for it.
 
@@ -206,8 +206,7 @@ def task(
     if not isinstance(feature, Feature):
         feature = place_feature(feature, size_mm, arms.arm, at=at, along=along, n_points=n_points)
     assessment = assess_task(arms, feature, tolerance_mm=tolerance_mm, n_arms=n_arms, seed=seed, progress=progress)
-    files = [Path(one) for one in (source, arm) if isinstance(one, str | Path) and Path(one).is_file()]
-    return TaskResult(assessment, arms.arm, about, seed, tuple(files))
+    return TaskResult(assessment, arms.arm, about, seed, input_files(source, arm))
 
 
 def place_feature(

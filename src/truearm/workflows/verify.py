@@ -34,7 +34,7 @@ _ANSWERS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class VerificationResult(PageRecord):
     """The test values of an arm with their uncertainties, limits and verdicts.
 
