@@ -12,10 +12,10 @@ from truearm.cli.main import VERBS
 IMPORT_ALL = """
 import importlib, pkgutil, truearm
 for module in pkgutil.walk_packages(truearm.__path__, "truearm."):
-    if not module.name.endswith("__main__"):
+    if not module.name.endswith(("__main__", ".reproduce")):
         importlib.import_module(module.name)
 for name in truearm.__all__:
-    if name != "reproduce":
+    if truearm._HOME_OF.get(name) != "truearm.workflows.reproduce":
         getattr(truearm, name)
 """
 
