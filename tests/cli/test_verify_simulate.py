@@ -48,7 +48,7 @@ def test_files_of_ones_own_are_used(truearm, tmp_path):
     assert json.loads(truearm(*common, "--json").out) == found
     assert json.loads(truearm(*common, "--seed", 1, "--json").out)["rows"] != found["rows"]
     told = truearm(*common).out
-    assert "of 3 virtual arms gao2017 (preset shop) conform" in told
+    assert "of 3 virtual arms gao2017 (the preset shop) conform" in told
     assert "examples" not in told
     assert "check against your copy of the standard" in told
 
@@ -79,7 +79,7 @@ def test_a_model_takes_the_test_too(truearm, made):
         (["--simulate", "shop", "--arm", "panda2"], "there is no arm 'panda2'"),
         (["--simulate", "shop", "--plan", "iso"], "there is no plan 'iso'"),
         (["--simulate", "shop", "--mpe", "none.toml"], "none.toml"),
-        (["--print-plan", "iso"], "there is no plan 'iso'. Try: iso10360-12 or asme-b89.4.22"),
+        (["--print-plan", "iso"], "there is no plan 'iso'. Try: use iso10360-12 or asme-b89.4.22"),
     ],
 )
 def test_what_does_not_fit_is_refused(truearm, tmp_path, monkeypatch, arguments, phrase):
@@ -90,14 +90,14 @@ def test_what_does_not_fit_is_refused(truearm, tmp_path, monkeypatch, arguments,
     assert ran.err.count("\n") == 1
 
 
-def test_an_arm_too_short_for_the_limits_is_told_its_reach(truearm, tmp_path):
+def test_an_arm_too_short_for_the_limits_is_refused_with_its_reach(truearm, tmp_path):
     mpe = tmp_path / "mpe.toml"
     mpe.write_text(MPE.replace("measuring_range_mm = 2500", "measuring_range_mm = 4000"))
     ran = truearm("verify", "--simulate", "shop", "--plan", "asme-b89.4.22", "--mpe", mpe)
     assert ran.code == 2
     assert "does not reach" in ran.err
     assert "; volumetric, position 2 4 " in ran.err
-    assert "add up to 1291 mm" in ran.err
+    assert "the reach of 1291 mm" in ran.err
     assert "without a specification" in ran.err
 
 

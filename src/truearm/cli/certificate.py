@@ -30,8 +30,7 @@ def certificate(
     """State a verification as a calibration certificate.
 
     The result is a digital calibration certificate (DCC), an XML file in the format of PTB. The files are those of
-    truearm verify; --about holds what a certificate states besides the results. Print the page of --html for a
-    certificate on paper.
+    truearm verify; --about has the other data of a certificate. Print the page of --html for a certificate on paper.
     """
     from truearm.errors import InputError
 

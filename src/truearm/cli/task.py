@@ -88,12 +88,12 @@ def task(
 ) -> None:
     """Estimate the uncertainty with which an arm measures a length or a shape.
 
-    And decide whether it is good enough for a tolerance. Many arms are drawn that may be the one in question, and each
-    measures the feature: systematic errors are drawn once an arm, random ones at each point. With a model: the
-    uncertainty that its readings left. With a preset: any arm like that. With --spec: any arm that meets its
-    specification, with its worst test result at half to all of the limit.
+    With --tolerance, also decide whether the arm is fit for it. truearm draws many arms that may be the one in
+    question; each measures the feature, with systematic errors drawn once per arm and random errors drawn per point.
+    With a model: arms from its posterior. With a preset: virtual arms. With --spec: arms whose worst test result is
+    half to all of its limit.
 
-    Exit code with --tolerance, 0: good enough; 1: not; 3: only with guard bands. Without, 0.
+    Exit code with --tolerance, 0: fit; 1: not fit; 3: only with guard bands. Without, 0.
     """
     from truearm.workflows.task import task as estimated
 

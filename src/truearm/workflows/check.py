@@ -128,8 +128,8 @@ class CheckResult(PageRecord):
         heads = ["value", "result [mm]", "mean before [mm]", "limits of the chart [mm]", "drift", "MPE [mm]", ""]
         rows = [_cells(trend) for trend in current]
         shown = [i for i in range(len(heads)) if i < 2 or any(row[i] for row in rows)]
-        left = (0, *(at for at, i in enumerate(shown) if not heads[i]))
-        yield TextTable([heads[i] for i in shown], [[row[i] for i in shown] for row in rows], left)
+        words = (0, *(at for at, i in enumerate(shown) if not heads[i]))
+        yield TextTable([heads[i] for i in shown], [[row[i] for i in shown] for row in rows], words)
         charts = [trend.chart for trend in current if trend.chart is not None and trend.chart.n_before[-1] > 1]
         if charts:
             yield (
@@ -305,7 +305,7 @@ def _cells(trend: Trend) -> list[str]:
         f"up to {high}" if np.isnan(low) else f"{format_fixed(low, sign=sign)} to {high}",
         f"{chart.cusum[:, -1].max():.2f}",
         limit,
-        ", ".join(verdict for verdict, holds in verdicts.items() if holds),
+        ", ".join(verdict for verdict, applies in verdicts.items() if applies),
     ]
 
 

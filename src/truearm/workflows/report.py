@@ -171,7 +171,7 @@ def report(
     first, readings = to_model_and_session(first_model, session)
     remarks = [*check_angles_fit(readings, first.arm)]
     readings, _, skipped = with_reference(readings, first.arm, purpose="compare with")
-    # The other models are of the same arm, or `one_arm` refuses them: one check of the readings holds for all.
+    # The other models are of the same arm, or `one_arm` refuses them: one check of the readings is enough.
     fitted = {first_name: first} | {name: to_model(model) for name, model in others}
     one_arm(fitted)
     whole = readings

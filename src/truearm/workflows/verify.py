@@ -161,7 +161,7 @@ def verify(
     plan, specification = to_plan(plan), to_specification(specification)
     measured = points if isinstance(points, MeasuredPoints) else read_points(points)
     certified = to_artefacts(artefacts)
-    found = verify_points(
+    verification = verify_points(
         measured,
         plan=plan,
         artefacts=certified,
@@ -169,7 +169,7 @@ def verify(
         rule=rule,
         plan_sha256=None if own_plan is None else digests.get(own_plan),
     )
-    return VerificationResult(found, digests, Path(artefacts) if isinstance(artefacts, str | Path) else None)
+    return VerificationResult(verification, digests, Path(artefacts) if isinstance(artefacts, str | Path) else None)
 
 
 def to_plan(plan: PlanLike) -> VerificationPlan:
