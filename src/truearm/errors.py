@@ -26,6 +26,15 @@ class InputError(TruearmError, ValueError):
         What to try.
     row : str, optional
         Name of the row that has no line, as ``reading 12``.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> try:
+    ...     ta.load_arm("ur11")
+    ... except ta.InputError as error:
+    ...     print(error.hint)
+    ur10
     """
 
     def __init__(

@@ -270,6 +270,14 @@ class NominalModel(IdentifiedModel):
     free : tuple of str
         Which of ``"base"`` (place of the arm in the reference's frame) and ``"tip"`` (place of the tip on the flange)
         are unknown. With none, points are in the arm's base frame and the tip is nominal.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=20).session
+    >>> model = ta.NominalModel(ta.load_arm("ur10")).fit(session.angles, session.points)
+    >>> model.predict(session.angles).shape
+    (20, 3)
     """
 
     _is_nominal: ClassVar[bool] = True
@@ -296,6 +304,15 @@ class KinematicModel(IdentifiedModel):
         Which of ``"base"`` and ``"tip"`` are unknown; the others have the prior of any constant of the arm.
     robust : bool
         Whether outliers have a smaller weight, for the nominal arm to compare with too.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=40).session
+    >>> model = ta.KinematicModel(ta.load_arm("ur10")).fit(session.angles, session.points)
+    >>> points, covariances = model.predict(session.angles, return_cov=True)
+    >>> points.shape, covariances.shape
+    ((40, 3), (40, 3, 3))
     """
 
     def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip"), robust: bool = True) -> None:
@@ -319,6 +336,14 @@ class PhysicalModel(IdentifiedModel):
         Highest order of the harmonics offered about a joint's own axis.
     robust : bool
         Whether outliers have a smaller weight, for the nominal arm to compare with too.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=40).session
+    >>> model = ta.PhysicalModel(ta.load_arm("ur10"), highest=2).fit_readings(session)
+    >>> model.predict_readings(session).shape
+    (40, 3)
     """
 
     def __init__(

@@ -140,6 +140,14 @@ def load_model(path: str | Path) -> Compensator:
     ------
     InputError
         If the file is missing, too large, damaged, not a model file, or of another format.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=20).session
+    >>> ta.fit("ur10", session, model="nominal").save("arm.truearm")
+    >>> ta.load_model("arm.truearm").n_train_
+    20
     """
     try:
         content = read_limited(path, limit_bytes=MAX_BYTES, hint=WRITE_HINT)

@@ -106,6 +106,14 @@ class NetworkModel(Compensator):
         Mean product of a member's residuals [mm^2] on its validation data, without the share that the scatter of the
         members explains; where nothing is set aside on the training data, with the freedom that the weights took
         accounted for.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=60).session
+    >>> model = ta.NetworkModel(ta.load_arm("ur10"), hidden=(3,), epochs=5).fit(session.angles, session.points)
+    >>> model.predict(session.angles).shape
+    (60, 3)
     """
 
     network_: Perceptron

@@ -77,6 +77,13 @@ class VirtualArm:
         The errors drawn for this arm.
     seed : int
         Seed of the draw.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> virtual = ta.simulate("ur10", poses=10, arm_seed=3).virtual
+    >>> virtual.true_tip(virtual.nominal.working[None]).shape
+    (1, 3)
     """
 
     nominal: Arm

@@ -123,6 +123,12 @@ class AdministrativeData(Document):
     laboratory, customer : Contact
     persons : tuple of Person
     conditions : Conditions
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> sorted(ta.AdministrativeData.model_fields)[:2]
+    ['conditions', 'customer']
     """
 
     number: Text

@@ -215,7 +215,15 @@ class Seat(Artefact):
 
 
 class Artefacts(Document):
-    """All artefacts of a verification, by kind."""
+    """All artefacts of a verification, by kind.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> artefacts = ta.simulate_verification("perfect", n_arms=1).artefacts
+    >>> isinstance(artefacts, ta.Artefacts)
+    True
+    """
 
     spheres: tuple[CalibratedSphere, ...] = ()
     bars: tuple[CalibratedBar, ...] = ()
@@ -246,12 +254,21 @@ class Artefacts(Document):
 
 
 def read_artefacts(path: str | Path) -> Artefacts:
-    """Read a file of artefacts.
+    r"""Read a file of artefacts.
 
     Raises
     ------
     InputError
         If the file is missing or breaks a rule of its format, or a certificate contradicts itself.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import truearm as ta
+    >>> seat = '[[seats]]\nname = "cone"\ncertificate = "own"\ndate = 2026-01-15\nexpires = 2028-01-15\n'
+    >>> _ = Path("artefacts.toml").write_text(seat + "form_mm = 0.001\nu_fixture_mm = 0.001\n")
+    >>> ta.read_artefacts("artefacts.toml").seats[0].name
+    'cone'
     """
     return read_document(path, Artefacts)
 

@@ -103,6 +103,13 @@ class MeasuredPoints:
     tests : dict of str to tuple of PointGroup
     file : Path or None
         None for points from a program.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> points = ta.simulate_verification("perfect", n_arms=1).points(0)
+    >>> len(points.tests) > 1
+    True
     """
 
     tests: dict[str, tuple[PointGroup, ...]]
@@ -136,12 +143,21 @@ class MeasuredPoints:
 
 
 def read_points(path: str | Path) -> MeasuredPoints:
-    """Read a file of measured points.
+    r"""Read a file of measured points.
 
     Raises
     ------
     InputError
         If anything breaks a rule of the format: with file, line, column and remedy.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import truearm as ta
+    >>> rows = [f"single_point,cone,2026-01-20T09:{i:02},1,0,0,{i / 1000}" for i in range(10)]
+    >>> _ = Path("points.csv").write_text("test,artefact,date,position,x_mm,y_mm,z_mm\n" + "\n".join(rows) + "\n")
+    >>> list(ta.read_points("points.csv").tests)
+    ['single_point']
     """
     path = Path(path)
     sheet = read_sheet(path)

@@ -108,6 +108,13 @@ class Specification(Document):
         Whether the limits apply to lengths corrected to 20 degC by the artefact's temperature, as usual.
     limits : dict of str to Limit
         By symbol.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> specification = ta.simulate_verification("perfect", n_arms=1).specification
+    >>> specification.measuring_range_mm > 0
+    True
     """
 
     name: Name
@@ -161,12 +168,21 @@ class Specification(Document):
 
 
 def read_specification(path: str | Path) -> Specification:
-    """Read a file of limits.
+    r"""Read a file of limits.
 
     Raises
     ------
     InputError
         If the file is missing or breaks a rule of its format.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import truearm as ta
+    >>> about = 'name = "arm"\nsource = "data sheet"\nmeasuring_range_mm = 2500\n'
+    >>> _ = Path("mpe.toml").write_text(about + '[limits]\n"P_Size.Sph.1x25" = 0.03\n')
+    >>> ta.read_specification("mpe.toml").measuring_range_mm
+    2500.0
     """
     return read_document(path, Specification)
 

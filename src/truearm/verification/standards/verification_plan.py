@@ -132,7 +132,15 @@ class Volumetric(PlannedTest):
 
 
 class VerificationPlan(Document):
-    """A test plan; a test without an entry is not part of it."""
+    """A test plan; a test without an entry is not part of it.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> plan = ta.load_verification_plan("iso10360-12")
+    >>> plan.title != ""
+    True
+    """
 
     name: Name
     title: Name
@@ -187,6 +195,12 @@ def load_verification_plan(name: str | Path) -> VerificationPlan:
     ------
     InputError
         If there is no plan of that name and no such file, or it breaks a rule of the format.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> ta.load_verification_plan("iso10360-12").standard
+    'ISO 10360-12:2016'
     """
     if str(name) in PLANS:
         return _builtin(str(name))
