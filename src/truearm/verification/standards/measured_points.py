@@ -154,7 +154,7 @@ def read_points(path: str | Path) -> MeasuredPoints:
     --------
     >>> from pathlib import Path
     >>> import truearm as ta
-    >>> rows = [f"single_point,cone,2026-01-20T09:{i:02},1,0,0,{i / 1000}" for i in range(10)]
+    >>> rows = [f"single_point,cone,2026-01-20,1,0,0,{i / 1000}" for i in range(10)]
     >>> _ = Path("points.csv").write_text("test,artefact,date,position,x_mm,y_mm,z_mm\n" + "\n".join(rows) + "\n")
     >>> list(ta.read_points("points.csv").tests)
     ['single_point']
