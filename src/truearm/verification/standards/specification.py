@@ -180,7 +180,7 @@ def read_specification(path: str | Path) -> Specification:
     >>> from pathlib import Path
     >>> import truearm as ta
     >>> about = 'name = "arm"\nsource = "data sheet"\nmeasuring_range_mm = 2500\n'
-    >>> _ = Path("mpe.toml").write_text(about + '[limits]\n"P_Size.Sph.1x25" = { A_um = 30 }\n')
+    >>> _ = Path("mpe.toml").write_text(about + '[limits]\n"P_Form.Sph.1x25" = { B_um = 30 }\n')
     >>> ta.read_specification("mpe.toml").measuring_range_mm
     2500.0
     """
