@@ -72,7 +72,7 @@ def test_a_seat_in_two_sessions_is_refused_by_every_verb(truearm, seated, tmp_pa
     ):
         ran = truearm(verb, *more)
         assert ran.code == 2, (verb, ran.err)
-        assert "erence moved between sessions" in ran.err, verb
+        assert "reference moved between sessions" in ran.err, verb
     assert not list(tmp_path.glob("*.html")) + list(tmp_path.glob("plan*")) + list(tmp_path.glob("m*"))
 
 
