@@ -377,7 +377,7 @@ def test_evaluate_and_report_remark_on_what_spoils_a_test(truearm, made, tmp_pat
     train = truearm("evaluate", made / "kinematic.truearm", made / "train.csv")
     assert "These are the training readings of the model" in train.out
     assert truearm("report", made / "kinematic.truearm", made / "train.csv", "--out", tmp_path / "r.html").code == 0
-    assert "These are the readings it learned from" in (tmp_path / "r.html").read_text()
+    assert "These are the training readings of the model" in (tmp_path / "r.html").read_text()
     foreign = tmp_path / "foreign.csv"
     assert truearm("simulate", "ur10", "--poses", 30, "--strategy", "box", "--out", foreign).code == 0
     assert "they are probably of another arm" in truearm("evaluate", made / "kinematic.truearm", foreign).out
