@@ -139,13 +139,13 @@ def test_predict_writes_points_with_uncertainties_and_a_flag(truearm, made, tmp_
     assert ran.out.endswith(f"points written to {tmp_path / 'points.csv'}\n")
     table = pd.read_csv(tmp_path / "points.csv")
     assert table.columns.tolist() == ["x_mm", "y_mm", "z_mm", "sx_mm", "sy_mm", "sz_mm", "outside_training"]
-    model, angles = load_model(made / "kinematic.truearm"), read_session(made / "angles.csv").angles
-    points, covariance = model.predict(angles, return_cov=True)
+    model, session = load_model(made / "kinematic.truearm"), read_session(made / "angles.csv")
+    points, covariance = model.predict_readings(session, return_cov=True)
     # Written to 1e-6 mm.
     np.testing.assert_allclose(table[["x_mm", "y_mm", "z_mm"]], points, rtol=0, atol=0.6e-6)
     std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     np.testing.assert_allclose(table[["sx_mm", "sy_mm", "sz_mm"]], std, rtol=0, atol=0.6e-6)
-    np.testing.assert_array_equal(table["outside_training"] == 1, model.outside_training(angles))
+    np.testing.assert_array_equal(table["outside_training"] == 1, model.outside_training(session))
 
 
 def test_predict_keeps_the_names_of_the_readings_and_warns_of_a_network(truearm, made, tmp_path):

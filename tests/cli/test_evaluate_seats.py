@@ -125,7 +125,7 @@ def test_lengths_of_held_out_seats_are_ignored_with_a_remark(truearm, folder, se
     path = session(angles[4:], seat=SEATS[4:])
     ran = truearm("evaluate", folder / "nominal.truearm", path, "--lengths", lengths, "--json")
     assert len(json.loads(ran.out)["lengths"]) == 1
-    assert json.loads(ran.out)["remarks"] == ["1 of 2 lengths refer to seats that are not in this session; ignored."]
+    assert "1 of 2 lengths refer to seats that are not in this session; ignored." in json.loads(ran.out)["remarks"]
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_warm_lengths(truearm, folder, session, angles, tmp_path):
         path = session(angles[4:], seat=SEATS[4:], **more)
         ran = truearm("evaluate", folder / "nominal.truearm", path, "--lengths", file, "--json")
         result = json.loads(ran.out)
-        found[name] = result["lengths"][0]["length_error_mm"], "".join(result["remarks"])
+        found[name] = result["lengths"][0]["length_error_mm"], "".join(one for one in result["remarks"] if "length" in one.lower())
     assert found["bare"][0] - found["warm"][0] == pytest.approx(0.0115, abs=1e-9)
     assert found["cold"][0] == pytest.approx(found["bare"][0], abs=1e-9)
     assert found["warm"][1] == ""

@@ -216,9 +216,10 @@ class Evaluation(Record):
         }
         return error_distribution(distances)
 
-    def _table(self, heading: str, names: list[str]) -> TextTable:
-        rows = [(name, *(format_fixed(errors[name]) for errors in self.errors.values())) for name in names]
-        return TextTable((heading, *self.errors), rows)
+    def _table(self, heading: str, keys: list[str]) -> TextTable:
+        rows = [(key, *(format_fixed(errors[key]) for errors in self.errors.values())) for key in keys]
+        names = ["nominal"] if isinstance(self.model, NominalModel) else list(self.errors)
+        return TextTable((heading, *names), rows)
 
     def _lengths_table(self) -> TextTable:
         own = self.errors["model"]["lengths"]
