@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import datetime
+import os
+
+# One thread of the linear algebra library for each worker of the suite; set before NumPy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest

@@ -19,7 +19,8 @@ from truearm.cli.main import VERBS, make_app
 
 HOUSE = Path(truearm.__file__).parent
 CHECKOUT = Path(__file__).resolve().parents[1]
-PAGES = ["README.md", *sorted(f"docs/{page.name}" for page in (CHECKOUT / "docs").glob("*.md"))]
+PAGES = ["README.md", *sorted(str(page.relative_to(CHECKOUT)) for page in (CHECKOUT / "docs").rglob("*.md"))]
+PAGES = [page for page in PAGES if not page.startswith(("docs/_build", "docs/gallery", "docs/generated"))]
 SOURCES = sorted(HOUSE.rglob("*.py"))
 MODULES = sorted(
     info.name for info in pkgutil.walk_packages(truearm.__path__, "truearm.") if info.name != "truearm.__main__"
@@ -108,6 +109,26 @@ def test_no_file_names_a_place_of_one_machine():
         if path.is_file():
             found = places.search(path.read_text(encoding="utf-8", errors="replace"))
             assert found is None, f"{path}: {found[0]}"
+
+
+def test_the_map_of_the_house_names_every_room_and_no_other():
+    """docs/house.md lists the folders that hold modules, and those alone."""
+    named = set(
+        re.findall(r"`([a-z0-9_/]+)/`", readable(CHECKOUT / "docs" / "house.md").partition("## How a session")[0])
+    )
+    inner = {"src/truearm", "sampling"}  # the house itself, and a folder that its room's line describes
+    rooms = {str(path.parent.relative_to(HOUSE)) for path in SOURCES} - {"."}
+    wings = {"identification", "compensation", "verification", "papers", "identification/planning/sampling"}
+    assert named - inner == rooms - wings
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_link_of_a_page_leads_to_a_file(page):
+    text = re.sub(r"```.*?```", "", readable(CHECKOUT / page), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)|^\[[^]]+\]: (\S+)$", text, flags=re.MULTILINE):
+        link = "".join(target).partition("#")[0]
+        if link and "://" not in link and link not in ("../gallery/index", "../api.md", "gallery/index", "house.md"):
+            assert ((CHECKOUT / page).parent / link).exists(), f"{page}: {link}"
 
 
 # The README ----------------------------------------------------------------------------------------------------------
