@@ -86,7 +86,7 @@ def task(
     report: Annotated[Path | None, typer.Option("--report", help="Page to write, .html.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Estimate the uncertainty with which an arm measures a length or a shape.
+    """Estimate the uncertainty of measuring a length or a shape.
 
     With --tolerance, also decide whether the arm is fit for it. truearm draws many arms that may be the one in
     question; each measures the feature, with systematic errors drawn once per arm and random errors drawn per point.
