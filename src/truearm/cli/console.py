@@ -76,17 +76,6 @@ def print_record(record: Record, *, as_json: bool = False, files: Mapping[str, P
         print_line(f"{what.replace('_', ' ')} written to {path}")
 
 
-def print_table(columns: list[str], rows: list[list[str]], *, left_aligned: tuple[int, ...] = (0,)) -> None:
-    """Print rows under headings, the columns `left_aligned` to the left, the others to the right."""
-    widths = [max(len(row[i]) for row in [columns, *rows]) for i in range(len(columns))]
-    for row in [columns, *rows]:
-        cells = [
-            cell.ljust(width) if i in left_aligned else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        print_line("  ".join(cells).rstrip())
-
-
 def free_parts(text: str) -> tuple[str, ...]:
     """The free parts that --free names.
 

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from truearm.cli.console import print_line, print_table
+from truearm.cli.console import print_line
 
 # What a search for a topic leaves out: pages that only lay out the site.
 LAYOUT_PAGES = ("index", "changelog", "api", "commands")
@@ -27,10 +27,12 @@ def docs(
     Without a topic, the pages are listed. Messages of other commands name them, for example docs/session-file.md.
     """
     from truearm.errors import InputError
+    from truearm.workflows.record import TextTable
 
     pages = guide_pages()
     if topic is None:
-        print_table(["topic", "page"], [[name, title_of(page)] for name, page in pages.items()], left_aligned=(0, 1))
+        rows = [[name, title_of(page)] for name, page in pages.items()]
+        print_line(str(TextTable(["topic", "page"], rows, left_aligned=(0, 1))))
         return
     name = topic.removeprefix("docs/").removesuffix(".md")
     if name not in pages:
