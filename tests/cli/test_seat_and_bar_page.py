@@ -35,9 +35,9 @@ def test_its_tables_are_a_session_and_its_lengths(tmp_path):
 
 def test_its_first_measurements_come_out_as_it_says(truearm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    taken = next(command for command in COMMANDS if "taken.csv" in command and command[1] == "simulate")
-    assert truearm(*taken[1:]).code == 0
-    readings = read_session(tmp_path / "taken.csv")
+    simulate = next(command for command in COMMANDS if "session.csv" in command and command[1] == "simulate")
+    assert truearm(*simulate[1:]).code == 0
+    readings = read_session(tmp_path / "session.csv")
     assert {(readings.seat == name).sum() for name in set(readings.seat.tolist())} == {15}
     known = read_lengths(tmp_path / "bar.csv", seats=readings.seat.tolist())
     assert {f"{length:.4f}" for length in known.length_mm} == {"499.9959"}

@@ -26,7 +26,7 @@ def test_its_example_gives_the_numbers_it_states():
     text = PAGE.read_text(encoding="utf-8")
     names: dict = {}
     exec(text.split("```python")[1].split("```")[0], names)
-    arm, taken = names["arm"], names["taken"]
-    assert arm.nominal_error(taken)["mean_abs_coordinate_mm"] == pytest.approx(0.45, abs=0.02)
+    arm, session = names["arm"], names["session"]
+    assert arm.nominal_error(session)["mean_abs_coordinate_mm"] == pytest.approx(0.45, abs=0.02)
     # 200 poses: the mean of 600 coordinates scatters by 3 %.
-    assert arm.noise_floor(taken)["mean_abs_coordinate_mm"] == pytest.approx(0.0068, abs=0.0006)
+    assert arm.noise_floor(session)["mean_abs_coordinate_mm"] == pytest.approx(0.0068, abs=0.0006)
