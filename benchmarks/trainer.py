@@ -42,7 +42,7 @@ from truearm.compensation.nets.trainlm import trainlm
 from truearm.papers.gao2017.training import EVALUATION_STREAM, TRAINING_STREAM, Source
 from truearm.solve import DampingLimit, MarquardtDamping, NormalEquations, levenberg_marquardt
 
-OURS = "truearm lm"
+OURS = "truearm varpro"
 # The boxes that the targets are stated for, whatever the reproduction of the paper finds to be its boxes.
 SIMULATION, EXPERIMENT = Source(38.0, virtual=False), Source(20.0, virtual=True)
 FOREVER = 10**6  # epochs: the goal or the limit ends a training
@@ -363,7 +363,7 @@ def median_of(errors: list[float]) -> str:
 def say_growth(found: dict[str, Any]) -> None:
     """Print times of epochs beside their flops."""
     for key in ("by_samples", "by_weights"):
-        print("\nAn epoch of lm, 6-units-units-3: normal equations, output layer eliminated, one step\n")
+        print("\nAn epoch of varpro, 6-units-units-3: normal equations, output layer eliminated, one step\n")
         rows = [
             [
                 str(p["samples"]),

@@ -120,7 +120,7 @@ class SimulatedVerification(Record):
         if self.artefacts_source == "example":
             yield "artefacts: examples; give your own certificates"
         heads = ["test", "median [mm]", "95 % [mm]", "limit [mm]", *(verdict.value for verdict in _VERDICTS)]
-        whole = ["all of it", "", "", "", *_percent([self.shares[verdict] for verdict in _VERDICTS])]
+        whole = ["whole test", "", "", "", *_percent([self.shares[verdict] for verdict in _VERDICTS])]
         yield TextTable(heads, [*map(_cells, self.rows), whole])
         all_conform, _ = simulation.proportion_interval(n, n)
         yield (

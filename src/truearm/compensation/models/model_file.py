@@ -61,7 +61,7 @@ MAX_HEADER_BYTES = 16 * 2**20
 MAX_ARRAYS = 10_000
 # Arrays in which numbers may be missing or infinite, by the ends of their names.
 NOT_FINITE = (".lower", ".upper", *(f".{field.name}" for field in fields(TrainingRecord)))
-WRITE_HINT = "truearm fit ... --out MODEL, or model.save(MODEL), writes one"
+WRITE_HINT = "write it again: truearm fit ... --out MODEL, or model.save(MODEL)"
 
 Array = npt.NDArray[Any]
 

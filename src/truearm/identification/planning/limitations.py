@@ -41,8 +41,11 @@ def limitations(plan: CalibrationPlan, proposal: Proposal) -> list[str]:
     sentences += _joints(plan, proposal.poses.angles)
     # With seats, the scale has a sentence of its own.
     without_scale = moment_matrix(jacobian, tips, scale=plan.artefact.kind == "seat") @ after.covariance
-    shares = [f"{name} ({100 * share:.0f} %)" for name, share in _shares(prior, without_scale) if share >= _MENTIONED]
-    sentences.append(f"Main sources of the remaining uncertainty: {', '.join(shares)}.")
+    by_group = list(_shares(prior, without_scale))
+    all_shares = [share for _, share in by_group]
+    shares = [f"{name} ({100 * share:.0f} %)" for name, share in by_group if share >= _MENTIONED]
+    correlated = " (alone; correlated sources add up to more than 100 %)" if sum(all_shares) > 1.05 else ""
+    sentences.append(f"Main sources of the remaining uncertainty{correlated}: {', '.join(shares)}.")
     sentences.append(
         "Not identifiable from this plan: effects without a term, and thermal growth unless the session has a column "
         "temperature_degC."
