@@ -74,7 +74,8 @@ def effects(fit: IdentificationResult, state: ArmState) -> tuple[Effect, ...]:
     group = np.concatenate([np.zeros(0, dtype=np.intp), *of_terms])
     squares = np.zeros((len(names), 2))  # of rotations and shifts
     sites = np.zeros((len(names), 2))
-    for site, value in zip(fit.perturbed_chain.sites, fit.perturbed_chain.values(state), strict=True):
+    values = fit.perturbed_chain.by_site(fit.perturbed_chain.values(state))
+    for site, value in zip(fit.perturbed_chain.sites, values, strict=True):
         parts = site.direction.reshape(2, 3)
         for i in np.unique(group[site.columns]):
             here = group[site.columns] == i

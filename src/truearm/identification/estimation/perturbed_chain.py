@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,26 +26,16 @@ class Site:
     ----------
     place : int
     direction : (6,) array
-    bases : tuple of Basis
     columns : (n_functions,) int array
         Their coefficients among the parameters.
+    rows : (n_functions,) int array or slice
+        The functions among the values of `PerturbedChain.values`.
     """
 
     place: int
     direction: FloatArray
-    bases: tuple[Basis, ...]
     columns: IntArray
-
-    @property
-    def is_constant(self) -> bool:
-        """Whether the motion is the same in every pose."""
-        return all(isinstance(basis, Constant) for basis in self.bases)
-
-    def values(self, state: ArmState) -> FloatArray:
-        """(n_functions, m) values of the basis functions at a state's readings."""
-        if len(self.bases) == 1:
-            return self.bases[0].values(state)
-        return np.concatenate([basis.values(state) for basis in self.bases])
+    rows: IntArray | slice
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,36 +60,33 @@ class PerturbedChain:
     @cached_property
     def sites(self) -> list[Site]:
         """Terms grouped by place and direction."""
-        starts = np.cumsum([0, *(term.n_coefficients for term in self.terms)])
-        grouped: dict[tuple[int, tuple[float, ...]], list[int]] = {}
-        for i, term in enumerate(self.terms):
-            grouped.setdefault((term.place, term.direction), []).append(i)
-        return [
-            Site(
-                place,
-                np.array(direction),
-                tuple(self.terms[i].basis for i in members),
-                np.concatenate([np.arange(starts[i], starts[i + 1]) for i in members]),
-            )
-            for (place, direction), members in grouped.items()
-        ]
+        grouped: dict[tuple[int, tuple[float, ...]], list[tuple[IntArray, IntArray]]] = {}
+        for term, columns in zip(self.terms, self._columns, strict=True):
+            rows = self._functions[term.place, term.basis]
+            grouped.setdefault((term.place, term.direction), []).append((columns, rows))
+        sites = []
+        for (place, direction), members in grouped.items():
+            columns, rows = (np.concatenate(parts) for parts in zip(*members, strict=True))
+            sites.append(Site(place, np.array(direction), columns, _as_slice(rows)))
+        return sites
 
-    def values(self, state: ArmState) -> list[FloatArray]:
-        """Values of the basis functions of every site; sites with the same bases share them."""
-        values: dict[tuple[Basis, ...], FloatArray] = {}
-        for site in self.sites:
-            if site.bases not in values:
-                values[site.bases] = site.values(state)
-        return [values[site.bases] for site in self.sites]
+    def values(self, state: ArmState) -> FloatArray:
+        """(n_functions, m) values of the distinct basis functions of every place, place by place."""
+        values = {basis: basis.values(state) for basis in dict.fromkeys(basis for _, basis in self._functions)}
+        return np.concatenate([np.empty((0, len(state))), *(values[basis] for _, basis in self._functions)])
 
-    def motions(self, x: FloatArray, values: list[FloatArray]) -> FloatArray:
+    def by_site(self, values: FloatArray) -> list[FloatArray]:
+        """Values of the basis functions of every site, (n_functions, m) each."""
+        return [values[site.rows] for site in self.sites]
+
+    def motions(self, x: FloatArray, values: FloatArray) -> FloatArray:
         """(n_places, 6, m) motions [rad, mm] with coefficients `x`; (n_places, 6, 1) if they are constant."""
-        m = 1 if all(site.is_constant for site in self.sites) else values[0].shape[1]
-        out = np.zeros((self.chain.n_places, 6, m))
-        for site, value in zip(self.sites, values, strict=True):
-            part = x[site.columns]
-            if part.any():
-                out[site.place] += site.direction[:, None] * (part @ value[:, :m])
+        coefficient, entry, component = self._entries
+        by_function = np.bincount(entry, component * x[coefficient], minlength=6 * len(values)).reshape(-1, 6)
+        m = 1 if all(isinstance(term.basis, Constant) for term in self.terms) else values.shape[1]
+        out = np.empty((self.chain.n_places, 6, m))
+        for place, rows in enumerate(self._of_place):
+            np.matmul(by_function[rows].T, values[rows, :m], out=out[place])
         return out
 
     def with_constants(self, x: FloatArray) -> Chain:
@@ -115,7 +103,7 @@ class PerturbedChain:
         out = np.empty((len(state), 3))
         for rows in chunks(len(state)):
             piece = state.rows(rows)
-            motions = self.motions(x, self.values(piece)) if self.sites else np.zeros((self.chain.n_places, 6, 1))
+            motions = self.motions(x, self.values(piece))
             wide = np.broadcast_to(motions, (*motions.shape[:2], len(piece)))
             out[rows] = self.chain.tip_in_base(piece.angles, wide.transpose(2, 0, 1))
         return out
@@ -127,10 +115,44 @@ class PerturbedChain:
             values = self.values(piece)
             tips, motion_jacobian = moved_chain(self.chain, piece, self.motions(x, values))
             columns = np.empty((self.n_coefficients, 3, len(piece)))
-            for site, value in zip(self.sites, values, strict=True):
+            for site, value in zip(self.sites, self.by_site(values), strict=True):
                 by_site = np.tensordot(site.direction, motion_jacobian[site.place], axes=1)
                 columns[site.columns] = by_site * value[:, None, :]
             yield rows, tips, columns
+
+    @cached_property
+    def _columns(self) -> list[IntArray]:
+        """Coefficients of each term."""
+        starts = np.cumsum([0, *(term.n_coefficients for term in self.terms)])
+        return [np.arange(first, stop) for first, stop in pairwise(starts)]
+
+    @cached_property
+    def _functions(self) -> dict[tuple[int, Basis], IntArray]:
+        """Rows of each basis at each place among the values; those of one place are adjacent."""
+        distinct = sorted(dict.fromkeys((term.place, term.basis) for term in self.terms), key=lambda both: both[0])
+        starts = np.cumsum([0, *(basis.n_functions for _, basis in distinct)])
+        return {both: np.arange(first, stop) for both, (first, stop) in zip(distinct, pairwise(starts), strict=True)}
+
+    @cached_property
+    def _of_place(self) -> list[slice]:
+        """Rows of each place among the values."""
+        counts = np.zeros(self.chain.n_places, dtype=int)
+        for (place, _), rows in self._functions.items():
+            counts[place] += len(rows)
+        return [slice(int(first), int(stop)) for first, stop in pairwise(np.cumsum([0, *counts]))]
+
+    @cached_property
+    def _entries(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """Coefficient, entry of the matrix (n_functions, 6) that it adds to, and component of the direction."""
+        found = [
+            (column, 6 * row + axis, component)
+            for term, columns in zip(self.terms, self._columns, strict=True)
+            for column, row in zip(columns, self._functions[term.place, term.basis], strict=True)
+            for axis, component in enumerate(term.direction)
+            if component
+        ]
+        coefficient, entry, component = np.array(found, dtype=float).reshape(-1, 3).T
+        return coefficient.astype(np.intp), entry.astype(np.intp), component
 
 
 def moved_chain(chain: Chain, state: ArmState, motions: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -142,3 +164,9 @@ def moved_chain(chain: Chain, state: ArmState, motions: FloatArray) -> tuple[Flo
 def chunks(n: int) -> list[slice]:
     """Slices of readings that are evaluated together."""
     return [slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK)]
+
+
+def _as_slice(rows: IntArray) -> IntArray | slice:
+    """Adjacent rows as a slice, whose values are not copied."""
+    adjacent = (np.diff(rows) == 1).all()
+    return slice(int(rows[0]), int(rows[-1]) + 1) if adjacent else rows

@@ -59,7 +59,7 @@ class SmallMotionProblem:
     perturbed_chain: PerturbedChain
     state: ArmState
     references: tuple[Reference, ...]
-    _kept: dict[tuple[int, int], list[FloatArray]] = field(default_factory=dict, init=False, repr=False)
+    _kept: dict[tuple[int, int], FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def n_parameters(self) -> int:
@@ -152,7 +152,7 @@ class SmallMotionProblem:
         linear = of_readings(linear, rows)
         by_place = _by_place(linear, motions, moved_chain(self.perturbed_chain.chain, state, motions)[1])
         out = np.empty((self.perturbed_chain.n_coefficients, *linear.residuals.shape))
-        for site, value in zip(self.perturbed_chain.sites, values, strict=True):
+        for site, value in zip(self.perturbed_chain.sites, self.perturbed_chain.by_site(values), strict=True):
             by_site = np.tensordot(site.direction, by_place[site.place], axes=1)
             out[site.columns] = by_site * value[:, None, :]
         return out
@@ -272,7 +272,7 @@ class SmallMotionProblem:
         motions = self.perturbed_chain.motions(x, values)
         plain, motion_jacobian = self._linearised(which, piece, state, motions, x)
         linear = plain.weighted(weights)
-        sums.add(linear, _by_place(linear, motions, motion_jacobian), values)
+        sums.add(linear, _by_place(linear, motions, motion_jacobian), self.perturbed_chain.by_site(values))
 
     def _add_by_unknown(self, out: FloatArray, which: int, linear: LinearisedResiduals) -> None:
         """Add derivatives by a reference's unknowns to those (n_unknowns, k, m) by all."""
@@ -297,7 +297,7 @@ class SmallMotionProblem:
     def _motions(self, which: int, piece: slice, state: ArmState, x: FloatArray) -> FloatArray:
         return self.perturbed_chain.motions(x, self._values(which, piece, state))
 
-    def _values(self, which: int, piece: slice, state: ArmState) -> list[FloatArray]:
+    def _values(self, which: int, piece: slice, state: ArmState) -> FloatArray:
         key = (which, piece.start)
         if key not in self._kept:
             values = self.perturbed_chain.values(state)

@@ -158,12 +158,15 @@ class Harmonics(Basis):
         """
         angle = _of_joint(state.angles, self.joint)
         out = np.empty((2 * len(self.orders), len(angle)))
-        cos_1, sin_1, work = np.cos(angle), np.sin(angle), np.empty_like(angle)
-        for row, k in enumerate(self.orders):
+        work = np.empty_like(angle)
+        steps = [after - before for before, after in pairwise((0, *self.orders))]
+        if 1 in steps:
+            cos_1, sin_1 = np.cos(angle), np.sin(angle)
+        for row, (k, step) in enumerate(zip(self.orders, steps, strict=True)):
             cos_k, sin_k = out[2 * row], out[2 * row + 1]
             if k == 1:
                 cos_k[:], sin_k[:] = cos_1, sin_1
-            elif row > 0 and k == self.orders[row - 1] + 1:
+            elif step == 1:
                 cos_before, sin_before = out[2 * row - 2], out[2 * row - 1]
                 np.multiply(cos_before, cos_1, out=cos_k)
                 cos_k -= np.multiply(sin_before, sin_1, out=work)

@@ -31,7 +31,7 @@ class _Test:
 
     arm: Arm
     angles: FloatArray
-    values: list[FloatArray]  # of the basis functions of the error model at the poses
+    values: FloatArray  # of the basis functions of the error model at the poses
     nominal_tips: FloatArray  # (m, 3) [mm]
     by_constant: FloatArray  # (6 n_places, 3 m): errors by geometry, to first order
 
