@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.rigid_motions import apply_motions, rotations_and_jacobians
+from truearm.arm.rigid_motions import apply_motions, cos_sin, rotations_and_jacobians
 from truearm.arm.rigid_motions import exponential_derivative as exponential_derivative
 from truearm.errors import InputError
 from truearm.typing import FloatArray
@@ -168,7 +168,7 @@ class Chain:
         for rows in _chunks(len(angles)):
             q = _by_component(angles[rows])
             chunk = None if moved is None else np.ascontiguousarray(moved[rows].transpose(1, 2, 0))
-            tips[:, rows] = _last(self._outward(q, _cos_sin(q), chunk))
+            tips[:, rows] = _last(self._outward(q, cos_sin(q), chunk))
         return tips.T
 
     def pose(self, angles: npt.ArrayLike) -> Pose:
@@ -184,7 +184,7 @@ class Chain:
         tip = np.empty((3, len(angles)))
         for rows in _chunks(len(angles)):
             q = _by_component(angles[rows])
-            turns = _cos_sin(q)
+            turns = cos_sin(q)
             R[:, :, rows] = np.matmul(self.fixed[-1, :3, :3].T, _last(self._inward(turns)))
             tip[:, rows] = _last(self._outward(q, turns, None))
         return Pose(R.transpose(2, 0, 1), tip.T)
@@ -352,7 +352,7 @@ class Chain:
     def _small_motions_into(
         self, q: FloatArray, out: FloatArray, motions: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        turns = _cos_sin(q)
+        turns = cos_sin(q)
         tip_in_place = dict(self._outward(q, turns, motions))
         turned_by, jacobians = None, None
         if motions is not None:
@@ -388,17 +388,6 @@ class Chain:
         if motions.shape != (n, self.n_places, 6):
             raise InputError(f"expected motions of shape {(n, self.n_places, 6)}, got {motions.shape}")
         return motions
-
-
-def _cos_sin(q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Cosines and sines by the tangent of half the angle, to 1e-15.
-
-    NumPy computes double sines and cosines one by one, but tangents eight at a time if the processor has AVX-512.
-    Forward kinematics, most of whose time they were, is four times as fast there.
-    """
-    t = np.tan(0.5 * q)
-    twice = 2.0 / (1.0 + t * t)
-    return twice - 1.0, t * twice
 
 
 def _last(places: Iterator[tuple[int, FloatArray]]) -> FloatArray:

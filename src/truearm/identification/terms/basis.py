@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from truearm.arm.rigid_motions import cos_sin
 from truearm.errors import InputError
 from truearm.identification.terms.state import ArmState
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
@@ -161,7 +162,7 @@ class Harmonics(Basis):
         work = np.empty_like(angle)
         steps = [after - before for before, after in pairwise((0, *self.orders))]
         if 1 in steps:
-            cos_1, sin_1 = np.cos(angle), np.sin(angle)
+            cos_1, sin_1 = cos_sin(angle)
         for row, (k, step) in enumerate(zip(self.orders, steps, strict=True)):
             cos_k, sin_k = out[2 * row], out[2 * row + 1]
             if k == 1:
@@ -173,9 +174,7 @@ class Harmonics(Basis):
                 np.multiply(sin_before, cos_1, out=sin_k)
                 sin_k += np.multiply(cos_before, sin_1, out=work)
             else:
-                np.multiply(k, angle, out=work)
-                np.cos(work, out=cos_k)
-                np.sin(work, out=sin_k)
+                cos_k[:], sin_k[:] = cos_sin(k * angle)
         return out
 
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
+from truearm.arm.rigid_motions import cos_sin, cross
 from truearm.errors import InputError
 from truearm.identification.terms.thermal import link_vectors
 from truearm.typing import FloatArray
@@ -89,41 +90,31 @@ def gravity_loads(
         raise InputError(f"gravity must be three finite numbers in m/s^2, got {gravity_in_base!r}")
     if len(links.mass_kg) != chain.n_joints:
         raise InputError(f"expected {chain.n_joints} link masses, one a joint, got {len(links.mass_kg)}")
-    n = len(np.asarray(angles))
-    torque, force = np.empty((2, chain.n_joints, 3, n))
-    for rows, _, motion_jacobian in chain.tip_derivatives_by_chunk(angles):
-        slide = _slide(chain, np.asarray(angles, dtype=float)[rows])
-        _loads_into(chain, links, gravity, motion_jacobian[:, 3:], slide, torque[..., rows], force[..., rows])
+    q = np.ascontiguousarray(np.asarray(angles, dtype=float).T)
+    slides = chain.is_prismatic[:, None]
+    turn, shift = np.where(slides, 0.0, q), np.where(slides, q, 0.0)
+    cos, sin = cos_sin(turn)
+    torque, force = np.empty((2, *q.shape[:1], 3, *q.shape[1:]))
+    # From the base to the last joint: gravity along the axes of each place.
+    along = np.broadcast_to((gravity @ chain.fixed[0, :3, :3])[:, None], (3, q.shape[1]))
+    for i in range(chain.n_joints):
+        along = _about_z(along if i == 0 else chain.fixed[i, :3, :3].T @ along, cos[i], -sin[i])
+        force[i] = along
+    # And back: the sum of m (c - o_i) over the links outward, along the same axes [kg mm].
+    vectors = link_vectors(chain)
+    mass_outward, first_moment = 0.0, np.zeros((3, q.shape[1]))
+    for i in reversed(range(chain.n_joints)):
+        # The load at the far end of the link and the link itself: one vector fixed in place i + 1.
+        local = mass_outward * vectors[i + 1] + links.mass_kg[i] * links.centre_in_joint_mm[i]
+        first_moment += local[:, None]
+        mass_outward += float(links.mass_kg[i])
+        torque[i] = 1e-3 * cross(first_moment, force[i])  # mm to m
+        force[i] *= mass_outward
+        first_moment[2] += mass_outward * shift[i]  # a prismatic joint has moved its place off the end of the link
+        first_moment = chain.fixed[i, :3, :3] @ _about_z(first_moment, cos[i], sin[i])
     return GravityLoads(torque.transpose(2, 0, 1), force.transpose(2, 0, 1))
 
 
-def _loads_into(
-    chain: Chain,
-    links: LinkMasses,
-    gravity: FloatArray,
-    axes: FloatArray,
-    slide: FloatArray | None,
-    torque: FloatArray,
-    force: FloatArray,
-) -> None:
-    """Write the loads, from the axes of the places in the base frame, (n_places, 3 axes, 3 components, m)."""
-    vectors = link_vectors(chain)
-    by_gravity = np.cross(np.eye(3), gravity).T  # v -> v x g as a matrix
-    mass_outward = 0.0
-    first_moment = np.zeros((3, axes.shape[-1]))  # sum of m (c - o_i) in the base frame [kg mm]
-    for i in range(chain.n_joints, 0, -1):
-        # The load at the far end of the link and the link itself: one vector fixed in place i.
-        local = mass_outward * vectors[i] + links.mass_kg[i - 1] * links.centre_in_joint_mm[i - 1]
-        first_moment += np.tensordot(local, axes[i], axes=1)
-        mass_outward += float(links.mass_kg[i - 1])
-        torque_in_base = 1e-3 * np.tensordot(by_gravity, first_moment, axes=1)  # mm to m
-        np.sum(axes[i] * torque_in_base, axis=1, out=torque[i - 1])
-        force[i - 1] = np.tensordot(axes[i], mass_outward * gravity, axes=(1, 0))
-        if slide is not None:  # joint i's moving frame has slid away from link i - 1's end
-            first_moment += mass_outward * slide[i - 1] * axes[i, 2]
-
-
-def _slide(chain: Chain, angles: FloatArray) -> FloatArray | None:
-    """Displacements of prismatic joints, (n_joints, m) [mm]; None if all joints are revolute."""
-    assert chain.prismatic is not None  # set in Chain
-    return np.where(chain.prismatic, angles, 0.0).T if chain.prismatic.any() else None
+def _about_z(v: FloatArray, cos: FloatArray, sin: FloatArray) -> FloatArray:
+    """Vectors (3, n), turned about z."""
+    return np.stack([cos * v[0] - sin * v[1], sin * v[0] + cos * v[1], v[2]])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truearm.arm.rigid_motions import cross_matrix
+from truearm.arm.rigid_motions import cos_sin, cross_matrix
 from truearm.identification.terms import ArmState, Basis
 from truearm.identification.terms.basis import AXES
 from truearm.identification.virtual.state import cage_phase_column
@@ -59,7 +59,7 @@ class CageHarmonics(Basis):
     def values(self, state: ArmState) -> FloatArray:
         """(2, n) cosine and sine."""
         angle = self.ratio * state.angles[:, self.joint - 1] + state.columns[cage_phase_column(self.joint)]
-        return np.stack([np.cos(angle), np.sin(angle)])
+        return np.stack(cos_sin(angle))
 
 
 def beam(
