@@ -103,10 +103,14 @@ class PerturbedChain:
         out = np.empty((len(state), 3))
         for rows in chunks(len(state)):
             piece = state.rows(rows)
-            motions = self.motions(x, self.values(piece))
-            wide = np.broadcast_to(motions, (*motions.shape[:2], len(piece)))
-            out[rows] = self.chain.tip_in_base(piece.angles, wide.transpose(2, 0, 1))
+            out[rows] = self.tips_from_values(piece.angles, self.values(piece), x)
         return out
+
+    def tips_from_values(self, angles: FloatArray, values: FloatArray, x: FloatArray) -> FloatArray:
+        """(n, 3) tips [mm] at angles (n, n_joints), with values of the basis functions at the same readings."""
+        motions = self.motions(x, values)
+        wide = np.broadcast_to(motions, (*motions.shape[:2], len(angles)))
+        return self.chain.tip_in_base(angles, wide.transpose(2, 0, 1))
 
     def derivatives(self, state: ArmState, x: FloatArray) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
         """Yield tips (3, m) [mm] and their derivatives (n_coefficients, 3, m) by chunks of readings."""

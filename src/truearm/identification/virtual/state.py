@@ -14,6 +14,7 @@ from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
 from truearm.identification.terms import ArmState, uniform_links
 from truearm.identification.terms.basis import AXES
+from truearm.identification.terms.gravity import STANDARD_GRAVITY
 from truearm.identification.virtual.presets import Preset
 from truearm.typing import FloatArray
 
@@ -66,21 +67,27 @@ def virtual_state(
     n, n_joints = angles.shape
     temperature = preset.temperature_degC if link_temperature_degC is None else link_temperature_degC
     phases = np.broadcast_to(cage_phase, n_joints)
-    state = ArmState.of(
-        arm,
+    force = mean_hand_force(preset) if force_in_flange_N is None else force_in_flange_N
+    columns = {cage_phase_column(joint): np.full(n, phase) for joint, phase in enumerate(phases, start=1)}
+    return ArmState(
+        arm.chain,
         angles,
-        directions=np.broadcast_to(directions, angles.shape),
-        temperature_degC=np.broadcast_to(temperature, (n, n_joints + 1)),
-        columns={cage_phase_column(joint): np.full(n, phases[joint - 1]) for joint in range(1, n_joints + 1)},
+        np.broadcast_to(temperature, (n, n_joints + 1)),
+        np.broadcast_to(directions, angles.shape),
+        columns | _force_columns(force, n),
+        link_masses(arm, preset),
+        STANDARD_GRAVITY * arm.gravity_direction,
     )
-    state = replace(state, links=link_masses(arm, preset))
-    return with_force(state, mean_hand_force(preset) if force_in_flange_N is None else force_in_flange_N)
 
 
 def with_force(state: ArmState, force_in_flange_N: npt.ArrayLike) -> ArmState:
     """Replace the force on the tip, (3,) or (n, 3) [N]."""
-    force = np.broadcast_to(force_in_flange_N, (len(state), 3))
-    return replace(state, columns={**state.columns, **{force_column(axis): force[:, axis] for axis in range(3)}})
+    return replace(state, columns={**state.columns, **_force_columns(force_in_flange_N, len(state))})
+
+
+def _force_columns(force_in_flange_N: npt.ArrayLike, n: int) -> dict[str, FloatArray]:
+    force = np.broadcast_to(force_in_flange_N, (n, 3))
+    return {force_column(axis): force[:, axis] for axis in range(3)}
 
 
 def force_column(axis: int) -> str:

@@ -9,9 +9,17 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.virtual.error_model import GEOMETRY, ErrorModel, component_of, error_model
+from truearm.identification.virtual.error_model import (
+    CAGES,
+    GEOMETRY,
+    GROWTH,
+    ErrorModel,
+    component_of,
+    error_model,
+)
 from truearm.identification.virtual.presets import Preset
 from truearm.identification.virtual.state import random_stream
+from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 
 
@@ -44,6 +52,27 @@ class SystematicErrors:
         for group, factor in factors.items():
             coefficients[self.model.groups == group] *= factor
         return replace(self, coefficients=coefficients)
+
+    def in_session(self, temperature_degC: float, cage_phase: FloatArray) -> FloatArray:
+        """Coefficients in one session, for basis functions of an arm 1 K above 20 degC with its ball cages at zero.
+
+        The functions are then the same for all arms and sessions. Expansion is proportional to the temperature, and
+        ``a cos(q + p) + b sin(q + p) = (a cos p + b sin p) cos q + (b cos p - a sin p) sin q``.
+
+        Parameters
+        ----------
+        temperature_degC : float
+            Of the stand and all links [degC].
+        cage_phase : (n_joints,) array
+            Of the ball cages [rad].
+        """
+        coefficients = self.scaled({GROWTH: temperature_degC - REFERENCE_DEGC}).coefficients
+        cages = self.model.groups == CAGES
+        a, b = coefficients[cages].reshape(-1, 2).T
+        phase = cage_phase[[term.place - 1 for term in self.model.terms if term.group == CAGES]]
+        cos, sin = np.cos(phase), np.sin(phase)
+        coefficients[cages] = np.column_stack([cos * a + sin * b, cos * b - sin * a]).reshape(-1)
+        return coefficients
 
     @property
     def geometry(self) -> FloatArray:

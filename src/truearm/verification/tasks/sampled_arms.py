@@ -23,10 +23,11 @@ from truearm.errors import InputError
 from truearm.identification.estimation.propagation import direction_effects
 from truearm.identification.terms.state import ArmState
 from truearm.identification.virtual.arm import VirtualArm
-from truearm.identification.virtual.error_model import ARCSEC, tip_compliance
+from truearm.identification.virtual.error_model import ARCSEC, error_model, tip_compliance
 from truearm.identification.virtual.presets import Preset
 from truearm.identification.virtual.state import hand_forces, mean_hand_force, virtual_state
 from truearm.readings.session import Session
+from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray
 
@@ -70,6 +71,23 @@ class ArmDistribution(Protocol):
         """Draw one of them; the same seed gives the same arm."""
 
 
+class _PoseCache:
+    """Results at poses, kept for the other arms of a task, which share its few sets of poses."""
+
+    def __init__(self) -> None:
+        self._kept: dict[bytes, dict[str, FloatArray]] = {}
+
+    def get(self, name: str, angles: FloatArray, compute: Callable[[], FloatArray]) -> FloatArray:
+        """The result of this name at angles (n, n_joints), computed at the first call."""
+        poses = angles.tobytes()
+        if poses not in self._kept and len(self._kept) >= _KEPT:
+            self._kept.clear()
+        results = self._kept.setdefault(poses, {})
+        if name not in results:
+            results[name] = compute()
+        return results[name]
+
+
 @dataclass(frozen=True, eq=False)
 class PresetDistribution:
     """Virtual arms of a preset, without compensation: coordinates are those of the nominal chain at the encoder angles.
@@ -103,7 +121,20 @@ class PresetDistribution:
         w_lag = 2 * np.pi / self.preset.temperature_period_s * self.preset.lag_s
         swing = np.sin(rng.uniform(0, 2 * np.pi) - np.arctan(w_lag)) / np.hypot(1, w_lag)
         temperature = self.preset.temperature_degC + self.preset.temperature_swing_K * swing
-        return PresetSample(virtual, float(temperature), rng.uniform(0, 2 * np.pi, self.arm.n_joints))
+        return PresetSample(self, virtual, float(temperature), rng.uniform(0, 2 * np.pi, self.arm.n_joints))
+
+    def values(self, angles: FloatArray) -> FloatArray:
+        """Values of the basis functions of all arms at angles (n, n_joints), as `SystematicErrors.in_session` needs."""
+
+        def compute() -> FloatArray:
+            state = virtual_state(self.arm, self.preset, angles, link_temperature_degC=REFERENCE_DEGC + 1)
+            return error_model(self.arm, self.preset).perturbed_chain.values(state)
+
+        return self._cache.get("values", angles, compute)
+
+    @cached_property
+    def _cache(self) -> _PoseCache:
+        return _PoseCache()
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +143,7 @@ class PresetSample:
 
     Parameters
     ----------
+    distribution : PresetDistribution
     virtual : VirtualArm
     temperature_degC : float
         Of all links in the session.
@@ -119,6 +151,7 @@ class PresetSample:
         Of the ball cages in the session [rad].
     """
 
+    distribution: PresetDistribution
     virtual: VirtualArm
     temperature_degC: float
     cage_phase: FloatArray
@@ -137,14 +170,10 @@ class PresetSample:
 
     def systematic(self, angles: FloatArray) -> FloatArray:
         """See `ArmSample`."""
-        state = virtual_state(
-            self.virtual.nominal,
-            self.virtual.preset,
-            angles,
-            link_temperature_degC=self.temperature_degC,
-            cage_phase=self.cage_phase,
-        )
-        return self._shown.tip_in_base(angles) - self.virtual.true_tip(angles, state)
+        perturbed_chain = self.virtual.perturbed_chain
+        coefficients = self.virtual.systematic.in_session(self.temperature_degC, self.cage_phase)
+        true_tips = perturbed_chain.tips_from_values(angles, self.distribution.values(angles), coefficients)
+        return self._shown.tip_in_base(angles) - true_tips
 
     def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
         """See `ArmSample`; to first order in the errors, which turn joints by microradians.
@@ -274,10 +303,10 @@ class PosteriorDistribution:
     def hysteresis(self, angles: FloatArray) -> FloatArray:
         """(n_joints, n, 3) errors at poses (n, n_joints) by the unknown direction of each joint [mm]."""
 
-        def found() -> FloatArray:
+        def compute() -> FloatArray:
             return direction_effects(self._model.fit_, self.state(angles)) @ self.R_base_reference.T
 
-        return self._once("hysteresis", angles, found)
+        return self._cache.get("hysteresis", angles, compute)
 
     def relative_std(self, angles: FloatArray) -> FloatArray:
         """(n, 1) residual standard deviation at poses (n, n_joints), relative to its mean."""
@@ -287,12 +316,12 @@ class PosteriorDistribution:
     def displacements(self, angles: FloatArray) -> FloatArray:
         """(n, n_joints + 3, 3) `unit_displacements` times the residual standard deviation at poses (n, n_joints)."""
 
-        def found() -> FloatArray:
+        def compute() -> FloatArray:
             return (
                 self.field_std_mm * self.relative_std(angles)[:, :, None] * unit_displacements(self.arm.chain, angles)
             )
 
-        return self._once("movements", angles, found)
+        return self._cache.get("movements", angles, compute)
 
     def tip_shift(self, angles: FloatArray, shift: FloatArray) -> FloatArray:
         """Tips (n, 3) with the identified coefficients minus those with coefficients shifted by `shift` [mm].
@@ -311,26 +340,16 @@ class PosteriorDistribution:
     def _derivatives(self, angles: FloatArray) -> FloatArray:
         """(n_coefficients, 3, n) derivatives of tips."""
 
-        def found() -> FloatArray:
+        def compute() -> FloatArray:
             fit = self._model.fit_
             pieces = fit.perturbed_chain.derivatives(self.state(angles), fit.coefficients)
             return np.concatenate([columns for _, _, columns in pieces], axis=2)
 
-        return self._once("derivatives", angles, found)
-
-    def _once(self, name: str, angles: FloatArray, found: Callable[[], FloatArray]) -> FloatArray:
-        """Cache a result at poses for the other arms of a task, which share its few sets of poses."""
-        poses = angles.tobytes()
-        if poses not in self._kept and len(self._kept) >= _KEPT:
-            self._kept.clear()
-        there = self._kept.setdefault(poses, {})
-        if name not in there:
-            there[name] = found()
-        return there[name]
+        return self._cache.get("derivatives", angles, compute)
 
     @cached_property
-    def _kept(self) -> dict[bytes, dict[str, FloatArray]]:
-        return {}
+    def _cache(self) -> _PoseCache:
+        return _PoseCache()
 
     @cached_property
     def R_base_reference(self) -> FloatArray:

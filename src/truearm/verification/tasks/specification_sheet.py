@@ -137,6 +137,10 @@ class SpecificationDistribution:
         """Test results over their limits, from errors (n, 3) [mm] in the poses of the tests."""
         return FirstOrderResults(self.specification, self.posed.placements)
 
+    @cached_property
+    def _shop(self) -> PresetDistribution:
+        return PresetDistribution(self.arm, SHOP)
+
     def draw(self, seed: int) -> SpecificationSample:
         """Draw an arm that conforms to the specification."""
         rng = np.random.default_rng([_SHEET, seed])
@@ -163,7 +167,7 @@ class SpecificationDistribution:
             factor = SPREAD ** rng.uniform(-1, 1)
             groups |= dict.fromkeys(in_class, factor)
             magnitudes |= {name: factor * getattr(SHOP, name) for name in at_points}
-        sample = PresetDistribution(self.arm, SHOP).draw(int(rng.integers(2**62)))
+        sample = self._shop.draw(int(rng.integers(2**62)))
         virtual = sample.virtual
         preset: Preset = replace(SHOP, name="shop, scaled", **magnitudes)  # type: ignore[arg-type]
         return replace(sample, virtual=replace(virtual, preset=preset, systematic=virtual.systematic.scaled(groups)))
