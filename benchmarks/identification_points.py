@@ -158,8 +158,8 @@ def with_outliers_named(row: Row, name: str, limits: dict[str, float], seeds: in
     )
     named = ", ".join(f"{i + FIRST_LINE} ({bad[i]:.2f})" for i in sorted(bad))
     list_of_them = (
-        f"{len(bad)} of {len(datasets.load_readings(name))} readings were named in one split or more, by line of the file"
-        f" (error [mm]): {named}"
+        f"{len(bad)} of {len(datasets.load_readings(name))} readings were named in one split or more, by line of the"
+        f" file (error [mm]): {named}"
     )
     of_rest = f"Of the others the mean is {rest['mean']:.4f}, the largest {rest['max']:.3f} mm."
     return replace(

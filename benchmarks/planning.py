@@ -2,8 +2,9 @@
 
     python benchmarks/planning.py [--draws 2] [--figure FILE.png] [--json]
 
-For every number of poses the plans are made once for each arm as drawn (`truearm.identification.planning`, terms physical). Arms with the
-errors of the preset research are then measured at these poses, a physical model is identified, and its points at poses
+For every number of poses the plans are made once for each nominal arm (`truearm.identification.planning`, terms
+physical). Arms with the errors of the preset research are then measured at these poses, a physical model is
+identified, and its points at poses
 spread over the volume are compared with the true ones, after the frame is fitted. Tracker: points with noise, base and
 tip free. Bar: tips in its two seats, at places in turn, and its length; no point is ever seen.
 """

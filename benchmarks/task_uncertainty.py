@@ -4,8 +4,9 @@
         [--jobs 2] [--json]
 
 Each virtual arm is measured at random poses of a person, with a reference point at each, on one day or several (see
-another_day.py), and identified. The model then states the uncertainty (`truearm.verification.tasks`, 1000 drawn arms) of lengths of
-two points, 50 mm and 1 m, of a length of forty points, a ball, a plate that lies and one that faces the arm; no
+another_day.py), and identified. The model then states the uncertainty (`truearm.verification.tasks`, 1000 drawn arms)
+of lengths of two points, 50 mm and 1 m, of a length of forty points, a ball, a plate that lies and one that faces
+the arm; no
 repeatability is given. On a day of its own the virtual arm measures each in 40 ways of holding it, at the mean
 temperature of its readings, and its model, which is not told from which side its joints came, compensates. Counted is
 how often the error lies in the interval, and how often it is no larger than U: of a form, which errors make too large,

@@ -227,7 +227,10 @@ def test_one_check_beyond_the_limits_is_inconclusive(truearm, folder):
         (
             11,
             3,
-            "Inconclusive: repeat the check before you recalibrate. Clean the artefacts first, and check that they are fixed.",
+            (
+                "Inconclusive: repeat the check before you recalibrate. "
+                "Clean the artefacts first, and check that they are fixed."
+            ),
         ),
         (12, 1, "recalibrate: yes, since check 11 of 2026-01-11"),
     ):

@@ -271,7 +271,10 @@ POINTS = {
     "metres": (scaled(1e-3), ["measured 0.02499", "convert the points to mm: they seem to be in metres"]),
     "centimetres": (scaled(0.1), ["measured 2.49", "convert the points to mm: they seem to be in centimetres"]),
     "inches": (scaled(1 / 25.4), ["measured 0.98", "convert the points to mm: they seem to be in inches"]),
-    "unit in the head": (first_column("x_mm", "x_inch"), ["line 1, column 'x_inch'", "Try: x_mm, with coordinates in mm"]),
+    "unit in the head": (
+        first_column("x_mm", "x_inch"),
+        ["line 1, column 'x_inch'", "Try: x_mm, with coordinates in mm"],
+    ),
     "no x": (first_column("x_mm", "note_x"), ["the column x_mm is missing"]),
     "empty column": (
         lambda text: text.replace("\n", ",\n"),
@@ -281,8 +284,14 @@ POINTS = {
     "column twice": (first_column("repeat", "length"), ["column 'length'", "two columns have this name"]),
     "unknown test": (first("uni", "uni", "unit"), ["column 'test'", "unknown test 'unit'", "Try: use uni"]),
     "another standard's": (first("uni", "uni", "volumetric"), ["has no 'repeat'", "leave the cell empty"]),
-    "unknown artefact": (lambda text: text.replace("ing,ball", "ing,bal"), ["has no sphere 'bal'", "Try: use one of 'ball'"]),
-    "unknown length": (lambda text: text.replace(",150,", ",160,"), ["'bar' has no length '160'", "Try: use one of '150'"]),
+    "unknown artefact": (
+        lambda text: text.replace("ing,ball", "ing,bal"),
+        ["has no sphere 'bal'", "Try: use one of 'ball'"],
+    ),
+    "unknown length": (
+        lambda text: text.replace(",150,", ",160,"),
+        ["'bar' has no length '160'", "Try: use one of '150'"],
+    ),
     "days to come": (
         lambda text: text.replace("2026", "2027"),
         ["line 2, column 'date': the date 2027-11-03 is in the future. Try: write year, month, day"],
@@ -376,7 +385,8 @@ SLIPS = {
         lambda text: text.replace("length_mm = 450.002", "length_mm = 470.002"),
         (
             r"E_Uni, 450: -20\.00\d\d mm is 95\d times the limit: probably a blunder, and so are all "
-            r"measurements of this length; check length_mm = 470\.002 of 'bar', and the names of its lengths in the points"
+            r"measurements of this length; check length_mm = 470\.002 of 'bar', "
+            r"and the names of its lengths in the points"
         ),
     ),
     "an end": (
@@ -393,8 +403,8 @@ SLIPS = {
         "points.csv",
         lambda text: text.replace(*off(text, 10, 3.0)),
         (
-            r"test 'probing', position 1: only the point of line 10 deviates, by 1\.7 mm from the sphere of the others, whose "
-            r"form is 0\.00\d\d mm; measure the position again"
+            r"test 'probing', position 1: only the point of line 10 deviates, by 1\.7 mm from the sphere of the "
+            r"others, whose form is 0\.00\d\d mm; measure the position again"
         ),
     ),
     "a group": (
@@ -439,8 +449,8 @@ def test_single_points_in_a_seat_and_lengths_of_the_other_standard(truearm, benc
     found = json.loads(truearm(*options("asme-b89.4.22"), "--json").out)
     seat, length = found["remarks"][:2]
     assert seat == (
-        f"test 'single_point', position near: only the point of line {line} deviates, by 1.8 mm from the mean of all points; "
-        f"measure the position again"
+        f"test 'single_point', position near: only the point of line {line} deviates, by 1.8 mm from the mean of "
+        f"all points; measure the position again"
     )
     assert re.match(r"Volumetric\.Max, 900: -9\.00\d\d mm is 180 times .*; check length_mm = 909\.003 of 'bar'", length)
 

@@ -262,7 +262,7 @@ def check_scale(session: Session, tips: FloatArray) -> None:
     unit, factor = min(units.items(), key=lambda item: abs(np.log(item[1] * spread / nominal)))
     likely = abs(np.log(factor * spread / nominal)) < np.log(2)
     raise session.error(
-        f"the reference points spread over {spread:.3g} mm, the nominal tips at the same readings over {nominal:.4g} mm",
+        f"the reference points spread over {spread:.3g} mm, the nominal tips of these readings over {nominal:.4g} mm",
         hint=f"the points may be in {unit}: convert them to mm" if likely else "check the unit of points and angles",
     )
 

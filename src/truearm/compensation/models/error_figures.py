@@ -142,7 +142,8 @@ def coordinates_by_reading(
         panels,
         caption=f"Coordinates of {which}: the reference as a line, the models as marks. A mark that "
         "is visibly beside its line is a gross error.",
-        alt=f"Coordinates x, y and z of {which} by the reference and by {', '.join(shorten(name) for name in by_name)}.",
+        alt=f"Coordinates x, y and z of {which} by the reference and by "
+        f"{', '.join(shorten(name) for name in by_name)}.",
         columns=3,
     )
 
@@ -179,7 +180,7 @@ def joint_ranges(
         lower=low if low is None or low.shape != scale.shape else low * scale,
         upper=high if high is None or high.shape != scale.shape else high * scale,
         label="joint position",
-        caption=f"Range of each joint over {format_count(len(angles), 'reading')}; positions outside it are not tested.",
+        caption=f"Range of each joint over {format_count(len(angles), 'reading')}; positions outside are not tested.",
     )
 
 
@@ -221,7 +222,7 @@ def error_against_joint(
         caption=f"Error against the position of each joint ({models}, each on its own scale). The line "
         "is the running median. A trend means that the error depends on this joint's position; its cause can be in any "
         "joint before it. A level line alone proves nothing: compare the size of the error too.",
-        alt=f"For each of {len(names)} joints the error of {format_count(count, 'reading')} against the joint's position, "
+        alt=f"For each of {len(names)} joints the error of {format_count(count, 'reading')} against its position, "
         f"with a running median, for {models}.",
         columns=3,
     )

@@ -44,8 +44,8 @@ def workspace(points: npt.ArrayLike) -> Figure:
         panels = _four_views(points, {"color": _DOT})
     return Figure(
         panels,
-        caption=f"Tip positions of {format_count(len(points), 'reading')} in the frame of the reference. {_extent(points)}. "
-        "A cross marks the origin if it is in view. A model is tested only where there are dots.",
+        caption=f"Tip positions of {format_count(len(points), 'reading')} in the frame of the reference. "
+        f"{_extent(points)}. A cross marks the origin if it is in view. A model is tested only where there are dots.",
         alt=f"Four scatter plots of {len(points)} tip positions: in space, from the front, the side and above. "
         f"{_extent(points)}.",
         columns=2,
