@@ -264,7 +264,9 @@ def minimise(
             damping=damping,
             **more,
         )
-        state = replace(state, reason=first_stop_reason(stops, state) or state.reason)
+        reason = first_stop_reason(stops, state)
+        if reason is not None:
+            state = replace(state, reason=reason)
         if callback is not None:
             callback(state)
         return state

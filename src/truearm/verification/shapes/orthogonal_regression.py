@@ -173,14 +173,20 @@ def gauss_newton(
     InputError
         If the points do not determine the shape: the sum has no minimum nearby, or a whole line of minima.
     """
-    n_residuals = len(linearised(start).residuals)
+    n_residuals = 0
+
+    def counted(state: ShapeParameters) -> LinearisedResiduals:
+        nonlocal n_residuals
+        at = linearised(state)
+        n_residuals = len(at.residuals)
+        return at
 
     def rounding(state: ShapeParameters) -> float:
         """Rounding of the norm of the residuals, for this number of points at distances of this size."""
         return float(4 * np.finfo(float).eps * np.sqrt(n_residuals) * max(1.0, size(state)))
 
     result = solve.gauss_newton(
-        solve.DenseProblem(linearised, rounding=rounding),
+        solve.DenseProblem(counted, rounding=rounding),
         start,
         move=moved,
         stops=[_Arrival(size, rounding, shape), solve.MaxEpochs(most_steps)],

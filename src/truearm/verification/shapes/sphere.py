@@ -65,8 +65,9 @@ def fit_sphere(points: npt.ArrayLike, *, std_mm: float | None = None) -> Sphere:
     def linearised(centre: FloatArray) -> LinearisedResiduals:
         away = normal.points - centre
         distance = np.sqrt((away * away).sum(axis=1))
-        outward = away / np.where(distance > 0, distance, 1.0)[:, None]
-        return LinearisedResiduals(distance - distance.mean(), np.column_stack([-outward, -np.ones(len(away))]))
+        jacobian = np.full((len(away), 4), -1.0)
+        np.divide(away, -np.where(distance > 0, distance, 1.0)[:, None], out=jacobian[:, :3])
+        return LinearisedResiduals(distance - distance.mean(), jacobian)
 
     centre, at = gauss_newton(
         circle_start(normal.points),
