@@ -1,4 +1,7 @@
-"""Bounded reads: an ordinary file of a bounded size is read whole, anything else is refused with a message."""
+"""Bounded reads: an ordinary file of a bounded size is read whole, anything else is refused with a message.
+
+What cannot be read is not written over either.
+"""
 
 import os
 import socket
@@ -8,6 +11,7 @@ import pytest
 from truearm.arm import load_arm
 from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.readings import read_lengths, read_session
 from truearm.verification.certificate.dcc_reader import read_dcc
@@ -86,3 +90,20 @@ def test_a_name_that_no_file_can_have_is_refused():
 def test_the_remedy_for_a_missing_file_is_that_of_the_caller(tmp_path):
     with pytest.raises(InputError, match="Try: write it first"):
         read_limited(tmp_path / "none", limit_bytes=1, hint="write it first")
+
+
+def test_nothing_is_written_to_what_is_no_ordinary_file(special):
+    path, said = special(".csv")
+    if said == "does not exist":
+        with atomic_file(path) as beside:
+            beside.write_text("new")
+        assert path.read_text() == "new"
+        return
+    with pytest.raises(InputError) as caught, atomic_file(path):
+        pytest.fail("opened")
+    assert any(kind in caught.value.problem for kind in ("a device or a pipe", "a folder", "leads back to itself"))
+
+
+def test_a_name_that_no_file_can_have_is_not_written():
+    with pytest.raises(InputError, match="cannot be written"), atomic_file("a\0b"):
+        pytest.fail("opened")

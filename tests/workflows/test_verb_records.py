@@ -75,6 +75,16 @@ def test_a_page_is_not_written_over_an_input_file(model_and_session, tmp_path):
     assert file.read_bytes() == before
 
 
+def test_a_page_is_not_written_to_links_that_form_a_loop(model_and_session, tmp_path):
+    model, session = model_and_session
+    page, file = tmp_path / "loop.html", tmp_path / "model.truearm"
+    model.save(file)
+    page.symlink_to(page)
+    with pytest.raises(ta.InputError, match="leads back to itself"):
+        ta.report(file, session, page)
+    assert page.is_symlink()
+
+
 def test_paths_and_objects_give_the_same_result(model_and_session, tmp_path):
     model, _ = model_and_session
     model.save(tmp_path / "model.truearm")

@@ -54,7 +54,7 @@ def simulate(
     standard uncertainty of 0.005 mm, is written to the file of --lengths.
     """
     from truearm.errors import InputError
-    from truearm.files.atomic_write import check_writable
+    from truearm.files.atomic_write import check_writable, is_same_file
     from truearm.readings import check_session_path
     from truearm.workflows.simulate import simulate as simulate_readings
 
@@ -62,7 +62,7 @@ def simulate(
     if bool(bars) != (lengths is not None):
         raise InputError("--bars and --lengths belong together", hint="--bars 2 --lengths lengths.csv")
     if lengths is not None:
-        if lengths.resolve() == out.resolve():
+        if is_same_file(lengths, out):
             raise InputError("--out and --lengths are the same file", file=lengths)
         check_writable(lengths)
     with progress(f"measuring {poses} poses"):

@@ -24,11 +24,11 @@ def split(
     of notes are not copied.
     """
     from truearm.errors import InputError
-    from truearm.files.atomic_write import atomic_file
+    from truearm.files.atomic_write import atomic_file, is_same_file
     from truearm.readings import check_session_path, hold_out, read_session, write_session
     from truearm.readings.split import SplitBy
 
-    if train.resolve() == test.resolve():
+    if is_same_file(train, test):
         raise InputError("--train and --test are the same file", file=train)
     for path in (train, test):
         check_output_is_not_input(path, session)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from truearm.errors import InputError, TruearmError
+from truearm.files.file_reading import access_error
 
 
 @contextmanager
@@ -54,6 +56,11 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
             beside.unlink(missing_ok=True)
 
 
+def is_same_file(path: str | Path, other: str | Path) -> bool:
+    """Whether two names are of one file. It need not exist, and its links may form a loop."""
+    return os.path.realpath(path) == os.path.realpath(other)
+
+
 def _umask() -> int:
     umask = os.umask(0)
     os.umask(umask)
@@ -66,7 +73,8 @@ def check_writable(path: str | Path) -> None:
     Raises
     ------
     InputError
-        If the folder does not exist or is not writable, or `path` is a folder, a device or a protected file.
+        If the folder does not exist or is not writable, `path` is a folder, a device or a protected file, or its links
+        form a loop.
     """
     path = Path(path)
     folder = path.parent
@@ -74,12 +82,19 @@ def check_writable(path: str | Path) -> None:
         if folder.exists():
             raise InputError(f"{folder} is a file, not a folder", file=path)
         raise InputError(f"the folder {folder} does not exist", file=path, hint=f"mkdir -p {folder}")
-    if path.is_dir():
-        raise InputError("expected the name of a file to write, got a folder", file=path, hint=f"{path / 'NAME'}")
-    if path.exists() and not path.is_file():
-        raise InputError("expected the name of a file to write, got a device or a pipe", file=path)
-    if path.exists() and not os.access(path, os.W_OK):
-        raise InputError("the file is protected against writing", file=path, hint="another name")
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError) as error:  # ValueError: a name with a NUL character
+        raise access_error(path, error, purpose="written") from None
+    else:
+        if stat.S_ISDIR(mode):
+            raise InputError("expected the name of a file to write, got a folder", file=path, hint=f"{path / 'NAME'}")
+        if not stat.S_ISREG(mode):
+            raise InputError("expected the name of a file to write, got a device or a pipe", file=path)
+        if not os.access(path, os.W_OK):
+            raise InputError("the file is protected against writing", file=path, hint="another name")
     real_folder = Path(os.path.realpath(path)).parent
     if not os.access(real_folder, os.W_OK):
         raise InputError(f"no permission to write in the folder {real_folder}", file=path)

@@ -30,7 +30,7 @@ def check_readable(path: str | Path, *, limit_bytes: int, hint: str | None = Non
     except FileNotFoundError:
         raise InputError("the file does not exist", file=path, hint=hint) from None
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL character
-        raise _unreadable(path, error) from None
+        raise access_error(path, error) from None
     if stat.S_ISDIR(status.st_mode):
         raise InputError("expected a file, got a folder", file=path)
     if not stat.S_ISREG(status.st_mode):
@@ -54,7 +54,7 @@ def read_limited(path: str | Path, *, limit_bytes: int, hint: str | None = None)
         with Path(path).open("rb") as file:
             content = file.read(limit_bytes + 1)  # it may have grown since
     except OSError as error:
-        raise _unreadable(path, error) from None
+        raise access_error(path, error) from None
     if len(content) > limit_bytes:
         raise _too_large(path, limit_bytes)
     return content
@@ -64,8 +64,9 @@ def _too_large(path: str | Path, limit_bytes: int) -> InputError:
     return InputError(f"the file is larger than {limit_bytes / 1e6:.3g} MB, the limit for files of its kind", file=path)
 
 
-def _unreadable(path: str | Path, error: OSError | ValueError) -> InputError:
+def access_error(path: str | Path, error: OSError | ValueError, *, purpose: str = "read") -> InputError:
+    """The message for a file that the system does not open; `purpose` is the participle of what is done with it."""
     if isinstance(error, OSError) and error.errno == errno.ELOOP:
         return InputError("the symbolic link leads back to itself", file=path)
     reason = error.strerror if isinstance(error, OSError) else str(error)
-    return InputError(f"the file cannot be read ({reason})", file=path)
+    return InputError(f"the file cannot be {purpose} ({reason})", file=path)

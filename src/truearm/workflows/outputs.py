@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from truearm.errors import InputError
-from truearm.files.atomic_write import check_writable
+from truearm.files.atomic_write import check_writable, is_same_file
 from truearm.workflows.record import Record
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ def check_output_is_not_input(out: str | Path, *inputs: str | Path) -> None:
     InputError
         If `out` is one of `inputs`.
     """
-    if Path(out).resolve() in [Path(path).resolve() for path in inputs]:
+    if any(is_same_file(out, path) for path in inputs):
         raise InputError("the output file is an input file and would be overwritten", file=out, hint="another name")
 
 

@@ -257,6 +257,20 @@ def test_other_files_are_refused_and_not_changed(path, filled):
         History(path.parent / "nowhere" / "arm.sqlite")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="special files of POSIX")
+def test_a_history_is_an_ordinary_file(path):
+    for name, target, phrase in (
+        ("loop.sqlite", "loop.sqlite", "leads back to itself"),
+        ("device.sqlite", "/dev/zero", "a device, a pipe or a socket"),
+    ):
+        file = path.with_name(name)
+        file.symlink_to(target)
+        with pytest.raises(InputError, match=phrase) as raised:
+            History(file)
+        assert raised.value.file == file
+        assert file.is_symlink()
+
+
 @pytest.mark.parametrize(
     ("statement", "phrase"),
     [

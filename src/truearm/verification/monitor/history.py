@@ -26,7 +26,7 @@ from typing import Any
 
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import check_writable
-from truearm.files.file_reading import check_readable
+from truearm.files.file_reading import access_error, check_readable
 from truearm.verification.monitor.assessment import Assessment, assess, describe_assessment, is_measured
 from truearm.verification.monitor.interim_check import CheckValue, InterimCheck
 from truearm.verification.standards.dates import format_date
@@ -242,9 +242,13 @@ class History:
         if size > MAX_BYTES:
             raise self._foreign(f"a file of {size >> 20} MiB, larger than a history can be")
         if not Path(f"{self.path}-journal").exists():  # else SQLite first restores the file from that
-            with self.path.open("rb") as file:
-                if file.read(16) not in (b"", b"SQLite format 3\0"):
-                    raise self._foreign("something else")
+            try:
+                with self.path.open("rb") as file:
+                    header = file.read(16)
+            except OSError as error:
+                raise access_error(self.path, error) from None
+            if header not in (b"", b"SQLite format 3\0"):
+                raise self._foreign("something else")
         with self._opened("rw") as database:
             return self._read(database)[0]
 
