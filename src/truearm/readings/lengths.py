@@ -13,6 +13,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import check_names, quoted_cell, read_columns, read_sheet, write_columns
+from truearm.readings.session import LARGEST_MM
 from truearm.typing import FloatArray, IntArray, NameArray
 
 if TYPE_CHECKING:
@@ -119,10 +120,11 @@ class Lengths:
             )
         for name in NUMBERS:
             values = getattr(self, name)
-            if (bad := ~(np.isfinite(values) & (values > 0))).any():
+            if (bad := ~((values > 0) & (values <= LARGEST_MM))).any():
                 row = int(np.argmax(bad))
                 what = "length" if name == "length_mm" else "standard uncertainty"
-                raise self.error(f"expected a positive {what}, got {values[row]:.6g} mm", row, column=name)
+                limit = f" of at most {LARGEST_MM:g} mm" if LARGEST_MM < values[row] < np.inf else ""
+                raise self.error(f"expected a positive {what}{limit}, got {values[row]:.6g} mm", row, column=name)
         self._check_expansions()
         self._check_places()
         self._check_once()
@@ -236,10 +238,11 @@ class Lengths:
         """Check the rows of each artefact, and set the uncertainty of a place where none is given."""
         artefact, place = self.artefact, self.u_place_mm
         place = np.where(np.isnan(place), np.where(artefact != "", PLACE_U_MM, 0.0), place)
-        if (bad := ~(np.isfinite(place) & ((place > 0) | ((place == 0) & (artefact == ""))))).any():
+        if (bad := ~((place <= LARGEST_MM) & ((place > 0) | ((place == 0) & (artefact == ""))))).any():
             row = int(np.argmax(bad))
+            limit = f" of at most {LARGEST_MM:g} mm" if LARGEST_MM < place[row] < np.inf else ""
             raise self.error(
-                f"expected a positive standard uncertainty of a place, got {place[row]:.6g} mm",
+                f"expected a positive standard uncertainty of a place{limit}, got {place[row]:.6g} mm",
                 row,
                 column=PLACE,
                 hint=f"leave the cell empty for the default, {PLACE_U_MM:g} mm for a named artefact",
