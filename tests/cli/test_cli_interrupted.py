@@ -179,6 +179,15 @@ def test_a_result_that_can_be_printed_nowhere_is_no_success(tmp_path):
     assert (tmp_path / "a.toml").exists()
 
 
+def test_messages_that_can_be_printed_nowhere_are_no_fault(tmp_path):
+    """Standard error closed before the start: the exit code is that of the verb, with a message or without."""
+    command = f"exec {sys.executable} -m truearm simulate ur10 --poses 5 --out s.csv 2>&-"
+    assert subprocess.run(["sh", "-c", command], cwd=tmp_path, stdout=subprocess.DEVNULL).returncode == 0
+    assert (tmp_path / "s.csv").exists()
+    command = f"exec {sys.executable} -m truearm simulate nothing --out s.csv 2>&-"
+    assert subprocess.run(["sh", "-c", command], cwd=tmp_path, stdout=subprocess.DEVNULL).returncode == 2
+
+
 @pytest.mark.parametrize("arguments", [["arms"], ["arms", "--json"], ["--help"], ["fetch", "--list"]])
 def test_a_closed_output_pipe_ends_the_program_quietly(arguments):
     reader, writer = os.pipe()

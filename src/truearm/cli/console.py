@@ -126,7 +126,7 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, str
     callable
         ``update(done, note)``: the number of steps done, and a note on the state.
     """
-    if not sys.stderr.isatty() or os.environ.get("TERM") in ("dumb", "unknown"):
+    if sys.stderr is None or not sys.stderr.isatty() or os.environ.get("TERM") in ("dumb", "unknown"):
         yield _silent
         return
     from rich.console import Console, RenderableType
