@@ -36,7 +36,7 @@ _MENTIONED_OUTSIDE = 0.005
 
 
 @dataclass(frozen=True, eq=False)
-class TaskResult:
+class TaskEstimates:
     """A feature measured by many arms.
 
     Attributes
@@ -70,7 +70,7 @@ class TaskAssessment:
 
     Attributes
     ----------
-    result : TaskResult
+    result : TaskEstimates
     fitness : Fitness or None
         For the tolerance of the first quantity.
     remarks : tuple of str
@@ -79,7 +79,7 @@ class TaskAssessment:
         Name of the nominal arm.
     """
 
-    result: TaskResult
+    result: TaskEstimates
     fitness: Fitness | None
     remarks: tuple[str, ...]
     arm: str
@@ -160,7 +160,7 @@ def simulate_measurements(
     seed: int = 0,
     share_of_limit: Callable[[ArmSample], float] | None = None,
     progress: Callable[[int, str], None] | None = None,
-) -> TaskResult:
+) -> TaskEstimates:
     """Let many arms measure a feature of a perfect part.
 
     Parameters
@@ -209,7 +209,7 @@ def simulate_measurements(
         scaled = values[:, :, 0] / shares
         at_limit = Estimate(feature.quantities[0], scaled[0], scaled[1], scaled[2], len(postures))
     repeatability_known = not (isinstance(errors, PosteriorDistribution) and errors.repeatability_mm is None)
-    return TaskResult(feature, estimates, postures, at_limit, repeatability_known)
+    return TaskEstimates(feature, estimates, postures, at_limit, repeatability_known)
 
 
 def assumptions(errors: ArmDistribution) -> list[str]:
@@ -238,7 +238,7 @@ def assumptions(errors: ArmDistribution) -> list[str]:
     return [perfect]
 
 
-def advice(result: TaskResult) -> str:
+def advice(result: TaskEstimates) -> str:
     """Advise whether more points would reduce the uncertainty, in a sentence."""
     estimate = result.estimates[0]
     systematic, random = estimate.u_systematic_mm**2, estimate.u_random_mm**2
@@ -262,7 +262,7 @@ def advice(result: TaskResult) -> str:
     return f"{which}: four times the points would give about u = {better:.4f} mm."
 
 
-def _outside_training(errors: ArmDistribution, result: TaskResult) -> list[str]:
+def _outside_training(errors: ArmDistribution, result: TaskEstimates) -> list[str]:
     if not isinstance(errors, PosteriorDistribution):
         return []
     outside = errors.model.outside_training(result.angles.reshape(-1, errors.arm.n_joints)).mean()

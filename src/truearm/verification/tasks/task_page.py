@@ -11,7 +11,7 @@ from truearm.pages.page import Column, LabelledValue, Page, Section, Table
 from truearm.pages.plotting import LIMIT, Figure, figure_style, make_panel
 from truearm.verification.tasks.estimate import Estimate
 from truearm.verification.tasks.fitness import Fitness, describe_fitness
-from truearm.verification.tasks.task import TaskAssessment, TaskResult
+from truearm.verification.tasks.task import TaskAssessment, TaskEstimates
 
 _ORANGE, _NAVY = "#d9730d", "#12407a"
 _BINS = 40
@@ -97,7 +97,7 @@ def _between(estimate: Estimate) -> str:
     return f"{format_mm(low)} to {format_mm(high)}"
 
 
-def _table(task: TaskResult) -> Table:
+def _table(task: TaskEstimates) -> Table:
     columns = (
         Column("quantity"),
         Column("nominal", "mm"),
