@@ -7,7 +7,6 @@ import doctest
 import inspect
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,6 @@ from truearm.workflows.record import Record
 PACKAGE = Path(ta.__file__).parent
 NAMES = [name for name in ta.__all__ if name not in ("__version__", "datasets")]
 HEAVY = {"numpy", "scipy", "pandas", "sklearn", "matplotlib", "pydantic", "jinja2", "pooch", "typer", "rich"}
-LONGEST_EXAMPLE_S = 5.0  # of a second, on a slow machine
 
 
 def test_the_import_loads_no_heavy_package():
@@ -86,10 +84,8 @@ def test_every_name_has_an_example_that_runs(name, tmp_path, monkeypatch):
     assert example.examples
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL, verbose=False)
     said: list[str] = []
-    begun = time.perf_counter()
     runner.run(example, out=said.append)
     assert runner.failures == 0, "".join(said)
-    assert time.perf_counter() - begun < LONGEST_EXAMPLE_S
 
 
 def test_records_read_as_text_and_as_html_and_as_json():
