@@ -97,17 +97,6 @@ def test_stops_are_asked_in_order_after_every_epoch(stop, text):
     assert (told[-1].reason.text, told[-1].epoch) == ("Maximum time elapsed.", 0)
 
 
-@pytest.mark.parametrize("rate", [LearningRate(0.1), LearningRate(1.05, momentum=0.9, **ADAPTIVE)])
-def test_a_descent_resumes_from_any_state_without_a_difference(rate):
-    told = descended(rate, 12, start=[1.0, -0.3])
-    for part in told:
-        again = []
-        gradient_descent(Parabola(), part, rate=rate, stops=[MaxEpochs(12)], callback=again.append)
-        assert [(s.epoch, s.cost, s.rate, *s.x, *s.step) for s in again] == [
-            (s.epoch, s.cost, s.rate, *s.x, *s.step) for s in told[part.epoch + 1 :]
-        ]
-
-
 def test_a_start_that_is_no_number_is_an_error():
     with pytest.raises(TruearmError, match="not a finite number"):
         gradient_descent(Parabola(), [np.nan], rate=LearningRate(0.1), stops=[])

@@ -307,22 +307,6 @@ def test_an_error_that_is_no_number_is_no_best():
     assert best.updated_with(state(epoch=2), np.nan).failures == 1
 
 
-@pytest.mark.parametrize("damping", [NielsenDamping(), MarquardtDamping()])
-def test_a_minimisation_resumes_from_any_state_without_a_difference(damping):
-    stops, told = [CostGoal(1e-20), MaxEpochs(300)], []
-    whole = levenberg_marquardt(rosenbrock(), [-1.2, 1.0], damping=damping, stops=stops, callback=told.append)
-    for part in told:
-        again = []
-        result = levenberg_marquardt(rosenbrock(), part, stops=stops, callback=again.append)
-        assert result.x.tolist() == whole.x.tolist()
-        assert (result.epochs, result.reason) == (whole.epochs, whole.reason)
-        rest = told[part.epoch + 1 :]
-        assert [(s.epoch, s.cost, s.previous_cost, s.gradient_norm, s.mu) for s in again] == [
-            (s.epoch, s.cost, s.previous_cost, s.gradient_norm, s.mu) for s in rest
-        ]
-        assert all(s.seconds >= part.seconds for s in again)
-
-
 def test_a_step_is_bent_by_its_second_derivative():
     """r = exp(x) at 0 with mu 1: step -1/2, r'' along it 1/4, bend -1/16; 0.1623 lies below 0.1839."""
     told = []

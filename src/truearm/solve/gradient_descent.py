@@ -68,7 +68,7 @@ class LearningRate:
 
 def gradient_descent(
     problem: DifferentiableProblem,
-    start: npt.ArrayLike | DescentState,
+    start: npt.ArrayLike,
     *,
     rate: LearningRate,
     stops: Sequence[StopCriterion],
@@ -87,11 +87,9 @@ def gradient_descent(
     ----------
     problem : DifferentiableProblem
         Returns cost and gradient.
-    start : (p,) array or DescentState
-        The first point, or the state after an epoch of an earlier call, from which this call resumes. Of the state the
-        epoch, parameters, rate, step, time and reason are used.
+    start : (p,) array
+        The first point.
     rate : LearningRate
-        A state has its own present rate.
     stops : sequence of StopCriterion
         Evaluated in this order at the start and after every epoch.
     callback : callable, optional
@@ -107,9 +105,8 @@ def gradient_descent(
     TruearmError
         If the cost at the start is not a finite number.
     """
-    given = start if isinstance(start, DescentState) else None
-    begun = time.perf_counter() - (0.0 if given is None else given.seconds)
-    x = np.array(start if given is None else given.x, dtype=float)
+    begun = time.perf_counter()
+    x = np.array(start, dtype=float)
     cost, gradient = problem.gradient(x)
     if not np.isfinite(cost):
         raise TruearmError("the cost at the start is not a finite number: check the data for NaN and overflow")
@@ -132,7 +129,7 @@ def gradient_descent(
             callback(state)
         return state
 
-    state = given or state_after(0, np.inf, rate.start, -rate.start * gradient)
+    state = state_after(0, np.inf, rate.start, -rate.start * gradient)
     while state.reason is None:
         now, previous_cost, lost = state.rate, cost, None
         step = rate.momentum * state.step - (1 - rate.momentum) * now * gradient

@@ -202,7 +202,7 @@ def damped_step(
 
 def minimise(
     problem: Problem,
-    start: npt.ArrayLike | OptimizerState,
+    start: npt.ArrayLike,
     *,
     damping: Damping,
     step: StepRule = newton_step,
@@ -218,11 +218,9 @@ def minimise(
     ----------
     problem : Problem
         Returns cost and quadratic model.
-    start : point or OptimizerState
-        The first point, an array (p,) unless `step` moves other things; or the state after an epoch of an earlier call,
-        from which this call resumes. Of the state the epoch, parameters, damping, time and reason are used.
+    start : point
+        The first point, an array (p,) unless `step` moves other things.
     damping : Damping
-        A state brings its own.
     step : callable
         The step rule.
     stops : sequence of StopCriterion
@@ -243,11 +241,8 @@ def minimise(
     TruearmError
         If the cost at the start is not a finite number.
     """
-    given = start if isinstance(start, OptimizerState) else None
-    begun = time.perf_counter() - (0.0 if given is None else given.seconds)
-    x: Any = start if given is None else given.x
-    if given is not None or isinstance(x, list):
-        x = np.array(x, dtype=float)
+    begun = time.perf_counter()
+    x: Any = start
     equations = problem.normal_equations(x)
     if not np.isfinite(equations.cost):
         raise TruearmError("the cost at the start is not a finite number: check the data for NaN and overflow")
@@ -271,7 +266,7 @@ def minimise(
             callback(state)
         return state
 
-    state = given or state_after(0, damping.at_start(equations), np.inf)
+    state = state_after(0, damping.at_start(equations), np.inf)
     while state.reason is None:
         assert state.damping is not None  # every state of this loop has one
         epoch = damped_step(problem, x, equations, state.damping, step=step)
@@ -295,7 +290,7 @@ def minimise(
 
 def levenberg_marquardt(
     problem: Problem,
-    start: npt.ArrayLike | OptimizerState,
+    start: npt.ArrayLike,
     *,
     damping: Damping | None = None,
     acceleration: Callable[[FloatArray, FloatArray], FloatArray] | None = None,
@@ -306,9 +301,7 @@ def levenberg_marquardt(
     See `minimise` for the other options, and `accelerated_step` for `acceleration`.
     """
     step = newton_step if acceleration is None else partial(accelerated_step, acceleration=acceleration)
-    if not isinstance(start, OptimizerState):
-        start = np.array(start, dtype=float)
-    return minimise(problem, start, damping=damping or NielsenDamping(), step=step, **options)
+    return minimise(problem, np.array(start, dtype=float), damping=damping or NielsenDamping(), step=step, **options)
 
 
 def gauss_newton(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -24,7 +24,7 @@ class StopReason:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OptimizerState:
-    """The state of a minimisation after an epoch: enough to resume from.
+    """The state of a minimisation after an epoch.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ class BestPoint:
 class ValidationStop:
     """Stop when the error on held-out data was worse than the best `max_fail` times; remember the best point.
 
-    Create one for every minimisation, as it collects states. A resumed minimisation passes the `best` so far.
+    Create one for every minimisation, as it collects states.
 
     Parameters
     ----------
@@ -193,19 +193,19 @@ class ValidationStop:
         Error on the held-out data at parameters (p,).
     max_fail : float
         Number of failures since the best point that ends the minimisation.
-    best : BestPoint, optional
-        The best point of earlier epochs.
 
     Attributes
     ----------
+    best : BestPoint or None
+        None before the first state.
     last_error : float
         Error at the last state.
     """
 
     error: Callable[[FloatArray], float]
     max_fail: float = 6
-    best: BestPoint | None = None
-    last_error: float = np.nan
+    best: BestPoint | None = field(default=None, init=False)
+    last_error: float = field(default=np.nan, init=False)
 
     def __call__(self, state: OptimizerState) -> StopReason | None:
         """Stop when the last `max_fail` epochs did not lower the error on the held-out data."""
