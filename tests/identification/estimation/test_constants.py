@@ -341,7 +341,7 @@ def test_invalid_references_are_refused(rng):
         identify(arm.chain, state, terms, [points, points])
     turns = (0.0, 0, 1, 0, 0, 0)
     both = [Term(f"J{i}", i, turns, Constant(), "zeros", 1e-3, learn=i == 1) for i in (1, 2)]
-    with pytest.raises(InputError, match="group 'zeros' must agree"):
+    with pytest.raises(InputError, match="group 'zeros' must have the same value of learn"):
         identify(arm.chain, state, both, [points])
 
 

@@ -52,11 +52,12 @@ def test_posterior_of_coefficients_and_unknowns_is_that_of_the_dense_matrix(seed
     found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior.subset(left.kept), size=left.size)
     std = np.sqrt(dense.covariance.diagonal())
     kept = left.kept
-    # Beside priors of some metres, in which tip and last link stand for each other, Cholesky's factors keep 1e-9.
+    # With priors of some metres, in which tip and last link are equivalent, Cholesky's factors are accurate to a few 1e-9,
+    # depending on the number of BLAS threads.
     np.testing.assert_allclose(
         found.covariance / np.outer(std[kept], std[kept]),
         dense.covariance[np.ix_(kept, kept)] / np.outer(std[kept], std[kept]),
-        atol=1e-9,
+        atol=5e-9,
     )
     step, expected = left.step(found.x - x[kept]), dense.x - x
     np.testing.assert_allclose((step - expected) / std, 0, atol=1e-9 * np.linalg.norm(expected / std))
