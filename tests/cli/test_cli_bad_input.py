@@ -238,8 +238,9 @@ def test_a_model_file_that_is_none(refused, bench):
     for name in ("s.csv", "cut.truearm", "other.zip", "folder", "none.truearm"):
         for verb in (EVALUATE, PREDICT, REPORT):
             refused([name if a == "kinematic.truearm" else a for a in verb], name)
-    refused(["evaluate", "cut.truearm", "s.csv"], "cut.truearm", "expected a model file", "Try: truearm fit")
-    refused(["evaluate", "none.truearm", "s.csv"], "none.truearm", "does not exist", "Try: truearm fit")
+    hint = "Try: write it again: truearm fit"
+    refused(["evaluate", "cut.truearm", "s.csv"], "cut.truearm", "expected a model file", hint)
+    refused(["evaluate", "none.truearm", "s.csv"], "none.truearm", "does not exist", hint)
 
 
 def test_model_and_session_the_other_way_round(refused):

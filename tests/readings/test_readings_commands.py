@@ -45,7 +45,7 @@ def test_import_writes_a_session_file_and_shows_the_ranges(table):
     assert readings.session.tolist() == ["May"] * 3
     assert "3 readings of 2 joints from table.csv" in said
     lines = {line.split()[0]: line.split()[1:] for line in said.splitlines() if line}
-    assert lines["q2"] == ["a2", "0.000", "360.000", "deg"]
+    assert lines["J2"] == ["a2", "0.000", "360.000", "deg"]
     assert lines["y"] == ["reference", "2000.000", "2500.000", "mm"]
     assert lines["temperature"] == ["20.00", "21.00", "degC"]
     assert lines["positions:"] == ["2"]

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from html import escape
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -88,6 +89,12 @@ class Figure:
             raise InputError("expected a caption and an alternative text for every figure, got an empty one")
         if self.columns not in (1, 2, 3):
             raise InputError(f"expected 1, 2 or 3 columns of panels, got {self.columns}")
+
+    def _repr_html_(self) -> str:
+        """The panels and their caption, as notebooks show them."""
+        drawings = (svg_element(panel, f"{id(self)}-{i}-") for i, panel in enumerate(self.panels))
+        caption = f"<figcaption>{escape(self.caption)}</figcaption>"
+        return f'<figure style="max-width:60em">{"".join(drawings)}{caption}</figure>'
 
 
 @dataclass(frozen=True)

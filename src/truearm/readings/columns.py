@@ -313,8 +313,11 @@ def _together(keys: Sequence[str], found: dict[str, str], file: Path | None, lin
         return ()
     if missing:
         present = ", ".join(found[key] for key in keys if key in found)
-        name = f"{missing[0]}_mm" if len(keys) == 3 else missing[0]
-        raise InputError(f"the column {name} is missing beside {present}", file=file, line=line)
+        unit = found[next(key for key in keys if key in found)].partition("_")[2] if len(keys) == 3 else ""
+        name = f"{missing[0]}_{unit}" if unit else missing[0]
+        raise InputError(
+            f"the column {name} is missing beside {present}", file=file, line=line, hint="all of them, or none"
+        )
     return tuple(found[key] for key in keys)
 
 

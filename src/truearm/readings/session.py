@@ -432,6 +432,11 @@ class Session:
         columns = session_columns(self)
         return pd.DataFrame({n: v.tolist() if v.dtype.kind == "U" else v for n, v in columns.items()})
 
+    def _repr_html_(self) -> str:
+        """The number of readings and the first of them, as notebooks show them."""
+        head = self.rows(np.arange(min(len(self), 5))).to_frame()
+        return f"<p>{len(self)} readings of {self.n_joints} joints</p>{head.to_html(index=False)}"
+
 
 def _shaped(value: npt.ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:
     array = np.asarray(value, dtype=float)

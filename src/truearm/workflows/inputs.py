@@ -72,17 +72,45 @@ class CheckedSession(NamedTuple):
     remarks: tuple[str, ...]
 
 
+# How many times the readings that determine all constants of an arm each kind of model needs. Models are compared on
+# held-out readings, which say nothing before the others determine the arm.
+READINGS_TO_COMPARE = {"auto": 2, "kinematic": 1, "physical": 1}
+
+
 def to_arm(arm: ArmLike) -> Arm:
-    """An arm as it is; one of the catalogue by its name; one from an arm file or a URDF by its path."""
-    return arm if isinstance(arm, Arm) else load_arm(arm)
+    """An arm as it is; one of the catalogue by its name; one from an arm file or a URDF by its path.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or cannot be read.
+    """
+    if isinstance(arm, Arm):
+        return arm
+    if not isinstance(arm, str | Path):
+        raise InputError(
+            f"expected an arm, got {type(arm).__name__}", hint="an Arm, a name of list_arms(), an arm file or a URDF"
+        )
+    return load_arm(arm)
 
 
 def to_session(session: SessionLike, *, n_joints: int | None = None) -> Session:
-    """A session as it is, from a DataFrame with the columns of a session file, or from a file."""
+    """A session as it is, from a DataFrame with the columns of a session file, or from a file.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or cannot be read.
+    """
     if isinstance(session, Session):
         return session
     if isinstance(session, str | Path):
         return read_session(session, n_joints=n_joints)
+    if not hasattr(session, "columns"):
+        raise InputError(
+            f"expected a session, got {type(session).__name__}",
+            hint="a Session, a DataFrame or a session file; Session(angles, points) takes arrays in rad and mm",
+        )
     return Session.from_frame(session)
 
 
@@ -126,6 +154,8 @@ def within_limits(session: Session, arm: Arm, limits: Limits = "skip") -> Checke
     InputError
         If the number of joints is not that of the arm, or more than half of the readings are beyond a limit.
     """
+    if limits not in ("skip", "ignore"):
+        raise InputError(f"expected limits 'skip' or 'ignore', got {limits!r}")
     check_angles(session, n_joints=arm.n_joints)
     rows = np.arange(len(session))
     if limits == "ignore":
@@ -174,7 +204,7 @@ def check_session_fits(session: Session, arm: Arm, model: str) -> None:
     check_fit(
         session,
         n_joints=arm.n_joints,
-        min_rows=max(MIN_ROWS, ceil(n_constants / 3)) if model in ("kinematic", "physical") else MIN_ROWS,
+        min_rows=max(MIN_ROWS, READINGS_TO_COMPARE.get(model, 0) * ceil(n_constants / 3)),
         relations=model != "network",
     )
     check_reach(session, reach=arm.chain.reach)

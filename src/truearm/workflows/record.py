@@ -93,11 +93,7 @@ class Record(ABC):
             block.to_html() if isinstance(block, TextTable) else f"<p>{escape(block)}</p>" for block in self.blocks()
         ]
         if (figure := self.figure()) is not None:
-            from truearm.pages.plotting import svg_element
-
-            drawings = (svg_element(panel, f"{id(self)}-{i}-") for i, panel in enumerate(figure.panels))
-            caption = f"<figcaption>{escape(figure.caption)}</figcaption>"
-            parts.append(f'<figure style="max-width:60em">{"".join(drawings)}{caption}</figure>')
+            parts.append(figure._repr_html_())
         return "".join(parts)
 
 

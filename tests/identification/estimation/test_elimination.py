@@ -52,8 +52,8 @@ def test_posterior_of_coefficients_and_unknowns_is_that_of_the_dense_matrix(seed
     found = posterior(left.gram, left.gram @ x[left.kept] - left.gradient, prior.subset(left.kept), size=left.size)
     std = np.sqrt(dense.covariance.diagonal())
     kept = left.kept
-    # With priors of some metres, in which tip and last link are equivalent, Cholesky's factors are accurate to a few 1e-9,
-    # depending on the number of BLAS threads.
+    # With priors of some metres, in which tip and last link are equivalent, Cholesky's factors are accurate to a few
+    # 1e-9, depending on the number of BLAS threads.
     np.testing.assert_allclose(
         found.covariance / np.outer(std[kept], std[kept]),
         dense.covariance[np.ix_(kept, kept)] / np.outer(std[kept], std[kept]),

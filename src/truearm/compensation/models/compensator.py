@@ -449,7 +449,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
 
     def _checked_arm(self) -> Arm:
         if not isinstance(self.arm, Arm):
-            raise InputError(f"expected an Arm, got {type(self.arm).__name__}", hint="truearm.load_arm('gao2017')")
+            raise InputError(f"expected an Arm, got {type(self.arm).__name__}", hint="load_arm(name or path) gives one")
         self._check_options()
         return self.arm
 

@@ -96,12 +96,18 @@ def save_model(model: Compensator, path: str | Path) -> None:
 
     Raises
     ------
+    InputError
+        If the model is not fitted or not one of `MODELS`.
     TruearmError
-        If the model is not fitted, not one of `MODELS`, or larger than a model file may be.
+        If it is larger than a model file may be.
     """
     kind = next((name for name, cls in MODELS.items() if type(model) is cls), None)
-    if kind is None or not hasattr(model, "fit_seconds_"):
-        raise TruearmError(f"expected a fitted model ({', '.join(MODELS)}), got {type(model).__name__}, fitted or not")
+    if kind is None:
+        raise InputError(f"expected a model among {', '.join(MODELS)}, got {type(model).__name__}")
+    if not hasattr(model, "fit_seconds_"):
+        raise InputError(
+            f"expected a fitted model, got a {type(model).__name__} that is not fitted", hint="fit it first"
+        )
     arrays: dict[str, Array] = {}
     options = {name: value for name, value in model.get_params(deep=False).items() if name != "arm"}
     content = {

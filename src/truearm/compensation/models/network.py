@@ -104,7 +104,7 @@ class NetworkModel(Compensator):
         Angles [rad] and points [mm] onto [-1, 1].
     residual_covariance_ : (3, 3) array
         Mean product of a member's residuals [mm^2] on its validation data, without the share that the scatter of the
-        members explains; where nothing is set aside on the training data, with the freedom that the weights took
+        members explains; without validation data on the training data, with the freedom that the weights took
         accounted for.
 
     Examples

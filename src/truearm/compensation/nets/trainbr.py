@@ -102,7 +102,7 @@ def trainbr(
     """Train a network's weights, weighing errors against the size of the weights by the evidence.
 
     Every epoch is a Levenberg-Marquardt step on ``beta |e|^2 + alpha |w|^2``, then one round of MacKay's fixed point.
-    The number of weights in use, `gamk`, settles by itself, so that no readings need be set aside to stop in time.
+    The number of weights in use, `gamk`, converges by itself, so that no validation data are needed to stop in time.
 
     Source: F. D. Foresee, M. T. Hagan, "Gauss-Newton approximation to Bayesian learning", ICNN 1997, 1930-1935. As
     there the first step is on the errors alone; MATLAB begins as if all weights were in use. Unlike both, alpha and

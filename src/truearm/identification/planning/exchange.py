@@ -185,7 +185,7 @@ class DesignSelection:
     Attributes
     ----------
     rows : (n,) int array
-        In the order of measurement: each is the best of the remaining ones (random ones: as drawn), so that an early
+        In the order of measurement: each is the best of the remaining ones (random ones: in the order drawn), so that an early
         stop leaves a good selection.
     swaps : int
         Number of exchanges after the greedy choice.

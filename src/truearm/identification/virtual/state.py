@@ -1,4 +1,4 @@
-"""What a reading of a virtual arm depends on besides its angles: directions, link temperatures, force, ball cages."""
+"""State of a virtual arm at a reading apart from its angles: directions, link temperatures, force, ball cages."""
 
 from __future__ import annotations
 

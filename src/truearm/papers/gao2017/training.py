@@ -41,7 +41,7 @@ ProgressCallback = Callable[[float, str], None]
 
 ARM = "gao2017"
 N_EVALUATION_POSES = 2000
-"""Further poses on which an error is evaluated, besides the few on which the paper tested."""
+"""Further poses on which an error is evaluated, in addition to the few of the paper's test."""
 TRAINING_STREAM, TEST_STREAM, EVALUATION_STREAM, OUTSIDE_STREAM, FINAL_TEST_STREAM = 0, 1, 3, 4, 5
 """Random streams of poses and noise of one seed; `truearm.workflows.demo` has 0 to 2."""
 RECIPE = 1
