@@ -105,7 +105,9 @@ def write_command_reference() -> None:
     runner, program = CliRunner(), make_app()
     parts = ["# Commands\n", "What every command prints for `--help`.\n"]
     for verb, _ in VERBS:
-        ran = runner.invoke(program, [verb, "--help"], env={"COLUMNS": "100", "TERM": "dumb", "NO_COLOR": "1"})
+        ran = runner.invoke(
+            program, [verb, "--help"], prog_name="truearm", env={"COLUMNS": "100", "TERM": "dumb", "NO_COLOR": "1"}
+        )
         if ran.exit_code != 0:
             raise RuntimeError(f"truearm {verb} --help: {ran.output}")
         text = re.sub(r"\x1b\[[0-9;]*m", "", ran.output).strip()

@@ -54,6 +54,7 @@ PAGES = [
     *sorted((CHECKOUT / "docs").glob("*.md")),
     *sorted((CHECKOUT / "docs/start").glob("*.md")),
 ]
+PAGES = [path for path in PAGES if path.name not in ("api.md", "commands.md")]  # generated from docstrings and helps
 PAGES += sorted(HOUSE.rglob("*.toml")) + sorted(HOUSE.rglob("*.j2"))
 
 

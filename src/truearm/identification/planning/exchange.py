@@ -185,8 +185,8 @@ class DesignSelection:
     Attributes
     ----------
     rows : (n,) int array
-        In the order of measurement: each is the best of the remaining ones (random ones: in the order drawn), so that an early
-        stop leaves a good selection.
+        In the order of measurement: each is the best of the remaining ones (random ones: in the order drawn), so that
+        an early stop leaves a good selection.
     swaps : int
         Number of exchanges after the greedy choice.
     """
