@@ -432,6 +432,28 @@ class Session:
         columns = session_columns(self)
         return pd.DataFrame({n: v.tolist() if v.dtype.kind == "U" else v for n, v in columns.items()})
 
+    def save(self, path: str | Path) -> None:
+        """Write the session file, ``.csv`` or ``.parquet``; `read_session` reads it back.
+
+        Raises
+        ------
+        InputError
+            If the suffix is neither, or the folder does not exist.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> import truearm as ta
+        >>> file = Path(tempfile.mkdtemp()) / "session.csv"
+        >>> ta.Session([[0.1, 0.2]]).save(file)
+        >>> len(ta.read_session(file))
+        1
+        """
+        from truearm.readings.files import write_session
+
+        write_session(self, path)
+
     def _repr_html_(self) -> str:
         """The number of readings and the first of them, as notebooks show them."""
         head = self.rows(np.arange(min(len(self), 5))).to_frame()

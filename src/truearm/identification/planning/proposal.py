@@ -100,8 +100,7 @@ class Proposal:
         Numbers of poses, from 0 to all.
     rms_mm : (m,) array
         Uncertainty of a point in the volume after that number of poses, three-dimensional root mean square; with
-        seats, apart
-        from the scale, which they do not determine.
+        seats, apart from the scale, which they do not determine.
     observability : Observability
         Of the terms by these poses alone; each coefficient is scaled by its prior standard deviation.
     """
