@@ -13,7 +13,7 @@ import typer
 from truearm.cli.console import print_line
 
 # What a search for a topic leaves out: pages that only lay out the site.
-LAYOUT_PAGES = ("index", "changelog", "api", "commands")
+LAYOUT_PAGES = ("index", "start/index", "guide", "files", "reference", "changelog", "api", "commands")
 
 
 def docs(

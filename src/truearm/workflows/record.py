@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
 
 
+# Sentences and tables that a notebook shows; those for experts come after them and are folded.
+N_OPEN = 5
+
+
 @dataclass(frozen=True)
 class TextTable:
     """A table of formatted cells; the columns in `left_aligned` are aligned left, the others right.
@@ -92,6 +96,9 @@ class Record(ABC):
         parts = [
             block.to_html() if isinstance(block, TextTable) else f"<p>{escape(block)}</p>" for block in self.blocks()
         ]
+        if len(parts) > N_OPEN + 1:
+            details = "".join(parts[N_OPEN:])
+            parts[N_OPEN:] = [f"<details><summary>{len(parts) - N_OPEN} more remarks</summary>{details}</details>"]
         if (figure := self.figure()) is not None:
             parts.append(figure._repr_html_())
         return "".join(parts)
