@@ -359,7 +359,7 @@ def evaluation_remarks(model: Compensator, session: Session) -> list[str]:
         nominal = point_errors(model.predict_nominal_readings(session), session.points)["mean_mm"]
         if nominal > MAX_NOMINAL_ERROR * model.arm.chain.reach:
             remarks.append(
-                f"The nominal arm misses these points by {nominal:.0f} mm. If the reference or the base moved, transfer "
+                f"The nominal arm misses these points by {nominal:.0f} mm. If reference or base moved, transfer "
                 "the model to the new set-up (refit); otherwise check the session for another arm, unit, sign or zero."
             )
     if inputs := model.inputs_outside_training(session):
