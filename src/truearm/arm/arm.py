@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -137,7 +137,3 @@ class Arm:
         """(3,) unit vector of gravity in the base frame."""
         assert self.gravity_in_base is not None  # set in __post_init__
         return self.gravity_in_base
-
-    def with_chain(self, chain: Chain) -> Arm:
-        """Return this arm with another chain."""
-        return replace(self, chain=chain)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from decimal import Decimal
-from math import isinf
 
 from truearm.pages.number_format import format_count, format_in_text, format_number
 from truearm.verification.standards.decision import (
     COVERAGE_PROBABILITY,
     SIMPLE_RATIO,
-    Budget,
     ConformityResult,
     DecisionRule,
     Verdict,
@@ -57,12 +55,6 @@ def describe_rule(rule: DecisionRule) -> str:
         f"Decision rule: {whole}. This is the rule of ISO 14253-1:2013; the smaller guard bands of the edition of 2017 "
         f"are not used. {UNROUNDED_TEXT}"
     )
-
-
-def describe_budget(budget: Budget) -> str:
-    """Describe an expanded uncertainty: coverage factor, coverage probability, degrees of freedom."""
-    dof = "infinite" if isinf(budget.dof) else format_in_text(budget.dof)
-    return f"k = {budget.coverage_factor:.2f} for {LEVEL_TEXT}, effective degrees of freedom {dof}"
 
 
 def limit_uncertainty(limit: float) -> float:
