@@ -38,6 +38,8 @@ class Arm:
     gravity_in_base : (3,) array, optional
         Direction of gravity in the base frame: -z by default, as on an upright arm. Its length does not matter; it is
         stored as a unit vector.
+    serial_number : str
+        Of this unit among the arms of its type; empty if it is not stated.
 
     Raises
     ------
@@ -63,6 +65,7 @@ class Arm:
     source: str = ""
     masses: LinkMasses | None = None
     gravity_in_base: FloatArray | None = None
+    serial_number: str = ""
 
     def __post_init__(self) -> None:
         n = self.chain.n_joints

@@ -5,6 +5,7 @@ The format::
     name = "two-link"                  # for the command line
     title = "Planar arm of two links"  # optional
     source = "drawing 12-345"          # optional: source of the numbers
+    serial_number = "10017"            # optional: of this unit
     convention = "dh"                  # or "mdh": row i then holds alpha(i-1), a(i-1)
     tip_mm = [0.0, 0.0, 50.0]          # tip after the last row and the flange
     gravity_in_base = [0, 0, -1]       # optional: direction of gravity; -z by default
@@ -167,6 +168,7 @@ class _ArmFile(_Strict):
     name: Annotated[str, Field(min_length=1)]
     title: str = ""
     source: str = ""
+    serial_number: str = ""
     convention: Convention
     tip_mm: _Triple | None = None
     tip_m: _Triple | None = None
@@ -237,6 +239,7 @@ def _arm_of(file: _ArmFile) -> Arm:
         upper=upper,
         working_pose=working,
         source=file.source,
+        serial_number=file.serial_number,
         masses=_masses_of(file),
         gravity_in_base=None if file.gravity_in_base is None else np.asarray(file.gravity_in_base),
     )
@@ -304,6 +307,8 @@ def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
     yield f"name = {_quoted(arm.name)}"
     yield f"title = {_quoted(arm.title)}"
     yield f"source = {_quoted(arm.source)}"
+    if arm.serial_number:
+        yield f"serial_number = {_quoted(arm.serial_number)}"
     yield f'convention = "{table.convention}"'
     yield f"tip_mm = {_listed(table.tip_in_flange)}  # the tip after the last joint's row"
     if (arm.gravity_direction != [0, 0, -1]).any():

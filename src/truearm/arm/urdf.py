@@ -37,8 +37,9 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
     none here; if one of the two is given, the other is 0, as URDF has it. The frame of the tip's link is the flange,
     its origin the tip. Masses are those of the chain's own links; a link without ``<inertial>`` has none; if none has
     more than zero, the masses are not known. Links attached to the chain at its side are ignored. A title, a source, a
-    working pose and the direction of gravity are read from an element ``truearm``, which other readers ignore (see
-    `write_urdf`); without it the working pose is zero, or the limit next to it, and the arm is upright.
+    serial number, a working pose and the direction of gravity are read from an element ``truearm``, which other
+    readers ignore (see `write_urdf`); without it the working pose is zero, or the limit next to it, and the arm is
+    upright.
 
     Parameters
     ----------
@@ -165,6 +166,7 @@ def _arm_of(tree: _Tree, joints: list[_Joint]) -> Arm:
         upper=upper,
         working_pose=_working_pose(extra, names, np.array(prismatic), np.clip(0.0, lower, upper)),
         source="" if extra is None else extra.get("source", ""),
+        serial_number="" if extra is None else extra.get("serial_number", ""),
         masses=combine_point_masses(lumps, len(names)),
         gravity_in_base=gravity,
     )
@@ -275,8 +277,8 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
     """Write an arm as a URDF with the links ``base``, ``link_1`` .. ``link_n`` and ``tip``.
 
     The link ``tip`` has the axes of the flange and its origin at the tip. Masses are
-    written with no moments of inertia, which are not known. Title, source, working pose and a direction of gravity
-    other than downwards go into an element ``truearm``, which other readers ignore.
+    written with no moments of inertia, which are not known. Title, source, serial number, working pose and a direction
+    of gravity other than downwards go into an element ``truearm``, which other readers ignore.
 
     Raises
     ------
@@ -299,6 +301,8 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
     end[:3, 3] += end[:3, :3] @ arm.chain.tip_in_flange
     _joint_element(robot, _free_name("tip_joint", arm.joint_names), "fixed", links[n:], end)
     extra = ET.SubElement(robot, "truearm", title=arm.title, source=arm.source)
+    if arm.serial_number:
+        extra.set("serial_number", arm.serial_number)
     if (arm.gravity_direction != [0, 0, -1]).any():
         extra.set("gravity_in_base", _spaced(arm.gravity_direction))
     for name, position in zip(arm.joint_names, arm.working / _unit_of(arm), strict=True):

@@ -216,7 +216,7 @@ def test_a_model_larger_than_its_file_may_be_is_not_written(ensemble, tmp_path, 
 def test_the_file_does_not_grow_with_the_readings(arm, rng, tmp_path):
     """A file of every residual would reach the limit at a million readings, after the fit."""
     sizes = []
-    for n in (50, 2000):
+    for n in (500, 2000):
         angles = rng.uniform(-1, 1, (n, 3)) * [1, 40, 1]
         points = arm.chain.tip_in_base(angles) + rng.uniform(-0.01, 0.01, (n, 3))
         KinematicModel(arm).fit(angles, points).save(tmp_path / "m")
@@ -447,7 +447,7 @@ HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
         (edit_json("learned", "training_", "temperature_degC", "lower", value=1e9), "lower end is not above"),
         (edit_json("learned", "training_", "n_readings", value=0), "one reading or more"),
         (edit_array("training_.angle_ranges", lambda a: a[:, ::-1]), "begin before they end"),
-        (edit_array("training_.angle_ranges", lambda a: a[1:]), "of shape|gaps of joints 0 to 4"),
+        (edit_array("training_.angle_ranges", lambda a: a[1:]), "of shape|sample of 5 angles"),
         # Numbers of terms and groups.
         (edit_array("fit_.prior_std", np.negative), "prior standard deviations above zero"),
         (edit_array("fit_.coefficients", lambda a: a[1:]), "fit_.coefficients of shape"),

@@ -101,6 +101,13 @@ def save_model(model: Compensator, path: str | Path) -> None:
     TruearmError
         If it is larger than a model file may be.
     """
+    content = model_bytes(model)
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def model_bytes(model: Compensator) -> bytes:
+    """The content of the model's file: the same for the same model. Errors as in `save_model`."""
     kind = next((name for name, cls in MODELS.items() if type(model) is cls), None)
     if kind is None:
         raise InputError(f"expected a model among {', '.join(MODELS)}, got {type(model).__name__}")
@@ -125,13 +132,15 @@ def save_model(model: Compensator, path: str | Path) -> None:
     header = json.dumps(content | {"arrays": entries}, indent=1, allow_nan=False).encode()
     if len(header) > MAX_HEADER_BYTES or len(arrays) > MAX_ARRAYS or sum(map(len, files.values())) > MAX_BYTES - 2**24:
         raise TruearmError(
-            f"{path}: the model is larger than a model file may be: {sum(map(len, files.values())) >> 20} MiB in "
+            f"the model is larger than a model file may be: {sum(map(len, files.values())) >> 20} MiB in "
             f"{len(arrays)} arrays, {len(header) >> 20} MiB of terms and seats (at most {MAX_BYTES >> 20} MiB, "
             f"{MAX_ARRAYS} arrays, {MAX_HEADER_BYTES >> 20} MiB)"
         )
-    with atomic_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+    content_of_file = io.BytesIO()
+    with zipfile.ZipFile(content_of_file, "w") as archive:
         for name, data in {"model.json": header, **files}.items():
             archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), data)  # same model, same file
+    return content_of_file.getvalue()
 
 
 def load_model(path: str | Path) -> Compensator:

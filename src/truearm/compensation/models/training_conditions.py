@@ -20,6 +20,8 @@ LEAST_TURN = float(np.radians(1.0))
 LEAST_SLIDE = 0.01
 # A temperature this far outside the trained ones is not reported [K]: thermometers on an arm agree to about this.
 TEMPERATURE_TOLERANCE_K = 1.0
+# Training readings that are kept: ten a constant of a six-axis arm, 24 kB of a model file.
+MAX_SAMPLE = 500
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,9 @@ class TrainingConditions:
         SHA-256 of the readings from which the model was fitted last, by `fit` or by a transfer (see `fingerprint`).
     lengths_fingerprint : str
         SHA-256 of the known lengths between their seats; empty without.
+    angle_sample : (k, n_joints) array, optional
+        Angles of training readings, at most `MAX_SAMPLE`, evenly spaced in their order [rad, or mm]; None in files of
+        models that were trained before it was kept.
     """
 
     n_readings: int
@@ -89,6 +94,7 @@ class TrainingConditions:
     has_directions: bool
     fingerprint: str
     lengths_fingerprint: str
+    angle_sample: FloatArray | None = None
 
     def __post_init__(self) -> None:
         n_joints, gaps = len(self.angle_ranges), self.angle_gaps
@@ -96,17 +102,23 @@ class TrainingConditions:
             raise InputError("expected one reading or more, a range of every joint, and gaps as joint, begin and end")
         if not (self.angle_ranges[:, 0] <= self.angle_ranges[:, 1]).all() or not (gaps[:, 1] < gaps[:, 2]).all():
             raise InputError("expected ranges and gaps of training angles that begin before they end")
+        sample = self.angle_sample
+        if sample is not None and not (
+            sample.ndim == 2 and 1 <= len(sample) <= MAX_SAMPLE and sample.shape[1] == n_joints
+        ):
+            raise InputError(f"expected 1 to {MAX_SAMPLE} training readings as a sample of {n_joints} angles")
         if not np.isin(gaps[:, 0], np.arange(n_joints)).all():
             raise InputError(f"expected gaps of joints 0 to {n_joints - 1}")
 
     @classmethod
     def of(cls, session: Session, prismatic: BoolArray, lengths: Lengths | None = None) -> Self:
         """Conditions of a session of an arm whose joints slide where `prismatic` (n_joints,) is True."""
-        temperature = session.temperature_degC
+        n, temperature = len(session), session.temperature_degC
         return cls(
-            n_readings=len(session),
+            n_readings=n,
             angle_ranges=np.stack([session.angles.min(axis=0), session.angles.max(axis=0)], axis=1),
             angle_gaps=find_angle_gaps(session.angles, prismatic),
+            angle_sample=session.angles[np.linspace(0, n - 1, min(n, MAX_SAMPLE)).round().astype(int)],
             temperature_degC=None if temperature is None else InputRange.of(temperature),
             columns={name: InputRange.of(values) for name, values in session.columns.items()},
             has_directions=session.directions is not None,

@@ -1,0 +1,93 @@
+"""Where an exported file comes from: the model, its arm, what it was trained on, the program and the date."""
+
+from __future__ import annotations
+
+import hashlib
+from datetime import UTC, datetime
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from truearm import __version__
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.model_file import MODELS, model_bytes
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Text = Annotated[str, Field(max_length=300)]
+
+
+class TrainedTemperature(BaseModel):
+    """Temperature in training [degC]: its mean and the range."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    mean: Finite
+    lower: Finite
+    upper: Finite
+
+
+class Provenance(BaseModel):
+    """Where an exported file comes from.
+
+    Attributes
+    ----------
+    model_sha256 : str
+        Of the model file, as ``sha256sum`` prints it.
+    model : str
+        Its kind.
+    arm, serial_number : str
+        Type and unit of the arm; an empty serial number is not stated.
+    joint_names : tuple of str
+    joint_units : tuple of {"rad", "mm"}
+    trained_ranges : tuple of (float, float)
+        Smallest and largest training angle of each joint, in its unit.
+    trained_temperature_degC : TrainedTemperature or None
+        None where the readings state none.
+    n_readings : int
+        Training readings.
+    date : str
+        Day of the export (UTC), as 2026-11-22.
+    truearm : str
+        Version of the program.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    model: Text
+    arm: Text
+    serial_number: Text
+    joint_names: Annotated[tuple[Text, ...], Field(max_length=100)]
+    joint_units: Annotated[tuple[Literal["rad", "mm"], ...], Field(max_length=100)]
+    trained_ranges: Annotated[tuple[tuple[Finite, Finite], ...], Field(max_length=100)]
+    trained_temperature_degC: TrainedTemperature | None
+    n_readings: int
+    date: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\d$")]
+    truearm: Text
+
+
+def provenance_of(model: Compensator) -> Provenance:
+    """The provenance of what is exported from a fitted model today.
+
+    Raises
+    ------
+    InputError
+        If the model is not fitted.
+    """
+    sha256 = hashlib.sha256(model_bytes(model)).hexdigest()
+    training, arm = model.training_, model.arm_
+    temperature = training.temperature_degC
+    return Provenance(
+        model_sha256=sha256,
+        model=next(name for name, kind in MODELS.items() if type(model) is kind),
+        arm=arm.name,
+        serial_number=arm.serial_number,
+        joint_names=arm.joint_names,
+        joint_units=tuple(np.where(arm.chain.is_prismatic, "mm", "rad").tolist()),
+        trained_ranges=tuple((float(low), float(high)) for low, high in training.angle_ranges),
+        trained_temperature_degC=None
+        if temperature is None
+        else TrainedTemperature(mean=temperature.mean, lower=temperature.lower, upper=temperature.upper),
+        n_readings=training.n_readings,
+        date=datetime.now(UTC).date().isoformat(),
+        truearm=__version__,
+    )
