@@ -7,8 +7,6 @@ ignored.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +15,8 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.masses import PointMass, combine_point_masses
-from truearm.arm.rigid_motions import frame_from_xyz_rpy, rotation_from_z_to, xyz_rpy_from_frame
+from truearm.arm.rigid_motions import xyz_rpy_from_frame
+from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, limits_of, origin_of
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
@@ -25,9 +24,6 @@ from truearm.files.xml_reader import Element, attribute, child, children, float_
 from truearm.typing import FloatArray
 
 MAX_BYTES = 5_000_000
-MM_PER_M = 1000.0
-MOVING = ("revolute", "continuous", "prismatic")
-KNOWN = (*MOVING, "fixed", "floating", "planar")
 
 
 def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = None) -> Arm:
@@ -56,96 +52,26 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
         unique, has no moving joint, or has one that a serial chain cannot have (floating, planar, mimic).
     """
     try:
-        tree = _Tree(parse_xml(read_limited(path, limit_bytes=MAX_BYTES)))
+        tree = UrdfTree(parse_xml(read_limited(path, limit_bytes=MAX_BYTES)))
         joints = tree.path(base, tip)
         return _arm_of(tree, joints)
     except InputError as error:
         raise error.in_file(path) from None
 
 
-@dataclass(frozen=True)
-class _Joint:
-    name: str
-    kind: str
-    parent: str
-    child: str
-    element: Element
-
-
-class _Tree:
-    """The links and joints of a robot."""
-
-    def __init__(self, robot: Element) -> None:
-        if robot.tag != "robot":
-            raise InputError(f"a URDF starts with <robot>, got <{robot.tag}>", line=robot.line)
-        self.robot = robot
-        elements = children(robot, "link")
-        links = _unique([attribute(link, "name") for link in elements], "links")
-        self.links = dict(zip(links, elements, strict=True))  # in the order of the file, and quickly found
-        self.joints = [_joint_of(element) for element in children(robot, "joint")]
-        _unique([joint.name for joint in self.joints], "joints")
-        self.joint_above: dict[str, _Joint] = {}
-        for joint in self.joints:
-            self._add(joint)
-
-    def _add(self, joint: _Joint) -> None:
-        for end, link in (("parent", joint.parent), ("child", joint.child)):
-            if link not in self.links:
-                raise InputError(
-                    f"joint {joint.name!r} has the {end} {link!r}, but there is no such link", line=joint.element.line
-                )
-        if joint.child in self.joint_above:
-            other = self.joint_above[joint.child]
-            raise InputError(
-                f"link {joint.child!r} is the child of two joints, {other.name!r} and {joint.name!r}: not a tree",
-                line=joint.element.line,
-            )
-        self.joint_above[joint.child] = joint
-
-    def path(self, base: str | None, tip: str | None) -> list[_Joint]:
-        """List the joints from the link `base` to the link `tip`."""
-        parents = {joint.parent for joint in self.joints}
-        base = self._only(base, [link for link in self.links if link not in self.joint_above], "base")
-        tip = self._only(tip, [link for link in self.links if link not in parents], "tip")
-        joints: list[_Joint] = []
-        link = tip
-        while link != base:
-            if link not in self.joint_above:
-                raise InputError(
-                    f"the link {tip!r} is not connected to {base!r}, but to {link!r}", hint=f"use the base {link!r}"
-                )
-            if len(joints) == len(self.joints):
-                raise InputError(f"the joints above the link {tip!r} form a loop")
-            joints.append(self.joint_above[link])
-            link = joints[-1].parent
-        return joints[::-1]
-
-    def _only(self, asked: str | None, candidates: list[str], end: str) -> str:
-        if asked is not None:
-            if asked not in self.links:
-                raise InputError(f"there is no link {asked!r}", hint=f"use one of {_named(list(self.links))}")
-            return asked
-        if not candidates:
-            raise InputError(f"no link can be the {end}: the joints form a loop")
-        if len(candidates) > 1:
-            raise InputError(f"{len(candidates)} links could be the {end}", hint=f"name one of {_named(candidates)}")
-        return candidates[0]
-
-
-def _arm_of(tree: _Tree, joints: list[_Joint]) -> Arm:
+def _arm_of(tree: UrdfTree, joints: list[UrdfJoint]) -> Arm:
     robot = tree.robot
     fixed, prismatic, names, limits = [np.eye(4)], [], [], []
     lumps: list[PointMass] = []
     for joint in joints:
-        fixed[-1] = fixed[-1] @ _origin_of(joint)
-        if joint.kind != "fixed":
-            turn = np.eye(4)
-            turn[:3, :3] = rotation_from_z_to(_axis_of(joint))
+        fixed[-1] = fixed[-1] @ origin_of(joint)
+        if joint.is_moving:
+            turn = axis_rotation(joint)
             fixed[-1] = fixed[-1] @ turn
             fixed.append(turn.T)
             prismatic.append(joint.kind == "prismatic")
             names.append(joint.name)
-            limits.append(_limits_of(joint))
+            limits.append(limits_of(joint))
         inertial = child(tree.links[joint.child], "inertial")
         if inertial is not None and names:  # a mass that does not move has no effect
             mass, centre = _mass_of(joint.child, inertial)
@@ -185,69 +111,6 @@ def _working_pose(
     return pose
 
 
-def _joint_of(element: Element) -> _Joint:
-    name = attribute(element, "name")
-    kind = attribute(element, "type")
-    if kind not in KNOWN:
-        raise InputError(f"joint {name!r} has the unknown type {kind!r}", line=element.line, hint=", ".join(KNOWN))
-    return _Joint(name, kind, _link_of(element, "parent"), _link_of(element, "child"), element)
-
-
-def _link_of(joint: Element, end: str) -> str:
-    found = child(joint, end)
-    if found is None:
-        raise InputError(f"joint {joint.get('name')!r} has no <{end}>", line=joint.line)
-    return attribute(found, "link")
-
-
-def _origin_of(joint: _Joint) -> FloatArray:
-    """Frame of the joint in its parent link [mm]; refuse joints that a serial chain cannot have."""
-    if joint.kind not in (*MOVING, "fixed"):
-        raise InputError(
-            f"joint {joint.name!r} is {joint.kind}: a chain has {', '.join(MOVING)} and fixed joints",
-            line=joint.element.line,
-        )
-    if child(joint.element, "mimic") is not None:
-        raise InputError(
-            f"joint {joint.name!r} mimics another: truearm reads no coupled joints", line=joint.element.line
-        )
-    origin = child(joint.element, "origin")
-    if origin is None:
-        return np.eye(4)
-    what = f"the origin of joint {joint.name!r}"
-    xyz = float_attribute(origin, "xyz", what, 3) if "xyz" in origin.attrib else np.zeros(3)
-    rpy = float_attribute(origin, "rpy", what, 3) if "rpy" in origin.attrib else np.zeros(3)
-    return frame_from_xyz_rpy(MM_PER_M * xyz, rpy)
-
-
-def _axis_of(joint: _Joint) -> FloatArray:
-    axis_element = child(joint.element, "axis")
-    if axis_element is None:
-        return np.array([1.0, 0.0, 0.0])  # URDF's default
-    axis = float_attribute(axis_element, "xyz", f"the axis of joint {joint.name!r}", 3)
-    largest = float(np.abs(axis).max())
-    if not 1e-9 < largest < 1e9:
-        raise InputError(
-            f"the axis of joint {joint.name!r} is no direction: its largest component is {largest:g}",
-            line=axis_element.line,
-        )
-    return axis / float(np.linalg.norm(axis))
-
-
-def _limits_of(joint: _Joint) -> tuple[float, float]:
-    """Lower and upper limit [rad, or mm]."""
-    limit = child(joint.element, "limit")
-    if joint.kind == "continuous" or limit is None or not {"lower", "upper"} & set(limit.attrib):
-        return -np.inf, np.inf
-    what = f"the limit of joint {joint.name!r}"
-    unit = MM_PER_M if joint.kind == "prismatic" else 1.0
-    lower, upper = (
-        unit * float(float_attribute(limit, end, what, 1)[0]) if end in limit.attrib else 0.0
-        for end in ("lower", "upper")
-    )
-    return lower, upper
-
-
 def _mass_of(link: str, inertial: Element) -> tuple[float, FloatArray]:
     """Mass [kg] of a link and its centre in the link's frame [mm]."""
     mass = child(inertial, "mass")
@@ -260,17 +123,6 @@ def _mass_of(link: str, inertial: Element) -> tuple[float, FloatArray]:
     if origin is None or "xyz" not in origin.attrib:
         return value, np.zeros(3)
     return value, MM_PER_M * float_attribute(origin, "xyz", f"the centre of mass of link {link!r}", 3)
-
-
-def _unique(names: list[str], what: str) -> list[str]:
-    name, count = Counter(names).most_common(1)[0] if names else ("", 0)
-    if count > 1:
-        raise InputError(f"{count} {what} have the name {name!r}")
-    return names
-
-
-def _named(names: list[str]) -> str:
-    return ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
 
 
 def write_urdf(arm: Arm, path: str | Path) -> None:

@@ -12,9 +12,21 @@ from truearm.typing import FloatArray
 
 
 class Element(ET.Element):
-    """An element that knows its line."""
+    """An element that knows its place in the file.
+
+    Attributes
+    ----------
+    line : int
+        Line of its start tag, from 1.
+    start : int
+        Byte at which its start tag begins.
+    end : int
+        Byte at which its end tag begins; of an element without content (``<a/>``) the byte after it.
+    """
 
     line: int
+    start: int
+    end: int
 
 
 def parse_xml(content: bytes) -> Element:
@@ -23,15 +35,20 @@ def parse_xml(content: bytes) -> Element:
 
     def element(tag: str, attributes: dict[str, str]) -> Element:
         made = Element(tag, attributes)
-        made.line = parser.CurrentLineNumber
+        made.line, made.start = parser.CurrentLineNumber, parser.CurrentByteIndex
         return made
+
+    def finish(tag: str) -> None:
+        finished = builder.end(tag)
+        assert isinstance(finished, Element)
+        finished.end = parser.CurrentByteIndex
 
     def refuse(*_: object) -> None:
         raise InputError("truearm reads no XML with a DOCTYPE or ENTITY", line=parser.CurrentLineNumber)
 
     builder = ET.TreeBuilder(element_factory=element)
     parser.StartElementHandler = builder.start
-    parser.EndElementHandler = builder.end
+    parser.EndElementHandler = finish
     parser.StartDoctypeDeclHandler = refuse
     parser.EntityDeclHandler = refuse
     try:
