@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import difflib
+import re
 from importlib import resources
 from pathlib import Path
 
 from truearm.arm.arm import Arm
 from truearm.arm.arm_files import read_arm
+from truearm.arm.urdf import read_urdf
 from truearm.errors import InputError
 
 _SUFFIXES = (".toml", ".urdf")
+# A URDF with the links between which the arm is, either may be empty: robot.urdf:base_link:tool0
+_WITH_LINKS = re.compile(r"(?P<file>.+\.urdf):(?P<base>[^:]*):(?P<tip>[^:]*)", re.IGNORECASE | re.DOTALL)
 
 
 def list_arms() -> tuple[str, ...]:
@@ -25,18 +29,23 @@ def list_arms() -> tuple[str, ...]:
     return tuple(sorted(_files()))
 
 
-def load_arm(arm: str | Path) -> Arm:
+def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None) -> Arm:
     """Load an arm: by its name in the catalogue, or from an arm file or a URDF.
 
     Parameters
     ----------
     arm : str or path
         A name of `list_arms`. What ends in ``.toml`` or ``.urdf``, holds a path separator or is a `Path` is a file.
+        After a URDF may stand the links between which the arm is, as in ``robot.urdf:base_link:tool0``; without one of
+        them (``robot.urdf::tool0``) it is the only one possible.
+    base, tip : str, optional
+        The links in place of those after the file's name; only of a URDF.
 
     Raises
     ------
     InputError
-        If there is no such arm or file, or the file breaks a rule of its format.
+        If there is no such arm or file, the file breaks a rule of its format, or links are given for an arm that is no
+        URDF.
 
     Examples
     --------
@@ -44,10 +53,15 @@ def load_arm(arm: str | Path) -> Arm:
     >>> ta.load_arm("ur10")
     Arm('ur10', 6 joints)
     """
-    path = Path(arm)
+    path, stated_base, stated_tip = _split_links(arm)
+    base, tip = base or stated_base, tip or stated_tip
+    if base or tip:
+        if path.suffix.lower() != ".urdf":
+            raise InputError(f"only a URDF has links to choose as base and tip, got the arm {str(arm)!r}")
+        return read_urdf(path, base=base, tip=tip)
     if isinstance(arm, Path) or path.suffix.lower() in _SUFFIXES or len(path.parts) > 1:
         return read_arm(path)
-    files = _files()
+    arm, files = str(arm), _files()
     if arm not in files:
         close = difflib.get_close_matches(arm.lower(), files, n=1, cutoff=0.5)
         raise InputError(
@@ -56,6 +70,19 @@ def load_arm(arm: str | Path) -> Arm:
         )
     with resources.as_file(files[arm]) as file:
         return read_arm(file)
+
+
+def arm_path(arm: str | Path) -> Path:
+    """The file of an arm as `load_arm` takes it, without links after its name; of a name, no file that exists."""
+    return _split_links(arm)[0]
+
+
+def _split_links(arm: str | Path) -> tuple[Path, str | None, str | None]:
+    """File or name of an arm, and the base and tip links stated after it; None where one is not stated."""
+    found = _WITH_LINKS.fullmatch(str(arm))
+    if found is None:
+        return Path(arm), None, None
+    return Path(found["file"]), found["base"] or None, found["tip"] or None
 
 
 def _files() -> dict[str, resources.abc.Traversable]:

@@ -24,6 +24,7 @@ from truearm.files.xml_reader import Element, attribute, child, children, float_
 from truearm.typing import FloatArray
 
 MAX_BYTES = 5_000_000
+BASE_LINK, TIP_LINK = "base", "tip"
 
 
 def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = None) -> Arm:
@@ -41,9 +42,11 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
     ----------
     path : path
     base : str, optional
-        Name of the link to start from; by default the one that is no joint's child.
+        Name of the link to start from; by default the one that the element ``truearm`` states as ``base``, or the one
+        that is no joint's child.
     tip : str, optional
-        Name of the link to end at; by default the one that is no joint's parent.
+        Name of the link to end at; by default the one that the element ``truearm`` states as ``tip``, or the one that
+        is no joint's parent.
 
     Raises
     ------
@@ -53,13 +56,13 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
     """
     try:
         tree = UrdfTree(parse_xml(read_limited(path, limit_bytes=MAX_BYTES)))
-        joints = tree.path(base, tip)
-        return _arm_of(tree, joints)
+        return arm_of_joints(tree, tree.path(base, tip))
     except InputError as error:
         raise error.in_file(path) from None
 
 
-def _arm_of(tree: UrdfTree, joints: list[UrdfJoint]) -> Arm:
+def arm_of_joints(tree: UrdfTree, joints: list[UrdfJoint]) -> Arm:
+    """The arm with the joints of a path through the tree; errors as in `read_urdf`."""
     robot = tree.robot
     fixed, prismatic, names, limits = [np.eye(4)], [], [], []
     lumps: list[PointMass] = []
@@ -128,9 +131,9 @@ def _mass_of(link: str, inertial: Element) -> tuple[float, FloatArray]:
 def write_urdf(arm: Arm, path: str | Path) -> None:
     """Write an arm as a URDF with the links ``base``, ``link_1`` .. ``link_n`` and ``tip``.
 
-    The link ``tip`` has the axes of the flange and its origin at the tip. Masses are
-    written with no moments of inertia, which are not known. Title, source, serial number, working pose and a direction
-    of gravity other than downwards go into an element ``truearm``, which other readers ignore.
+    The link ``tip`` has the axes of the flange and its origin at the tip. Masses are written without moments of
+    inertia, which are not known. Title, source, serial number, working pose and a direction of gravity other than
+    downwards go into an element ``truearm``, which other readers ignore.
 
     Raises
     ------
@@ -138,9 +141,16 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
         If a joint has one limit only, which URDF cannot state, a text holds a control character, or the file
         cannot be written.
     """
+    content = urdf_bytes(arm)
+    with atomic_file(path) as beside:
+        beside.write_bytes(content)
+
+
+def urdf_bytes(arm: Arm, *, tip_link: str = TIP_LINK) -> bytes:
+    """The content of the file that `write_urdf` writes, with another name for its last link; errors as there."""
     robot = ET.Element("robot", name=arm.name)
     n = arm.n_joints
-    links = ["base", *(f"link_{i + 1}" for i in range(n)), "tip"]
+    links = [BASE_LINK, *(f"link_{i + 1}" for i in range(n)), tip_link]
     for i, link in enumerate(links):
         element = ET.SubElement(robot, "link", name=link)
         if arm.masses is not None and 1 <= i <= n:
@@ -151,7 +161,7 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
         _add_limit(joint, arm, i)
     end = arm.chain.fixed[n].copy()
     end[:3, 3] += end[:3, :3] @ arm.chain.tip_in_flange
-    _joint_element(robot, _free_name("tip_joint", arm.joint_names), "fixed", links[n:], end)
+    _joint_element(robot, _free_name(f"{tip_link}_joint", arm.joint_names), "fixed", links[n:], end)
     extra = ET.SubElement(robot, "truearm", title=arm.title, source=arm.source)
     if arm.serial_number:
         extra.set("serial_number", arm.serial_number)
@@ -162,8 +172,7 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
     ET.indent(robot)
     content: bytes = ET.tostring(robot, encoding="utf-8", xml_declaration=True)
     parse_xml(content)  # a control character in a name would make the file unreadable
-    with atomic_file(path) as beside:
-        beside.write_bytes(content)
+    return content
 
 
 def _unit_of(arm: Arm) -> FloatArray:

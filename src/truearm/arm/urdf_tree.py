@@ -86,7 +86,10 @@ class UrdfTree:
         self.joint_above[joint.child] = joint
 
     def path(self, base: str | None, tip: str | None) -> list[UrdfJoint]:
-        """List the joints from the link `base` to the link `tip`, by default those that the file names, or the only ones possible."""
+        """List the joints from the link `base` to the link `tip`.
+
+        By default the links that the file itself states, else the only ones possible.
+        """
         stated_base, stated_tip = self.stated_ends
         base, tip = base or stated_base, tip or stated_tip
         parents = {joint.parent for joint in self.joints}

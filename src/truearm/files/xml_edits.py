@@ -1,0 +1,61 @@
+"""Edits of an XML file in place: what is not edited stays as it is, byte for byte.
+
+Parsers forget how a file was laid out. Here elements know their bytes (`truearm.files.xml_reader.Element`), and edits
+replace ranges of them.
+"""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+# A start tag: attribute values may hold ">".
+_START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
+_TAG_END = re.compile(rb"\s*/?>\Z")
+_ATTRIBUTE = re.compile(rb"""(?P<name>[^\s="'<>/]+)\s*=\s*("[^"]*"|'[^']*')""")
+
+
+class Edit(NamedTuple):
+    """Bytes `start` to `stop` of a file, and what replaces them."""
+
+    start: int
+    stop: int
+    replacement: bytes
+
+
+def start_tag(content: bytes, start: int) -> bytes:
+    """The start tag at a byte of well-formed XML, with its brackets."""
+    found = _START_TAG.match(content, start)
+    assert found is not None  # the parser found a tag here
+    return found.group()
+
+
+def set_attributes(content: bytes, start: int, attributes: Mapping[str, str]) -> Edit:
+    """Set attributes of the element whose start tag begins at a byte; others keep their place and their form."""
+    tag = start_tag(content, start)
+    new = {name.encode(): f'{name}="{escape(value)}"'.encode() for name, value in attributes.items()}
+
+    def replaced(found: re.Match[bytes]) -> bytes:
+        return new.pop(found["name"], found.group())
+
+    edited = _ATTRIBUTE.sub(replaced, tag)
+    end = _TAG_END.search(edited)
+    assert end is not None  # a start tag has one
+    edited = b" ".join([edited[: end.start()], *new.values()]) + end.group()  # those that it did not have
+    return Edit(start, start + len(tag), edited)
+
+
+def escape(text: str) -> str:
+    """Text for an attribute, in characters that every encoding has."""
+    return html.escape(text).encode("ascii", "xmlcharrefreplace").decode()
+
+
+def apply_edits(content: bytes, edits: Iterable[Edit]) -> bytes:
+    """The file with all edits made; their ranges do not overlap. Insertions at one place keep their order."""
+    pieces, done = [], 0
+    for edit in sorted(edits, key=lambda edit: (edit.start, edit.stop)):
+        pieces += [content[done : edit.start], edit.replacement]
+        done = edit.stop
+    return b"".join([*pieces, content[done:]])
