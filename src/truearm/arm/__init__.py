@@ -7,6 +7,7 @@ from truearm.arm.chain import Chain, Pose, TipDerivatives, exponential_derivativ
 from truearm.arm.denavit_hartenberg import DHTable, chain_from_dh, chain_from_mdh, dh_table, mdh_table
 from truearm.arm.inverse_kinematics import InverseKinematicsResult, solve_inverse_kinematics
 from truearm.arm.masses import LinkMasses
+from truearm.arm.nearest_table import drawn_table, nearest_table
 from truearm.arm.urdf import read_urdf, write_urdf
 
 __all__ = [
@@ -20,10 +21,12 @@ __all__ = [
     "chain_from_dh",
     "chain_from_mdh",
     "dh_table",
+    "drawn_table",
     "exponential_derivative",
     "list_arms",
     "load_arm",
     "mdh_table",
+    "nearest_table",
     "read_arm",
     "read_urdf",
     "solve_inverse_kinematics",

@@ -3,16 +3,22 @@
 Standard (Denavit and Hartenberg 1955; Paul 1981): ``T_i = Rz(q_i + theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i)``.
 Modified (Craig 1986): ``T_i = Rx(alpha_i) Tx(a_i) Rz(q_i + theta_i) Tz(d_i)``; Craig's alpha(i-1), a(i-1)
 are in row i here, as in every published table. A sliding joint adds q_i to d_i instead of theta_i.
+
+Between axes that are parallel or nearly so, four such numbers change without bound by a small tilt. There a table may
+have a rotation ``Ry(beta)`` right after ``Rx(alpha)`` and keep d (S. A. Hayati, M. Mirmirani, "Improving the absolute
+positioning accuracy of robot manipulators", J. Robotic Systems 2 (1985) 397), and between axes on one line a length b
+along y beside a, and keep theta.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import screw_x, screw_z
@@ -49,6 +55,10 @@ class DHTable:
         Rigid motion after the last row [mm].
     tip_in_flange : (3,) array
         The tip after `flange` [mm].
+    beta : (n_joints,) array, optional
+        Angles about y, right after alpha, between nearly parallel axes [rad]; zeros by default.
+    b : (n_joints,) array, optional
+        Lengths along y, beside a, between axes nearly on one line [mm]; zeros by default.
     """
 
     convention: Convention
@@ -60,20 +70,19 @@ class DHTable:
     base: FloatArray
     flange: FloatArray
     tip_in_flange: FloatArray
+    beta: FloatArray = field(default_factory=lambda: np.zeros(0))
+    b: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        for name in ("beta", "b"):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros(len(self.a)))
 
     def chain(self) -> Chain:
         """Build the chain that the table describes."""
-        build = chain_from_dh if self.convention == "dh" else chain_from_mdh
-        return build(
-            a=self.a,
-            d=self.d,
-            alpha=self.alpha,
-            theta=self.theta,
-            kinds=["prismatic" if slides else "revolute" for slides in self.prismatic],
-            base=self.base,
-            flange=self.flange,
-            tip_in_flange=self.tip_in_flange,
-        )
+        kinds: list[Kind] = ["prismatic" if slides else "revolute" for slides in self.prismatic]
+        rows = _rows(self.a, self.d, self.alpha, self.theta, kinds, beta=self.beta, b=self.b)
+        return _folded(_links(self.convention, rows), self.base, self.flange, self.tip_in_flange)
 
 
 def chain_from_dh(
@@ -216,6 +225,8 @@ class _Row(NamedTuple):
     d: float
     alpha: float
     theta: float
+    beta: float
+    b: float
     kind: Kind
 
 
@@ -243,9 +254,13 @@ def _rows(
     alpha: npt.ArrayLike,
     theta: npt.ArrayLike | None,
     kinds: Sequence[Kind] | None,
+    *,
+    beta: npt.ArrayLike | None = None,
+    b: npt.ArrayLike | None = None,
 ) -> list[_Row]:
     n = np.size(a)
-    columns = {"a": a, "d": d, "alpha": alpha, "theta": np.zeros(n) if theta is None else theta}
+    columns = {"a": a, "d": d, "alpha": alpha, "theta": theta, "beta": beta, "b": b}
+    columns = {name: np.zeros(n) if column is None else column for name, column in columns.items()}
     arrays = {name: np.asarray(column, dtype=float) for name, column in columns.items()}
     for name, column in arrays.items():
         if column.shape != (n,):
@@ -262,12 +277,21 @@ def _links(convention: Convention, rows: list[_Row]) -> list[tuple[Kind, FloatAr
     """Kind, rigid motion before the joint and rigid motion after it, of each row."""
     links: list[tuple[Kind, FloatArray, FloatArray]] = []
     for row in rows:
-        along_z, along_x = screw_z(row.theta, row.d), screw_x(row.alpha, row.a)
+        along_z, across = screw_z(row.theta, row.d), motion_across(row.a, row.alpha, beta=row.beta, b=row.b)
         if convention == "dh":
-            links.append((row.kind, np.eye(4), along_z @ along_x))
+            links.append((row.kind, np.eye(4), along_z @ across))
         else:
-            links.append((row.kind, along_x @ along_z, np.eye(4)))
+            links.append((row.kind, across @ along_z, np.eye(4)))
     return links
+
+
+def motion_across(a: float, alpha: float, *, beta: float = 0.0, b: float = 0.0) -> FloatArray:
+    """(4, 4) motion from one axis to the next, ``Tx(a) Ty(b) Rx(alpha) Ry(beta)`` [mm, rad]."""
+    across = screw_x(alpha, a)
+    if beta or b:
+        across[:3, :3] = across[:3, :3] @ Rotation.from_euler("y", beta).as_matrix()
+        across[1, 3] = b
+    return across
 
 
 def _folded(
