@@ -3,7 +3,7 @@
 A table has more freedom than an arm. Every angle may be stated from either side of its common normal; between parallel
 axes an offset may be at either end; the first joint's offset and height may belong to the base, and the last row to the
 tip. Here the drawing decides all of it: angles in its branch, parallel axes with its d and Hayati's beta, the first and
-the last joint's own constants as drawn. Then every constant changes by little and continuously.
+the last joint's own constants with their nominal values. Then every constant changes by little and continuously.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from truearm.typing import FloatArray
 NEARLY_PARALLEL = 0.1  # rad
 # Parallel axes of the drawing nearer than this are on one line: the direction of a between them would be of no meaning.
 ON_ONE_LINE_MM = 10.0
-# Axes of an identified arm turn by milliradians. Sines of the angle between two neighbours, drawn parallel or not, beyond
+# Axes of an identified arm turn by milliradians. Sines of the angle between two neighbours, drawn parallel or not, past
 # which the drawing is of another arm.
 MAX_SINE_IF_PARALLEL, MIN_SINE_IF_NOT = 0.8, 0.01
 # A fixed motion has the form of a row if it misses it by less: arm files print angles to 1e-12 deg.
@@ -107,7 +107,8 @@ def drawn_table(chain: Chain, convention: Convention = "dh") -> DHTable:
         frame = carried @ fixed
         # d of the next frame's own height keeps it where it is drawn.
         at = _Own(0.0, float(frame[2, 3]))
-        across = _Across(float(np.hypot(frame[0, 3], frame[1, 3])), 0.0)
+        # The sign of alpha with which |theta| <= 90 deg.
+        across = _Across(float(np.hypot(frame[0, 3], frame[1, 3])), 1.0 if frame[1, 2] <= 0 else -1.0)
         split = _split_parallel if abs(frame[2, 2]) > np.cos(NEARLY_PARALLEL) else _split_skew
         one, two, carried = split(frame, at, across)
         own.append(one)
@@ -116,20 +117,23 @@ def drawn_table(chain: Chain, convention: Convention = "dh") -> DHTable:
     return _table(convention, chain, rows, base=base, flange=carried @ flange, tip=chain.tip_in_flange)
 
 
-def nearest_table(chain: Chain, drawing: DHTable, *, free: Sequence[str] = ("base", "tip")) -> DHTable:
-    """Write a chain as a table in the branch nearest to a drawing; its tip poses are those of the chain.
+def nearest_table(
+    chain: Chain, nominal: Chain, *, convention: Convention = "dh", free: Sequence[str] = ("base", "tip")
+) -> DHTable:
+    """Write a chain as a table in the branch nearest to the nominal one's; its tip poses are those of the chain.
 
     What no reading of the tip separates from the place of the arm in the room, joint 1's theta and d (of a modified
-    table its whole row), stays as drawn, and `base` takes the difference. What none separates from the tip, the last
-    row (of a modified table its theta and d), stays as drawn; `flange` then has the orientation of the chain's, and
+    table its whole row), stays nominal, and `base` takes the difference. What none separates from the tip, the last
+    row (of a modified table its theta and d), stays nominal; `flange` then has the orientation of the chain's, and
     `tip_in_flange` the rest.
 
     Parameters
     ----------
     chain : Chain
-        With the joints of the drawing, its axes near to those.
-    drawing : DHTable
-        Of the nominal chain (`drawn_table`).
+        With the joints of the nominal chain, its axes near to those.
+    nominal : Chain
+        Its table (`drawn_table`) is the drawing.
+    convention : {"dh", "mdh"}
     free : sequence of str
         Which of ``"base"`` and ``"tip"`` are unknown. One that is known stays as near to the drawing as the first or
         last joint's own theta and d allow.
@@ -137,21 +141,23 @@ def nearest_table(chain: Chain, drawing: DHTable, *, free: Sequence[str] = ("bas
     Raises
     ------
     InputError
-        If the chain has other joints than the drawing, or axes far from its.
+        If the chain has other joints than the nominal one, or axes far from its.
     """
-    n, modified = len(drawing.a), drawing.convention == "mdh"
-    if chain.n_joints != n or (chain.is_prismatic != drawing.prismatic).any():
+    n, modified = nominal.n_joints, convention == "mdh"
+    if chain.n_joints != n or (chain.is_prismatic != nominal.is_prismatic).any():
         raise InputError(
-            f"expected a chain with the {n} joints of the drawing, got one of {chain.n_joints}",
+            f"expected a chain with the {n} joints of the nominal arm, got one of {chain.n_joints}",
             hint="compare an identified arm with the nominal arm that it was identified from",
         )
+    drawing = drawn_table(nominal, convention)
     drawn = _rows_of(drawing)
-    # A modified table has joint 1's own motion before the chain's first joint.
-    carried = drawn.own[0].motion if modified else np.eye(4)
+    # A chain built from a modified table has joint 1's own motion before its first joint.
+    built = modified and all(_read_modified(frame) for frame in nominal.fixed[1:-1])
+    carried = drawn.own[0].motion if built else np.eye(4)
     at_first = chain.fixed[0] @ np.linalg.inv(carried)
     own, between = list(drawn.own), []
     for i, fixed in enumerate(chain.fixed[1:-1]):
-        own[i], across, carried = _split_as_drawn(carried @ fixed, drawn.own[i], drawn.between[i], i + 1)
+        own[i], across, carried = _split_near(carried @ fixed, drawn.own[i], drawn.between[i], i + 1)
         between.append(across)
     at_last = carried @ chain.fixed[-1]
     if n == 1 and not modified:  # the only row is the last one
@@ -194,8 +200,8 @@ def _read_modified(frame: FloatArray) -> tuple[_Own, _Across] | None:
     return _Own(float(theta), float(cos * z - sin * y)), _Across(float(x), float(alpha))
 
 
-def _split_as_drawn(frame: FloatArray, own: _Own, across: _Across, joint: int) -> tuple[_Own, _Across, FloatArray]:
-    """Split the motion from a joint to the next in the branch of the drawing's `own` and `across`."""
+def _split_near(frame: FloatArray, own: _Own, across: _Across, joint: int) -> tuple[_Own, _Across, FloatArray]:
+    """Split the motion from a joint to the next in the branch of the nominal `own` and `across`."""
     sine = float(np.hypot(frame[0, 2], frame[1, 2]))
     if across.is_parallel and sine < MAX_SINE_IF_PARALLEL and frame[2, 2] * np.cos(across.alpha) > 0:
         return _split_parallel(frame, own, across)
@@ -211,7 +217,9 @@ def _split_as_drawn(frame: FloatArray, own: _Own, across: _Across, joint: int) -
 
 def _split_skew(frame: FloatArray, own: _Own, across: _Across) -> tuple[_Own, _Across, FloatArray]:
     """Split at the common normal of two axes that are not parallel; the motion along the second axis remains."""
-    theta = _near(np.arctan2(frame[0, 2], -frame[1, 2]), own.theta, np.pi)
+    # The normal from the one side or the other: alpha changes its sign.
+    side = 1.0 if np.sin(across.alpha) >= 0 else -1.0
+    theta = _near(np.arctan2(side * frame[0, 2], -side * frame[1, 2]), own.theta, 2 * np.pi)
     left = screw_z(-theta, 0.0) @ frame
     sin, cos = -left[1, 2], left[2, 2]
     alpha = _near(np.arctan2(sin, cos), across.alpha, 2 * np.pi)
