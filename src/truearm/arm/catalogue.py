@@ -53,7 +53,7 @@ def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None
     >>> ta.load_arm("ur10")
     Arm('ur10', 6 joints)
     """
-    path, stated_base, stated_tip = _split_links(arm)
+    path, stated_base, stated_tip = split_links(arm)
     base, tip = base or stated_base, tip or stated_tip
     if base or tip:
         if path.suffix.lower() != ".urdf":
@@ -74,11 +74,11 @@ def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None
 
 def arm_path(arm: str | Path) -> Path:
     """The file of an arm as `load_arm` takes it, without links after its name; of a name, no file that exists."""
-    return _split_links(arm)[0]
+    return split_links(arm)[0]
 
 
-def _split_links(arm: str | Path) -> tuple[Path, str | None, str | None]:
-    """File or name of an arm, and the base and tip links stated after it; None where one is not stated."""
+def split_links(arm: str | Path) -> tuple[Path, str | None, str | None]:
+    """File or name of an arm, and the base and tip links after it (``FILE.urdf:BASE:TIP``); None where not stated."""
     found = _WITH_LINKS.fullmatch(str(arm))
     if found is None:
         return Path(arm), None, None

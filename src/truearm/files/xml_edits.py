@@ -35,7 +35,7 @@ def start_tag(content: bytes, start: int) -> bytes:
 def set_attributes(content: bytes, start: int, attributes: Mapping[str, str]) -> Edit:
     """Set attributes of the element whose start tag begins at a byte; others keep their place and their form."""
     tag = start_tag(content, start)
-    new = {name.encode(): f'{name}="{escape(value)}"'.encode() for name, value in attributes.items()}
+    new = {name.encode(): assignment(name, value).encode() for name, value in attributes.items()}
 
     def replaced(found: re.Match[bytes]) -> bytes:
         return new.pop(found["name"], found.group())
@@ -47,9 +47,14 @@ def set_attributes(content: bytes, start: int, attributes: Mapping[str, str]) ->
     return Edit(start, start + len(tag), edited)
 
 
-def escape(text: str) -> str:
-    """Text for an attribute, in characters that every encoding has."""
-    return html.escape(text).encode("ascii", "xmlcharrefreplace").decode()
+def assignment(name: str, value: str) -> str:
+    """An attribute with its value, in characters that every encoding has."""
+    return f'{name}="{html.escape(value)}"'.encode("ascii", "xmlcharrefreplace").decode()
+
+
+def tag_text(tag: str, attributes: Mapping[str, str]) -> str:
+    """An element without content."""
+    return f"<{' '.join([tag, *(assignment(*both) for both in attributes.items())])}/>"
 
 
 def apply_edits(content: bytes, edits: Iterable[Edit]) -> bytes:

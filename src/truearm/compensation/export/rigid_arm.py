@@ -2,8 +2,8 @@
 
 Harmonics and deflections have no place in a URDF or a table of constants, and the constants that were identified
 beside them mean little alone. So constants of all places are identified again, from the model's own points over a
-region. Their priors are around the drawing, and the evidence determines their scales: combinations that the region does
-not determine stay as drawn, whatever the prior's size was at the start.
+region. Their priors are around the nominal arm, and the evidence determines their scales: combinations that the region
+does not determine stay nominal, whatever the prior's size was at the start.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ class RigidArm:
     Attributes
     ----------
     arm : Arm
-        In its own base frame. Flange as drawn; the tip is the identified one. The motion before joint 1 is as drawn
+        In its own base frame. Its flange is nominal, its tip the identified one. The motion before joint 1 is nominal
         too, if the model identified its base.
-    drawing : Arm
+    nominal : Arm
         The nominal arm that its constants are nearest to.
     T_reference_base : (4, 4) array
         The arm's base frame in the frame of the model's points, translation in mm. The unit matrix if the model did not
@@ -53,7 +53,7 @@ class RigidArm:
     """
 
     arm: Arm
-    drawing: Arm
+    nominal: Arm
     T_reference_base: FloatArray
     fit: IdentificationResult
     loss: ExportLoss
@@ -77,7 +77,7 @@ def best_rigid_arm(
     angles: npt.ArrayLike | None = None,
     *,
     region: str = "",
-    drawing: Arm | None = None,
+    nominal: Arm | None = None,
 ) -> RigidArm:
     """Identify the constants of the rigid arm that is nearest to a model over a region.
 
@@ -90,7 +90,7 @@ def best_rigid_arm(
         many, evenly spaced in their order.
     region : str
         The poses in words.
-    drawing : Arm, optional
+    nominal : Arm, optional
         Another description of the same arm, to whose frames and constants the stand-in is nearest; by default the arm
         for which the model was fitted. Its base and its tip are placed where the model's points have them.
 
@@ -98,16 +98,16 @@ def best_rigid_arm(
     ------
     InputError
         If the model keeps no sample and no poses are given; if poses are fewer than `MIN_ROWS`, not of this arm or
-        mostly beyond its limits; if the drawing is of another arm.
+        mostly beyond its limits; if the nominal arm is another one.
     """
-    arm = model.arm_ if drawing is None else drawing
+    arm = model.arm_ if nominal is None else nominal
     poses, words = _region(model, angles, region)
     points, covariances = model.predict(poses, return_cov=True)
-    nominal, free = _placed(model, arm, poses, points)
+    start, free = _placed(model, arm, poses, points)
     fit = identify(
-        nominal,
-        ArmState(nominal, poses),
-        _terms(nominal, free),
+        start,
+        ArmState(start, poses),
+        _terms(start, free),
         [Points(np.arange(len(poses)), points)],
         robust=False,
     )
@@ -116,11 +116,12 @@ def best_rigid_arm(
     if "base" in free:
         T_reference_base = chain.fixed[0] @ np.linalg.inv(arm.chain.fixed[0])
         chain = Chain(np.concatenate([arm.chain.fixed[:1], chain.fixed[1:]]), chain.tip_in_flange, chain.prismatic)
-    title = f"{arm.title}, constants refitted to a {type(model).__name__}".strip(", ")
+    kind = type(model).__name__.removesuffix("Model").lower()
+    title = f"{arm.title}, constants refitted to a {kind} model".strip(", ")
     rigid = replace(arm, chain=chain, title=title, serial_number=model.arm_.serial_number or arm.serial_number)
     exported = np.linalg.norm(fit.chain.tip_in_base(poses) - points, axis=1)
     loss = ExportLoss(
-        nominal_mm=float(np.linalg.norm(nominal.tip_in_base(poses) - points, axis=1).mean()),
+        nominal_mm=float(np.linalg.norm(start.tip_in_base(poses) - points, axis=1).mean()),
         exported_mm=float(exported.mean()),
         model_mm=float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean())),
         exported_max_mm=float(exported.max()),
@@ -152,24 +153,24 @@ def _region(model: Compensator, angles: npt.ArrayLike | None, region: str) -> tu
     return poses, region or "stated poses"
 
 
-def _placed(model: Compensator, drawing: Arm, poses: FloatArray, points: FloatArray) -> tuple[Chain, tuple[str, ...]]:
-    """The drawn chain with base and tip identified, and the parts that are free."""
-    if _same_chain(drawing.chain, model.arm_.chain):
-        return _with_drawn_flange(model.nominal_.chain, drawing.chain), model.free_
-    nominal, arm = drawing.chain, model.arm_
-    if nominal.n_joints != arm.n_joints or (nominal.is_prismatic != arm.chain.is_prismatic).any():
+def _placed(model: Compensator, nominal: Arm, poses: FloatArray, points: FloatArray) -> tuple[Chain, tuple[str, ...]]:
+    """The nominal chain with base and tip identified, and the parts that are free."""
+    if _same_chain(nominal.chain, model.arm_.chain):
+        return _with_nominal_flange(model.nominal_.chain, nominal.chain), model.free_
+    start, arm = nominal.chain, model.arm_
+    if start.n_joints != arm.n_joints or (start.is_prismatic != arm.chain.is_prismatic).any():
         raise InputError(
-            f"the arm {drawing.name!r} has {_joints(nominal)}, the model's arm {arm.name!r} {_joints(arm.chain)}",
+            f"the arm {nominal.name!r} has {_joints(start)}, the model's arm {arm.name!r} {_joints(arm.chain)}",
             hint="choose the chain by its links: FILE.urdf:BASE:TIP",
         )
-    rough = roughly_aligned_chain(drawing, Session(poses, points), FREE_PARTS)
+    rough = roughly_aligned_chain(nominal, Session(poses, points), FREE_PARTS)
     references = [Points(np.arange(len(poses)), points)]
-    terms = constants(nominal, free=FREE_PARTS, angle_std=0.0, length_std=0.0)
+    terms = constants(start, free=FREE_PARTS, angle_std=0.0, length_std=0.0)
     placed = identify(rough, ArmState(rough, poses), terms, references, robust=False).chain
     error = float(np.linalg.norm(placed.tip_in_base(poses) - points, axis=1).mean())
-    if error > MAX_NOMINAL_ERROR * nominal.reach:
+    if error > MAX_NOMINAL_ERROR * start.reach:
         raise InputError(
-            f"the arm {drawing.name!r} misses the model's points by {error:.4g} mm on average: "
+            f"the arm {nominal.name!r} misses the model's points by {error:.4g} mm on average: "
             f"it is not the arm {arm.name!r}, or its joints have other zeros or directions"
         )
     return placed, FREE_PARTS
@@ -185,18 +186,18 @@ def _same_chain(one: Chain, other: Chain) -> bool:
     )
 
 
-def _with_drawn_flange(chain: Chain, drawing: Chain) -> Chain:
-    """The chain with the flange of the drawing and the same tips, where a tool's rotation turned the flange."""
-    turn = drawing.fixed[-1, :3, :3].T @ chain.fixed[-1, :3, :3]
+def _with_nominal_flange(chain: Chain, nominal: Chain) -> Chain:
+    """The chain with the nominal flange and the same tips, where a tool's rotation turned the flange."""
+    turn = nominal.fixed[-1, :3, :3].T @ chain.fixed[-1, :3, :3]
     fixed = chain.fixed.copy()
-    fixed[-1, :3, :3] = drawing.fixed[-1, :3, :3]
+    fixed[-1, :3, :3] = nominal.fixed[-1, :3, :3]
     return Chain(fixed, turn @ chain.tip_in_flange, chain.prismatic)
 
 
 def _terms(chain: Chain, free: tuple[str, ...]) -> list[Term]:
     """Constants of all places, without those that a motion of the base or the tip replaces.
 
-    Motions after the last joint move the tip as translations of the tip do: the flange stays as drawn.
+    Motions after the last joint move the tip as translations of the tip do: the flange stays nominal.
     """
     return [
         term

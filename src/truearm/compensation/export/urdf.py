@@ -1,0 +1,232 @@
+"""URDF of the best rigid stand-in: the robot's own file with new origins of its joints, or one made from the arm.
+
+Only the origins of the moving joints between base and tip change. Links, fixed joints, meshes, inertias, limits, side
+branches and the elements of other programs stay as they are, byte for byte. Every link keeps its place on its joint,
+the last one the nominal flange. A link at the identified tip is added to it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.arm.catalogue import split_links
+from truearm.arm.rigid_motions import xyz_rpy_from_frame
+from truearm.arm.urdf import MAX_BYTES, arm_of_joints, read_urdf, urdf_bytes
+from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, origin_of
+from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.targets.manifest import MARKER, Manifest, check_joints
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file
+from truearm.files.file_reading import read_limited
+from truearm.files.xml_edits import Edit, apply_edits, set_attributes, start_tag, tag_text
+from truearm.files.xml_reader import Element, child, parse_xml
+from truearm.typing import FloatArray
+
+Frame = Literal["reference", "base"]
+
+FORMAT = "urdf"
+FLANGE_LINK, TIP_LINK, REFERENCE_LINK = "flange", "tip", "reference"
+# An origin that changes by less stays as it is printed: rounding of the kinematics, in rad and mm.
+ROUNDING = 1e-12, 1e-9
+_OLD_MANIFEST = re.compile(rb"\s*<!--(?:(?!-->).)*?" + MARKER.encode() + rb".*?-->", re.DOTALL)
+
+
+class _Robot(NamedTuple):
+    """A URDF and the chain in it that is the arm."""
+
+    content: bytes
+    tree: UrdfTree
+    joints: list[UrdfJoint]
+    base: str
+    tip: str
+
+
+def write(
+    model: Compensator,
+    path: str | Path,
+    *,
+    angles: npt.ArrayLike | None = None,
+    region: str = "",
+    source: str | Path | None = None,
+    frame: Frame = "base",
+) -> RigidArm:
+    """Write the best rigid stand-in of a model as a URDF.
+
+    Parameters
+    ----------
+    model : Compensator
+        Fitted.
+    path : path
+        Written whole or not at all.
+    angles, region
+        As in `best_rigid_arm`.
+    source : str or path, optional
+        The robot's own URDF, of which everything but the origins of its moving joints is kept. Base and tip link may
+        stand after the name (``robot.urdf:base_link:tool0``). Without it a URDF is made from the arm's constants, with
+        the links ``base``, ``link_1`` .. ``link_n`` and ``flange``.
+    frame : {"base", "reference"}
+        The file's root: the robot's own base, or with a link ``reference`` before it the frame of the model's points.
+
+    Returns
+    -------
+    RigidArm
+        The arm in the file, with its loss.
+
+    Raises
+    ------
+    InputError
+        As `best_rigid_arm` and `read_urdf`; if the source is of another arm, is not in an encoding that has ASCII, or
+        its base link has a parent and `frame` is the reference's.
+    """
+    if source is None:
+        rigid = best_rigid_arm(model, angles, region=region)
+        content, base, tip = _made(rigid.nominal), None, None
+    else:
+        file, base, tip = split_links(source)
+        content = read_limited(file, limit_bytes=MAX_BYTES)
+        try:
+            robot = _robot(content, base, tip)
+            rigid = best_rigid_arm(model, angles, region=region, nominal=arm_of_joints(robot.tree, robot.joints))
+        except InputError as error:
+            raise error.in_file(file) from None
+    arm = rigid.arm if frame == "base" else rigid.in_reference_frame()
+    manifest = Manifest.of(model, FORMAT, tips=arm.chain.tip_in_base(check_joints(model)), frame=frame, loss=rigid.loss)
+    edited = _edited(_robot(_OLD_MANIFEST.sub(b"", content), base, tip), rigid, frame, manifest)
+    with atomic_file(path) as beside:
+        beside.write_bytes(edited)
+    return rigid
+
+
+def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
+    """(n, 3) tips [mm] of an exported file, in its base frame, at joints (n, n_joints) [rad, or mm]."""
+    return read_urdf(path).chain.tip_in_base(joints)
+
+
+def _made(arm: Arm) -> bytes:
+    """A URDF of the nominal arm whose last link is the flange."""
+    return urdf_bytes(replace(arm, chain=arm.chain.with_tip(np.zeros(3))), tip_link=FLANGE_LINK)
+
+
+def _robot(content: bytes, base: str | None, tip: str | None) -> _Robot:
+    root = parse_xml(content)
+    tree = UrdfTree(root)
+    joints = tree.path(base, tip)
+    if not joints:
+        raise InputError("there is no joint between the base and the tip")
+    if _has_wide_characters(content, root):
+        raise InputError("expected a URDF in UTF-8 or another encoding that has ASCII", hint="save it as UTF-8")
+    return _Robot(content, tree, joints, joints[0].parent, joints[-1].child)
+
+
+def _has_wide_characters(content: bytes, element: Element) -> bool:
+    """Whether the file's bytes are not those that edits expect: two bytes a character."""
+    return not content.startswith(f"<{element.tag}".encode(), element.start)
+
+
+def _edited(robot: _Robot, rigid: RigidArm, frame: Frame, manifest: Manifest) -> bytes:
+    """The file with the origins of the rigid arm, its tip and the manifest."""
+    root = robot.tree.robot
+    after_start = root.start + len(start_tag(robot.content, root.start))
+    edits = [Edit(after_start, after_start, f"\n  <!-- {manifest.line()} -->".encode())]
+    for joint, T_parent_joint in _new_origins(robot.joints, rigid):
+        edits.append(_origin_edit(robot.content, joint, T_parent_joint))
+    added, about = _added_links(robot, rigid, frame)
+    extra = child(root, "truearm")
+    if extra is None:
+        added.append(tag_text("truearm", about))
+    else:
+        edits.append(set_attributes(robot.content, extra.start, about))
+    edits.append(Edit(root.end, root.end, "".join(f"  {line}\n" for line in added).encode()))
+    return apply_edits(robot.content, edits)
+
+
+def _added_links(robot: _Robot, rigid: RigidArm, frame: Frame) -> tuple[list[str], dict[str, str]]:
+    """Lines of the links that are added, and the attributes of the element ``truearm``."""
+    links, joints = robot.tree.links, [joint.name for joint in robot.tree.joints]
+    lines: list[str] = []
+    base, tip, gravity = robot.base, robot.tip, rigid.arm.gravity_direction
+    if rigid.arm.chain.tip_in_flange.any():
+        tip = _free_name(TIP_LINK, links)
+        T_flange_tip = np.eye(4)
+        T_flange_tip[:3, 3] = rigid.arm.chain.tip_in_flange
+        joint = _free_name(f"{TIP_LINK}_joint", joints)
+        lines += [tag_text("link", {"name": tip}), *_fixed_joint(joint, robot.tip, tip, T_flange_tip)]
+    if frame == "reference":
+        if robot.base in robot.tree.joint_above:
+            raise InputError(
+                f"the link {robot.base!r} has a parent already, so that the reference frame cannot be its parent",
+                hint="export in the base frame, or name the robot's root link as base",
+            )
+        base, gravity = _free_name(REFERENCE_LINK, links), rigid.in_reference_frame().gravity_direction
+        joint = _free_name(f"{REFERENCE_LINK}_joint", joints)
+        lines += [tag_text("link", {"name": base}), *_fixed_joint(joint, base, robot.base, rigid.T_reference_base)]
+    about = {"base": base, "tip": tip, "title": rigid.arm.title}
+    if rigid.arm.serial_number:
+        about["serial_number"] = rigid.arm.serial_number
+    if (gravity != [0, 0, -1]).any():
+        about["gravity_in_base"] = _spaced(gravity)
+    return lines, about
+
+
+def _new_origins(joints: list[UrdfJoint], rigid: RigidArm) -> Iterator[tuple[UrdfJoint, FloatArray]]:
+    """The moving joints whose origin changes, with its new value as a frame in the parent link [mm].
+
+    The chain's constant motion between two moving joints is the product of the origins of the fixed joints between
+    them, which stay, and of the second one's origin, between the rotations that bring z to the joints' axes.
+    """
+    new, nominal = rigid.arm.chain.fixed, rigid.nominal.chain.fixed
+    from_axis, between, i = np.eye(4), np.eye(4), 0
+    for joint in joints:
+        if not joint.is_moving:
+            between = between @ origin_of(joint)
+            continue
+        turn = axis_rotation(joint)
+        if not _is_same_frame(new[i], nominal[i]):
+            yield joint, np.linalg.inv(between) @ from_axis @ new[i] @ turn.T
+        from_axis, between, i = turn, np.eye(4), i + 1
+
+
+def _is_same_frame(one: FloatArray, other: FloatArray) -> bool:
+    angle, length = ROUNDING
+    off = np.abs(one - other)
+    return bool(off[:3, :3].max() <= angle and off[:3, 3].max() <= length)
+
+
+def _origin_edit(content: bytes, joint: UrdfJoint, T_parent_joint: FloatArray) -> Edit:
+    """Set the origin of a joint, or insert one."""
+    origin = child(joint.element, "origin")
+    if origin is not None:
+        return set_attributes(content, origin.start, _origin(T_parent_joint))
+    after = joint.element.start + len(start_tag(content, joint.element.start))
+    return Edit(after, after, f"\n    {tag_text('origin', _origin(T_parent_joint))}".encode())
+
+
+def _origin(frame: FloatArray) -> dict[str, str]:
+    xyz, rpy = xyz_rpy_from_frame(frame)
+    return {"xyz": _spaced(xyz / MM_PER_M), "rpy": _spaced(rpy)}
+
+
+def _fixed_joint(name: str, parent: str, child: str, T_parent_child: FloatArray) -> list[str]:
+    """Lines of a fixed joint between two links."""
+    start = tag_text("joint", {"name": name, "type": "fixed"}).replace("/>", ">")
+    parts = {"parent": {"link": parent}, "child": {"link": child}, "origin": _origin(T_parent_child)}
+    return [start, *(f"  {tag_text(tag, attributes)}" for tag, attributes in parts.items()), "</joint>"]
+
+
+def _free_name(name: str, taken: Collection[str]) -> str:
+    while name in taken:
+        name += "_"
+    return name
+
+
+def _spaced(numbers: FloatArray) -> str:
+    return " ".join(repr(float(number) + 0.0) for number in numbers)
