@@ -71,6 +71,30 @@ class TipDerivatives(NamedTuple):
     motion_jacobian: FloatArray
 
 
+class PoseDerivatives(NamedTuple):
+    """Tip poses and their derivatives, laid out by component, poses last.
+
+    A derivative of a pose has six components: translation of the tip [mm], then rotation of the flange [rad], both
+    along the axes of the base frame.
+
+    Attributes
+    ----------
+    R_base_tip : (3, 3, m) array
+        Orientations of the flange.
+    tip_in_base : (3, m) array
+        [mm].
+    by_joint : (n_joints, 6, m) array
+        Derivative by each joint [per rad, or per mm for sliding joints].
+    by_motion : (n_places, 6, 6, m) array
+        Derivative by each component of the motion at each place [per rad, then per mm].
+    """
+
+    R_base_tip: FloatArray
+    tip_in_base: FloatArray
+    by_joint: FloatArray
+    by_motion: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class Chain:
     """A serial chain of revolute and prismatic joints.
@@ -171,23 +195,61 @@ class Chain:
             tips[:, rows] = _last(self._outward(q, cos_sin(q), chunk))
         return tips.T
 
-    def pose(self, angles: npt.ArrayLike) -> Pose:
+    def pose(self, angles: npt.ArrayLike, motions: npt.ArrayLike | None = None) -> Pose:
         """Tip poses: orientation of the flange and position of the tip.
 
         Parameters
         ----------
         angles : (n, n_joints) array
             Joint angles [rad], or displacements of sliding joints [mm].
+        motions : (n, n_places, 6) array, optional
+            Finite motions composed exactly at every place, a set for each pose.
         """
         angles = self._checked(angles)
+        moved = None if motions is None else self._checked_motions(motions, len(angles))
         R = np.empty((3, 3, len(angles)))
         tip = np.empty((3, len(angles)))
         for rows in _chunks(len(angles)):
             q = _by_component(angles[rows])
             turns = cos_sin(q)
-            R[:, :, rows] = np.matmul(self.fixed[-1, :3, :3].T, _last(self._inward(turns)))
-            tip[:, rows] = _last(self._outward(q, turns, None))
+            chunk = None if moved is None else np.ascontiguousarray(moved[rows].transpose(1, 2, 0))
+            R[:, :, rows] = self._flange(turns, None if chunk is None else _turned_by(chunk)[0])
+            tip[:, rows] = _last(self._outward(q, turns, chunk))
         return Pose(R.transpose(2, 0, 1), tip.T)
+
+    def pose_derivatives(self, angles: npt.ArrayLike, motions: FloatArray | None = None) -> PoseDerivatives:
+        """Tip poses and their derivatives by the joints and by the motions at every place.
+
+        Parameters
+        ----------
+        angles : (m, n_joints) array
+            Joint angles [rad], or displacements of sliding joints [mm].
+        motions : (n_places, 6, m) or (n_places, 6, 1) array, optional
+            Finite motions composed exactly at every place [rad, mm]; the derivatives by motions are those by their
+            components, and those by joints are at constant motions.
+        """
+        q = _by_component(self._checked(angles))
+        by_motion = np.zeros((self.n_places, 6, 6, q.shape[1]))
+        tip, _ = self._small_motions_into(q, by_motion[:, :, :3], motions)
+        axes = by_motion[:, 3:, :3]  # (place, axis, component, m): translations along the axes of every place
+        R = axes[-1].transpose(1, 0, 2)
+        if motions is None:
+            by_motion[:, :3, 3:] = axes
+        else:
+            turned_by, jacobians = _turned_by(motions)
+            np.einsum("pdcm,pdbm->pcbm", jacobians, axes, out=by_motion[:, :3, 3:])
+            R = np.einsum("abm,bcm->acm", R, turned_by[-1])
+        by_joint = np.zeros((self.n_joints, 6, q.shape[1]))
+        for place, v in self._outward(q, cos_sin(q), motions):
+            if place < 1:
+                break  # past joint 1
+            x_axis, y_axis, z_axis = axes[place]
+            if self.is_prismatic[place - 1]:
+                by_joint[place - 1, :3] = z_axis
+            else:
+                by_joint[place - 1, :3] = v[0] * y_axis - v[1] * x_axis  # z x (p - o)
+                by_joint[place - 1, 3:] = z_axis
+        return PoseDerivatives(R, tip, by_joint, by_motion)
 
     def tip_derivatives(self, angles: npt.ArrayLike) -> TipDerivatives:
         """Tip positions and their derivatives by the six small motions at every place.
@@ -349,6 +411,14 @@ class Chain:
                 R = turned
             yield i, R
 
+    def _flange(self, turns: tuple[FloatArray, FloatArray], turned_by: FloatArray | None) -> FloatArray:
+        """(3, 3, m) orientations of the flange in the base frame, turned by a motion at the tip."""
+        R = _last(self._inward(turns, turned_by))
+        if turned_by is None:
+            return np.asarray(np.matmul(self.fixed[-1, :3, :3].T, R))
+        R = np.matmul(self.fixed[-1, :3, :3].T, np.einsum("abm,bcm->acm", R, turned_by[-2]))
+        return np.asarray(np.einsum("abm,bcm->acm", R, turned_by[-1]))
+
     def _small_motions_into(
         self, q: FloatArray, out: FloatArray, motions: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
@@ -356,8 +426,7 @@ class Chain:
         tip_in_place = dict(self._outward(q, turns, motions))
         turned_by, jacobians = None, None
         if motions is not None:
-            both = [rotations_and_jacobians(motion[:3]) for motion in motions]
-            turned_by, jacobians = (np.stack(arrays) for arrays in zip(*both, strict=True))
+            turned_by, jacobians = _turned_by(motions)
         for place, R in self._inward(turns, turned_by):
             x, y, z = tip_in_place[place] if motions is None else tip_in_place[place] - motions[place, 3:]
             axes = R.transpose(1, 0, 2)  # (3 axes, 3 components, m)
@@ -388,6 +457,13 @@ class Chain:
         if motions.shape != (n, self.n_places, 6):
             raise InputError(f"expected motions of shape {(n, self.n_places, 6)}, got {motions.shape}")
         return motions
+
+
+def _turned_by(motions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations of motions (n_places, 6, m) and their left Jacobians, (n_places, 3, 3, m) each."""
+    both = [rotations_and_jacobians(motion[:3]) for motion in motions]
+    turned_by, jacobians = (np.stack(arrays) for arrays in zip(*both, strict=True))
+    return turned_by, jacobians
 
 
 def _last(places: Iterator[tuple[int, FloatArray]]) -> FloatArray:

@@ -100,7 +100,7 @@ def solve_inverse_kinematics(
         rows = slice(first, first + _ROWS)
         part = problem.rows(rows)
         q = part.start if part.posture is None else _pulled(part)
-        angles[rows], missing = levenberg_marquardt_by_row(part, q, damping=_DAMPING, max_epochs=max_steps)
+        angles[rows], missing, *_ = levenberg_marquardt_by_row(part, q, damping=_DAMPING, max_epochs=max_steps)
         distance[rows], axis_error[rows] = part.errors(missing)
     reached = (distance <= tolerance_mm) & (axis_error <= tolerance_rad)
     return InverseKinematicsResult(angles, reached, distance, axis_error)

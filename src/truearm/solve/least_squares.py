@@ -335,27 +335,42 @@ class RowProblem(Protocol):
         ...
 
 
-def levenberg_marquardt_by_row(
-    problem: RowProblem, start: FloatArray, *, damping: MarquardtDamping, max_epochs: int
-) -> tuple[FloatArray, FloatArray]:
-    """Minimise many small problems at once, each row with its own damping by Marquardt's rule.
+class RowsResult(NamedTuple):
+    """Where many small minimisations ended, row by row.
 
-    Returns
-    -------
+    Attributes
+    ----------
     x : (n, p) array
         The best points.
     residuals : (n, m) array
         Their residuals.
+    jacobian : (n, m, p) array
+        Their Jacobians.
+    steps : (n,) int array
+        Steps tried, the rejected ones included.
     """
+
+    x: FloatArray
+    residuals: FloatArray
+    jacobian: FloatArray
+    steps: IntArray
+
+
+def levenberg_marquardt_by_row(
+    problem: RowProblem, start: FloatArray, *, damping: MarquardtDamping, max_epochs: int
+) -> RowsResult:
+    """Minimise many small problems at once, each row with its own damping by Marquardt's rule."""
     x = start.copy()
     residuals, jacobian = problem.linearise(x)
     mu = np.full(len(x), damping.mu)
+    steps = np.zeros(len(x), dtype=np.intp)
     live = np.arange(len(x))
     for _ in range(max_epochs):
         live = live[~problem.rows(live).has_converged(residuals[live]) & (mu[live] < damping.maximum)]
         if not live.size:
             break
         part = problem.rows(live)
+        steps[live] += 1
         tried = part.move(x[live], residuals[live], jacobian[live], mu[live])
         residuals_there, jacobian_there = part.linearise(tried)
         better = (residuals_there**2).sum(axis=1) < (residuals[live] ** 2).sum(axis=1)
@@ -364,4 +379,4 @@ def levenberg_marquardt_by_row(
         mu[live] = np.where(
             better, np.maximum(mu[live] * damping.decrease, damping.minimum), mu[live] * damping.increase
         )
-    return x, residuals
+    return RowsResult(x, residuals, jacobian, steps)

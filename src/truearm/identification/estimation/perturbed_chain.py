@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from truearm.arm.chain import Chain
+from truearm.arm.chain import Chain, Pose
 from truearm.identification.terms.basis import Basis, Constant
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
@@ -81,13 +81,56 @@ class PerturbedChain:
 
     def motions(self, x: FloatArray, values: FloatArray) -> FloatArray:
         """(n_places, 6, m) motions [rad, mm] with coefficients `x`; (n_places, 6, 1) if they are constant."""
-        coefficient, entry, component = self._entries
-        by_function = np.bincount(entry, component * x[coefficient], minlength=6 * len(values)).reshape(-1, 6)
+        by_function = self._by_function(x, len(values))
         m = 1 if all(isinstance(term.basis, Constant) for term in self.terms) else values.shape[1]
         out = np.empty((self.chain.n_places, 6, m))
         for place, rows in enumerate(self._of_place):
             np.matmul(by_function[rows].T, values[rows, :m], out=out[place])
         return out
+
+    def motion_slopes(self, x: FloatArray, values: FloatArray) -> list[tuple[int, int, FloatArray]]:
+        """Derivatives of motions by joint angles: place, joint counted from 0, and (6, m) [per rad]; none is zero.
+
+        Those of gravity torques are neglected, see `Basis.joint_slope`.
+        """
+        by_function = self._by_function(x, len(values))
+        slopes: dict[tuple[int, int], FloatArray] = {}
+        for (place, basis), rows in self._functions.items():
+            if (slope := basis.joint_slope(by_function[rows])) is not None:
+                joint, weights = slope
+                own = self._of_place[place]
+                whole = slopes.setdefault((place, joint - 1), np.zeros((own.stop - own.start, 6)))
+                whole[rows - own.start] = weights
+        return [(place, joint, w.T @ values[self._of_place[place]]) for (place, joint), w in slopes.items()]
+
+    def poses(self, state: ArmState, x: FloatArray) -> Pose:
+        """Tip poses at the readings of a state, in the frame of the chain."""
+        R, tip = np.empty((len(state), 3, 3)), np.empty((len(state), 3))
+        for rows in chunks(len(state)):
+            piece = state.rows(rows)
+            motions = self.motions(x, self.values(piece))
+            wide = np.broadcast_to(motions, (*motions.shape[:2], len(piece)))
+            R[rows], tip[rows] = self.chain.pose(piece.angles, wide.transpose(2, 0, 1))
+        return Pose(R, tip)
+
+    def pose_jacobians(self, state: ArmState, x: FloatArray) -> tuple[Pose, FloatArray]:
+        """Tip poses and their derivatives by the joints, (n, 6, n_joints).
+
+        Translation of the tip [mm], then rotation of the flange [rad], per rad or mm of the joint. The slopes of
+        harmonics are included, those of gravity torques are neglected.
+        """
+        n = len(state)
+        R, tip = np.empty((n, 3, 3)), np.empty((n, 3))
+        jacobian = np.empty((n, 6, self.chain.n_joints))
+        for rows in chunks(n):
+            piece = state.rows(rows)
+            values = self.values(piece)
+            here = self.chain.pose_derivatives(piece.angles, self.motions(x, values))
+            for place, joint, slope in self.motion_slopes(x, values):
+                here.by_joint[joint] += np.einsum("com,cm->om", here.by_motion[place], slope)
+            R[rows], tip[rows] = here.R_base_tip.transpose(2, 0, 1), here.tip_in_base.T
+            jacobian[rows] = here.by_joint.transpose(2, 1, 0)
+        return Pose(R, tip), jacobian
 
     def with_constants(self, x: FloatArray) -> Chain:
         """The chain with the constant terms composed, without the others."""
@@ -123,6 +166,11 @@ class PerturbedChain:
                 by_site = np.tensordot(site.direction, motion_jacobian[site.place], axes=1)
                 columns[site.columns] = by_site * value[:, None, :]
             yield rows, tips, columns
+
+    def _by_function(self, x: FloatArray, n_values: int) -> FloatArray:
+        """(n_values, 6) components of the motions by each basis function."""
+        coefficient, entry, component = self._entries
+        return np.bincount(entry, component * x[coefficient], minlength=6 * n_values).reshape(-1, 6)
 
     @cached_property
     def _columns(self) -> list[IntArray]:
