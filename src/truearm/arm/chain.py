@@ -230,13 +230,14 @@ class Chain:
         """
         q = _by_component(self._checked(angles))
         by_motion = np.zeros((self.n_places, 6, 6, q.shape[1]))
-        tip, _ = self._small_motions_into(q, by_motion[:, :, :3], motions)
+        finite = None if motions is None else _turned_by(motions)
+        tip, _ = self._small_motions_into(q, by_motion[:, :, :3], motions, finite)
         axes = by_motion[:, 3:, :3]  # (place, axis, component, m): translations along the axes of every place
         R = axes[-1].transpose(1, 0, 2)
-        if motions is None:
+        if finite is None:
             by_motion[:, :3, 3:] = axes
         else:
-            turned_by, jacobians = _turned_by(motions)
+            turned_by, jacobians = finite
             np.einsum("pdcm,pdbm->pcbm", jacobians, axes, out=by_motion[:, :3, 3:])
             R = np.einsum("abm,bcm->acm", R, turned_by[-1])
         by_joint = np.zeros((self.n_joints, 6, q.shape[1]))
@@ -420,13 +421,18 @@ class Chain:
         return np.asarray(np.einsum("abm,bcm->acm", R, turned_by[-1]))
 
     def _small_motions_into(
-        self, q: FloatArray, out: FloatArray, motions: FloatArray | None = None
+        self,
+        q: FloatArray,
+        out: FloatArray,
+        motions: FloatArray | None = None,
+        finite: tuple[FloatArray, FloatArray] | None = None,
     ) -> tuple[FloatArray, FloatArray]:
+        """Tips and derivatives; `finite` are the rotations of the motions, if the caller has them."""
         turns = cos_sin(q)
         tip_in_place = dict(self._outward(q, turns, motions))
         turned_by, jacobians = None, None
         if motions is not None:
-            turned_by, jacobians = _turned_by(motions)
+            turned_by, jacobians = finite or _turned_by(motions)
         for place, R in self._inward(turns, turned_by):
             x, y, z = tip_in_place[place] if motions is None else tip_in_place[place] - motions[place, 3:]
             axes = R.transpose(1, 0, 2)  # (3 axes, 3 components, m)

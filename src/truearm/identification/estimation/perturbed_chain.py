@@ -170,7 +170,8 @@ class PerturbedChain:
     def _by_function(self, x: FloatArray, n_values: int) -> FloatArray:
         """(n_values, 6) components of the motions by each basis function."""
         coefficient, entry, component = self._entries
-        return np.bincount(entry, component * x[coefficient], minlength=6 * n_values).reshape(-1, 6)
+        sums: FloatArray = np.bincount(entry, component * x[coefficient], minlength=6 * n_values).astype(float)
+        return sums.reshape(-1, 6)
 
     @cached_property
     def _columns(self) -> list[IntArray]:

@@ -1,0 +1,294 @@
+"""Corrected joint targets: inverse compensation in both directions, target by target, with a reason for every refusal.
+
+``command``: what to send so that the arm goes where the nominal arm would go, or to a pose: solve
+``model(q_command) = nominal(q)``. ``feedback``: what the encoders mean: solve
+``nominal(q_nominal) = model(q_encoder)``. Each is the inverse of the other. The nominal arm is the one whose base and
+tip were identified from the same readings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from truearm.arm.chain import Pose
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.targets.inverse import (
+    MAX_STEPS,
+    InverseSolution,
+    PoseTask,
+    freedom,
+    scaled_jacobian,
+    solve_poses,
+    turn_between,
+)
+from truearm.compensation.targets.pose_models import PoseModel, nominal_poses, poses_of, reference_from_base
+from truearm.compensation.targets.targets import Targets
+from truearm.errors import InputError
+from truearm.readings.checks import LIMIT_TOLERANCE
+from truearm.typing import BoolArray, FloatArray, IntArray
+
+Way = Literal["command", "feedback"]
+Frame = Literal["reference", "base"]
+Untrained = Literal["refuse", "accept"]
+
+# Joints of fewer are too few for a position and an orientation.
+JOINTS_OF_A_POSE = 6
+# A correction is some mrad; more [rad] is a joint that runs away near a singularity, or another configuration.
+MAX_CORRECTION = 0.1
+# The condition of the Jacobian in everyday poses is 5 to 100. Above this one a micrometre at the tip is half a degree.
+MAX_CONDITION = 1e4
+# Steps of a correction: three are usual; targets that need more are beyond the reach.
+CORRECTION_STEPS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """Corrected joints of targets, row by row.
+
+    Attributes
+    ----------
+    joints : (n, n_joints) array
+        [rad, or mm]; NaN for refused targets.
+    reasons : tuple of str
+        Why a target was refused; empty for corrected ones.
+    distance_mm, angle_rad : (n,) array
+        Distance of the tip, and rotation of the flange, from the target after correction. On arms of fewer than six
+        joints the rotation cannot be corrected.
+    steps : (n,) int array
+        Newton steps of the correction.
+    margins : (n, n_joints) array
+        Distance of each joint of the machine (sent, or read) from its nearer limit [rad, or mm]; infinite without
+        limits, negative beyond them.
+    condition : (n,) array
+        Condition of the Jacobian, with a radian as long as a third of the reach.
+    outside : (n,) bool array
+        Whether the joints of the machine, or another input, are outside the trained range.
+    change : (n, n_joints) array
+        Corrected joints minus the nominal arm's joints for the same pose, or minus those read [rad, or mm].
+    shift_mm : (n,) array
+        Distance by which the correction moves the tip [mm].
+    covariances : (n, 3, 3) array
+        Of the tip [mm^2]; NaN for refused targets, or if not asked for.
+    """
+
+    joints: FloatArray
+    reasons: tuple[str, ...]
+    distance_mm: FloatArray
+    angle_rad: FloatArray
+    steps: IntArray
+    margins: FloatArray
+    condition: FloatArray
+    outside: BoolArray
+    change: FloatArray
+    shift_mm: FloatArray
+    covariances: FloatArray
+
+    @property
+    def refused(self) -> BoolArray:
+        """(n,) whether a target was refused."""
+        return np.array([bool(reason) for reason in self.reasons])
+
+
+class _Solved(NamedTuple):
+    """Solutions with what they are compared with: joints of the machine, and joints before the correction."""
+
+    solution: InverseSolution
+    target: Pose
+    machine_joints: FloatArray
+    before: FloatArray
+
+
+def correct_targets(
+    model: Compensator,
+    targets: Targets,
+    *,
+    direction: Way = "command",
+    frame: Frame = "reference",
+    untrained: Untrained = "refuse",
+    uncertainty: bool = True,
+) -> Correction:
+    """Correct targets by a fitted model.
+
+    Parameters
+    ----------
+    model : Compensator
+        Fitted; with another tool, see `truearm.compensation.targets.pose_models.with_tool`.
+    targets : Targets
+    direction : {"command", "feedback"}
+        What to send, or what the encoders mean.
+    frame : {"reference", "base"}
+        Of poses: that of the model's points, or the arm's own base frame.
+    untrained : {"refuse", "accept"}
+        What to do with targets outside the trained range.
+    uncertainty : bool
+        Whether to compute covariances of the tip, which takes most of the time.
+
+    Raises
+    ------
+    InputError
+        If the targets are not those of the arm, poses are given as feedback, or an option is unknown.
+    """
+    _check_option("direction", direction, ("command", "feedback"))
+    _check_option("frame", frame, ("reference", "base"))
+    _check_option("untrained", untrained, ("refuse", "accept"))
+    targets.check(model.arm_)
+    if direction == "feedback" and targets.kind != "joints":
+        raise InputError(
+            f"the direction feedback turns encoder angles into nominal joints, and these targets are {targets.kind}",
+            file=targets.file,
+            hint="give the angles that the encoders read, or use the direction command",
+        )
+    solve = _feedback if direction == "feedback" else partial(_command, frame=frame)
+    solved = solve(model, targets)
+    return _judged(model, targets, solved, direction=direction, untrained=untrained, uncertainty=uncertainty)
+
+
+def task_of(model: Compensator, poses: PoseModel, target: Pose) -> PoseTask:
+    """The task to reach poses with a model, or its nominal arm."""
+    chain = model.arm_.chain
+    reach = max(chain.reach, model.nominal_.chain.reach, 3.0)
+    return PoseTask(poses, target, chain.is_prismatic, reach / 3, chain.n_joints >= JOINTS_OF_A_POSE)
+
+
+def _command(model: Compensator, targets: Targets, *, frame: Frame) -> _Solved:
+    nominal, every = nominal_poses(model), np.arange(len(targets))
+    target, before = nominal.pose(targets.joints, every), targets.joints
+    if targets.tips is not None:
+        target = _in_reference(model, targets, target, frame)
+        task = task_of(model, nominal, target)
+        before = solve_poses(task, targets.joints, max_steps=MAX_STEPS).joints
+        # Whole turns are no motion; those of the start joints are kept.
+        turns = np.round((before - targets.joints) / (2 * np.pi)) * (2 * np.pi)
+        before = before - np.where(task.prismatic, 0.0, turns)
+    poses = poses_of(model, targets.session(before))
+    task = _holding(task_of(model, poses, target), before)
+    found = solve_poses(task, before, max_steps=CORRECTION_STEPS)
+    return _Solved(found, target, found.joints, before)
+
+
+def _feedback(model: Compensator, targets: Targets) -> _Solved:
+    encoder, every = targets.joints, np.arange(len(targets))
+    poses = poses_of(model, targets.session(encoder))
+    target = poses.pose(encoder, every)
+    task = _holding(task_of(model, nominal_poses(model), target), encoder)
+    if task.hold is not None:
+        task = replace(task, free=freedom(scaled_jacobian(replace(task, model=poses), encoder)))
+    return _Solved(solve_poses(task, encoder, max_steps=CORRECTION_STEPS), target, encoder, encoder)
+
+
+def _holding(task: PoseTask, joints: FloatArray) -> PoseTask:
+    """The task, holding joints if the poses leave them freedom."""
+    width = 6 if task.with_orientation else 3
+    return replace(task, hold=joints) if joints.shape[1] > width else task
+
+
+def _in_reference(model: Compensator, targets: Targets, at_start: Pose, frame: Frame) -> Pose:
+    """Poses of the targets in the frame of the reference; positions have the nominal arm's orientation at the start."""
+    assert targets.tips is not None  # only of poses
+    T = reference_from_base(model) if frame == "base" else np.eye(4)
+    tips = targets.tips @ T[:3, :3].T + T[:3, 3]
+    rotations = at_start.R_base_tip if targets.rotations is None else T[:3, :3] @ targets.rotations
+    return Pose(rotations, tips)
+
+
+def _judged(
+    model: Compensator, targets: Targets, solved: _Solved, *, direction: Way, untrained: Untrained, uncertainty: bool
+) -> Correction:
+    """Every target with its figures, and the reasons of those that are refused."""
+    found, machine, arm = solved.solution, solved.machine_joints, model.arm_
+    lower, upper = arm.limits.T
+    margins = np.minimum(machine - lower, upper - machine)
+    change, condition = found.joints - solved.before, found.condition
+    readings = targets.session(machine)
+    inputs = model.training_.outside(readings)
+    outside = np.logical_or.reduce([np.zeros(len(targets), dtype=bool), *inputs.values()])
+    reasons = np.full(len(targets), "", dtype=object)
+
+    def refuse(rows: BoolArray, reason: list[str]) -> None:
+        open_rows = rows & (reasons == "")
+        reasons[open_rows] = np.array(reason, dtype=object)[open_rows[rows]]
+
+    bad = ~found.reached
+    refuse(bad, _unreached(found, bad))
+    bad = (condition > MAX_CONDITION) | (_turning(arm.chain.is_prismatic, change) > MAX_CORRECTION)
+    refuse(bad, _singular(model, change[bad], condition[bad]))
+    if direction == "command":
+        bad = (margins < -LIMIT_TOLERANCE).any(axis=1)
+        refuse(bad, _beyond(model, machine[bad], margins[bad]))
+    if untrained == "refuse":
+        refuse(outside, _untrained(inputs, outside))
+    good = reasons == ""
+    covariances = np.full((len(targets), 3, 3), np.nan)
+    if uncertainty and good.any():
+        covariances[good] = model.predict_readings(readings.rows(good), return_cov=True)[1]
+    nominal = nominal_poses(model)
+    every = np.arange(len(targets))
+    there = nominal.pose(found.joints, every)
+    angle = found.angle_rad
+    if arm.n_joints < JOINTS_OF_A_POSE:
+        achieved = there if direction == "feedback" else poses_of(model, readings).pose(found.joints, every)
+        angle = np.linalg.norm(turn_between(achieved.R_base_tip, solved.target.R_base_tip), axis=1)
+    return Correction(
+        joints=np.where(good[:, None], found.joints, np.nan),
+        reasons=tuple(reasons.tolist()),
+        distance_mm=found.distance_mm,
+        angle_rad=angle,
+        steps=found.steps,
+        margins=margins,
+        condition=condition,
+        outside=outside,
+        change=change,
+        shift_mm=np.linalg.norm(there.tip_in_base - nominal.pose(solved.before, every).tip_in_base, axis=1),
+        covariances=covariances,
+    )
+
+
+def _turning(prismatic: BoolArray, change: FloatArray) -> FloatArray:
+    """(n,) largest change of a turning joint [rad]."""
+    return np.asarray(np.abs(change[:, ~prismatic]).max(axis=1, initial=0.0))
+
+
+def _unreached(found: InverseSolution, bad: BoolArray) -> list[str]:
+    return [
+        f"out of reach: {distance:.3g} mm and {np.degrees(angle):.2g} deg remain"
+        for distance, angle in zip(found.distance_mm[bad], found.angle_rad[bad], strict=True)
+    ]
+
+
+def _singular(model: Compensator, change: FloatArray, condition: FloatArray) -> list[str]:
+    turning = np.where(model.arm_.chain.is_prismatic, 0.0, change)
+    return [
+        f"singular: J{int(np.abs(row).argmax()) + 1} would turn by {np.degrees(row[np.abs(row).argmax()]):.3g} deg "
+        f"(condition {number:.2g})"
+        for row, number in zip(turning, condition, strict=True)
+    ]
+
+
+def _beyond(model: Compensator, joints: FloatArray, margins: FloatArray) -> list[str]:
+    limits, slides = model.arm_.limits, model.arm_.chain.is_prismatic
+    found = []
+    for q, margin in zip(joints, margins, strict=True):
+        i = int(margin.argmin())
+        unit, factor = ("mm", 1.0) if slides[i] else ("deg", 180 / np.pi)
+        limit = limits[i, 0] if q[i] < limits[i, 0] else limits[i, 1]
+        found.append(
+            f"at a limit: J{i + 1} would be at {factor * q[i]:.6g} {unit}, {-factor * margin[i]:.3g} {unit} beyond its "
+            f"limit {factor * limit:.6g} {unit}"
+        )
+    return found
+
+
+def _untrained(inputs: dict[str, BoolArray], outside: BoolArray) -> list[str]:
+    return [
+        f"outside the trained range ({', '.join(name for name, rows in inputs.items() if rows[row])})"
+        for row in np.flatnonzero(outside)
+    ]
+
+
+def _check_option(name: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise InputError(f"expected {name} {' or '.join(known)}, got {value!r}")
