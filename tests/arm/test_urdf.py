@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.arm import Arm, Chain, list_arms, load_arm, read_urdf, write_urdf
+from truearm.arm.catalogue import arm_path
 from truearm.arm.urdf import MAX_BYTES
 from truearm.errors import InputError
 from truearm.identification.terms import gravity_loads, uniform_links
@@ -256,6 +257,34 @@ def test_base_and_tip_choose_a_part(tmp_path):
     assert read_urdf(path, tip="b").joint_names == ("q",)
 
 
+def test_the_links_may_stand_after_the_files_name(tmp_path):
+    text = robot(joint("q", "continuous", "a", "b"), joint("r", "continuous", "b", "c"), joint("s", "fixed", "b", "d"))
+    path = write(tmp_path, text.replace("</robot>", "<link name='d'/></robot>"))
+    assert load_arm(f"{path}::c").joint_names == ("q", "r")
+    assert load_arm(f"{path}:b:c").joint_names == ("r",)
+    assert load_arm(f"{path}:b:c", base="a").joint_names == ("q", "r")
+    assert load_arm(Path(f"{path}::d")).joint_names == ("q",)
+    assert load_arm(path, tip="c").joint_names == ("q", "r")
+    assert arm_path(f"{path}:b:c") == arm_path(f"{path}::") == arm_path(path) == path
+    assert arm_path("C:\\robots\\a.URDF::tool0") == Path("C:\\robots\\a.URDF")
+    with pytest.raises(InputError, match=r"2 links could be the tip: c, d.*FILE\.urdf::c"):
+        load_arm(path)
+    with pytest.raises(InputError, match="no link 'x'"):
+        load_arm(f"{path}::x")
+    for arm in ("ur5", "arm.toml"):
+        with pytest.raises(InputError, match="only a URDF has links to choose"):
+            load_arm(arm, tip="c")
+
+
+def test_a_file_may_state_its_links_itself(tmp_path):
+    """An exported file is read without naming them; what is named goes first."""
+    text = robot(joint("q", "continuous", "a", "b"), joint("s", "fixed", "a", "c"), '<truearm base="a" tip="b"/>')
+    path = write(tmp_path, text)
+    assert read_urdf(path).joint_names == ("q",)
+    with pytest.raises(InputError, match="no moving joint"):
+        read_urdf(path, tip="c")
+
+
 # What it refuses
 
 TURN = joint("q", "continuous", "a", "b")
@@ -270,6 +299,10 @@ BROKEN = {
     ),
     "outside file": ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot name="r"/>', "DOCTYPE"),
     "utf-16 doctype": ('<?xml version="1.0" encoding="utf-16"?><!DOCTYPE r><robot/>'.encode("utf-16"), "DOCTYPE"),
+    "xacro": (
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:macro name="m"/></robot>',
+        r"line 2: .* got a xacro file: it has <xacro:macro>\. Try: expand it first",
+    ),
     "no xml": ("name = 'r'", "line 1: not valid XML"),
     "cut off": ('<robot name="r">\n<link name="a"/>\n', "line 3: not valid XML: no element found"),
     "empty": ("", "not valid XML: no element found"),

@@ -355,23 +355,38 @@ def test_the_demo_writes_a_page_and_a_summary(truearm, tmp_path, monkeypatch):
     assert again == summary
 
 
-def test_the_identified_arm_is_shown_and_written(truearm, made, tmp_path):
-    """The constants that a kinematic model found, and a URDF of them that predicts as the model does."""
-    from truearm.arm import read_urdf
-    from truearm.compensation.models.model_file import load_model
-    from truearm.readings import read_session
-
-    model = load_model(made / "kinematic.truearm")
+def test_the_identified_arm_is_shown_and_its_constants_are_exported(truearm, made, tmp_path):
+    """Constants that were identified beside other terms mean little alone: arms writes none of a model."""
     shown = truearm("arms", made / "kinematic.truearm")
     assert shown.code == 0
     assert shown.out.startswith("gao2017-identified: ")
     assert "before J1: " in shown.out
-    assert truearm("arms", made / "kinematic.truearm", "--out", tmp_path / "i.urdf").code == 0
-    angles = read_session(made / "test.csv").angles
-    np.testing.assert_allclose(
-        read_urdf(tmp_path / "i.urdf").chain.tip_in_base(angles), model.predict(angles), rtol=0, atol=1e-6
-    )
+    refused = truearm("arms", made / "kinematic.truearm", "--out", tmp_path / "i.urdf")
+    assert refused.code == 2
+    assert "mean little without its other terms" in refused.err
+    assert f"truearm export {made / 'kinematic.truearm'} --out {tmp_path / 'i.urdf'}" in refused.err
+    assert list(tmp_path.iterdir()) == []
     assert "identifies no arm" in truearm("arms", made / "network.truearm").err
+
+
+def test_a_branching_robot_is_read_between_the_links_that_are_named(truearm, made, tmp_path):
+    """From the message to a command that runs, and the file is not overwritten under its name with links."""
+    from truearm.arm import load_arm, write_arm
+
+    urdf = tmp_path / "robot.urdf"
+    write_arm(load_arm("gao2017"), urdf)
+    camera = '<link name="camera"/><joint name="c" type="fixed"><parent link="link_3"/><child link="camera"/></joint>'
+    urdf.write_text(urdf.read_text().replace("</robot>", f"{camera}</robot>"))
+    fit = ["fit", made / "train.csv", "--model", "nominal", "--free", "none", "--out", tmp_path / "m.truearm"]
+    refused = truearm(*fit, "--arm", urdf)
+    assert refused.code == 2
+    assert "2 links could be the tip: tip, camera" in refused.err
+    assert "FILE.urdf::tip (FILE.urdf:BASE:TIP)" in refused.err
+    assert truearm(*fit, "--arm", f"{urdf}::tip").code == 0
+    assert truearm("arms", f"{urdf}:link_1:camera").out.splitlines()[1].startswith("joint")
+    ran = truearm("arms", f"{urdf}::tip", "--out", urdf)
+    assert ran.code == 2
+    assert "would be overwritten" in ran.err
 
 
 def test_evaluate_and_report_remark_on_what_spoils_a_test(truearm, made, tmp_path):

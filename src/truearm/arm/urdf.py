@@ -82,7 +82,7 @@ def arm_of_joints(tree: UrdfTree, joints: list[UrdfJoint]) -> Arm:
     if not names:
         raise InputError("there is no moving joint between the base and the tip")
     lower, upper = np.array(limits).T
-    extra = child(robot, "truearm")
+    extra, known = child(robot, "truearm"), {joint.name for joint in tree.joints}
     gravity = None
     if extra is not None and "gravity_in_base" in extra.attrib:
         gravity = float_attribute(extra, "gravity_in_base", "the direction of gravity", 3)
@@ -93,7 +93,7 @@ def arm_of_joints(tree: UrdfTree, joints: list[UrdfJoint]) -> Arm:
         joint_names=tuple(names),
         lower=lower,
         upper=upper,
-        working_pose=_working_pose(extra, names, np.array(prismatic), np.clip(0.0, lower, upper)),
+        working_pose=_working_pose(extra, known, names, np.array(prismatic), np.clip(0.0, lower, upper)),
         source="" if extra is None else extra.get("source", ""),
         serial_number="" if extra is None else extra.get("serial_number", ""),
         masses=combine_point_masses(lumps, len(names)),
@@ -102,13 +102,19 @@ def arm_of_joints(tree: UrdfTree, joints: list[UrdfJoint]) -> Arm:
 
 
 def _working_pose(
-    extra: ET.Element | None, names: list[str], prismatic: npt.NDArray[np.bool_], default: FloatArray
+    extra: ET.Element | None,
+    known: set[str],
+    names: list[str],
+    prismatic: npt.NDArray[np.bool_],
+    default: FloatArray,
 ) -> FloatArray:
     pose = default.copy()
     for working in [] if extra is None else children(extra, "working"):
         joint = attribute(working, "joint")
+        if joint not in known:
+            raise InputError(f"the working pose names a joint {joint!r} that is not in the robot", line=working.line)
         if joint not in names:
-            raise InputError(f"the working pose names a joint {joint!r} that is not in the chain", line=working.line)
+            continue  # a part of the robot was chosen
         i = names.index(joint)
         pose[i] = float_attribute(working, "position", "a working pose", 1)[0] * (MM_PER_M if prismatic[i] else 1.0)
     return pose

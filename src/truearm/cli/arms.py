@@ -7,15 +7,13 @@ from typing import Annotated, Literal
 
 import typer
 
-from truearm.cli.console import Json, check_output_is_not_input, print_line, print_record
+from truearm.cli.console import ARM_HELP, Json, check_output_is_not_input, print_line, print_record
 
 
 def arms(
     arm: Annotated[
         str,
-        typer.Argument(
-            metavar="[ARM]", help="A name, an arm (.toml) or URDF file, or a model file.", show_default=False
-        ),
+        typer.Argument(metavar="[ARM]", help=f"{ARM_HELP} Or a model file.", show_default=False),
     ] = "",
     out: Annotated[Path | None, typer.Option("--out", help="Write it as an arm file, .toml or .urdf.")] = None,
     convention: Annotated[
@@ -26,22 +24,30 @@ def arms(
     """List the arms known by name, or print or write one.
 
     Without a name: the list. With a name: the constants of the nominal arm. With a model file: the identified arm, with
-    base and tip in the frame of the reference. With --out as well: an arm file, to edit into your own arm's, or to use
-    elsewhere.
+    base and tip in the frame of the reference. With a name and --out: an arm file, to edit into your own arm's, or to
+    use elsewhere.
     """
     from truearm.arm import write_arm
+    from truearm.arm.catalogue import arm_path
     from truearm.errors import InputError
     from truearm.workflows.arms import catalogue, describe_arm
+    from truearm.workflows.inputs import is_model_file
 
     if not arm:
         if out is not None:
             raise InputError("--out needs the name of an arm", hint="truearm arms gao2017 --out my-arm.toml")
         print_record(catalogue(), as_json=as_json)
         return
+    if out is not None and is_model_file(arm):
+        raise InputError(
+            "the constants of a model mean little without its other terms",
+            file=arm,
+            hint=f"truearm export {arm} --out {out}: constants refitted to the whole model",
+        )
     description = describe_arm(arm, convention=convention)
     if out is None:
         print_record(description, as_json=as_json)
         return
-    check_output_is_not_input(out, Path(arm))
+    check_output_is_not_input(out, arm_path(arm))
     write_arm(description.arm, out, convention=convention)
     print_line(f"{out}: {description.arm.name}, {description.arm.n_joints} joints")

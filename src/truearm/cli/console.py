@@ -19,7 +19,8 @@ from truearm.workflows.record import Record
 
 # Options and arguments that several commands have in common.
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON for machines.")]
-ArmOption = Annotated[str, typer.Option("--arm", help="A name from `truearm arms`, or an arm (.toml) or URDF file.")]
+ARM_HELP = "A name from `truearm arms`, an arm file (.toml), or a URDF with its links: r.urdf, r.urdf:BASE:TIP."
+ArmOption = Annotated[str, typer.Option("--arm", help=ARM_HELP)]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")]
 SessionFile = Annotated[Path, typer.Argument(metavar="SESSION", help="Session file, .csv or .parquet.")]
 LengthsFile = Annotated[

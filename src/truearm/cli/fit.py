@@ -68,10 +68,11 @@ def fit(
     --free base,tip: the reference has a frame of its own, and the position of the tip on the flange is not known (a
     laser tracker). --free none: points are in the arm's base frame and the tip is known.
     """
+    from truearm.arm.catalogue import arm_path
     from truearm.files.atomic_write import check_writable
     from truearm.workflows.fit import fit as fit_model
 
-    check_output_is_not_input(out, session, Path(arm), *([] if lengths is None else [lengths]))
+    check_output_is_not_input(out, session, arm_path(arm), *([] if lengths is None else [lengths]))
     check_writable(out)
     options: dict[str, Any] = {}
     total = 3 if model == "auto" else None

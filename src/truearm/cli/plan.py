@@ -7,13 +7,11 @@ from typing import Annotated, Literal
 
 import typer
 
-from truearm.cli.console import Json, check_page_path, numbers_of, print_record, progress
+from truearm.cli.console import ARM_HELP, Json, check_page_path, numbers_of, print_record, progress
 
 
 def plan(
-    arm: Annotated[
-        str, typer.Argument(metavar="ARM|MODEL", help="A name from `truearm arms`, an arm, URDF or model file.")
-    ],
+    arm: Annotated[str, typer.Argument(metavar="ARM|MODEL", help=f"{ARM_HELP} Or a model file.")],
     artefact: Annotated[
         Literal["seat", "bar", "tracker"], typer.Option("--artefact", help="What the poses are measured with.")
     ],
@@ -62,6 +60,7 @@ def plan(
 
     With a model instead of an arm: the poses that come next.
     """
+    from truearm.arm.catalogue import arm_path
     from truearm.identification.planning.proposal import STRATEGIES
     from truearm.identification.planning.template import check_template_path
     from truearm.workflows.plan import plan as planned
@@ -70,7 +69,7 @@ def plan(
     for file in template_files(out, artefact):
         check_template_path(file)
     if page is not None:
-        check_page_path(page, Path(arm), *([] if session is None else [session]))
+        check_page_path(page, arm_path(arm), *([] if session is None else [session]))
     with progress("planning", total=len(STRATEGIES)) as tell:
         result = planned(
             arm,

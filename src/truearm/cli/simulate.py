@@ -7,13 +7,11 @@ from typing import Annotated
 
 import typer
 
-from truearm.cli.console import Json, print_record, progress
+from truearm.cli.console import ARM_HELP, Json, print_record, progress
 
 
 def simulate(
-    arm: Annotated[
-        str, typer.Argument(metavar="ARM", help="A name from `truearm arms`, or an arm (.toml) or URDF file.")
-    ],
+    arm: Annotated[str, typer.Argument(metavar="ARM", help=ARM_HELP)],
     out: Annotated[Path, typer.Option("--out", help="Session file to write (.csv or .parquet).")],
     poses: Annotated[int, typer.Option("--poses", max=10_000_000, help="Number of readings.")] = 200,
     strategy: Annotated[

@@ -42,8 +42,11 @@ def check_page_path(page: str | Path, *inputs: str | Path) -> None:
 
 
 def input_files(*given: object) -> tuple[Path, ...]:
-    """The files among the inputs of a verb, which takes objects, names and paths."""
-    return tuple(Path(one) for one in given if isinstance(one, str | Path) and Path(one).is_file())
+    """The files among the inputs of a verb, which takes objects, names and paths, of a URDF with its links."""
+    from truearm.arm.catalogue import arm_path
+
+    paths = (arm_path(one) for one in given if isinstance(one, str | Path))
+    return tuple(path for path in paths if path.is_file())
 
 
 def version_row() -> tuple[str, str]:
