@@ -143,5 +143,5 @@ def test_an_unknown_arm_is_refused_with_the_names_of_the_catalogue():
 @pytest.mark.parametrize("text", ["mine.toml", "folder/mine", "../ur5", "mine.urdf"])
 def test_what_looks_like_a_path_is_a_path(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=r"does not exist|ends in .toml or .urdf"):
+    with pytest.raises(InputError, match=r"does not exist|ends in .toml, .urdf or .yaml"):
         load_arm(text)

@@ -8,6 +8,7 @@ from truearm.arm.denavit_hartenberg import DHTable, chain_from_dh, chain_from_md
 from truearm.arm.inverse_kinematics import InverseKinematicsResult, solve_inverse_kinematics
 from truearm.arm.masses import LinkMasses
 from truearm.arm.nearest_table import drawn_table, nearest_table
+from truearm.arm.ur_kinematics import read_ur_kinematics
 from truearm.arm.urdf import read_urdf, write_urdf
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "mdh_table",
     "nearest_table",
     "read_arm",
+    "read_ur_kinematics",
     "read_urdf",
     "solve_inverse_kinematics",
     "write_arm",

@@ -57,6 +57,7 @@ from truearm.arm.denavit_hartenberg import (
 )
 from truearm.arm.masses import LinkMasses, PointMass, combine_point_masses
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, xyz_rpy_from_frame
+from truearm.arm.ur_kinematics import read_ur_kinematics
 from truearm.arm.urdf import read_urdf, write_urdf
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -179,7 +180,7 @@ class _ArmFile(_Strict):
 
 
 def read_arm(path: str | Path) -> Arm:
-    """Read an arm file (TOML) or a URDF, which the suffix decides.
+    """Read an arm file (TOML), a URDF or a UR's kinematics yaml, which the suffix decides.
 
     Raises
     ------
@@ -189,8 +190,10 @@ def read_arm(path: str | Path) -> Arm:
     path = Path(path)
     if path.suffix.lower() == ".urdf":
         return read_urdf(path)
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return read_ur_kinematics(path)
     if path.suffix.lower() != ".toml":
-        raise _wrong_suffix(path)
+        raise InputError(f"an arm file ends in .toml, .urdf or .yaml, got {path.suffix!r}", file=path)
     try:
         return _arm_of(parse_toml(read_limited(path, limit_bytes=MAX_BYTES), _ArmFile))
     except InputError as error:
@@ -217,14 +220,10 @@ def write_arm(arm: Arm, path: str | Path, *, convention: Convention = "dh") -> N
         write_urdf(arm, path)
         return
     if path.suffix.lower() != ".toml":
-        raise _wrong_suffix(path)
+        raise InputError(f"an arm is written as .toml or .urdf, got {path.suffix!r}", file=path)
     table = dh_table(arm.chain) if convention == "dh" else mdh_table(arm.chain)
     with atomic_file(path) as beside:
         beside.write_text("\n".join(_toml_lines(arm, table)) + "\n", encoding="utf-8")
-
-
-def _wrong_suffix(path: Path) -> InputError:
-    return InputError(f"an arm file ends in .toml or .urdf, got {path.suffix!r}", file=path)
 
 
 def _arm_of(file: _ArmFile) -> Arm:

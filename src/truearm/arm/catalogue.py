@@ -13,6 +13,7 @@ from truearm.arm.urdf import read_urdf
 from truearm.errors import InputError
 
 _SUFFIXES = (".toml", ".urdf")
+_FILE_SUFFIXES = (*_SUFFIXES, ".yaml", ".yml")
 # A URDF with the links between which the arm is, either may be empty: robot.urdf:base_link:tool0
 _WITH_LINKS = re.compile(r"(?P<file>.+\.urdf):(?P<base>[^:]*):(?P<tip>[^:]*)", re.IGNORECASE | re.DOTALL)
 
@@ -30,14 +31,14 @@ def list_arms() -> tuple[str, ...]:
 
 
 def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None) -> Arm:
-    """Load an arm: by its name in the catalogue, or from an arm file or a URDF.
+    """Load an arm: by its name in the catalogue, or from an arm file, a URDF or a UR's kinematics yaml.
 
     Parameters
     ----------
     arm : str or path
-        A name of `list_arms`. What ends in ``.toml`` or ``.urdf``, holds a path separator or is a `Path` is a file.
-        After a URDF may stand the links between which the arm is, as in ``robot.urdf:base_link:tool0``; without one of
-        them (``robot.urdf::tool0``) it is the only one possible.
+        A name of `list_arms`. What ends in ``.toml``, ``.urdf`` or ``.yaml``, holds a path separator or is a `Path` is
+        a file. After a URDF may stand the links between which the arm is, as in ``robot.urdf:base_link:tool0``; without
+        one of them (``robot.urdf::tool0``) it is the only one possible.
     base, tip : str, optional
         The links in place of those after the file's name; only of a URDF.
 
@@ -59,7 +60,7 @@ def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None
         if path.suffix.lower() != ".urdf":
             raise InputError(f"only a URDF has links to choose as base and tip, got the arm {str(arm)!r}")
         return read_urdf(path, base=base, tip=tip)
-    if isinstance(arm, Path) or path.suffix.lower() in _SUFFIXES or len(path.parts) > 1:
+    if isinstance(arm, Path) or path.suffix.lower() in _FILE_SUFFIXES or len(path.parts) > 1:
         return read_arm(path)
     arm, files = str(arm), _files()
     if arm not in files:
