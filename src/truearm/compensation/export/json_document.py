@@ -1,0 +1,389 @@
+"""The form of a model in JSON: what every key is, its unit and shape. The schema in ``model.schema.json`` follows it.
+
+The order of the keys is that of reading: what the file is, the arm, the chain with its terms, what remains unexplained,
+and the conditions of the training. Lengths are in mm, angles in rad; a chain is composed as `truearm.arm.chain` says.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import math
+from importlib.resources import files
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from truearm.compensation.targets.manifest import Manifest
+from truearm.typing import FloatArray
+
+SCHEMA = "https://json-schema.org/draft/2020-12/schema"
+# A thousand terms are many. With more coefficients their functions at a thousand readings would not fit in the memory.
+MAX_TERMS = 10_000
+MAX_COEFFICIENTS = 20_000
+# Up to this size a covariance is a list of rows, below 1 MB of text that a person can read. That of 1,400 coefficients
+# would be 21 MB of digits; base64 has 10, is read in a tenth of the time and loses no bit.
+MAX_LISTED = 300
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
+NotNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
+Count = Annotated[int, Field(ge=0)]
+Text = Annotated[str, Field(max_length=1000)]
+Name = Annotated[str, Field(min_length=1, max_length=1000)]
+Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+Row = Annotated[list[Finite], Field(min_length=4, max_length=4)]
+RigidMotion = Annotated[list[Row], Field(min_length=4, max_length=4)]
+ByJoint = Annotated[list[Finite], Field(min_length=1, max_length=100)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class Units(_Strict):
+    """Units of all numbers whose key names none."""
+
+    length: Literal["mm"] = "mm"
+    angle: Literal["rad"] = "rad"
+    temperature: Literal["degC"] = "degC"
+    torque: Literal["N m"] = "N m"
+
+
+class Joint(_Strict):
+    """A joint: it turns about the z axis of its place [rad], or slides along it [mm]."""
+
+    name: Name
+    kind: Literal["revolute", "prismatic"]
+    lower: Finite | None
+    upper: Finite | None
+    working: Finite
+
+
+class Chain(_Strict):
+    """F0 J1(q1) F1 ... Jn(qn) Fn tip: the rigid motions F as matrices, translations in mm, and the tip after Fn."""
+
+    fixed: Annotated[list[RigidMotion], Field(min_length=2, max_length=101)]
+    tip_in_flange_mm: Vector
+
+
+class DenavitHartenberg(_Strict):
+    """One row a joint, between the motions of base and flange; beta and b are zero but for nearly parallel axes.
+
+    A row is Rz(q + theta) Tz(d) Tx(a) Ty(b) Rx(alpha) Ry(beta) in the standard convention ("dh"), and Tx(a) Ty(b)
+    Rx(alpha) Ry(beta) Rz(q + theta) Tz(d) in the modified one ("mdh"). A sliding joint adds q to d.
+    """
+
+    convention: Literal["dh", "mdh"]
+    a_mm: ByJoint
+    d_mm: ByJoint
+    alpha_rad: ByJoint
+    theta_rad: ByJoint
+    beta_rad: ByJoint
+    b_mm: ByJoint
+    base: RigidMotion
+    flange: RigidMotion
+    tip_mm: Vector
+
+
+class Arm(_Strict):
+    """The nominal arm in its own base frame.
+
+    Gravity torques are those of its links: of the masses that joint i moves, with their centres along the axes of place
+    i. Where the masses are not known, they are 1 kg per metre of link.
+    """
+
+    name: Text
+    title: Text
+    serial_number: Text
+    source: Text
+    joints: Annotated[list[Joint], Field(min_length=1, max_length=100)]
+    chain: Chain
+    denavit_hartenberg: DenavitHartenberg | None
+    masses_are_known: bool
+    mass_kg: ByJoint
+    centre_in_joint_mm: Annotated[list[Vector], Field(max_length=100)]
+    gravity_in_base_m_s2: Vector
+
+
+class Constant(_Strict):
+    """One at every reading."""
+
+    kind: Literal["Constant"]
+
+
+class Harmonics(_Strict):
+    """cos(k q), sin(k q) of a joint (counted from 1) for each order k."""
+
+    kind: Literal["Harmonics"]
+    joint: Annotated[int, Field(ge=1, le=100)]
+    orders: Annotated[list[Annotated[int, Field(ge=1, le=1000)]], Field(min_length=1, max_length=1000)]
+
+
+class GravityTorque(_Strict):
+    """Torque of the weight outward of a joint about an axis (0, 1, 2) of its place at the nominal pose [N m].
+
+    Joint 0 is the torque of joint 1 on the base, about the axes of place 0, which do not turn with joint 1.
+    """
+
+    kind: Literal["GravityTorque"]
+    joint: Annotated[int, Field(ge=0, le=100)]
+    axis: Annotated[int, Field(ge=0, le=2)]
+
+
+class Temperature(_Strict):
+    """Temperature of a link above 20 degC [K]; one temperature of the arm applies to all links."""
+
+    kind: Literal["Temperature"]
+    link: Annotated[int, Field(ge=0, le=100)]
+
+
+class Direction(_Strict):
+    """Sign of a joint's last movement: -1, 1, or 0 where it is unknown."""
+
+    kind: Literal["Direction"]
+    joint: Annotated[int, Field(ge=1, le=100)]
+
+
+class InSession(_Strict):
+    """One at the readings of the session of that name, else zero."""
+
+    kind: Literal["InSession"]
+    name: Name
+
+
+class Column(_Strict):
+    """A column of the session file, in the unit that its name states."""
+
+    kind: Literal["Column"]
+    name: Name
+
+
+Basis = Annotated[
+    Constant | Harmonics | GravityTorque | Temperature | Direction | InSession | Column, Field(discriminator="kind")
+]
+
+
+class Term(_Strict):
+    """Small motions at a place: direction (rotation vector, translation) times the sum of coefficients times functions.
+
+    Places are 0 the base, i joint i, n + 1 the tip. The motion at a place is the sum of its terms; it turns by its
+    rotation vector and shifts then. Coefficients are in rad or mm per unit of their function.
+    """
+
+    name: Name
+    place: Annotated[int, Field(ge=0, le=101)]
+    direction: Annotated[list[Finite], Field(min_length=6, max_length=6)]
+    basis: Basis
+    group: Name
+    functions: list[Text]
+    coefficients: list[Finite]
+    standard_uncertainties: list[NotNegative]
+    prior_standard_deviations: list[Positive]
+    prior_is_scaled_by_evidence: bool
+
+    @model_validator(mode="after")
+    def _lengths_agree(self) -> Self:
+        lists = (self.functions, self.coefficients, self.standard_uncertainties, self.prior_standard_deviations)
+        if len({len(one) for one in lists}) != 1:
+            raise ValueError("expected one coefficient, uncertainty, prior and name for each function of a term")
+        return self
+
+
+class ListedMatrix(_Strict):
+    """Lower triangle of a symmetric matrix: row i has i + 1 numbers."""
+
+    encoding: Literal["rows"]
+    size: Count
+    lower_triangle: Annotated[list[list[Finite]], Field(max_length=MAX_LISTED)]
+
+    @model_validator(mode="after")
+    def _is_a_triangle(self) -> Self:
+        if [len(row) for row in self.lower_triangle] != list(range(1, self.size + 1)):
+            raise ValueError(f"expected {self.size} rows of a lower triangle, row i with i + 1 numbers")
+        return self
+
+    def matrix(self) -> FloatArray:
+        """The whole matrix."""
+        return _whole(np.array([one for row in self.lower_triangle for one in row], dtype=float), self.size)
+
+
+class PackedMatrix(_Strict):
+    """Lower triangle of a symmetric matrix, row after row, as little-endian doubles in base64."""
+
+    encoding: Literal["base64-float64"]
+    size: Count
+    lower_triangle: str
+
+    @model_validator(mode="after")
+    def _is_a_triangle(self) -> Self:
+        if self.size > MAX_COEFFICIENTS or len(self.lower_triangle) > 4 * math.ceil(self._n_bytes / 3):
+            raise ValueError(f"expected a lower triangle of {self.size} rows in base64")
+        try:
+            n_bytes = len(base64.b64decode(self.lower_triangle, validate=True))
+        except binascii.Error:
+            raise ValueError("expected a lower triangle in base64") from None
+        if n_bytes != self._n_bytes or not np.isfinite(self._numbers()).all():
+            raise ValueError(f"expected {self._n_bytes} bytes of finite doubles in base64, got {n_bytes} bytes")
+        return self
+
+    def matrix(self) -> FloatArray:
+        """The whole matrix."""
+        return _whole(self._numbers(), self.size)
+
+    @property
+    def _n_bytes(self) -> int:
+        return 4 * self.size * (self.size + 1)
+
+    def _numbers(self) -> FloatArray:
+        return np.frombuffer(base64.b64decode(self.lower_triangle), dtype="<f8")
+
+
+SymmetricMatrix = Annotated[ListedMatrix | PackedMatrix, Field(discriminator="encoding")]
+
+
+def symmetric_matrix(matrix: FloatArray) -> ListedMatrix | PackedMatrix:
+    """A symmetric matrix, listed where it is small and packed where it is large."""
+    size = len(matrix)
+    if size <= MAX_LISTED:
+        rows = [row[: i + 1].tolist() for i, row in enumerate(matrix)]
+        return ListedMatrix(encoding="rows", size=size, lower_triangle=rows)
+    packed = matrix[np.tril_indices(size)].astype("<f8").tobytes()
+    return PackedMatrix(encoding="base64-float64", size=size, lower_triangle=base64.b64encode(packed).decode())
+
+
+def _whole(triangle: FloatArray, size: int) -> FloatArray:
+    out = np.zeros((size, size))
+    rows, columns = np.tril_indices(size)
+    out[rows, columns] = out[columns, rows] = triangle
+    return out
+
+
+class VarianceFunction(_Strict):
+    """Share of the residual variance at given joints: exp(slope z + curvature (z^2 - 1)) / mean.
+
+    Here z is (q - centre) / spread, clipped to +-2. The share is at least 1 where a joint is more than 3 spreads from
+    its centre.
+    """
+
+    centre: ByJoint
+    spread: ByJoint
+    slope: ByJoint
+    curvature: ByJoint
+    mean: Positive
+
+
+class Identified(_Strict):
+    """The chain as placed in the frame of the reference, with its terms, and what remains unexplained.
+
+    The covariance is of all coefficients, term after term. The variance of a coordinate is that which follows from it,
+    and the square of the residual standard deviation times the share at the joints.
+    """
+
+    chain: Chain
+    terms: Annotated[list[Term], Field(max_length=MAX_TERMS)]
+    covariance: SymmetricMatrix
+    residual_standard_deviation_mm: NotNegative
+    variance_function: VarianceFunction
+    birge_ratio: Annotated[float, Field(allow_inf_nan=False, ge=1)]
+    skipped_terms: Annotated[dict[str, Text], Field(description="Terms that were not offered, and why.")]
+
+
+class Range(_Strict):
+    """What scales a quantity onto -1 to 1."""
+
+    lower: ByJoint
+    upper: ByJoint
+
+
+class Member(_Strict):
+    """One network: for each layer of weights (inputs + 1) rows, one column a unit; the bias is the last row."""
+
+    layers: Annotated[list[list[list[Finite]]], Field(min_length=2, max_length=100)]
+    basis_covariance: SymmetricMatrix
+
+
+class Network(_Strict):
+    """Perceptrons on scaled joints; the prediction is the mean of their outputs, scaled back to mm."""
+
+    activations: list[Literal["tansig", "logsig", "purelin"]]
+    joint_range: Range
+    point_range_mm: Range
+    members: Annotated[list[Member], Field(min_length=1, max_length=1000)]
+    residual_covariance_mm2: Annotated[list[Vector], Field(min_length=3, max_length=3)]
+
+
+class StatedInput(_Strict):
+    """A number that readings may state: its mean in training, which applies where it is not stated, and its range."""
+
+    mean: Finite
+    variance: NotNegative
+    lower: Finite
+    upper: Finite
+
+
+class Gap(_Strict):
+    """A wide gap between the training angles of a joint (counted from 1)."""
+
+    joint: Annotated[int, Field(ge=1, le=100)]
+    lower: Finite
+    upper: Finite
+
+
+class Training(_Strict):
+    """Conditions under which the model was trained."""
+
+    n_readings: Count
+    joint_ranges: Annotated[list[Annotated[list[Finite], Field(min_length=2, max_length=2)]], Field(max_length=100)]
+    joint_gaps: list[Gap]
+    temperature_degC: StatedInput | None
+    columns: dict[str, StatedInput]
+    has_directions: bool
+    free_parts: list[Literal["base", "tip"]]
+    readings_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class ModelDocument(_Strict):
+    """A fitted model of an articulated arm, whole: whoever reads this file needs neither truearm nor the readings.
+
+    Points are in the frame of the reference instrument; of several sessions, in that of the first, and session_frames
+    has the rigid motion of each session's points into it.
+    """
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True, title="A model of an articulated arm by truearm")
+    manifest: Manifest = Field(alias="truearm-export")
+    format: Literal["truearm model"]
+    version: Literal[1]
+    units: Units
+    model: Literal["nominal", "kinematic", "physical", "network"]
+    arm: Arm
+    reference_chain: Chain = Field(description="The nominal arm with base and tip identified: before compensation.")
+    identified: Identified | None
+    network: Network | None
+    session_frames: dict[str, RigidMotion]
+    training: Training
+
+    @model_validator(mode="after")
+    def _is_one_model(self) -> Self:
+        if (self.identified is None) == (self.network is None) or (self.network is None) == (self.model == "network"):
+            raise ValueError("expected a network of a network model, and an identified chain of any other")
+        placed = [] if self.identified is None else [self.identified.chain]
+        if {len(chain.fixed) for chain in (self.arm.chain, self.reference_chain, *placed)} != {
+            len(self.arm.joints) + 1
+        }:
+            raise ValueError(f"expected chains of {len(self.arm.joints)} joints, with one fixed motion more")
+        return self
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of the document."""
+    return {"$schema": SCHEMA} | ModelDocument.model_json_schema(by_alias=True)
+
+
+def shipped_schema() -> dict[str, Any]:
+    """The schema in the file ``model.schema.json``, which other programs use."""
+    text = (files("truearm.compensation.export") / "model.schema.json").read_text(encoding="utf-8")
+    content: dict[str, Any] = json.loads(text)
+    return content

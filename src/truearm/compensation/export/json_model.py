@@ -1,0 +1,361 @@
+"""A fitted model as one JSON document: for programs that read it without truearm. See `json_document`."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import ValidationError
+
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.arm.masses import LinkMasses
+from truearm.arm.nearest_table import drawn_convention, drawn_table
+from truearm.compensation.export import json_document as form
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.network import NetworkModel
+from truearm.compensation.models.training_conditions import InputRange
+from truearm.compensation.nets.perceptron import Perceptron
+from truearm.compensation.nets.scaling import MinMaxScaler
+from truearm.compensation.targets.manifest import MARKER, Manifest
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file
+from truearm.files.file_reading import read_limited
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.terms import ArmState, Term
+from truearm.identification.terms.gravity import uniform_links
+from truearm.typing import FloatArray
+
+# The physical model of a robot, 1,400 coefficients, has 10 MB; the manifest is read from files of up to this size.
+MAX_BYTES = 64 * 2**20
+BASES = ("Constant", "Harmonics", "GravityTorque", "Temperature", "Direction", "InSession", "Column")
+
+
+def write(model: Compensator, manifest: Manifest, path: str | Path) -> None:
+    """Write a fitted model as JSON.
+
+    Parameters
+    ----------
+    model : Compensator
+        Fitted.
+    manifest : Manifest
+        The first key of the document.
+    path : path
+
+    Raises
+    ------
+    InputError
+        If a term has a basis of its user's own, or the model is larger than `MAX_BYTES`.
+    """
+    document = document_of(model, manifest).model_dump(mode="json", by_alias=True)
+    parts = [f" {json.dumps(key)}: {_layout(value, 2)}" for key, value in document.items() if key != MARKER]
+    first = f' "{MARKER}": {manifest.line().partition(": ")[2]}'  # on one line, as in any other format
+    content = ("{\n" + ",\n".join([first, *parts]) + "\n}\n").encode()
+    if len(content) > MAX_BYTES:
+        raise InputError(
+            f"the model has {len(content) / 1e6:.0f} MB as JSON, and {MAX_BYTES / 1e6:.0f} MB is the limit",
+            hint="keep it as a model file, or fit a model with fewer terms or units",
+        )
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
+    """Evaluate a written file.
+
+    Parameters
+    ----------
+    path : path
+    joints : (n, n_joints) array
+        [rad, or mm].
+
+    Returns
+    -------
+    (n, 3) array
+        [mm], with the temperatures and columns of the training.
+
+    Raises
+    ------
+    InputError
+        If the file is no such document, or its numbers do not fit each other.
+    """
+    document = read(path)
+    try:
+        return _tips(document, np.asarray(joints, dtype=float))
+    except InputError as error:
+        raise error.in_file(path) from None
+
+
+def read(path: str | Path) -> form.ModelDocument:
+    """The document in a file, checked against its form.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or too large, is not JSON, or breaks the form.
+    """
+    content = read_limited(path, limit_bytes=MAX_BYTES)
+    try:
+        return form.ModelDocument.model_validate_json(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "as a whole"
+        raise InputError(f"{where}: {first['msg']}", file=path) from None
+
+
+def document_of(model: Compensator, manifest: Manifest) -> form.ModelDocument:
+    """The document of a fitted model. Errors as in `write`."""
+    network = _network_of(model) if isinstance(model, NetworkModel) else None
+    return form.ModelDocument(
+        **{MARKER: manifest},  # the key of the document is no name of Python
+        format="truearm model",
+        version=1,
+        units=form.Units(),
+        model=cast(Any, manifest.provenance.model),
+        arm=_arm_of(model.arm_),
+        reference_chain=_chain_of(model.nominal_.chain),
+        identified=_identified_of(model) if isinstance(model, IdentifiedModel) else None,
+        network=network,
+        session_frames={name: T.tolist() for name, T in model.session_frames_.items()},
+        training=_training_of(model),
+    )
+
+
+# From the model ------------------------------------------------------------------------------------------------------
+
+
+def _arm_of(arm: Arm) -> form.Arm:
+    state = ArmState.of(arm, arm.working[None])
+    links = uniform_links(state.chain, kg_per_m=1.0) if state.links is None else state.links
+    kinds = np.where(arm.chain.is_prismatic, "prismatic", "revolute").tolist()
+    joints = [
+        form.Joint(name=name, kind=kind, lower=_finite(lower), upper=_finite(upper), working=float(at))
+        for name, kind, (lower, upper), at in zip(arm.joint_names, kinds, arm.limits, arm.working, strict=True)
+    ]
+    return form.Arm(
+        name=arm.name,
+        title=arm.title,
+        serial_number=arm.serial_number,
+        source=arm.source,
+        joints=joints,
+        chain=_chain_of(arm.chain),
+        denavit_hartenberg=_table_of(arm.chain),
+        masses_are_known=arm.masses is not None,
+        mass_kg=links.mass_kg.tolist(),
+        centre_in_joint_mm=links.centre_in_joint_mm.tolist(),
+        gravity_in_base_m_s2=state.gravity_in_base.tolist(),
+    )
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _chain_of(chain: Chain) -> form.Chain:
+    return form.Chain(fixed=chain.fixed.tolist(), tip_in_flange_mm=chain.tip_in_flange.tolist())
+
+
+def _table_of(chain: Chain) -> form.DenavitHartenberg | None:
+    try:
+        table = drawn_table(chain, drawn_convention(chain))
+    except InputError:  # frames that no row describes
+        return None
+    return form.DenavitHartenberg(
+        convention=table.convention,
+        a_mm=table.a.tolist(),
+        d_mm=table.d.tolist(),
+        alpha_rad=table.alpha.tolist(),
+        theta_rad=table.theta.tolist(),
+        beta_rad=table.beta.tolist(),
+        b_mm=table.b.tolist(),
+        base=table.base.tolist(),
+        flange=table.flange.tolist(),
+        tip_mm=table.tip_in_flange.tolist(),
+    )
+
+
+def _identified_of(model: IdentifiedModel) -> form.Identified:
+    fit, share = model.fit_, model.variance_function_
+    return form.Identified(
+        chain=_chain_of(fit.perturbed_chain.chain),
+        terms=list(_terms_of(model)),
+        covariance=form.symmetric_matrix(fit.covariance),
+        residual_standard_deviation_mm=model.residual_std_,
+        variance_function=form.VarianceFunction(
+            centre=share.centre.tolist(),
+            spread=share.spread.tolist(),
+            slope=share.slope.tolist(),
+            curvature=share.curvature.tolist(),
+            mean=share.mean,
+        ),
+        birge_ratio=model.birge_ratio_,
+        skipped_terms={skipped.name: skipped.reason for skipped in model.excluded_terms_},
+    )
+
+
+def _terms_of(model: IdentifiedModel) -> Iterator[form.Term]:
+    fit, start = model.fit_, 0
+    uncertainties = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    for term in fit.perturbed_chain.terms:
+        rows = slice(start, start + term.n_coefficients)
+        start += term.n_coefficients
+        data = term.as_data()
+        if data["basis"]["kind"] not in BASES:
+            raise InputError(
+                f"the model has terms of the basis {type(term.basis).__name__}, which no export format contains",
+                hint="fit the model without these terms to export it",
+            )
+        yield form.Term.model_validate(
+            {
+                "name": term.name,
+                "place": term.place,
+                "direction": data["direction"],
+                "basis": data["basis"],
+                "group": term.group,
+                "functions": list(term.basis.labels()),
+                "coefficients": fit.coefficients[rows].tolist(),
+                "standard_uncertainties": uncertainties[rows].tolist(),
+                "prior_standard_deviations": fit.prior_std[rows].tolist(),
+                "prior_is_scaled_by_evidence": term.learn,
+            }
+        )
+
+
+def _network_of(model: NetworkModel) -> form.Network:
+    members = [
+        form.Member(
+            layers=[layer.tolist() for layer in model.network_.layers(member.weights)],
+            basis_covariance=form.symmetric_matrix(member.basis_covariance),
+        )
+        for member in model.members_
+    ]
+    joints, points = model.angle_scale_, model.point_scale_
+    return form.Network(
+        activations=cast(Any, [*model.network_.hidden, "purelin"]),
+        joint_range=form.Range(lower=joints.lower.tolist(), upper=joints.upper.tolist()),
+        point_range_mm=form.Range(lower=points.lower.tolist(), upper=points.upper.tolist()),
+        members=members,
+        residual_covariance_mm2=model.residual_covariance_.tolist(),
+    )
+
+
+def _training_of(model: Compensator) -> form.Training:
+    training = model.training_
+    temperature = training.temperature_degC
+    return form.Training(
+        n_readings=training.n_readings,
+        joint_ranges=training.angle_ranges.tolist(),
+        joint_gaps=[
+            form.Gap(joint=int(joint) + 1, lower=float(lower), upper=float(upper))
+            for joint, lower, upper in training.angle_gaps
+        ],
+        temperature_degC=None if temperature is None else _stated(temperature),
+        columns={name: _stated(values) for name, values in training.columns.items()},
+        has_directions=training.has_directions,
+        free_parts=cast(Any, list(model.free_)),
+        readings_sha256=training.fingerprint,
+    )
+
+
+def _stated(values: InputRange) -> form.StatedInput:
+    return form.StatedInput(mean=values.mean, variance=values.variance, lower=values.lower, upper=values.upper)
+
+
+def _layout(value: object, indent: int) -> str:
+    """JSON with a line for each entry of an object and each object of a list; numbers stay on one line."""
+    space = " " * indent
+    if isinstance(value, dict) and value:
+        entries = [f"{space}{json.dumps(key)}: {_layout(one, indent + 1)}" for key, one in value.items()]
+        return "{\n" + ",\n".join(entries) + "\n" + space[:-1] + "}"
+    if isinstance(value, list) and value and isinstance(value[0], dict | list):
+        entries = [f"{space}{_layout(one, indent + 1)}" for one in value]
+        return "[\n" + ",\n".join(entries) + "\n" + space[:-1] + "]"
+    return json.dumps(value, allow_nan=False)
+
+
+# From the document ---------------------------------------------------------------------------------------------------
+
+
+def _tips(document: form.ModelDocument, joints: FloatArray) -> FloatArray:
+    """(n, 3) tips [mm] at joints (n, n_joints) by a document whose form is right."""
+    n_joints = len(document.arm.joints)
+    if joints.ndim != 2 or joints.shape[1] != n_joints or not np.isfinite(joints).all():
+        raise InputError(f"expected finite joints of shape (n, {n_joints}), got shape {joints.shape}")
+    with np.errstate(all="ignore"):  # of numbers so large that they overflow
+        if document.network is not None:
+            out = _network_tips(document.network, joints)
+        else:
+            assert document.identified is not None  # the form has one of the two
+            out = _identified_tips(document, document.identified, joints)
+    if not np.isfinite(out).all():
+        raise InputError("the model in the file does not predict finite points")
+    return out
+
+
+def _identified_tips(document: form.ModelDocument, identified: form.Identified, joints: FloatArray) -> FloatArray:
+    chain = _chain(document, identified.chain)
+    terms, coefficients = [], []
+    for data in identified.terms:
+        term = Term.from_data(
+            {
+                **data.model_dump(include={"name", "place", "direction", "basis", "group"}),
+                "prior_std": data.prior_standard_deviations,
+                "learn": data.prior_is_scaled_by_evidence,
+            }
+        )
+        term.check_place(chain)
+        if len(data.coefficients) != term.n_coefficients:
+            raise InputError(f"term {term.name!r}: expected {term.n_coefficients} coefficients")
+        terms.append(term)
+        coefficients.extend(data.coefficients)
+    if len(coefficients) > form.MAX_COEFFICIENTS or identified.covariance.size != len(coefficients):
+        raise InputError(
+            f"expected a covariance of all {len(coefficients)} coefficients, at most {form.MAX_COEFFICIENTS}, got one "
+            f"of {identified.covariance.size}"
+        )
+    return PerturbedChain(chain, tuple(terms)).tips(_state(document, joints), np.array(coefficients))
+
+
+def _state(document: form.ModelDocument, joints: FloatArray) -> ArmState:
+    """State of the arm at joints, with the means of the training."""
+    arm, training, n = document.arm, document.training, len(joints)
+    return ArmState(
+        _chain(document, arm.chain),
+        joints,
+        temperature_degC=None if training.temperature_degC is None else np.full(n, training.temperature_degC.mean),
+        directions=np.zeros_like(joints),
+        columns={name: np.full(n, stated.mean) for name, stated in training.columns.items()},
+        links=LinkMasses(np.array(arm.mass_kg), np.array(arm.centre_in_joint_mm, dtype=float).reshape(-1, 3)),
+        gravity_in_base=np.array(arm.gravity_in_base_m_s2),
+    )
+
+
+def _chain(document: form.ModelDocument, chain: form.Chain) -> Chain:
+    prismatic = np.array([joint.kind == "prismatic" for joint in document.arm.joints])
+    return Chain(np.array(chain.fixed), np.array(chain.tip_in_flange_mm), prismatic)
+
+
+def _network_tips(network: form.Network, joints: FloatArray) -> FloatArray:
+    scales = []
+    for what, size in ((network.joint_range, joints.shape[1]), (network.point_range_mm, 3)):
+        scale = MinMaxScaler(np.array(what.lower), np.array(what.upper))
+        if scale.lower.shape != (size,) or scale.upper.shape != (size,) or not (scale.lower < scale.upper).all():
+            raise InputError(f"expected rising ranges of {size} quantities of the network")
+        scales.append(scale)
+    hidden = [len(layer[0]) if layer else 0 for layer in network.members[0].layers[:-1]]
+    perceptron = Perceptron((joints.shape[1], *hidden, 3), tuple(network.activations[:-1]))
+    inputs, points = scales[0].scale(joints.T), []
+    for member in network.members:
+        layers = member.layers
+        shapes = [(len(layer), *{len(row) for row in layer}) for layer in layers]
+        if shapes != list(perceptron.shapes) or network.activations[-1:] != ["purelin"]:
+            raise InputError(f"expected layers of weights of the shapes {list(perceptron.shapes)}, got {shapes}")
+        outputs = perceptron.through([np.array(layer) for layer in layers], inputs)[-1]
+        points.append(scales[1].unscale(outputs).T)
+    return np.asarray(np.mean(points, axis=0))
