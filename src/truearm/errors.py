@@ -69,3 +69,7 @@ class InputError(TruearmError, ValueError):
     def in_file(self, file: str | Path) -> InputError:
         """The same error, found in `file`."""
         return InputError(self.problem, file=file, line=self.line, column=self.column, hint=self.hint, row=self.row)
+
+
+class MissingTool(InputError):
+    """A package or program that this needs is not installed; the hint says how to get it."""

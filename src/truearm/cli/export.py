@@ -1,0 +1,58 @@
+"""``truearm export``: the model as a file of another program, and the check of such a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from truearm.cli.console import Json, ModelFile, print_record, progress
+
+
+def export(
+    model: ModelFile,
+    out: Annotated[Path | None, typer.Option("--out", help="File to write; its ending states the format.")] = None,
+    format: Annotated[
+        Literal["urdf", "constants", "deltas", "ur-kinematics", "joint-offsets", "c", "js", "onnx", "json"] | None,
+        typer.Option("--as", help="The format, where the ending leaves it open.", show_default=False),
+    ] = None,
+    region: Annotated[
+        Path | None,
+        typer.Option(
+            "--region", help="Session or targets: the poses at which a file of constants must be good; training poses."
+        ),
+    ] = None,
+    source: Annotated[
+        str,
+        typer.Option("--source", help="The robot's own URDF or UR kinematics file, of which all else is kept."),
+    ] = "",
+    frame: Annotated[
+        Literal["base", "reference"],
+        typer.Option("--frame", help="Root of a file of constants: the arm's own base, or the reference's frame."),
+    ] = "base",
+    check: Annotated[
+        Path | None, typer.Option("--check", help="An exported file to compare with the model, in place of --out.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write a model as a file of another program.
+
+    .c, .mjs, .onnx and .json hold the whole model. A URDF and tables of constants hold the rigid arm that is nearest to
+    it over a region; what is lost is printed and stands in the file. Each file states its origin and has five check
+    poses; --check FILE runs them (exit code 1: the file does not agree with the model).
+    """
+    from truearm.errors import InputError
+    from truearm.workflows.check_export import check_export
+    from truearm.workflows.export import export as export_model
+
+    if (out is None) == (check is None):
+        raise InputError("expected one of --out and --check", hint="truearm export MODEL --out arm.urdf")
+    if check is not None:
+        found = check_export(model, check)
+        print_record(found, as_json=as_json)
+        raise typer.Exit(0 if found.agrees else 1)
+    assert out is not None
+    with progress(f"exporting {model.name}"):
+        result = export_model(model, out, format=format, region=region, source=source or None, frame=frame)
+    print_record(result, as_json=as_json, files={result.format: out})

@@ -1,0 +1,184 @@
+"""Check an exported file: whose it is, whether it was changed, and whether it gives what the model gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from truearm.compensation.models import Compensator
+from truearm.compensation.models.provenance import provenance_of
+from truearm.compensation.targets.manifest import EXACT_MM, Manifest, read_manifest
+from truearm.errors import InputError, MissingTool
+from truearm.identification.estimation.alignment import align
+from truearm.typing import FloatArray
+from truearm.workflows.export import FORMATS
+from truearm.workflows.inputs import ModelLike, to_model
+from truearm.workflows.record import Record, TextTable, to_plain
+
+# Ratios of tips by which a wrong unit of length is recognised, with their names.
+UNITS = {1e-3: "metres for millimetres", 1e3: "millimetres for metres", 25.4: "inches for millimetres"}
+# Share within which such a ratio is met.
+UNIT_SHARE = 0.02
+# A file of constants may err by more at the check poses, which are spread over the trained ranges, than over its region.
+LOSS_FACTOR = 3.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One comparison.
+
+    Attributes
+    ----------
+    what : str
+    outcome : {"agrees", "differs", "not run"}
+    detail : str
+    """
+
+    what: str
+    outcome: Literal["agrees", "differs", "not run"]
+    detail: str
+
+
+def check_export(model: ModelLike, file: str | Path) -> ExportCheck:
+    """Compare an exported file with the model.
+
+    Parameters
+    ----------
+    model : Compensator, str or Path
+        A fitted model or its file.
+    file : str or Path
+        A file of `export` or `correct`, of any format.
+
+    Returns
+    -------
+    ExportCheck
+
+    Raises
+    ------
+    InputError
+        If the file has no check poses, or they are damaged.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=60, seed=1).session
+    >>> fit = ta.fit("ur10", session, model="kinematic")
+    >>> _ = ta.export(fit.model, "arm.json")
+    >>> ta.check_export(fit.model, "arm.json").agrees
+    True
+    """
+    fitted, manifest = to_model(model), read_manifest(file)
+    return ExportCheck(Path(file), manifest, tuple(_findings(fitted, manifest, Path(file))))
+
+
+def _findings(model: Compensator, manifest: Manifest, file: Path) -> Iterator[Finding]:
+    own, origin = provenance_of(model), manifest.provenance
+    yield _same_arm(own.arm, own.serial_number, origin.arm, origin.serial_number)
+    same = own.model_sha256 == origin.model_sha256
+    yield Finding(
+        "model",
+        "agrees" if same else "differs",
+        "the file was made from this model" if same else f"the file was made from another one on {origin.date}",
+    )
+    if manifest.joints.shape[1:] != (model.arm.n_joints,):
+        yield Finding("joints", "differs", f"{manifest.joints.shape[-1]} in the file, {model.arm.n_joints} in the arm")
+        return
+    yield _as_the_model(model, manifest)
+    if manifest.format in FORMATS:
+        yield _as_evaluated(manifest, file)
+
+
+def _same_arm(own: str, own_serial: str, arm: str, serial: str) -> Finding:
+    same = own == arm and own_serial == serial
+    name, own_name = (f"{a} {f'serial number {s}' if s else ''}".strip() for a, s in ((arm, serial), (own, own_serial)))
+    return Finding(
+        "arm", "agrees" if same else "differs", name if same else f"{name} in the file, {own_name} in the model"
+    )
+
+
+def _as_the_model(model: Compensator, manifest: Manifest) -> Finding:
+    """Compare what the file is said to give with what the model gives."""
+    tips = model.predict(manifest.joints)
+    expected = manifest.tips if manifest.frame == "reference" else _aligned(manifest.tips, tips)
+    largest = float(np.linalg.norm(expected - tips, axis=1).max())
+    limit = EXACT_MM if manifest.loss is None else LOSS_FACTOR * max(manifest.loss.exported_max_mm, EXACT_MM)
+    detail = f"tips of the check poses differ by {largest:.3g} mm from the model's, at most {limit:.3g} mm expected"
+    return Finding("check poses", "agrees" if largest <= limit else "differs", detail)
+
+
+def _as_evaluated(manifest: Manifest, file: Path) -> Finding:
+    """Compare what the file gives with what it is said to give."""
+    module = import_module(f"truearm.compensation.export.{FORMATS[manifest.format].module}")
+    try:
+        tips = np.asarray(module.tips(file, manifest.joints))
+    except MissingTool as error:
+        return Finding("content", "not run", str(error))
+    except InputError as error:
+        return Finding("content", "differs", error.problem)
+    largest = float(np.linalg.norm(tips - manifest.tips, axis=1).max())
+    if largest <= manifest.tolerance_mm:
+        return Finding("content", "agrees", f"evaluated at the check poses: {largest:.2g} mm at most")
+    return Finding("content", "differs", f"evaluated at the check poses: {largest:.4g} mm off{_likely(tips, manifest)}")
+
+
+def _likely(tips: FloatArray, manifest: Manifest) -> str:
+    """The likely cause, if the sizes show one."""
+    ratio = float(np.linalg.norm(tips) / np.linalg.norm(manifest.tips))
+    for unit, name in UNITS.items():
+        if abs(ratio / unit - 1) < UNIT_SHARE:
+            return f"; its lengths are {ratio:.4g} times as long: {name}"
+    return "; its numbers were changed after the export"
+
+
+def _aligned(points: FloatArray, to: FloatArray) -> FloatArray:
+    """Points (n, 3) of the arm's own base frame in the frame of others [mm]: only their shape is compared."""
+    T = align(points, to)
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExportCheck(Record):
+    """What the check of an exported file found.
+
+    Attributes
+    ----------
+    file : Path
+    manifest : Manifest
+    findings : tuple of Finding
+    """
+
+    file: Path
+    manifest: Manifest
+    findings: tuple[Finding, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether nothing differs."""
+        return all(finding.outcome != "differs" for finding in self.findings)
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        if self.agrees:
+            yield f"{self.file.name} agrees with the model ({self.manifest.format}, {self.manifest.direction})."
+        else:
+            wrong = ", ".join(finding.what for finding in self.findings if finding.outcome == "differs")
+            yield f"{self.file.name} does not agree with the model: {wrong}. Do not use it with this arm; export it again."
+        rows = [(finding.what, finding.outcome, finding.detail) for finding in self.findings]
+        yield TextTable(("comparison", "outcome", "detail"), rows, left_aligned=(0, 1, 2))
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record.to_dict`."""
+        plain: dict[str, Any] = to_plain(
+            {
+                "agrees": self.agrees,
+                "format": self.manifest.format,
+                "direction": self.manifest.direction,
+                "findings": self.findings,
+            }
+        )
+        return plain

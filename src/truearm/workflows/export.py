@@ -1,0 +1,197 @@
+"""Export: the model as a file of another program."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from truearm.compensation.models import Compensator
+from truearm.compensation.targets.manifest import Manifest, read_manifest
+from truearm.errors import InputError
+from truearm.files.atomic_write import check_writable
+from truearm.workflows.inputs import ModelLike, SessionLike, to_model, to_session
+from truearm.workflows.outputs import check_output_is_not_input, input_files
+from truearm.workflows.record import Record, format_fixed, to_plain
+
+Format = Literal["urdf", "constants", "deltas", "ur-kinematics", "joint-offsets", "c", "js", "onnx", "json"]
+
+
+class FormatSpec(NamedTuple):
+    """One format of exported files.
+
+    Attributes
+    ----------
+    suffixes : tuple of str
+        Names of its files end in one of these.
+    module : str
+        In `truearm.compensation.export`; its `write` makes the file, its `tips` evaluates it.
+    is_rigid : bool
+        Whether it holds constants only, and no harmonics, deflection or temperature.
+    content : str
+        In words.
+    """
+
+    suffixes: tuple[str, ...]
+    module: str
+    is_rigid: bool
+    content: str
+
+
+FORMATS: dict[str, FormatSpec] = {
+    "urdf": FormatSpec((".urdf",), "urdf", True, "URDF"),
+    "constants": FormatSpec((".csv", ".toml"), "constants", True, "Table of constants beside the nominal ones"),
+    "deltas": FormatSpec((".csv", ".json"), "deltas", True, "Differences of D-H constants for a controller"),
+    "ur-kinematics": FormatSpec((".yaml", ".yml"), "ur_kinematics", True, "UR kinematics file"),
+    "joint-offsets": FormatSpec((".yaml", ".yml"), "joint_offsets", True, "ROS joint offsets"),
+    "c": FormatSpec((".c",), "c_source", False, "C99 source"),
+    "js": FormatSpec((".mjs", ".js"), "es_module", False, "ES module"),
+    "onnx": FormatSpec((".onnx",), "onnx_graph", False, "ONNX graph"),
+    "json": FormatSpec((".json",), "json_model", False, "JSON document"),
+}
+# Formats that their suffix alone decides.
+BY_SUFFIX = {".urdf": "urdf", ".c": "c", ".mjs": "js", ".js": "js", ".onnx": "onnx", ".json": "json"}
+
+
+def export(
+    model: ModelLike,
+    out: str | Path,
+    *,
+    format: Format | None = None,
+    region: SessionLike | None = None,
+    source: str | Path | None = None,
+    frame: Literal["base", "reference"] = "base",
+) -> ExportResult:
+    """Write a model as a file of another program, with its origin, its loss and five check poses.
+
+    C, JavaScript, ONNX and JSON hold the whole model. The other formats hold constants only: those of the rigid arm
+    that is nearest to the model over a region, and the result states what is lost.
+
+    Parameters
+    ----------
+    model : Compensator, str or Path
+        A fitted model or its file.
+    out : str or Path
+        File to write, whole or not at all.
+    format : str, optional
+        One of `FORMATS`; by default that of the file's suffix.
+    region : Session, DataFrame, str or Path, optional
+        Joint angles at which a file of constants must be good, the poses of your task; by default a sample of the
+        training readings.
+    source : str or Path, optional
+        For ``urdf`` and ``ur-kinematics``: the robot's own file, of which everything but the constants is kept.
+    frame : {"base", "reference"}
+        For files of constants: the frame of the file's root is the arm's own base, or that of the reference.
+
+    Returns
+    -------
+    ExportResult
+
+    Raises
+    ------
+    InputError
+        If the format is unknown or cannot hold this model, an option does not apply to it, or the file cannot be
+        written.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=60, seed=1).session
+    >>> fit = ta.fit("ur10", session, model="kinematic")
+    >>> ta.export(fit.model, "arm.urdf").format
+    'urdf'
+    """
+    name = _format_of(out, format)
+    spec, fitted = FORMATS[name], to_model(model)
+    check_output_is_not_input(out, *input_files(model, region, str(source).partition(":")[0] if source else None))
+    check_writable(out)
+    module = import_module(f"truearm.compensation.export.{spec.module}")
+    if not spec.is_rigid:
+        _refuse_options(name, region=region, source=source, frame=None if frame == "base" else frame)
+        module.write(fitted, Manifest.of(fitted, name), out)
+    else:
+        poses = None if region is None else to_session(region, n_joints=fitted.arm.n_joints)
+        options: dict[str, Any] = {} if source is None else {"source": source}
+        if poses is not None:
+            options |= {"angles": poses.angles, "region": _region_name(region)}
+        module.write(fitted, out, frame=frame, **options)
+    return ExportResult(fitted, Path(out), name, read_manifest(out))
+
+
+def _format_of(out: str | Path, format: str | None) -> str:
+    """The format that is asked for, or that of the suffix."""
+    suffix = Path(out).suffix.lower()
+    if format is None:
+        if suffix not in BY_SUFFIX:
+            several = [name for name, spec in FORMATS.items() if suffix in spec.suffixes]
+            problem = f"several formats end in {suffix}" if several else f"no format ends in {suffix!r}"
+            raise InputError(problem, file=out, hint=f"--as {' or '.join(several or FORMATS)}")
+        return BY_SUFFIX[suffix]
+    if format not in FORMATS:
+        raise InputError(f"expected a format among {', '.join(FORMATS)}, got {format!r}")
+    if suffix not in FORMATS[format].suffixes:
+        ends = " or ".join(FORMATS[format].suffixes)
+        raise InputError(f"a file of format {format} ends in {ends}, got {Path(out).name!r}", file=out)
+    return format
+
+
+def _refuse_options(format: str, **options: object) -> None:
+    for name, value in options.items():
+        if value is not None:
+            raise InputError(
+                f"{name} does not apply to {format}, which holds the whole model in the frame of the reference",
+                hint=f"leave out --{name}",
+            )
+
+
+def _region_name(region: SessionLike | None) -> str:
+    return Path(region).name if isinstance(region, str | Path) else "the poses given"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExportResult(Record):
+    """An exported file.
+
+    Attributes
+    ----------
+    model : Compensator
+    path : Path
+    format : str
+    manifest : Manifest
+        What the file states of itself: origin, frame, loss, check poses.
+    """
+
+    model: Compensator
+    path: Path
+    format: str
+    manifest: Manifest
+
+    def blocks(self) -> Iterator[str]:
+        """See `Record.blocks`."""
+        spec, manifest = FORMATS[self.format], self.manifest
+        loss, origin = manifest.loss, manifest.provenance
+        if loss is None:
+            yield f"{spec.content} of the whole {origin.model} model of {origin.arm}."
+        else:
+            yield (
+                f"{spec.content}: mean error {format_fixed(loss.exported_mm, 3)} mm against the model over "
+                f"{loss.n_poses} poses ({loss.region}), largest {format_fixed(loss.exported_max_mm, 3)} mm; the nominal "
+                f"arm {format_fixed(loss.nominal_mm, 3)} mm."
+            )
+            if origin.model == "physical":
+                yield (
+                    "It holds constants only, without harmonics, deflection and temperature. Corrected targets "
+                    "(truearm correct) and the formats c, js, onnx and json have them."
+                )
+        yield f"Frame of the file: {FRAMES[manifest.frame]}."
+        yield "Five check poses are in the file: truearm export MODEL --check FILE compares them."
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record.to_dict`: the manifest."""
+        plain: dict[str, Any] = to_plain({"format": self.format, "manifest": self.manifest.model_dump(mode="json")})
+        return plain
+
+
+FRAMES = {"reference": "that of the reference instrument", "base": "the arm's own base"}
