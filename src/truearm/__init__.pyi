@@ -29,8 +29,12 @@ from truearm.workflows.certificate import CertificateResult as CertificateResult
 from truearm.workflows.certificate import certificate as certificate
 from truearm.workflows.check import CheckResult as CheckResult
 from truearm.workflows.check import check as check
+from truearm.workflows.check_export import ExportCheck as ExportCheck
+from truearm.workflows.check_export import check_export as check_export
 from truearm.workflows.evaluate import Evaluation as Evaluation
 from truearm.workflows.evaluate import evaluate as evaluate
+from truearm.workflows.export import ExportResult as ExportResult
+from truearm.workflows.export import export as export
 from truearm.workflows.fetch import PublishedReadings as PublishedReadings
 from truearm.workflows.fetch import fetch as fetch
 from truearm.workflows.fit import FitResult as FitResult

@@ -30,6 +30,7 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("fit", "fit"),
     ("refit", "refit"),
     ("predict", "predict"),
+    ("export", "export"),
     ("evaluate", "evaluate"),
     ("report", "report"),
     ("verify", "verify"),
@@ -94,7 +95,8 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     Exit codes: 0 done; 2 wrong input, or the system refuses (one message on standard error); 70 a fault of this
     program, with its traceback on standard error; 130 interrupted (Ctrl-C); 129 and 143 ended by SIGHUP and SIGTERM;
     141 output pipe closed, or no standard output. 1 and 3 are verdicts, never faults: of `verify` not conform,
-    undecided; of `task` not fit, fit only with guard bands; of `check` recalibrate, repeat the check or too few checks.
+    undecided; of `task` not fit, fit only with guard bands; of `check` recalibrate, repeat the check or too few
+    checks; of `export --check` 1, the file does not agree.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     try:

@@ -24,7 +24,7 @@ from truearm.workflows.record import Record, TextTable, to_plain
 UNITS = {1e-3: "metres for millimetres", 1e3: "millimetres for metres", 25.4: "inches for millimetres"}
 # Share within which such a ratio is met.
 UNIT_SHARE = 0.02
-# A file of constants may err by more at the check poses, which are spread over the trained ranges, than over its region.
+# At the check poses, spread over the trained ranges, a file of constants may err by more than over its region.
 LOSS_FACTOR = 3.0
 
 
@@ -167,7 +167,7 @@ class ExportCheck(Record):
             yield f"{self.file.name} agrees with the model ({self.manifest.format}, {self.manifest.direction})."
         else:
             wrong = ", ".join(finding.what for finding in self.findings if finding.outcome == "differs")
-            yield f"{self.file.name} does not agree with the model: {wrong}. Do not use it with this arm; export it again."
+            yield f"{self.file.name} does not agree with the model: {wrong}. Do not use it; export it again."
         rows = [(finding.what, finding.outcome, finding.detail) for finding in self.findings]
         yield TextTable(("comparison", "outcome", "detail"), rows, left_aligned=(0, 1, 2))
 

@@ -177,8 +177,8 @@ class ExportResult(Record):
         else:
             yield (
                 f"{spec.content}: mean error {format_fixed(loss.exported_mm, 3)} mm against the model over "
-                f"{loss.n_poses} poses ({loss.region}), largest {format_fixed(loss.exported_max_mm, 3)} mm; the nominal "
-                f"arm {format_fixed(loss.nominal_mm, 3)} mm."
+                f"{loss.n_poses} poses ({loss.region}), largest {format_fixed(loss.exported_max_mm, 3)} mm; the "
+                f"nominal arm {format_fixed(loss.nominal_mm, 3)} mm."
             )
             if origin.model == "physical":
                 yield (
