@@ -68,8 +68,8 @@ def check_export(model: ModelLike, file: str | Path) -> ExportCheck:
     >>> import truearm as ta
     >>> session = ta.simulate("ur10", poses=60, seed=1).session
     >>> fit = ta.fit("ur10", session, model="kinematic")
-    >>> _ = ta.export(fit.model, "arm.json")
-    >>> ta.check_export(fit.model, "arm.json").agrees
+    >>> _ = ta.export(fit.model, "arm.urdf")
+    >>> ta.check_export(fit.model, "arm.urdf").agrees
     True
     """
     fitted, manifest = to_model(model), read_manifest(file)
