@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import base64
 import binascii
-import json
 import math
-from importlib.resources import files
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -380,10 +378,3 @@ class ModelDocument(_Strict):
 def schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of the document."""
     return {"$schema": SCHEMA} | ModelDocument.model_json_schema(by_alias=True)
-
-
-def shipped_schema() -> dict[str, Any]:
-    """The schema in the file ``model.schema.json``, which other programs use."""
-    text = (files("truearm.compensation.export") / "model.schema.json").read_text(encoding="utf-8")
-    content: dict[str, Any] = json.loads(text)
-    return content
