@@ -1,0 +1,117 @@
+"""Exports of the README's UR10: what each file gives on the goal positions held out, how large it is, how fast.
+
+    python benchmarks/exports.py [--json] [--model FILE] [--seed N] [--formats urdf,...]
+
+The physical model is fitted to 70 % of the goal positions of series A (20 s), or read from a file that was fitted to
+the same readings. Every format is measured by a function of its own in `FORMATS`.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from machine import Target, arguments_of, print_json, say_machine, say_targets
+from truearm import datasets
+from truearm.arm import load_arm
+from truearm.compensation.export import urdf
+from truearm.compensation.export.rigid_arm import best_rigid_arm
+from truearm.compensation.models import PhysicalModel, load_model
+from truearm.compensation.models.compensator import Compensator
+from truearm.readings import Session, hold_out, point_errors
+from truearm.typing import FloatArray
+
+
+class Work(NamedTuple):
+    """A model, the readings of its training and those held out, and a folder for files."""
+
+    model: Compensator
+    train: Session
+    test: Session
+    folder: Path
+
+
+class Found(NamedTuple):
+    """What a format gives: numbers by name for the reader, and targets."""
+
+    numbers: dict[str, Any]
+    targets: list[Target]
+
+
+def measure_urdf(work: Work) -> Found:
+    """Errors of the nominal arm, the exported URDF and the model on the positions held out.
+
+    The bound is the stand-in of the same readings that judge it: no rigid arm is much better there.
+    """
+    model, test, file = work.model, work.test, work.folder / "ur10.urdf"
+    rigid = urdf.write(model, file)
+    R, t = rigid.T_reference_base[:3, :3], rigid.T_reference_base[:3, 3]
+    all_poses = best_rigid_arm(model, work.train.angles, region="all training readings")
+    bound = best_rigid_arm(model, test.angles, region="readings held out")
+    tips = {
+        "nominal": model.predict_nominal(test.angles),
+        "exported URDF": urdf.tips(file, test.angles) @ R.T + t,
+        "refitted at all training readings": all_poses.in_reference_frame().chain.tip_in_base(test.angles),
+        "refitted at the readings held out (bound)": bound.in_reference_frame().chain.tip_in_base(test.angles),
+        "constants of the model alone": constants_alone(model, test.angles),
+        "model": model.predict_readings(test),
+    }
+    errors = {name: point_errors(points, test.points) for name, points in tips.items()}
+    numbers = {
+        f"{name}, mean / p95 / max [mm]": " / ".join(f"{found[f]:.3f}" for f in ("mean_mm", "p95_mm", "max_mm"))
+        for name, found in errors.items()
+    }
+    numbers["loss stated in the file [mm]"] = rigid.loss.model_dump()
+    return Found(
+        numbers, [Target("URDF, mean error on positions held out [mm]", errors["exported URDF"]["mean_mm"], 0.385)]
+    )
+
+
+def constants_alone(model: Compensator, angles: FloatArray) -> FloatArray:
+    """Tips of the constants that were identified beside the model's other terms."""
+    assert isinstance(model, PhysicalModel)
+    return model.fit_.chain.tip_in_base(angles)
+
+
+FORMATS: dict[str, Callable[[Work], Found]] = {
+    "urdf": measure_urdf,
+}
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = arguments_of(__doc__)
+    parser.add_argument("--model", type=Path, help="a fitted physical model in place of a fit")
+    parser.add_argument("--seed", type=int, default=1, help="of the split, 1 by default as in the README")
+    parser.add_argument("--formats", default=",".join(FORMATS), help=f"{','.join(FORMATS)} by default")
+    options = parser.parse_args()
+    train, test = hold_out(datasets.load_readings("ur10-a"), by="position", fraction=0.3, seed=options.seed)
+    if options.model is None:
+        model: Compensator = PhysicalModel(load_arm("ur10")).fit_readings(train)
+    else:
+        model = load_model(options.model)
+        trained, of_split = model.angle_ranges_, np.stack([train.angles.min(axis=0), train.angles.max(axis=0)], axis=1)
+        if model.n_train_ != len(train) or not np.allclose(trained, of_split):
+            parser.error(f"{options.model} was not fitted to the training readings of seed {options.seed}")
+    with tempfile.TemporaryDirectory() as folder:
+        work = Work(model, train, test, Path(folder))
+        found = {name: FORMATS[name](work) for name in options.formats.split(",")}
+    targets = [target for one in found.values() for target in one.targets]
+    if options.json:
+        print_json({name: one.numbers for name, one in found.items()}, targets)
+        return
+    say_machine()
+    print(f"\n{len(train)} training readings, {len(test)} held out")
+    for name, one in found.items():
+        print(f"\n{name}")
+        for what, number in one.numbers.items():
+            print(f"  {what}: {number}")
+    say_targets(targets)
+
+
+if __name__ == "__main__":
+    main()
