@@ -55,3 +55,11 @@ def test_elements_know_their_bytes():
 
 def test_insertions_keep_their_order():
     assert apply_edits(b"abc", [Edit(2, 2, b"x"), Edit(0, 1, b"-"), Edit(2, 2, b"y")]) == b"-bxyc"
+
+
+def test_long_gaps_take_no_longer_than_their_length():
+    """A megabyte of spaces: anything quadratic would take minutes."""
+    gap = b" " * 1_000_000
+    content = b"<a" + gap + b"x" + gap + b"='1'" + gap + b"y='2'" + gap + b"/>"
+    edited = apply_edits(content, [set_attributes(content, 0, {"x": "2", "z": "3"})])
+    assert edited.endswith(b"y='2' z=\"3\"" + gap + b"/>")

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 # A start tag: attribute values may hold ">".
 _START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
-_TAG_END = re.compile(rb"\s*/?>\Z")
 _ATTRIBUTE = re.compile(rb"""(?P<name>[^\s="'<>/]+)\s*=\s*("[^"]*"|'[^']*')""")
 
 
@@ -41,10 +40,10 @@ def set_attributes(content: bytes, start: int, attributes: Mapping[str, str]) ->
         return new.pop(found["name"], found.group())
 
     edited = _ATTRIBUTE.sub(replaced, tag)
-    end = _TAG_END.search(edited)
-    assert end is not None  # a start tag has one
-    edited = b" ".join([edited[: end.start()], *new.values()]) + end.group()  # those that it did not have
-    return Edit(start, start + len(tag), edited)
+    bracket = b"/>" if edited.endswith(b"/>") else b">"
+    kept = edited.removesuffix(bracket).rstrip()
+    added = b"".join(b" " + one for one in new.values())  # those that it did not have
+    return Edit(start, start + len(tag), kept + added + edited[len(kept) :])
 
 
 def assignment(name: str, value: str) -> str:

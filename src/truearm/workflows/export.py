@@ -105,7 +105,7 @@ def export(
     """
     name = _format_of(out, format)
     spec, fitted = FORMATS[name], to_model(model)
-    check_output_is_not_input(out, *input_files(model, region, str(source).partition(":")[0] if source else None))
+    check_output_is_not_input(out, *input_files(model, region, source))
     check_writable(out)
     module = import_module(f"truearm.compensation.export.{spec.module}")
     if not spec.is_rigid:

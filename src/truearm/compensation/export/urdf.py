@@ -37,7 +37,7 @@ FORMAT = "urdf"
 FLANGE_LINK, TIP_LINK, REFERENCE_LINK = "flange", "tip", "reference"
 # An origin that changes by less stays as it is printed: rounding of the kinematics, in rad and mm.
 ROUNDING = 1e-12, 1e-9
-_OLD_MANIFEST = re.compile(rb"\s*<!--(?:(?!-->).)*?" + MARKER.encode() + rb".*?-->", re.DOTALL)
+_OLD_MANIFEST = re.compile(rb"(?:\r?\n[ \t]*)?<!--(?:(?!-->).)*?" + MARKER.encode() + rb".*?-->", re.DOTALL)
 
 
 class _Robot(NamedTuple):
