@@ -150,6 +150,34 @@ def test_the_robots_own_file_gives_the_models_points_in_pinocchio(model, exporte
     np.testing.assert_allclose(found, urdf.tips(path, q) / 1000, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_any_axes_and_origins_give_the_models_points(tmp_path, seed):
+    """Axes and origins of all joints drawn at random, one axis opposite to z; read by Pinocchio."""
+    rng = np.random.default_rng(seed)
+
+    def numbers(values: np.ndarray) -> str:
+        return " ".join(map(repr, values.tolist()))
+
+    text = re.sub(r'<axis xyz="[^"]*"/>', lambda _: f'<axis xyz="{numbers(rng.normal(size=3))}"/>', ROBOT)
+    text = text.replace("<axis", '<axis xyz="0 0 -1"/><!--', 1).replace("/> <parent", "/>--> <parent", 1)
+    text = re.sub(
+        r"<origin[^>]*?(/?)>",
+        lambda found: f'<origin xyz="{numbers(rng.normal(0, 0.3, 3))}" rpy="{numbers(rng.normal(0, 2, 3))}"{found[1]}>',
+        text,
+    )
+    path = tmp_path / "robot.urdf"
+    path.write_text(text, encoding="utf-8")
+    links = f"{path}:base_link:tool0"
+    arm = ta.load_arm(links)
+    model = ta.KinematicModel(arm).fit_readings(readings(arm.chain, poses(80)))
+    rigid = urdf.write(model, tmp_path / "out.urdf", source=links)
+    q = poses(5, seed=seed)
+    found = 1000 * pinocchio_tips(tmp_path / "out.urdf", MOVING, q * [1, 1, 1, 1e-3, 1], "base_link", "tip")
+    np.testing.assert_allclose(found, rigid.tips_in_base(q), rtol=0, atol=1e-9)
+    T = rigid.T_reference_base  # 1e-4 mm: the fit, on arms some of which are nearly singular
+    np.testing.assert_allclose(found @ T[:3, :3].T + T[:3, 3], model.predict(q), rtol=0, atol=1e-4)
+
+
 def test_a_made_file_gives_the_stand_ins_tips_in_pinocchio(tmp_path, ur10):
     rigid = urdf.write(ur10, tmp_path / "ur10.urdf")
     q = check_joints(ur10)
