@@ -176,15 +176,16 @@ def test_numbers_are_finite_json(path):
 # Check poses ---------------------------------------------------------------------------------------------------------
 
 
-def worst_mm(path):
-    """Largest deviation of the file from its own check poses [mm]."""
-    manifest = read_manifest(path)
-    return float(np.linalg.norm(json_model.tips(path, manifest.joints) - manifest.tips, axis=1).max())
+def content_of(path):
+    """Outcome and detail of evaluating a file of the small model at its check poses."""
+    model = planted_model(ta.load_arm("ur10"), every_term(ta.load_arm("ur10"))[:60])
+    finding = next(one for one in ta.check_export(model, path).findings if one.what == "content")
+    return finding.outcome, finding.detail
 
 
 def test_the_check_poses_are_met(model, path):
     assert read_manifest(path) == Manifest.of(model, "json")
-    assert worst_mm(path) < read_manifest(path).tolerance_mm
+    assert ta.check_export(model, path).agrees
 
 
 @pytest.fixture(scope="module")
@@ -206,10 +207,12 @@ def saved(document, tmp_path):
     return path
 
 
-def test_joints_in_another_unit_miss_the_check_poses(document, tmp_path):
+def test_check_poses_in_another_unit_are_found(document, tmp_path):
     for pose in document[MARKER]["check_poses"]:
         pose["joints"] = np.rad2deg(pose["joints"]).tolist()
-    assert worst_mm(saved(document, tmp_path)) > 1.0
+    path = saved(document, tmp_path)
+    off = np.linalg.norm(json_model.tips(path, read_manifest(path).joints) - read_manifest(path).tips, axis=1)
+    assert off.max() > 1.0  # mm
 
 
 def test_lengths_in_another_unit_miss_the_check_poses(document, tmp_path):
@@ -218,28 +221,27 @@ def test_lengths_in_another_unit_miss_the_check_poses(document, tmp_path):
         for row in F[:3]:
             row[3] /= 1000
     chain["tip_in_flange_mm"] = [one / 1000 for one in chain["tip_in_flange_mm"]]
-    assert worst_mm(saved(document, tmp_path)) > 100.0
+    for term in document["identified"]["terms"]:
+        if any(term["direction"][3:]):
+            term["coefficients"] = [one / 1000 for one in term["coefficients"]]
+    outcome, detail = content_of(saved(document, tmp_path))
+    assert outcome == "differs"
+    assert "metres for millimetres" in detail
 
 
-def test_constants_applied_twice_miss_the_check_poses(document, tmp_path):
-    """Somebody composes the constant terms into the chain, and keeps the terms."""
-    offset = next(
-        term
-        for term in document["identified"]["terms"]
-        if term["place"] == 1 and term["direction"][2] and "1" in term["functions"]
-    )
-    document["identified"]["terms"].append(copy.deepcopy(offset))
-    size = document["identified"]["covariance"]["size"] = document["identified"]["covariance"]["size"] + 1
-    document["identified"]["covariance"]["lower_triangle"].append([0.0] * size)
-    path = saved(document, tmp_path)
-    assert worst_mm(path) > 1e3 * read_manifest(path).tolerance_mm
+def test_a_correction_applied_twice_misses_the_check_poses(document, tmp_path):
+    """Somebody composes a constant term into the chain, and keeps the term."""
+    terms, covariance = document["identified"]["terms"], document["identified"]["covariance"]
+    terms.append(next(term for term in terms if term["place"] == 1 and term["direction"][2]))
+    covariance["size"] += 1
+    covariance["lower_triangle"].append([0.0] * covariance["size"])
+    assert content_of(saved(document, tmp_path))[0] == "differs"
 
 
 def test_the_numbers_of_another_robot_miss_the_check_poses(document, tmp_path):
     arm = ta.load_arm("ur10")
     other = json.loads(written(planted_model(arm, every_term(arm)[:60], seed=2), tmp_path).read_text())
-    path = saved(document | {"identified": other["identified"]}, tmp_path)
-    assert worst_mm(path) > 1e3 * read_manifest(path).tolerance_mm
+    assert content_of(saved(document | {"identified": other["identified"]}, tmp_path))[0] == "differs"
 
 
 # What is refused -----------------------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from planted_models import angles_of, every_term, network_model, planted_model, 
 import truearm as ta
 from truearm.compensation.export import onnx_graph
 from truearm.compensation.targets.manifest import MARKER, Manifest, read_manifest
+from truearm.errors import MissingTool
 from truearm.identification.terms import Constant, Term
 from truearm.identification.terms.basis import Basis
 from truearm.readings import Session
@@ -135,50 +135,55 @@ def test_the_same_model_gives_the_same_file(planted, tmp_path):
 # Check poses ---------------------------------------------------------------------------------------------------------
 
 
-def worst_mm(path):
-    """Largest deviation of the file from its own check poses [mm]."""
-    manifest = read_manifest(path)
-    return float(np.linalg.norm(onnx_graph.tips(path, manifest.joints) - manifest.tips, axis=1).max())
+def content_of(model, path):
+    """Outcome and detail of evaluating the file at its check poses."""
+    finding = next(one for one in ta.check_export(model, path).findings if one.what == "content")
+    return finding.outcome, finding.detail
+
+
+def offset_model(seed=1):
+    """A model of which joint 1 has an offset and nothing else differs."""
+    offset = Term("offset", 1, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), Constant(), "g", 1e-3)
+    return planted_model(ta.load_arm("ur10"), [offset], seed=seed)
+
+
+def with_manifest_of(path, other, to):
+    """The file with the manifest of another one."""
+    model = onnx.load(path)
+    onnx.helper.set_model_props(model, {MARKER: onnx.load(other).metadata_props[0].value})
+    onnx.save(model, to)
+    return to
 
 
 def test_the_check_poses_are_met(planted):
     model, path = planted
     assert read_manifest(path) == Manifest.of(model, "onnx")
-    assert worst_mm(path) < read_manifest(path).tolerance_mm
+    assert ta.check_export(model, path).agrees
 
 
-def with_manifest(path, change, to):
-    """The file with its manifest changed by a function of the plain data."""
-    model = onnx.load(path)
-    data = json.loads(model.metadata_props[0].value)
-    change(data)
-    onnx.helper.set_model_props(model, {MARKER: json.dumps(data)})
-    onnx.save(model, to)
-    return to
+def test_a_graph_in_another_unit_misses_the_check_poses(planted, tmp_path):
+    """Somebody divides the output by a thousand."""
+    model, path = planted
+    graph = onnx.load(path)
+    graph.graph.node[-1].output[0] = "tip_in_mm"
+    graph.graph.initializer.append(onnx.numpy_helper.from_array(np.array(1e-3), "metres"))
+    graph.graph.node.append(onnx.helper.make_node("Mul", ["tip_in_mm", "metres"], ["tip_mm"]))
+    onnx.save(graph, tmp_path / "x.onnx")
+    outcome, detail = content_of(model, tmp_path / "x.onnx")
+    assert outcome == "differs"
+    assert "metres for millimetres" in detail
 
 
-def in_degrees(data):
-    for pose in data["check_poses"]:
-        pose["joints"] = np.rad2deg(pose["joints"]).tolist()
-
-
-def in_metres(data):
-    for pose in data["check_poses"]:
-        pose["tip_mm"] = (np.array(pose["tip_mm"]) / 1000).tolist()
-
-
-@pytest.mark.parametrize("wrong_unit", [in_degrees, in_metres])
-def test_a_wrong_unit_misses_the_check_poses(planted, tmp_path, wrong_unit):
+def test_a_graph_fed_with_degrees_misses_the_check_poses(planted):
     _, path = planted
-    changed = with_manifest(path, wrong_unit, tmp_path / "changed.onnx")
-    assert worst_mm(changed) > 1e6 * read_manifest(changed).tolerance_mm
+    manifest = read_manifest(path)
+    got = onnx_graph.tips(path, np.rad2deg(manifest.joints))
+    assert np.linalg.norm(got - manifest.tips, axis=1).max() > 1e6 * manifest.tolerance_mm
 
 
 def test_a_correction_applied_twice_misses_the_check_poses(tmp_path):
     """Angles that a controller has corrected already, and then the graph: here by the offset of a joint."""
-    arm = ta.load_arm("ur10")
-    offset = Term("offset", 1, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), Constant(), "g", 1e-3)
-    model = planted_model(arm, [offset])
+    model = offset_model()
     path = written(model, tmp_path)
     manifest = read_manifest(path)
     corrected = manifest.joints.copy()
@@ -188,11 +193,14 @@ def test_a_correction_applied_twice_misses_the_check_poses(tmp_path):
 
 
 def test_the_graph_of_another_robot_misses_the_check_poses(tmp_path):
-    arm = ta.load_arm("ur10")
-    mine = onnx.load(written(planted_model(arm, seed=1), tmp_path))
-    other = written(planted_model(arm, seed=2), tmp_path)
-    path = with_manifest(other, lambda data: data.update(json.loads(mine.metadata_props[0].value)), tmp_path / "x")
-    assert worst_mm(path) > 1e4 * read_manifest(path).tolerance_mm
+    mine, other = offset_model(seed=1), offset_model(seed=2)
+    for name, model in (("mine", mine), ("other", other)):
+        (tmp_path / name).mkdir()
+        written(model, tmp_path / name)
+    other_path = tmp_path / "other" / "arm.onnx"
+    assert not ta.check_export(mine, other_path).agrees
+    renamed = with_manifest_of(other_path, tmp_path / "mine" / "arm.onnx", tmp_path / "x.onnx")
+    assert content_of(mine, renamed)[0] == "differs"
 
 
 # What is refused -----------------------------------------------------------------------------------------------------
@@ -228,8 +236,9 @@ def test_a_missing_package_is_named(planted, package, monkeypatch, tmp_path):
         return __import__(name)
 
     monkeypatch.setattr(onnx_graph, "import_module", without)
-    with pytest.raises(ta.InputError, match=rf"need the package {package}.*pip install {package}"):
+    with pytest.raises(MissingTool, match=rf"need the package {package}.*pip install {package}"):
         onnx_graph.tips(path, angles_of(model.arm_, 1))
+    assert content_of(model, path)[0] == "not run"
     if package == "onnx":
         with pytest.raises(ta.InputError, match="package onnx"):
             onnx_graph.write(model, read_manifest(path), tmp_path / "arm.onnx")

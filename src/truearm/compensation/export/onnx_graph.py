@@ -25,7 +25,7 @@ from truearm.compensation.export.plain_model import BasisFunction, PlainModel, p
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.network import NetworkModel
 from truearm.compensation.targets.manifest import MARKER, Manifest
-from truearm.errors import InputError
+from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.identification.terms.thermal import link_vectors
@@ -68,8 +68,10 @@ def write(model: Compensator, manifest: Manifest, path: str | Path) -> None:
 
     Raises
     ------
+    MissingTool
+        If the package onnx is not installed.
     InputError
-        If the package onnx is not installed, or a term has a basis that a graph cannot hold, such as a user's own.
+        If a term has a basis of its user's own.
     """
     onnx = _package("onnx")
     graph = _Graph(onnx.helper, model.arm_.n_joints)
@@ -100,8 +102,10 @@ def tips(path: str | Path, joints: npt.ArrayLike, **states: npt.ArrayLike) -> Fl
 
     Raises
     ------
+    MissingTool
+        If onnx or onnxruntime is not installed.
     InputError
-        If onnxruntime is not installed, or the file is no such graph.
+        If the file is no such graph.
     """
     onnx, runtime = _package("onnx"), _package("onnxruntime")
     content = read_limited(path, limit_bytes=MAX_BYTES)
@@ -126,8 +130,9 @@ def _package(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError:
-        raise InputError(
-            f"ONNX files need the package {name}, which is not installed", hint=f"pip install {name}"
+        package = name.partition(".")[0]
+        raise MissingTool(
+            f"ONNX files need the package {package}, which is not installed", hint=f"pip install {package}"
         ) from None
 
 
