@@ -8,20 +8,23 @@ the same readings. Every format is measured by a function of its own in `FORMATS
 
 from __future__ import annotations
 
+import sys
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from machine import Target, arguments_of, print_json, say_machine, say_targets
+from machine import Target, arguments_of, print_json, say_machine, say_targets, times_of_each
 from truearm import datasets
 from truearm.arm import load_arm
-from truearm.compensation.export import urdf
+from truearm.compensation.export import json_model, onnx_graph, urdf
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import PhysicalModel, load_model
 from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.targets.manifest import Manifest
 from truearm.readings import Session, hold_out, point_errors
 from truearm.typing import FloatArray
 
@@ -77,8 +80,61 @@ def constants_alone(model: Compensator, angles: FloatArray) -> FloatArray:
     return model.fit_.chain.tip_in_base(angles)
 
 
+def measure_onnx(work: Work) -> Found:
+    """Size of the graph, its agreement with the model and the time of onnxruntime on one thread."""
+    import onnxruntime
+
+    model, test, file = work.model, work.test, work.folder / "ur10.onnx"
+    begun = time.perf_counter()
+    onnx_graph.write(model, Manifest.of(model, "onnx"), file)
+    write_s = time.perf_counter() - begun
+    states = {} if test.temperature_degC is None else {"temperature_degC": test.temperature_degC}
+    off = relative_difference(model, onnx_graph.tips(file, test.angles, **states), model.predict_readings(test))
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads, options.log_severity_level = 1, 4
+    session = onnxruntime.InferenceSession(str(file), options, providers=["CPUExecutionProvider"])
+    many = np.resize(test.angles, (10_000, test.n_joints))
+    one, all_of_them = ({"joints": rows} for rows in (many[:1], many))
+    times = times_of_each({"one": lambda: session.run(None, one), "many": lambda: session.run(None, all_of_them)})
+    numbers = {
+        "file [MB]": file.stat().st_size / 1e6,
+        "writing [s]": write_s,
+        "one reading a call [us]": times["one"].shortest * 1e6,
+        "one of 10,000 readings [us]": times["many"].shortest * 1e6 / len(many),
+    }
+    return Found(numbers, [Target("ONNX, points against Python, relative to the reach", off, 1e-12)])
+
+
+def measure_json(work: Work) -> Found:
+    """Size of the document and the agreement of the independent reader with the model."""
+    model, test, file = work.model, work.test, work.folder / "ur10.json"
+    begun = time.perf_counter()
+    json_model.write(model, Manifest.of(model, "json"), file)
+    write_s = time.perf_counter() - begun
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+    import json_reader
+
+    some = test.angles[:200]
+    begun = time.perf_counter()
+    got = json_reader.tips(file, some)
+    numbers = {
+        "file [MB]": file.stat().st_size / 1e6,
+        "writing [s]": write_s,
+        "independent reader, file and 200 readings [s]": time.perf_counter() - begun,
+    }
+    off = relative_difference(model, got, model.predict(some))
+    return Found(numbers, [Target("JSON reader, points against Python, relative to the reach", off, 1e-12)])
+
+
+def relative_difference(model: Compensator, points: FloatArray, expected: FloatArray) -> float:
+    """Largest distance of points from those of Python, relative to the reach of the arm."""
+    return float(np.linalg.norm(points - expected, axis=1).max() / model.arm_.chain.reach)
+
+
 FORMATS: dict[str, Callable[[Work], Found]] = {
     "urdf": measure_urdf,
+    "onnx": measure_onnx,
+    "json": measure_json,
 }
 
 

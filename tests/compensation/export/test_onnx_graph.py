@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -325,3 +327,19 @@ def test_an_unknown_input_is_refused(planted):
     model, path = planted
     with pytest.raises(ta.InputError, match="does not run"):
         onnx_graph.tips(path, angles_of(model.arm_, 1), wind=np.zeros(1))
+
+
+# The guide -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_lines_of_the_guide_run(tmp_path, monkeypatch):
+    page = Path(__file__).resolve().parents[3] / "docs" / "export.md"
+    if not page.is_file():
+        pytest.skip("the guide is not beside the tests")
+    model = planted_model(ta.load_arm("ur10"))
+    written(model, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    (lines,) = re.findall(r"```python\n(.*?)```", page.read_text().partition("## ONNX")[2].partition("\n## ")[0], re.S)
+    found: dict[str, np.ndarray] = {}
+    exec(lines, found)
+    assert_same_points(found["tip_mm"], model.predict(found["joints"]), model.arm_)

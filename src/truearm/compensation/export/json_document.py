@@ -352,7 +352,7 @@ class ModelDocument(_Strict):
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True, title="A model of an articulated arm by truearm")
     manifest: Manifest = Field(alias="truearm-export")
-    format: Literal["truearm model"]
+    format: Literal["truearm-model"]
     version: Literal[1]
     units: Units
     model: Literal["nominal", "kinematic", "physical", "network"]

@@ -114,7 +114,7 @@ def document_of(model: Compensator, manifest: Manifest) -> form.ModelDocument:
     network = _network_of(model) if isinstance(model, NetworkModel) else None
     return form.ModelDocument(
         **{MARKER: manifest},  # the key of the document is no name of Python
-        format="truearm model",
+        format="truearm-model",
         version=1,
         units=form.Units(),
         model=cast(Any, manifest.provenance.model),
