@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,10 @@ from planted_models import angles_of, every_term, network_model, planted_model, 
 
 import truearm as ta
 from truearm.compensation.export import onnx_graph
+from truearm.compensation.models.training_conditions import InputRange
 from truearm.compensation.targets.manifest import MARKER, Manifest, read_manifest
 from truearm.errors import MissingTool
-from truearm.identification.terms import Constant, Term
+from truearm.identification.terms import Column, Constant, Term
 from truearm.identification.terms.basis import Basis
 from truearm.readings import Session
 
@@ -224,6 +226,18 @@ def test_a_user_s_own_basis_is_refused_and_nothing_is_written(tmp_path):
     manifest = Manifest.of(model, "onnx")
     model = planted_model(arm, [Term("own", 1, (1.0, 0, 0, 0, 0, 0), Own(), "g", 1e-3)])
     with pytest.raises(ta.InputError, match="basis Own"):
+        onnx_graph.write(model, manifest, tmp_path / "arm.onnx")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["joints", "tip_mm", "node.3"])
+def test_a_column_named_as_a_value_of_the_graph_is_refused(name, tmp_path):
+    term = Term("by load", 2, (0.0, 0, 0, 1, 0, 0), Column(name), "g", 1.0)
+    manifest = Manifest.of(offset_model(), "onnx")
+    columns = {name: InputRange(0.0, 1.0, -1.0, 1.0)}
+    model = planted_model(ta.load_arm("ur10"), [term])
+    model.training_ = replace(model.training_, columns=columns)
+    with pytest.raises(ta.InputError, match="of its own named"):
         onnx_graph.write(model, manifest, tmp_path / "arm.onnx")
     assert not list(tmp_path.iterdir())
 

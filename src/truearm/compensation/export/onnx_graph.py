@@ -42,6 +42,8 @@ OPERATORS = frozenset({
 MAX_BYTES = 64 * 2**20
 # Numbers of an intermediate value for each pose: a layer of 1000 units has 1000.
 MAX_VALUES = 100_000
+# Values of the graph that a column cannot have as its name.
+NAMES = ("joints", "temperature_degC", "directions", "tip_mm")
 # Added to the square of an angle before its root is taken: sin(t) / t is then 1 at zero, and changes by a sixth of this
 # elsewhere. A number below those of single precision would be optimised away by onnxruntime as a zero.
 TINY = 1e-30
@@ -238,9 +240,7 @@ class _Graph:
     def serialized(self, output: str, model: Compensator, manifest: Manifest) -> bytes:
         """The file: the graph from its inputs to `output`."""
         helper, numpy_helper = self.helper, _package("onnx.numpy_helper")
-        unit = "mm, in the frame of the reference; of several sessions, in that of the first"
-        if manifest.frame == "base":
-            unit = "mm, in the base frame of the arm"
+        unit = "mm, in the frame of the reference instrument; of several sessions, in that of the first"
         outputs = [helper.make_tensor_value_info(output, 11, ("n", 3), doc_string=unit)]
         constants = [numpy_helper.from_array(array, name) for name, array in self.constants.items()]
         graph = helper.make_graph(self.nodes, "truearm", self.inputs, outputs, constants)
@@ -404,6 +404,8 @@ class _ChainGraph:
             name = graph.input("directions", (None, self.plain.n_joints), doc, np.zeros((1, self.plain.n_joints)))
             nodes[name] = graph.node("Transpose", name, perm=[1, 0])
         for column in sorted({f.column for f in self.plain.functions if f.column}):
+            if column in NAMES or column.startswith(("node.", "constant.")):
+                raise InputError(f"the graph has a value of its own named {column!r}", hint="rename the column and fit")
             mean = np.array([training.columns[column].mean])
             name = graph.input(column, [None], "in the unit of its name; by default the mean of the training", mean)
             nodes[name] = graph.row(name)
