@@ -7,12 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from truearm.compensation.export.constants import constants_table
+from truearm.compensation.export.constants_section import constants_section
+from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.comparison_page import comparison_page, improvement_sentence
 from truearm.compensation.models.identification_sections import identification_sections
+from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
 from truearm.compensation.models.seat_page import seats_page
 from truearm.errors import InputError
-from truearm.pages.page import Page
+from truearm.pages.page import Page, Section
 from truearm.readings import Lengths, Session, seat_errors
 from truearm.workflows.comparison import compare_in_seats, compare_models, one_arm, page_facts
 from truearm.workflows.inputs import (
@@ -92,7 +96,7 @@ class ReportResult(PageRecord):
             "subtitle": f"{len(session)} readings of {session.file.name if session.file else 'a session'}",
             "facts": page_facts(models, session),
             "remarks": self.page_remarks,
-            "more": identification_sections(models, session),
+            "more": [*identification_sections(models, session), *_constants_sections(models)],
         }
         if session.points is None:
             return seats_page(compare_in_seats(models, session, self.lengths), **layout)
@@ -119,6 +123,23 @@ class ReportResult(PageRecord):
             "errors": to_plain(self.errors),
             "remarks": list(self.remarks),
         }
+
+
+def _constants_sections(models: Mapping[str, Compensator]) -> list[Section]:
+    """Constants beside the drawing of every identified arm whose file keeps poses of its training."""
+    identified = {
+        name: model
+        for name, model in models.items()
+        if isinstance(model, IdentifiedModel)
+        and not isinstance(model, NominalModel)
+        and model.training_.angle_sample is not None
+    }
+    sections = []
+    for name, model in identified.items():
+        rigid = best_rigid_arm(model)
+        title = name if len(identified) > 1 else ""
+        sections.append(constants_section(constants_table(model, rigid), rigid.loss, name=title))
+    return sections
 
 
 def report(

@@ -50,6 +50,8 @@ class RigidArm:
         Identification of the constants from the model's points; its covariance is that of the stand-in.
     loss : ExportLoss
         What is lost over the region.
+    poses : (n, n_joints) array
+        Of the region [rad, or mm].
     """
 
     arm: Arm
@@ -57,6 +59,7 @@ class RigidArm:
     T_reference_base: FloatArray
     fit: IdentificationResult
     loss: ExportLoss
+    poses: FloatArray
 
     def in_reference_frame(self) -> Arm:
         """The arm with the frame of the model's points as its base frame."""
@@ -128,7 +131,7 @@ def best_rigid_arm(
         region=words,
         n_poses=len(poses),
     )
-    return RigidArm(rigid, arm, T_reference_base, fit, loss)
+    return RigidArm(rigid, arm, T_reference_base, fit, loss, poses)
 
 
 def _region(model: Compensator, angles: npt.ArrayLike | None, region: str) -> tuple[FloatArray, str]:
