@@ -269,6 +269,20 @@ def test_nothing_but_origins_of_the_moving_joints_changes(exported):
     assert re.search(r'name="a3" type="continuous">\n    <origin xyz="[^"]+" rpy="[^"]+"/><parent', text)
 
 
+def test_an_arm_that_is_as_its_file_says_changes_no_origin(tmp_path, source):
+    """No link is added either: the tip is that of the file."""
+    links = f"{source}:base_link:tool0"
+    arm = ta.load_arm(links)
+    q = poses(40)
+    model = ta.NominalModel(arm, free=()).fit(q, arm.chain.tip_in_base(q))
+    urdf.write(model, tmp_path / "out.urdf", source=links)
+    text = (tmp_path / "out.urdf").read_text(encoding="utf-8")
+    text = re.sub(r"\n  <!-- truearm-export: .*? -->", "", text, count=1)
+    text = re.sub(r"  <truearm [^>]*/>\n", "", text, count=1)
+    assert text == ROBOT
+    assert read_urdf(tmp_path / "out.urdf").joint_names == MOVING
+
+
 def test_kinds_limits_masses_and_side_branches_stay(source, exported):
     before = read_urdf(source, base="base_link", tip="tool0")
     after = read_urdf(exported[0])
