@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from truearm.compensation.export.constants import constants_table
 from truearm.compensation.export.constants_section import constants_section
+from truearm.compensation.export.constants_table import constants_table
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.comparison_page import comparison_page, improvement_sentence

@@ -10,8 +10,9 @@ import pytest
 import truearm as ta
 from truearm.arm import nearest_table
 from truearm.arm.arm import Arm
-from truearm.compensation.export import constants_csv
-from truearm.compensation.export.constants import (
+from truearm.compensation.export import constants
+from truearm.compensation.export.constants_section import constants_section
+from truearm.compensation.export.constants_table import (
     IDENTIFIABLE,
     NOT_IDENTIFIABLE,
     SUM_ALONG_AXES,
@@ -21,11 +22,11 @@ from truearm.compensation.export.constants import (
     constants_table,
     render_constants,
 )
-from truearm.compensation.export.constants_section import constants_section
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.targets.manifest import read_manifest
 from truearm.errors import InputError
+from truearm.identification.estimation.alignment import align
 from truearm.pages.html import render
 from truearm.pages.page import Page
 
@@ -156,29 +157,41 @@ def test_a_network_has_constants_without_those_of_its_own():
 
 def test_the_file_gives_the_same_tips_and_its_check_poses(ur10, tmp_path):
     path = tmp_path / "constants.csv"
-    rigid = constants_csv.write(ur10, path)
+    rigid = constants.write(ur10, path, frame="reference")
     q = np.random.default_rng(0).uniform(-3, 3, (20, 6))
     expected = rigid.in_reference_frame().chain.tip_in_base(q)
-    np.testing.assert_allclose(constants_csv.tips(path, q), expected, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(constants.tips(path, q), expected, atol=1e-9, rtol=0)
     manifest = read_manifest(path)
-    np.testing.assert_allclose(constants_csv.tips(path, manifest.joints), manifest.tips, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(constants.tips(path, manifest.joints), manifest.tips, atol=1e-9, rtol=0)
     assert manifest.loss == rigid.loss
     rows = [line for line in path.read_text().splitlines() if not line.startswith("#")]
     assert rows[0] == "place,constant,unit,nominal,identified,change,standard_uncertainty,status"
     assert sum(line.startswith("J2,") for line in rows) == 5
 
 
+def test_in_its_own_base_the_arm_has_the_same_shape(ur10, tmp_path):
+    q = np.random.default_rng(0).uniform(-3, 3, (20, 6))
+    placed, own = tmp_path / "placed.csv", tmp_path / "own.csv"
+    constants.write(ur10, placed, frame="reference")
+    constants.write(ur10, own)
+    one, other = (constants.tips(path, q) for path in (placed, own))
+    T = align(other, one)
+    np.testing.assert_allclose(other @ T[:3, :3].T + T[:3, 3], one, atol=1e-8)
+    assert ",nominal\n" in own.read_text()
+    assert "base,x,mm,0.0,0.0,0.0,0.0,nominal" in own.read_text()
+
+
 def test_a_flange_and_a_modified_table_are_in_the_file(tmp_path):
     nominal = ta.load_arm("panda")
     model = ta.KinematicModel(nominal).fit(*readings_of(true_arm(nominal, 3), 60, 1))
     path = tmp_path / "panda.csv"
-    rigid = constants_csv.write(model, path)
+    rigid = constants.write(model, path, frame="reference")
     text = path.read_text()
     assert "mdh: Tx(a)" in text
     assert "\nflange,rz,rad," in text
     q = np.random.default_rng(0).uniform(-2, 2, (20, 7))
     expected = rigid.in_reference_frame().chain.tip_in_base(q)
-    np.testing.assert_allclose(constants_csv.tips(path, q), expected, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(constants.tips(path, q), expected, atol=1e-9, rtol=0)
 
 
 @pytest.mark.parametrize(
@@ -201,10 +214,10 @@ def test_a_flange_and_a_modified_table_are_in_the_file(tmp_path):
 )
 def test_a_damaged_file_is_refused(ur10, tmp_path, change, message):
     path = tmp_path / "constants.csv"
-    constants_csv.write(ur10, path)
+    constants.write(ur10, path)
     path.write_text(change(path.read_text()))
     with pytest.raises(InputError, match=message):
-        constants_csv.tips(path, np.zeros((1, 6)))
+        constants.tips(path, np.zeros((1, 6)))
 
 
 def test_the_text_and_the_page_have_every_constant(planted):

@@ -1,249 +1,186 @@
-"""Constants beside the drawing: what a drawing or a controller states of an arm, and what the arm is.
-
-A table of the best rigid stand-in of a model in the branch nearest to the nominal table (`truearm.arm.nearest_table`),
-each constant with its change, its standard uncertainty and whether the readings determine it.
-
-The uncertainty is that of the model: errors of its coefficients move its points, and these the constants refitted to
-them. Added is that of the refit: where the model is no rigid arm, other poses of the region give other constants.
-"""
+"""Constants beside the drawing as CSV, one a row: nominal, identified, change, uncertainty, identifiable or not."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import Convention, DHTable
-from truearm.arm.nearest_table import NEARLY_PARALLEL, ON_ONE_LINE_MM, drawn_convention, drawn_table, nearest_table
-from truearm.compensation.export.rigid_arm import RigidArm
+from truearm.compensation.export.constants_table import NOMINAL, ArmConstant, ConstantsTable, constants_table
+from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.identification.estimation.diagnostics import UNIDENTIFIABLE_SHARE
-from truearm.identification.terms import ArmState
-from truearm.readings.session import Session
+from truearm.compensation.targets.manifest import Manifest, check_joints, read_manifest
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file
+from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
 
-Unit = Literal["rad", "mm"]
+Frame = Literal["base", "reference"]
 
-IDENTIFIABLE, NOT_IDENTIFIABLE = "identifiable", "not identifiable"
-SUM_WITH_BASE, SUM_WITH_TIP = "only as a sum with the base", "only as a sum with the tip"
-SUM_ALONG_AXES, SUM_ABOUT_LINE = "only as a sum along parallel axes", "only as a sum about a common line"
-# Steps of the difference quotients of a smooth function: their error is a millionth of a derivative or less.
-STEP_RAD, STEP_MM = 1e-5, 1e-2
-# Where no prior moves a constant by more, in rad or mm, the evidence has pruned what it depends on.
-_PRUNED = 1e-12
-
-
-@dataclass(frozen=True)
-class ArmConstant:
-    """One constant of an arm.
-
-    Attributes
-    ----------
-    place : str
-        ``base``, the name of a joint, or ``tip``.
-    name : str
-        theta, d, a, alpha, beta or b of a row; x, y, z and the rotation vector rx, ry, rz of the base; x, y, z of the
-        tip in the nominal flange.
-    unit : {"rad", "mm"}
-    nominal, identified : float
-    std : float
-        Standard uncertainty; of the base's rotation vector those of small turns about the base's axes.
-    status : str
-        Whether the readings determine it.
-    """
-
-    place: str
-    name: str
-    unit: Unit
-    nominal: float
-    identified: float
-    std: float
-    status: str
-
-    @property
-    def change(self) -> float:
-        """Identified less nominal."""
-        return self.identified - self.nominal
+FORMAT = "constants"
+COLUMNS = ("place", "constant", "unit", "nominal", "identified", "change", "standard_uncertainty", "status")
+FORMULAS: Mapping[Convention, str] = {
+    "dh": "dh: Rz(q + theta) Tz(d) Tx(a) Ty(b) Rx(alpha) Ry(beta)",
+    "mdh": "mdh: Tx(a) Ty(b) Rx(alpha) Ry(beta) Rz(q + theta) Tz(d)",
+}
+MAX_BYTES = 1_000_000
+_ROW = ("theta", "d", "a", "alpha", "beta", "b")
+_FRAME = ("x", "y", "z", "rx", "ry", "rz")
 
 
-@dataclass(frozen=True, eq=False)
-class ConstantsTable:
-    """Constants of an arm beside the drawing.
-
-    Attributes
-    ----------
-    nominal, identified : DHTable
-        Both with the nominal flange. The identified base is in the frame of the model's points.
-    joint_names : tuple of str
-    constants : tuple of ArmConstant
-        From base to tip.
-    """
-
-    nominal: DHTable
-    identified: DHTable
-    joint_names: tuple[str, ...]
-    constants: tuple[ArmConstant, ...]
-
-
-def constants_table(model: Compensator, rigid: RigidArm, *, convention: Convention | None = None) -> ConstantsTable:
-    """The constants of a model's rigid stand-in beside the nominal ones.
+def write(
+    model: Compensator,
+    path: str | Path,
+    *,
+    angles: npt.ArrayLike | None = None,
+    region: str = "",
+    frame: Frame = "base",
+    convention: Convention | None = None,
+) -> RigidArm:
+    """Write the constants of a model's best rigid stand-in beside the nominal ones.
 
     Parameters
     ----------
     model : Compensator
         Fitted.
-    rigid : RigidArm
-        Its stand-in.
+    path : path
+        Written whole or not at all.
+    angles, region
+        As in `best_rigid_arm`.
+    frame : {"base", "reference"}
+        Frame of the table's base: the arm's own base, or that of the model's points.
     convention : {"dh", "mdh"}, optional
         By default that of the nominal arm's own table.
+
+    Returns
+    -------
+    RigidArm
+        The stand-in, with its loss.
+
+    Raises
+    ------
+    InputError
+        As `best_rigid_arm`.
     """
-    nominal, fit = rigid.nominal.chain, rigid.fit
-    convention = convention or drawn_convention(nominal)
-    free = [part for part in ("base", "tip") if any(term.group == part for term in fit.perturbed_chain.terms)]
-    drawing = drawn_table(nominal, convention)
+    rigid = best_rigid_arm(model, angles, region=region)
+    table = constants_table(model, rigid, convention=convention)
+    if frame == "base":
+        table = table.in_own_base()
+    found = table.identified.chain().tip_in_base(check_joints(model))
+    manifest = Manifest.of(model, FORMAT, tips=found, frame=frame, loss=rigid.loss)
+    text = io.StringIO()
+    text.write(f"# {manifest.line()}\n# {FORMULAS[table.identified.convention]}, rad and mm\n")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for one in (*table.constants, *_flange(table)):
+        numbers = [repr(value) for value in (one.nominal, one.identified, one.change, one.std)]
+        writer.writerow([one.place, one.name, one.unit, *numbers, one.status])
+    with atomic_file(path) as beside:
+        beside.write_text(text.getvalue(), encoding="utf-8")
+    return rigid
 
-    def table_of(chain: Chain) -> DHTable:
-        return _with_flange(nearest_table(chain, nominal, convention=convention, free=free), drawing.flange)
 
-    identified = table_of(fit.chain)
-    entries = list(_entries(drawing, rigid.nominal.joint_names, free))
-    by_coefficient = np.empty((len(entries), len(fit.coefficients)))
-    steps = _steps(rigid)
-    for k, step in enumerate(steps):
-        shifted = np.zeros(len(steps))
-        shifted[k] = step
-        up, down = (table_of(fit.perturbed_chain.with_constants(fit.coefficients + s * shifted)) for s in (1, -1))
-        by_coefficient[:, k] = (_changes(identified, up, entries) - _changes(identified, down, entries)) / (2 * step)
-    std, remains = _uncertainties(model, rigid, by_coefficient)
-    was, now = _values(drawing, entries), _values(identified, entries)
-    constants = tuple(
-        ArmConstant(
-            entry.place,
-            entry.name,
-            entry.unit,
-            old,
-            new,
-            u,
-            entry.status or (NOT_IDENTIFIABLE if share > UNIDENTIFIABLE_SHARE else IDENTIFIABLE),
-        )
-        for entry, old, new, u, share in zip(
-            entries, was.tolist(), now.tolist(), std.tolist(), remains.tolist(), strict=True
-        )
+def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
+    """(n, 3) tips [mm] by the identified constants of a file at joints (n, n_joints) [rad, or mm].
+
+    Raises
+    ------
+    InputError
+        If the file is missing, too large or damaged.
+    """
+    manifest = read_manifest(path)
+    try:
+        return _table_of(read_limited(path, limit_bytes=MAX_BYTES), manifest).chain().tip_in_base(joints)
+    except InputError as error:
+        raise error.in_file(path) from None
+
+
+def _flange(table: ConstantsTable) -> list[ArmConstant]:
+    """The flange's frame, which is nominal in both tables."""
+    if (table.nominal.flange == np.eye(4)).all():
+        return []
+    turn = Rotation.from_matrix(table.nominal.flange[:3, :3]).as_rotvec()
+    numbers = [*table.nominal.flange[:3, 3].tolist(), *turn.tolist()]
+    return [
+        ArmConstant("flange", name, "mm" if name in "xyz" else "rad", value, value, 0.0, NOMINAL)
+        for name, value in zip(_FRAME, numbers, strict=True)
+    ]
+
+
+def _table_of(content: bytes, manifest: Manifest) -> DHTable:
+    try:
+        lines = content.decode("utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise InputError("expected UTF-8 text", hint="export the file again") from None
+    convention = next((name for name, formula in FORMULAS.items() if any(formula in line for line in lines[:5])), None)
+    if convention is None:
+        raise InputError(f"expected a comment with one of the formulas {'; '.join(FORMULAS.values())}")
+    values = _identified(lines)
+    names = manifest.provenance.joint_names
+    known = {(joint, name) for joint in names for name in _ROW} | {
+        (place, name) for place in ("base", "flange") for name in _FRAME
+    }
+    known |= {("tip", axis) for axis in "xyz"}
+    if unknown := values.keys() - known:
+        raise InputError(f"there is no constant {' '.join(sorted(unknown)[0])} in this arm")
+    needed = [("base", name) for name in _FRAME] + [(joint, name) for joint in names for name in _ROW[:4]]
+    for place, name in [*needed, *(("tip", axis) for axis in "xyz")]:
+        if (place, name) not in values:
+            raise InputError(f"the constant {name} of {place} is missing")
+    rows = {name: np.array([values.get((joint, name), 0.0) for joint in names]) for name in _ROW}
+    return DHTable(
+        convention,
+        rows["a"],
+        rows["d"],
+        rows["alpha"],
+        rows["theta"],
+        np.array([unit == "mm" for unit in manifest.provenance.joint_units]),
+        _frame([values["base", name] for name in _FRAME]),
+        _frame([values.get(("flange", name), 0.0) for name in _FRAME]),
+        np.array([values["tip", axis] for axis in "xyz"]),
+        rows["beta"],
+        rows["b"],
     )
-    return ConstantsTable(drawing, identified, rigid.nominal.joint_names, constants)
 
 
-def render_constants(table: ConstantsTable) -> str:
-    """The constants as text, angles in degrees."""
-    lines = [f"{'':24}{'nominal':>13} {'identified':>13} {'change':>11} {'u':>10}"]
-    for one in table.constants:
-        factor, unit, digits = (np.degrees(1.0), "deg", 5) if one.unit == "rad" else (1.0, "mm", 4)
-        numbers = [factor * value for value in (one.nominal, one.identified, one.change, one.std)]
-        cells = " ".join(f"{value:{width}.{digits}f}" for value, width in zip(numbers, (13, 13, 11, 10), strict=True))
-        lines.append(f"{f'{one.place} {one.name}'[:24]:24}{cells} {unit:4}{one.status}")
-    return "\n".join([*lines, ""])
+def _identified(lines: Sequence[str]) -> dict[tuple[str, str], float]:
+    """Identified constants by place and name, from the rows of a file."""
+    values: dict[tuple[str, str], float] = {}
+    header = False
+    for number, line in enumerate(lines, 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        cells = next(csv.reader([line]))
+        if not header:
+            if tuple(cells) != COLUMNS:
+                raise InputError(f"expected the columns {','.join(COLUMNS)}", line=number)
+            header = True
+            continue
+        if len(cells) != len(COLUMNS):
+            raise InputError(f"expected {len(COLUMNS)} cells, got {len(cells)}", line=number)
+        place, name, identified = cells[0], cells[1], cells[COLUMNS.index("identified")]
+        if (place, name) in values:
+            raise InputError(f"the constant {name} of {place} is stated twice", line=number)
+        try:
+            values[place, name] = float(identified)
+        except ValueError:
+            values[place, name] = math.nan
+        if not math.isfinite(values[place, name]):
+            raise InputError(f"expected a finite number, got {identified[:60]!r}", line=number, column="identified")
+    return values
 
 
-class _Entry(NamedTuple):
-    """Which number of a table a constant is."""
-
-    place: str
-    name: str
-    unit: Unit
-    status: str  # empty: by the uncertainties
-    row: int = -1
-    axis: int = -1
-
-
-def _entries(drawing: DHTable, joint_names: Sequence[str], free: Sequence[str]) -> Iterator[_Entry]:
-    for turns, names in ((False, "xyz"), (True, ("rx", "ry", "rz"))):
-        for axis, name in enumerate(names):
-            yield _Entry("base", name, "rad" if turns else "mm", "", axis=axis)
-    n, modified = len(joint_names), drawing.convention == "mdh"
-    parallel = np.abs(np.cos(drawing.alpha) * np.cos(drawing.beta)) > np.cos(NEARLY_PARALLEL)
-    on_one_line = parallel & (np.abs(drawing.a) < ON_ONE_LINE_MM)
-    end = 0 if modified else n - 1
-    for row, joint in enumerate(joint_names):
-        across = row + 1 if modified else row  # the row with the motion to the next axis
-        along = SUM_ALONG_AXES if row < n - 1 and parallel[across] else ""
-        about = SUM_ABOUT_LINE if row < n - 1 and on_one_line[across] else ""
-        if row == 0 and "base" in free and (n > 1 or modified):
-            along = about = SUM_WITH_BASE
-        elif row == n - 1 and "tip" in free:
-            along = about = SUM_WITH_TIP
-        at_end = (SUM_WITH_BASE if modified else SUM_WITH_TIP) if row == end else ""
-        yield _Entry(joint, "theta", "rad", about, row)
-        yield _Entry(joint, "d", "mm", along, row)
-        yield _Entry(joint, "a", "mm", at_end, row)
-        yield _Entry(joint, "alpha", "rad", at_end, row)
-        if parallel[row] and row != end:
-            yield _Entry(joint, "beta", "rad", "", row)
-        if on_one_line[row] and row != end:
-            yield _Entry(joint, "b", "mm", "", row)
-    for axis, name in enumerate("xyz"):
-        yield _Entry("tip", name, "mm", "", axis=axis)
-
-
-def _with_flange(table: DHTable, flange: FloatArray) -> DHTable:
-    """The table with another flange and the same tips: readings of points do not tell how a flange is turned."""
-    tip = table.flange[:3, :3] @ table.tip_in_flange + table.flange[:3, 3] - flange[:3, 3]
-    return replace(table, flange=flange, tip_in_flange=flange[:3, :3].T @ tip)
-
-
-def _steps(rigid: RigidArm) -> list[float]:
-    terms = rigid.fit.perturbed_chain.terms
-    return [STEP_RAD if any(term.direction[:3]) else STEP_MM for term in terms for _ in range(term.n_coefficients)]
-
-
-def _values(table: DHTable, entries: Sequence[_Entry]) -> FloatArray:
-    turn = Rotation.from_matrix(table.base[:3, :3]).as_rotvec()
-    return np.array([_value(table, entry, turn) for entry in entries])
-
-
-def _changes(before: DHTable, after: DHTable, entries: Sequence[_Entry]) -> FloatArray:
-    """Small changes of the constants, those of the base's rotation as a small turn about the base's axes."""
-    turn = Rotation.from_matrix(before.base[:3, :3].T @ after.base[:3, :3]).as_rotvec()
-    return np.array([_value(after, entry, turn) - _value(before, entry, np.zeros(3)) for entry in entries])
-
-
-def _value(table: DHTable, entry: _Entry, turn: FloatArray) -> float:
-    if entry.place == "tip" and entry.row < 0:
-        return float(table.tip_in_flange[entry.axis])
-    if entry.row < 0:
-        return float(turn[entry.axis] if entry.unit == "rad" else table.base[entry.axis, 3])
-    return float(getattr(table, entry.name)[entry.row])
-
-
-def _uncertainties(model: Compensator, rigid: RigidArm, by_coefficient: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Standard uncertainties of the constants, and the share of their prior variance that remains, 0 to 1.
-
-    The refit is linear in the model's points near its result: ``dx = S G^T W dp``, with S its covariance and G, W the
-    derivatives and weights of its residuals; and ``dp = J dc`` by the coefficients c of the model.
-    """
-    fit = rigid.fit
-    refit = np.maximum(np.einsum("ij,jk,ik->i", by_coefficient, fit.covariance, by_coefficient), 0.0)
-    remains = _share(refit, by_coefficient**2 @ fit.prior_std**2)
-    if not isinstance(model, IdentifiedModel):
-        return np.sqrt(refit), remains
-    weights = fit.references[0].weights ** 2
-    of_model, state = model.fit_, model.state(Session(rigid.poses))
-    projected = np.zeros((len(fit.coefficients), len(of_model.coefficients)))
-    of_rigid = fit.perturbed_chain.derivatives(ArmState(fit.perturbed_chain.chain, rigid.poses), fit.coefficients)
-    full = of_model.perturbed_chain.derivatives(state, of_model.coefficients)
-    for (rows, _, G), (_, _, J) in zip(of_rigid, full, strict=True):
-        projected += (G * weights[:, rows]).reshape(len(G), -1) @ J.reshape(len(J), -1).T
-    by_model = by_coefficient @ fit.covariance @ projected
-    of_readings = np.maximum(np.einsum("ij,jk,ik->i", by_model, of_model.covariance, by_model, optimize=True), 0.0)
-    remains = np.maximum(remains, _share(of_readings, by_model**2 @ of_model.prior_std**2))
-    return np.sqrt(refit + model.birge_ratio_**2 * of_readings), remains
-
-
-def _share(variance: FloatArray, prior_variance: FloatArray) -> FloatArray:
-    """Share of a variance in that of the prior; 1 where the evidence has pruned all that a constant depends on."""
-    depends = prior_variance > _PRUNED**2
-    return np.where(depends, variance / np.where(depends, prior_variance, 1.0), 1.0)
+def _frame(numbers: Sequence[float]) -> FloatArray:
+    """A frame [mm] of its position and rotation vector."""
+    frame = np.eye(4)
+    frame[:3, 3] = numbers[:3]
+    frame[:3, :3] = Rotation.from_rotvec(numbers[3:]).as_matrix()
+    return frame

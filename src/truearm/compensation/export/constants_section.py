@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from truearm.compensation.export.constants import ConstantsTable
+from truearm.compensation.export.constants_table import ConstantsTable
 from truearm.compensation.targets.manifest import ExportLoss
 from truearm.pages.number_format import RoundedNumber, format_number
 from truearm.pages.page import Column, Section, Table

@@ -1,0 +1,240 @@
+"""Controller deltas: what to add to the Denavit-Hartenberg constants that a controller has, as CSV or JSON.
+
+A controller computes with its own constants; the nominal ones are stated too, so that a difference of conventions
+shows. Many controllers have no beta. `without_beta_mm` states what leaving it out costs.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from truearm.arm.denavit_hartenberg import Convention, DHTable
+from truearm.compensation.export.constants import FORMULAS, Frame
+from truearm.compensation.export.constants_table import ConstantsTable, constants_table
+from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.targets.manifest import MARKER, Manifest, check_joints, read_manifest
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file
+from truearm.files.file_reading import read_limited
+from truearm.typing import FloatArray
+
+FORMAT = "deltas"
+MAX_BYTES = 1_000_000
+MM_PER_M = 1000.0
+# Quantities of a row with their units; lengths also stand in metres, which most controllers have.
+QUANTITIES = {"theta": "rad", "d": "mm", "a": "mm", "alpha": "rad", "beta": "rad", "b": "mm"}
+IN_METRES = ("d", "a")
+FRAMES_MARK = "# frames: "
+
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Frame = Annotated[list[Annotated[list[_Number], Field(min_length=4, max_length=4)]], Field(min_length=4, max_length=4)]
+
+
+class _Frames(BaseModel):
+    """What a file has beside the rows of its joints; lengths in mm."""
+
+    model_config = ConfigDict(extra="forbid")
+    convention: Convention
+    formula: str
+    base: _Frame
+    flange: _Frame
+    tip_in_flange_mm: Annotated[list[_Number], Field(min_length=3, max_length=3)]
+    without_beta_mm: _Number
+
+
+class _Joint(BaseModel):
+    """Nominal constants of a joint and what to add to them."""
+
+    model_config = ConfigDict(extra="forbid")
+    joint: str
+    type: Literal["revolute", "prismatic"]
+    theta_rad: _Number
+    d_mm: _Number
+    a_mm: _Number
+    alpha_rad: _Number
+    beta_rad: _Number
+    b_mm: _Number
+    delta_theta_rad: _Number
+    delta_d_mm: _Number
+    delta_a_mm: _Number
+    delta_alpha_rad: _Number
+    delta_beta_rad: _Number
+    delta_b_mm: _Number
+    delta_d_m: _Number
+    delta_a_m: _Number
+
+
+class _Document(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    frames: _Frames
+    joints: Annotated[list[_Joint], Field(min_length=1, max_length=100)]
+
+
+def write(
+    model: Compensator,
+    path: str | Path,
+    *,
+    angles: npt.ArrayLike | None = None,
+    region: str = "",
+    frame: Frame = "base",
+    convention: Convention | None = None,
+) -> RigidArm:
+    """Write the differences of the constants of a model's best rigid stand-in from the nominal ones.
+
+    Parameters
+    ----------
+    model : Compensator
+        Fitted.
+    path : path
+        JSON if it ends in ``.json``, else CSV; written whole or not at all.
+    angles, region, frame, convention
+        As in `truearm.compensation.export.constants.write`.
+
+    Returns
+    -------
+    RigidArm
+        The stand-in, with its loss.
+
+    Raises
+    ------
+    InputError
+        As `best_rigid_arm`.
+    """
+    rigid = best_rigid_arm(model, angles, region=region)
+    table = constants_table(model, rigid, convention=convention)
+    table = table.in_own_base() if frame == "base" else table
+    document = _document_of(table, rigid)
+    found = _table_of(document).chain().tip_in_base(check_joints(model))
+    manifest = Manifest.of(model, FORMAT, tips=found, frame=frame, loss=rigid.loss)
+    is_json = Path(path).suffix.lower() == ".json"
+    with atomic_file(path) as beside:
+        beside.write_text((_json_text if is_json else _csv_text)(document, manifest), encoding="utf-8")
+    return rigid
+
+
+def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
+    """(n, 3) tips [mm] by the constants of a file with its deltas added, at joints (n, n_joints) [rad, or mm].
+
+    Raises
+    ------
+    InputError
+        If the file is missing, too large or damaged.
+    """
+    manifest = read_manifest(path)
+    content = read_limited(path, limit_bytes=MAX_BYTES)
+    try:
+        text = content.decode("utf-8")
+        read: dict[str, Any] = _from_json(text) if Path(path).suffix.lower() == ".json" else _from_csv(text)
+        document = _Document.model_validate(read)
+        if [one.joint for one in document.joints] != list(manifest.provenance.joint_names):
+            raise InputError(f"expected rows of the joints {', '.join(manifest.provenance.joint_names)}")
+        return _table_of(document).chain().tip_in_base(joints)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise InputError(f"the file is damaged: {where}: {first['msg']}", file=path) from None
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise error.in_file(path) from None
+        raise InputError("the file is damaged", file=path, hint="export it again") from None
+
+
+def _document_of(table: ConstantsTable, rigid: RigidArm) -> _Document:
+    old, new = table.nominal, table.identified
+    joints = []
+    for row, name in enumerate(table.joint_names):
+        numbers: dict[str, Any] = {"joint": name, "type": "prismatic" if new.prismatic[row] else "revolute"}
+        for quantity, unit in QUANTITIES.items():
+            was, now = (float(getattr(one, quantity)[row]) for one in (old, new))
+            numbers |= {f"{quantity}_{unit}": was, f"delta_{quantity}_{unit}": now - was}
+            if quantity in IN_METRES:
+                numbers[f"delta_{quantity}_m"] = (now - was) / MM_PER_M
+        joints.append(_Joint(**numbers))
+    frames = _Frames(
+        convention=new.convention,
+        formula=FORMULAS[new.convention],
+        base=new.base.tolist(),
+        flange=new.flange.tolist(),
+        tip_in_flange_mm=new.tip_in_flange.tolist(),
+        without_beta_mm=_cost_of_beta(new, rigid),
+    )
+    return _Document(frames=frames, joints=joints)
+
+
+def _cost_of_beta(table: DHTable, rigid: RigidArm) -> float:
+    """Mean displacement of the tip over the region of an arm without beta and b [mm]."""
+    plain = DHTable(
+        table.convention,
+        table.a,
+        table.d,
+        table.alpha,
+        table.theta,
+        table.prismatic,
+        table.base,
+        table.flange,
+        table.tip_in_flange,
+    )
+    moved = plain.chain().tip_in_base(rigid.poses) - table.chain().tip_in_base(rigid.poses)
+    return float(np.linalg.norm(moved, axis=1).mean())
+
+
+def _table_of(document: _Document) -> DHTable:
+    columns = {
+        quantity: np.array(
+            [getattr(one, f"{quantity}_{unit}") + getattr(one, f"delta_{quantity}_{unit}") for one in document.joints]
+        )
+        for quantity, unit in QUANTITIES.items()
+    }
+    return DHTable(
+        document.frames.convention,
+        columns["a"],
+        columns["d"],
+        columns["alpha"],
+        columns["theta"],
+        np.array([one.type == "prismatic" for one in document.joints]),
+        np.array(document.frames.base),
+        np.array(document.frames.flange),
+        np.array(document.frames.tip_in_flange_mm),
+        columns["beta"],
+        columns["b"],
+    )
+
+
+def _json_text(document: _Document, manifest: Manifest) -> str:
+    content: Mapping[str, Any] = {MARKER: manifest.model_dump(mode="json")} | document.model_dump(mode="json")
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+
+def _from_json(text: str) -> dict[str, Any]:
+    found = json.loads(text)
+    if not isinstance(found, dict):
+        raise InputError("expected a JSON object")
+    return {key: value for key, value in found.items() if key != MARKER}
+
+
+def _csv_text(document: _Document, manifest: Manifest) -> str:
+    text = io.StringIO()
+    text.write(f"# {manifest.line()}\n{FRAMES_MARK}{document.frames.model_dump_json()}\n")
+    writer = csv.DictWriter(text, list(_Joint.model_fields), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(one.model_dump(mode="json") for one in document.joints)
+    return text.getvalue()
+
+
+def _from_csv(text: str) -> dict[str, Any]:
+    lines = text.splitlines()
+    frames = next((line.removeprefix(FRAMES_MARK) for line in lines if line.startswith(FRAMES_MARK)), None)
+    if frames is None:
+        raise InputError(f"expected a line {FRAMES_MARK.strip()} with base, flange and tip")
+    rows = csv.DictReader(line for line in lines if line.strip() and not line.startswith("#"))
+    return {"frames": json.loads(frames), "joints": list(rows)}

@@ -1,0 +1,162 @@
+"""Joint offsets for ROS as YAML: what to add to the angle of each encoder, and the frames in which joints then turn.
+
+One direction: ``feedback``. The offset of a joint is added to the position that its encoder reports; to send a
+position, subtract it. The offsets alone are the part of a calibration that a driver can apply. With the origins,
+written as a URDF's ``<origin>``, they are the best rigid arm: ``origin_1 Rz(q_1 + offset_1) origin_2 ... tip``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.chain import Chain
+from truearm.arm.denavit_hartenberg import DHTable
+from truearm.arm.rigid_motions import frame_from_xyz_rpy, screw_z, xyz_rpy_from_frame
+from truearm.compensation.export.constants import Frame
+from truearm.compensation.export.constants_table import constants_table
+from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.targets.manifest import Manifest, check_joints, read_manifest
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file
+from truearm.files.file_reading import read_limited
+from truearm.files.yaml_reader import YamlNode, parse_yaml, yaml_number, yaml_text
+from truearm.typing import FloatArray
+
+FORMAT = "joint-offsets"
+DIRECTION: Final = "feedback"
+MAX_BYTES = 1_000_000
+MM_PER_M = 1000.0
+_ORIGIN = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+def write(
+    model: Compensator,
+    path: str | Path,
+    *,
+    angles: npt.ArrayLike | None = None,
+    region: str = "",
+    frame: Frame = "base",
+) -> RigidArm:
+    """Write the joint offsets and origins of a model's best rigid stand-in.
+
+    Parameters
+    ----------
+    model : Compensator
+        Fitted.
+    path : path
+        Written whole or not at all.
+    angles, region, frame
+        As in `truearm.compensation.export.constants.write`.
+
+    Returns
+    -------
+    RigidArm
+        The stand-in, with its loss.
+
+    Raises
+    ------
+    InputError
+        As `best_rigid_arm`.
+    """
+    rigid = best_rigid_arm(model, angles, region=region)
+    table = constants_table(model, rigid)
+    table = table.in_own_base() if frame == "base" else table
+    offsets, origins = _parts(table.nominal, table.identified)
+    found = _chain(offsets, origins, table.identified.prismatic).tip_in_base(check_joints(model))
+    manifest = Manifest.of(model, FORMAT, tips=found, direction=DIRECTION, frame=frame, loss=rigid.loss)
+    lines = [
+        f"# {manifest.line()}",
+        "# feedback: true position = encoder position + offset; position to send = true position - offset.",
+        "# The offsets alone are a part of the calibration. With the origins below, each in the frame of the joint",
+        "# before, they are the best rigid arm. A URDF exported by truearm has both: do not add these offsets to it.",
+        "joint_offsets:",
+        f"  direction: {DIRECTION}",
+        "  joints:",
+    ]
+    for name, offset, slides in zip(table.joint_names, offsets, table.identified.prismatic, strict=True):
+        unit, factor = ("m", MM_PER_M) if slides else ("rad", 1.0)
+        lines += [f"    {yaml_text(name)}:", f"      offset: {yaml_number(offset / factor)}", f"      unit: {unit}"]
+    lines.append("origins:")
+    for name, origin in zip((*table.joint_names, "tip"), origins, strict=True):
+        xyz, rpy = xyz_rpy_from_frame(origin)
+        lines.append(f"  {yaml_text(name)}:")
+        lines += [f"    {key}: {yaml_number(v)}" for key, v in zip(_ORIGIN, (*(xyz / MM_PER_M), *rpy), strict=True)]
+    with atomic_file(path) as beside:
+        beside.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    return rigid
+
+
+def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
+    """(n, 3) tips [mm] by the offsets and origins of a file at joints (n, n_joints) [rad, or mm].
+
+    Raises
+    ------
+    InputError
+        If the file is missing, too large or damaged.
+    """
+    names = read_manifest(path).provenance.joint_names
+    try:
+        root = parse_yaml(read_limited(path, limit_bytes=MAX_BYTES))
+        entries = root.mapping("joint offsets", required=("joint_offsets", "origins"))
+        offsets, slides = _offsets_of(entries["joint_offsets"], names)
+        ends = (*names, "tip")
+        found = entries["origins"].mapping("origins", required=ends)
+        return _chain(offsets, [_origin_of(end, found[end]) for end in ends], slides).tip_in_base(joints)
+    except InputError as error:
+        raise error.in_file(path) from None
+
+
+def _parts(nominal: DHTable, identified: DHTable) -> tuple[FloatArray, list[FloatArray]]:
+    """Offsets (n_joints,) [rad, or mm] and n_joints + 1 origins [mm] of a table: each joint's, then the tip's."""
+    slides = identified.prismatic
+    offsets = np.where(slides, identified.d - nominal.d, identified.theta - nominal.theta)
+    chain = identified.chain()
+    modified = identified.convention == "mdh"
+    origins = [frame.copy() for frame in chain.fixed]
+    origins[-1][:3, 3] += origins[-1][:3, :3] @ chain.tip_in_flange
+    for i, (offset, sliding) in enumerate(zip(offsets, slides, strict=True)):
+        taken = screw_z(0.0, -offset) if sliding else screw_z(-offset, 0.0)
+        # The table has a joint's own constants after it, a modified one before; along the axis they commute with it.
+        if modified:
+            origins[i] = origins[i] @ taken
+        else:
+            origins[i + 1] = taken @ origins[i + 1]
+    return offsets, origins
+
+
+def _chain(offsets: FloatArray, origins: Sequence[FloatArray], slides: npt.NDArray[np.bool_]) -> Chain:
+    fixed = np.array(origins)
+    for i, (offset, sliding) in enumerate(zip(offsets, slides, strict=True)):
+        fixed[i + 1] = (screw_z(0.0, offset) if sliding else screw_z(offset, 0.0)) @ fixed[i + 1]
+    return Chain(fixed, np.zeros(3), slides)
+
+
+def _offsets_of(node: YamlNode, names: Sequence[str]) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Offsets [rad, or mm] of the joints and which of them slide."""
+    entries = node.mapping("joint_offsets", required=("direction", "joints"))
+    if entries["direction"].text != DIRECTION:
+        raise InputError(
+            f"expected the direction {DIRECTION}, got {str(entries['direction'].text)[:60]!r}",
+            line=entries["direction"].line,
+        )
+    joints = entries["joints"].mapping("joints", required=names)
+    offsets, slides = [], []
+    for name in names:
+        one = joints[name].mapping(f"the joint {name}", required=("offset", "unit"))
+        if one["unit"].text not in ("rad", "m"):
+            raise InputError(f"expected rad or m, got {str(one['unit'].text)[:60]!r}", line=one["unit"].line)
+        slides.append(one["unit"].text == "m")
+        offsets.append(one["offset"].number(f"the offset of {name}") * (MM_PER_M if slides[-1] else 1.0))
+    return np.array(offsets), np.array(slides)
+
+
+def _origin_of(name: str, node: YamlNode) -> FloatArray:
+    entries = node.mapping(f"the origin of {name}", required=_ORIGIN)
+    numbers = np.array([entries[key].number(f"{key} of {name}") for key in _ORIGIN])
+    return frame_from_xyz_rpy(MM_PER_M * numbers[:3], numbers[3:])

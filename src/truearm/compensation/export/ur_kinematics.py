@@ -1,0 +1,128 @@
+"""Kinematics yaml of a UR from a model: the best rigid stand-in in the file that the ROS driver's description reads.
+
+The file has six link poses in the robot's own base and nothing after the last joint: its flange, `tool0`, stays the
+nominal one, and the tip that was measured is a tool in it, which a comment states.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.arm.ur_kinematics import JOINTS, LINKS, MAX_BYTES, read_ur_kinematics, ur_hash, ur_kinematics_text
+from truearm.compensation.export.constants import Frame
+from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.targets.manifest import Manifest, check_joints
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file
+from truearm.files.file_reading import read_limited
+from truearm.files.yaml_reader import yaml_number
+from truearm.typing import FloatArray
+
+FORMAT = "ur-kinematics"
+MM_PER_M = 1000.0
+# The angles between neighbouring axes of every UR [deg], and how far a calibrated one may be off.
+UR_AXES_DEG = (90.0, 0.0, 0.0, 90.0, 90.0)
+MAX_OFF_DEG = 3.0
+TOOL_MARK = "tip in tool0 [m]:"
+_TOOL = re.compile(rf"^# {re.escape(TOOL_MARK)} (\S+) (\S+) (\S+)$", re.MULTILINE)
+
+
+def write(
+    model: Compensator,
+    path: str | Path,
+    *,
+    angles: npt.ArrayLike | None = None,
+    region: str = "",
+    source: str | Path | None = None,
+    frame: Frame = "base",
+) -> RigidArm:
+    """Write the best rigid stand-in of a UR's model as a kinematics yaml.
+
+    Parameters
+    ----------
+    model : Compensator
+        Fitted.
+    path : path
+        Written whole or not at all.
+    angles, region
+        As in `best_rigid_arm`.
+    source : path, optional
+        The file that the driver wrote for this robot: its hash is kept, and its frames are nominal. Not needed if the
+        model was fitted to an arm that was read from one.
+    frame : {"base"}
+        The file is in the robot's own base frame.
+
+    Returns
+    -------
+    RigidArm
+        The stand-in, with its loss.
+
+    Raises
+    ------
+    InputError
+        As `best_rigid_arm` and `read_ur_kinematics`; if the arm is no UR, if no file has its hash, or if another frame
+        is asked for.
+    """
+    if frame != "base":
+        raise InputError("a UR's kinematics yaml is in the robot's own base frame", hint="leave out --frame")
+    nominal = model.arm_ if source is None else read_ur_kinematics(source)
+    _check_ur(nominal)
+    found = ur_hash(nominal)
+    if found is None:
+        raise InputError(
+            "the hash by which the driver recognises the robot is not known: it belongs to the controller",
+            file=source,
+            hint="give the file that the driver wrote for this robot: --source my_robot_calibration.yaml",
+        )
+    rigid = best_rigid_arm(model, angles, region=region, nominal=None if source is None else nominal)
+    tool = rigid.arm.chain.tip_in_flange  # after the last link the file has no motion
+    tips_in_base = rigid.arm.chain.tip_in_base(check_joints(model))
+    manifest = Manifest.of(model, FORMAT, tips=tips_in_base, frame="base", loss=rigid.loss)
+    comments = [
+        f"# {manifest.line()}",
+        "# Angles as a URDF reads them: R = Rz(yaw) Ry(pitch) Rx(roll).",
+        "# The tip that was measured is no part of the robot: set it as a tool.",
+        f"# {TOOL_MARK} {' '.join(yaml_number(value) for value in tool / MM_PER_M)}",
+    ]
+    text = ur_kinematics_text(list(rigid.arm.chain.fixed[: len(LINKS)]), found)
+    with atomic_file(path) as beside:
+        beside.write_text("\n".join([*comments, text]), encoding="utf-8")
+    return rigid
+
+
+def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
+    """(n, 3) tips [mm] in the robot's base at joints (n, 6) [rad]: of the tool in the comment, without one of tool0."""
+    arm = read_ur_kinematics(path)
+    stated = _TOOL.search(read_limited(path, limit_bytes=MAX_BYTES).decode("utf-8"))
+    tool = np.zeros(3)
+    if stated is not None:
+        try:
+            tool = MM_PER_M * np.array([float(number) for number in stated.groups()])
+        except ValueError:
+            tool = np.full(3, np.nan)
+        if not np.isfinite(tool).all():
+            raise InputError(f"expected three finite numbers after {TOOL_MARK!r}", file=path)
+    return arm.chain.with_tip(tool).tip_in_base(joints)
+
+
+def _check_ur(arm: Arm) -> None:
+    """Refuse an arm that has other axes than a UR."""
+    chain = arm.chain
+    hint = f"a UR has six turning joints: {', '.join(JOINTS)}"
+    if chain.n_joints != len(LINKS) or chain.is_prismatic.any():
+        raise InputError(f"expected a UR, got the arm {arm.name!r} of {chain.n_joints} joints", hint=hint)
+    for i, expected in enumerate(UR_AXES_DEG, 1):
+        cos = float(np.clip(abs(chain.fixed[i, 2, 2]), 0.0, 1.0))
+        angle = float(np.degrees(np.arccos(cos)))
+        if abs(angle - expected) > MAX_OFF_DEG:
+            raise InputError(
+                f"expected a UR, got the arm {arm.name!r}: its axes {i} and {i + 1} are at {angle:.0f} deg, "
+                f"those of a UR at {expected:.0f} deg",
+                hint=hint,
+            )
