@@ -1,0 +1,207 @@
+"""Source code from templates: the same tables and the same functions, in the same order, for C and JavaScript."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from importlib.resources import files
+from typing import Any
+
+import jinja2
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from truearm.arm.chain import Chain
+from truearm.compensation.export.plain_model import PlainModel, plain_model
+from truearm.compensation.export.reduced_covariance import ReducedCovariance, reduced_covariance
+from truearm.compensation.export.value_tables import ValueTables
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.targets.manifest import Manifest
+from truearm.errors import InputError
+from truearm.identification.terms.thermal import link_vectors
+from truearm.readings.thermal_expansion import STEEL_PER_K
+from truearm.typing import FloatArray
+
+LINE_WIDTH = 118
+# In place of an infinite limit: no joint is beyond.
+NO_LIMIT = 1e300
+
+
+def source_of(model: Compensator, manifest: Manifest, template: str, brackets: str) -> str:
+    """Source code of an identified model.
+
+    Parameters
+    ----------
+    model : Compensator
+        Nominal, kinematic or physical.
+    manifest : Manifest
+    template : str
+        Its name in the folder ``templates``.
+    brackets : str
+        Opening and closing bracket of a list of numbers in the language.
+
+    Raises
+    ------
+    InputError
+        If the model is a network, or has terms of a basis of its user's own.
+    """
+    if not isinstance(model, IdentifiedModel):
+        raise InputError(
+            f"expected a nominal, kinematic or physical model for source code, got a {type(model).__name__}",
+            hint="export a network as ONNX or JSON",
+        )
+    plain = plain_model(model)
+    values = ValueTables.of(plain)
+    covariance = reduced_covariance(model, plain, values.layout)
+    environment = jinja2.Environment(
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # noqa: S701 (source code; names go through `_macro` and `_in_comment`)
+    )
+    environment.filters |= {"number": number, "table": _table_filter(brackets)}
+    text = files("truearm.compensation.export").joinpath("templates", template).read_text(encoding="utf-8")
+    origin = {"manifest": _in_comment(manifest.line()), "sha256": manifest.provenance.model_sha256}
+    checks = {"check_joints": manifest.joints.tolist(), "check_tips": manifest.tips.tolist()}
+    context = origin | checks | _mean(plain, values) | _uncertainty(plain, covariance)
+    return environment.from_string(text).render(context)
+
+
+def _mean(plain: PlainModel, values: ValueTables) -> dict[str, Any]:
+    """Tables from which points and joints are computed."""
+    training, layout = plain.training, values.layout
+    temperature, names = training.temperature_degC, sorted(training.columns)
+    macros = [_macro(name) for name in names]
+    if len(set(macros)) < len(macros):
+        raise InputError(f"expected columns whose names differ in letters and digits, got {names}")
+    limits = np.stack([plain.lower, plain.upper], axis=1)
+    moved = {run.component // 6 for run in values.runs}
+    return {
+        "n": plain.n_joints,
+        "columns": [{"name": name, "macro": macro} for name, macro in zip(names, macros, strict=True)],
+        "used_columns": [_macro(name) for name in layout.columns],
+        "fixed": _rows(plain.chain),
+        "tip": plain.chain.tip_in_flange.tolist(),
+        "moved": [int(place in moved) for place in range(plain.n_joints + 2)],
+        "folded": _folded(plain.chain, values.constant_motions, moved),
+        "reference_fixed": _rows(plain.reference_chain),
+        "reference_tip": plain.reference_chain.tip_in_flange.tolist(),
+        "slides": plain.chain.is_prismatic.astype(int).tolist(),
+        "limits": np.clip(limits, -NO_LIMIT, NO_LIMIT).tolist(),
+        "trained": training.angle_ranges.tolist(),
+        "gaps": training.angle_gaps.tolist(),
+        "temperature": None
+        if temperature is None
+        else [temperature.mean, temperature.std, temperature.lower, temperature.upper],
+        "column_ranges": [
+            [known.mean, known.std, known.lower, known.upper] for known in map(training.columns.__getitem__, names)
+        ],
+        "layout": layout,
+        "uses_harmonics": plain.uses("cos") or plain.uses("sin"),
+        "harmonics": [list(pair) for pair in zip(layout.harmonics, layout.highest, strict=True)],
+        "further": [
+            [joint, order, first, layout.first_of_order.get((joint, order / 2), -1)]
+            for joint, order, first in layout.further
+        ],
+        "constant": values.constant_motions.tolist(),
+        "runs": [list(run) for run in values.runs],
+        "weights": values.weights.tolist(),
+        "uses_gravity": plain.uses("gravity"),
+        "link_fixed": _rows(plain.nominal_chain),
+        "load": values.load.tolist(),
+        "mass_outward": values.mass_outward.tolist(),
+        "gravity": values.gravity_in_place.tolist(),
+        # A third of the reach: the usual lever of a joint.
+        "length": max(plain.nominal_chain.reach / 3, 1.0),
+    }
+
+
+def _uncertainty(plain: PlainModel, covariance: ReducedCovariance) -> dict[str, Any]:
+    """Tables from which covariances are computed."""
+    share, remainder = plain.variance_function, covariance.remainder
+    few = np.abs(covariance.entries).max(initial=0) < 2**15
+    context: dict[str, Any] = {
+        "residual_variance": plain.residual_std_mm**2,
+        "variance_share": np.stack([share.centre, share.spread, share.slope, share.curvature], axis=1).tolist(),
+        "variance_share_mean": share.mean,
+        "expands": plain.training.temperature_degC is not None and not plain.uses("temperature"),
+        "links": link_vectors(plain.nominal_chain).tolist(),
+        "expansion": STEEL_PER_K,
+        "rank": covariance.rank if covariance.entries.size else 0,
+        "n_rows": len(covariance.entries),
+        "largest_error": covariance.largest_error,
+        "root_runs": [list(run) for run in covariance.runs],
+        "quantum": covariance.quantum.astype(np.float32),
+        "entries": covariance.entries,
+        "entry_type": "short" if few else "int",
+        "has_remainder": remainder is not None,
+    }
+    if remainder is not None:
+        context |= {
+            "nodes": np.stack([remainder.first, remainder.count], axis=1).tolist(),
+            "node_at": np.stack([remainder.lower, remainder.per_unit], axis=1).tolist(),
+            "node_variance": remainder.variance.astype(np.float32),
+            "axis_variance": remainder.of_axes.tolist(),
+        }
+    return context
+
+
+def number(value: float) -> str:
+    """A number that reads back exactly."""
+    return str(value) if isinstance(value, int) else repr(float(value))
+
+
+def _table_filter(brackets: str) -> Callable[..., str]:
+    opening, closing = brackets
+
+    def table(values: npt.NDArray[Any] | Sequence[Any], suffix: str = "") -> str:
+        """Nested lists of numbers over several lines."""
+        if isinstance(values, np.ndarray) and values.dtype == np.float32:  # seven digits hold it
+            texts = [f"{value:.8g}" for value in values.tolist()]
+            return _wrapped([text + ("" if set(text) & set(".e") else ".0") + suffix for text in texts])
+        rows = values.tolist() if isinstance(values, np.ndarray) else list(values)
+        if rows and isinstance(rows[0], list | tuple):
+            return opening + ",\n".join(table(row) for row in rows) + closing
+        return _wrapped([number(value) for value in rows])
+
+    def _wrapped(texts: list[str]) -> str:
+        lines, width = [[]], 0  # type: list[list[str]], int
+        for text in texts:
+            if width + len(text) + 1 > LINE_WIDTH:
+                lines.append([])
+                width = 0
+            lines[-1].append(text)
+            width += len(text) + 1
+        return opening + ",\n".join(",".join(line) for line in lines) + closing
+
+    return table
+
+
+def _rows(chain: Chain) -> list[list[float]]:
+    """Three rows of four numbers of each fixed motion, one after the other."""
+    rows: list[list[float]] = chain.fixed[:, :3].reshape(-1, 12).tolist()
+    return rows
+
+
+def _folded(chain: Chain, constant: FloatArray, moved: set[int]) -> list[list[float]]:
+    """The fixed motions with those motions beside them that never change: ``F0 E0``, then ``En Fn``."""
+    E = np.tile(np.eye(4), (chain.n_joints + 1, 1, 1))
+    E[:, :3, :3] = Rotation.from_rotvec(constant[:-1, :3]).as_matrix()
+    E[:, :3, 3] = constant[:-1, 3:]
+    E[list(moved - {chain.n_joints + 1})] = np.eye(4)
+    fixed = np.concatenate([(chain.fixed[0] @ E[0])[None], E[1:] @ chain.fixed[1:]])
+    rows: list[list[float]] = fixed[:, :3].reshape(-1, 12).tolist()
+    return rows
+
+
+def _macro(name: str) -> str:
+    """A column's name as part of a name in C and JavaScript."""
+    return re.sub(r"[^A-Za-z0-9_]", "_", name)
+
+
+def _in_comment(line: str) -> str:
+    """The manifest in a comment of C: nothing that opens a comment or is a trigraph, which compilers warn of."""
+    return line.replace("/*", "/\\u002a").replace("??", "?\\u003f")

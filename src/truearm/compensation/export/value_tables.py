@@ -1,0 +1,234 @@
+"""An identified model as tables for plain loops: what C and JavaScript evaluate.
+
+All basis functions of an arm's state are values of one vector, each computed once whatever the places that it acts at:
+first the one of the constants, then temperature, directions, columns, gravity torques, and by joint the harmonics
+``cos k q, sin k q`` of orders 1 to K (by addition theorems) and some higher ones. A component of a place's motion is
+then a sum over runs of neighbouring values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from truearm.compensation.export.plain_model import BasisFunction, PlainModel
+from truearm.identification.terms.thermal import link_vectors
+from truearm.typing import FloatArray
+
+
+class Run(NamedTuple):
+    """Neighbouring values that move one component.
+
+    Attributes
+    ----------
+    component : int
+        6 times the place, plus 0 to 5 for the rotations and translations along its axes.
+    first, count : int
+        The values.
+    """
+
+    component: int
+    first: int
+    count: int
+
+
+@dataclass(frozen=True)
+class ValueLayout:
+    """Where each basis function stands in the vector of values.
+
+    Attributes
+    ----------
+    n_joints : int
+    columns : tuple of str
+        Columns of a session that functions depend on.
+    temperature, direction, column, gravity : int
+        First value of each kind: one temperature, a direction for each joint, columns, three torques for the base and
+        each joint. -1 where no function depends on it.
+    harmonics : tuple of int
+        First value of each joint's consecutive orders.
+    highest : tuple of int
+        The highest of them; 0 where there are none.
+    further : tuple of (int, int, int)
+        Joint (counted from 0), order and first value of the orders above.
+    n_values : int
+    """
+
+    n_joints: int
+    columns: tuple[str, ...]
+    temperature: int
+    direction: int
+    column: int
+    gravity: int
+    harmonics: tuple[int, ...]
+    highest: tuple[int, ...]
+    further: tuple[tuple[int, int, int], ...]
+    n_values: int
+
+    @classmethod
+    def of(cls, functions: Iterable[BasisFunction], n_joints: int) -> ValueLayout:
+        """Layout of distinct functions."""
+        distinct = set(functions)
+        kinds = {function.kind for function in distinct}
+        columns = tuple(sorted({function.column for function in distinct if function.kind == "column"}))
+        sizes = {"temperature": 1, "direction": n_joints, "column": len(columns), "gravity": 3 * (n_joints + 1)}
+        first, size = {}, 1
+        for kind, count in sizes.items():
+            first[kind] = size if kind in kinds else -1
+            size += count if kind in kinds else 0
+        harmonics, highest, further = [], [], []
+        for joint in range(n_joints):
+            orders = sorted({f.order for f in distinct if f.order and f.joint == joint + 1})
+            # Orders are computed in a row as long as at least half of them are used.
+            top = max((k for n, k in enumerate(orders, 1) if 2 * n >= k), default=0)
+            harmonics.append(size)
+            highest.append(top)
+            size += 2 * top
+            for k in orders:
+                if k > top:
+                    further.append((joint, k, size))
+                    size += 2
+        return cls(
+            n_joints=n_joints,
+            columns=columns,
+            **first,
+            harmonics=tuple(harmonics),
+            highest=tuple(highest),
+            further=tuple(further),
+            n_values=size,
+        )
+
+    def index(self, function: BasisFunction) -> int:
+        """The value of a function."""
+        match function.kind:
+            case "constant":
+                return 0
+            case "temperature":
+                return self.temperature
+            case "direction":
+                return self.direction + function.joint - 1
+            case "column":
+                return self.column + self.columns.index(function.column)
+            case "gravity":
+                return self.gravity + 3 * function.joint + function.axis
+        return self.first_of_order[function.joint - 1, function.order] + (function.kind == "sin")
+
+    @cached_property
+    def first_of_order(self) -> dict[tuple[int, float], int]:
+        """First value by joint (counted from 0) and order."""
+        consecutive: dict[tuple[int, float], int] = {
+            (joint, k): first + 2 * (k - 1)
+            for joint, (first, top) in enumerate(zip(self.harmonics, self.highest, strict=True))
+            for k in range(1, top + 1)
+        }
+        return consecutive | {(joint, k): first for joint, k, first in self.further}
+
+
+@dataclass(frozen=True, eq=False)
+class ValueTables:
+    """The mean of an identified model as tables; see `reduced_covariance` for its covariance.
+
+    Attributes
+    ----------
+    layout : ValueLayout
+    constant_motions : (n_places, 6) array
+        Motions by the constants [rad, mm].
+    runs : tuple of Run
+        Of the other values.
+    weights : (n,) array
+        Motion by a unit of each value, run by run.
+    load : (n_joints, 3) array
+        First moment of a link and of the masses beyond its far end, along the axes of its place [kg mm].
+    mass_outward : (n_joints,) array
+        Mass of a link and of all beyond it [kg].
+    gravity_in_place : (3,) array
+        Acceleration of free fall along the axes of place 0 [m/s^2].
+    """
+
+    layout: ValueLayout
+    constant_motions: FloatArray
+    runs: tuple[Run, ...]
+    weights: FloatArray
+    load: FloatArray
+    mass_outward: FloatArray
+    gravity_in_place: FloatArray
+
+    @classmethod
+    def of(cls, plain: PlainModel) -> ValueTables:
+        """Tables of a model."""
+        layout = ValueLayout.of(plain.functions, plain.n_joints)
+        constant = np.zeros((plain.n_joints + 2, 6))
+        motion: dict[tuple[int, int], float] = {}
+        for function, place, row in zip(plain.functions, plain.place.tolist(), plain.motion_by_function, strict=True):
+            value = layout.index(function)
+            if value == 0:
+                constant[place] += row
+                continue
+            for axis in np.flatnonzero(row).tolist():
+                key = 6 * place + axis, value
+                motion[key] = motion.get(key, 0.0) + float(row[axis])
+        order = sorted(motion)
+        vectors, mass = link_vectors(plain.nominal_chain), plain.mass_kg
+        outward = np.cumsum(mass[::-1])[::-1]
+        beyond = np.append(outward[1:], 0.0)
+        return cls(
+            layout=layout,
+            constant_motions=constant,
+            runs=runs_of(order),
+            weights=np.array([motion[key] for key in order]),
+            load=beyond[:, None] * vectors[1:] + mass[:, None] * plain.centre_in_joint_mm,
+            mass_outward=outward,
+            gravity_in_place=plain.gravity_in_base @ plain.nominal_chain.fixed[0, :3, :3],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CovarianceRows:
+    """The coefficients' covariance root by component and value: how motions deviate, direction by direction.
+
+    Attributes
+    ----------
+    keys : tuple of (int, int)
+        Component and value of each row, rising.
+    of_coefficient : (k, p) array
+        Rows by coefficients: a row's deviation is this times the deviations of the coefficients.
+    """
+
+    keys: tuple[tuple[int, int], ...]
+    of_coefficient: FloatArray
+
+    @classmethod
+    def of(cls, plain: PlainModel, layout: ValueLayout) -> CovarianceRows:
+        """Rows of a model."""
+        entries: dict[tuple[int, int], dict[int, float]] = {}
+        places, values = plain.place.tolist(), [layout.index(function) for function in plain.functions]
+        for p, (row, direction) in enumerate(
+            zip(plain.coefficient_function.tolist(), plain.coefficient_direction.tolist(), strict=True)
+        ):
+            for axis, share in enumerate(direction):
+                if share:
+                    by_coefficient = entries.setdefault((6 * places[row] + axis, values[row]), {})
+                    by_coefficient[p] = by_coefficient.get(p, 0.0) + share
+        keys = sorted(entries)
+        return cls(tuple(keys), _matrix([entries[key] for key in keys], len(plain.coefficient_function)))
+
+
+def runs_of(keys: Iterable[tuple[int, int]]) -> tuple[Run, ...]:
+    """Runs of rising pairs of component and value."""
+    runs: list[Run] = []
+    for component, value in keys:
+        if runs and runs[-1].component == component and runs[-1].first + runs[-1].count == value:
+            runs[-1] = runs[-1]._replace(count=runs[-1].count + 1)
+        else:
+            runs.append(Run(component, value, 1))
+    return tuple(runs)
+
+
+def _matrix(rows: list[Mapping[int, float]], width: int) -> FloatArray:
+    out = np.zeros((len(rows), width))
+    for row, entries in zip(out, rows, strict=True):
+        row[list(entries)] = list(entries.values())
+    return out
