@@ -17,7 +17,7 @@ import numpy.typing as npt
 from truearm.compensation.export.source_code import source_of
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.targets.manifest import Manifest, read_manifest
-from truearm.errors import InputError
+from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
 from truearm.typing import FloatArray
 
@@ -67,8 +67,10 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
 
     Raises
     ------
+    MissingTool
+        If there is no C compiler.
     InputError
-        If there is no C compiler, the file does not compile, was not exported by truearm, or refuses joints.
+        If the file does not compile, was not exported by truearm, or refuses joints.
     """
     joints = np.ascontiguousarray(joints, dtype=float)
     n_joints = len(read_manifest(path).provenance.joint_names)
@@ -89,12 +91,14 @@ def compile_library(path: str | Path, folder: str | Path, *flags: str) -> Path:
 
     Raises
     ------
+    MissingTool
+        If there is no C compiler.
     InputError
-        If there is no C compiler, or the file does not compile.
+        If the file does not compile.
     """
     compiler = shutil.which("cc")
     if compiler is None:
-        raise InputError("a C file is checked with a C compiler, and none is installed", hint="apt install gcc")
+        raise MissingTool("a C file is checked with a C compiler, and none is installed", hint="apt install gcc")
     library = Path(folder) / "model.so"
     command = [compiler, *FLAGS, *flags, "-shared", "-fPIC", "-o", str(library), str(Path(path).resolve()), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=MAX_SECONDS, check=False)  # noqa: S603

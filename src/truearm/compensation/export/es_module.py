@@ -14,7 +14,7 @@ import numpy.typing as npt
 from truearm.compensation.export.source_code import source_of
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.targets.manifest import Manifest, read_manifest
-from truearm.errors import InputError
+from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
 from truearm.typing import FloatArray
 
@@ -76,8 +76,10 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
 
     Raises
     ------
+    MissingTool
+        If Node.js is not installed.
     InputError
-        If Node.js is not installed, the module does not run, was not exported by truearm, or refuses joints.
+        If the module does not run, was not exported by truearm, or refuses joints.
     """
     joints = np.asarray(joints, dtype=float)
     n_joints = len(read_manifest(path).provenance.joint_names)
@@ -95,12 +97,14 @@ def run_module(path: str | Path, call: str, rows: list[list[Any]]) -> list[Any]:
 
     Raises
     ------
+    MissingTool
+        If Node.js is not installed.
     InputError
-        If Node.js is not installed, or the module does not run.
+        If the module does not run.
     """
     node = shutil.which("node")
     if node is None:
-        raise InputError("an ES module is checked with Node.js, which is not installed", hint="apt install nodejs")
+        raise MissingTool("an ES module is checked with Node.js, which is not installed", hint="apt install nodejs")
     job = json.dumps({"source": Path(path).read_text(encoding="utf-8"), "call": call, "rows": rows})
     command = [node, "--input-type=module", "--eval", _RUNNER]
     done = subprocess.run(  # noqa: S603

@@ -38,8 +38,9 @@ MAX_EXACT = 96
 TOLERANCE = 0.006
 # Directions are added by so many, a multiple of what a processor adds at once.
 RANK_STEP, MAX_RANK = 16, 512
-# Share of the smallest variance that rounding of the table to whole numbers may have.
-ROUNDING_SHARE = 1e-4
+# Share of the smallest variance that rounding of the table to whole numbers may have: of a large table, whose errors
+# average out, and of a small one.
+ROUNDING_SHARE, FINE_SHARE = 1e-4, 1e-7
 # Nodes of a joint's variance over a turn: this many for the shortest period of its harmonics.
 NODES_PER_PERIOD, MIN_NODES, MAX_NODES = 6.5, 16, 1024
 # Ridge of the fit, relative to a node's own equations: nodes without poses stay at zero.
@@ -316,7 +317,8 @@ def _rounded(
     # A row's effect on tips, from those of its coefficients.
     shares = np.abs(rows.of_coefficient)
     effect = np.max(np.where(shares > 0, poses.effects / np.where(shares > 0, shares, 1.0), 0.0), axis=1, initial=0.0)
-    unit = np.sqrt(12 * ROUNDING_SHARE * poses.total.min() / max(table.size, 1))
+    share = FINE_SHARE if remainder is None else ROUNDING_SHARE
+    unit = np.sqrt(12 * share * poses.total.min() / max(table.size, 1))
     quantum = unit / np.where(effect > 0, effect, 1.0)
     return ReducedCovariance(
         runs=runs_of(rows.keys),

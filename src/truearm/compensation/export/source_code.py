@@ -114,8 +114,8 @@ def _mean(plain: PlainModel, values: ValueTables) -> dict[str, Any]:
         "load": values.load.tolist(),
         "mass_outward": values.mass_outward.tolist(),
         "gravity": values.gravity_in_place.tolist(),
-        # A third of the reach: the usual lever of a joint.
-        "length": max(plain.nominal_chain.reach / 3, 1.0),
+        # A third of the reach, the usual lever of a joint: as in `truearm.compensation.targets.correction`.
+        "length": max(plain.nominal_chain.reach, plain.reference_chain.reach, 3.0) / 3,
     }
 
 
