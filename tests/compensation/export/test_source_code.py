@@ -36,7 +36,7 @@ CONSTANT = Term("base", 0, (1, 0, 0, 0, 0, 0), Constant(), "base", 1e-3)
 
 
 def make_model(name):
-    """A model by its name; motions of the arm called large are of up to 0.5 rad, more than any target is corrected by."""
+    """A model by its name; motions of the one called large are up to 0.5 rad: more than a correction may be."""
     if name in ("large", "ur10", "measuring7", "rail"):
         arm = rail_arm() if name == "rail" else ta.load_arm("ur10" if name == "large" else name)
         model = planted_model(arm)
@@ -94,7 +94,8 @@ class Written:
         """Joints and codes of one of the functions that turn joints into joints."""
         q = np.ascontiguousarray(q)
         out = np.full_like(q, np.nan)
-        return out, np.array([getattr(self.library, function)(pointer(a), None, pointer(b)) for a, b in zip(q, out)])
+        call = getattr(self.library, function)
+        return out, np.array([call(pointer(a), None, pointer(b)) for a, b in zip(q, out, strict=True)])
 
 
 def readings_of(model, n, seed=5):
@@ -325,10 +326,15 @@ HOSTILE_MAIN = """
 #include <stdio.h>
 #include <float.h>
 static unsigned long seed = 1;
-static double draw(void) { seed = seed * 6364136223846793005UL + 1442695040888963407UL; return (double)(seed >> 11) / 9007199254740992.0; }
+static double draw(void)
+{
+    seed = seed * 6364136223846793005UL + 1442695040888963407UL;
+    return (double)(seed >> 11) / 9007199254740992.0;
+}
 static double hostile(double usual)
 {
-    static const double worst[] = {NAN, INFINITY, -INFINITY, 1e300, -1e300, 1e6, -1e6, DBL_MIN, 4e-324, 0.0, -0.0, 999999.0};
+    static const double worst[] = {NAN,  INFINITY, -INFINITY, 1e300, -1e300, 1e6,
+                                   -1e6, DBL_MIN,  4e-324,    0.0,   -0.0,   999999.0};
     return draw() < 0.1 ? worst[(int)(draw() * 12)] : usual * (2 * draw() - 1);
 }
 int main(void)

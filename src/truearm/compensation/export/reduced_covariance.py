@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 from scipy.sparse import csr_array, hstack
 from scipy.sparse.linalg import lsqr
 
@@ -150,7 +151,7 @@ class _Poses:
 
     angles: FloatArray
     levers: FloatArray
-    spread: FloatArray
+    spread: npt.NDArray[np.float32]
     own: FloatArray
     unexplained: FloatArray
     effects: FloatArray
@@ -266,8 +267,8 @@ class _RemainderFit:
     nodes: JointVariances
     poses: _Poses
     judges: _Poses
-    squares: FloatArray
-    judged_squares: FloatArray
+    squares: npt.NDArray[np.float32]
+    judged_squares: npt.NDArray[np.float32]
     design: csr_array
     judged_design: csr_array
     weight: FloatArray
@@ -281,8 +282,8 @@ class _RemainderFit:
             nodes,
             poses,
             judges,
-            (poses.spread @ leading) ** 2,
-            (judges.spread @ leading) ** 2,
+            np.asarray((poses.spread @ leading) ** 2, dtype=np.float32),
+            np.asarray((judges.spread @ leading) ** 2, dtype=np.float32),
             nodes.design(poses.angles, poses.levers),
             nodes.design(judges.angles, judges.levers),
             weight,

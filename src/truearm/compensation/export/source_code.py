@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from importlib.resources import files
 from typing import Any
 
 import jinja2
@@ -56,6 +55,7 @@ def source_of(model: Compensator, manifest: Manifest, template: str, brackets: s
     values = ValueTables.of(plain)
     covariance = reduced_covariance(model, plain, values.layout)
     environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("truearm.compensation.export"),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -63,11 +63,10 @@ def source_of(model: Compensator, manifest: Manifest, template: str, brackets: s
         autoescape=False,  # noqa: S701 (source code; names go through `_macro` and `_in_comment`)
     )
     environment.filters |= {"number": number, "table": _table_filter(brackets)}
-    text = files("truearm.compensation.export").joinpath("templates", template).read_text(encoding="utf-8")
     origin = {"manifest": _in_comment(manifest.line()), "sha256": manifest.provenance.model_sha256}
     checks = {"check_joints": manifest.joints.tolist(), "check_tips": manifest.tips.tolist()}
     context = origin | checks | _mean(plain, values) | _uncertainty(plain, covariance)
-    return environment.from_string(text).render(context)
+    return environment.get_template(template).render(context)
 
 
 def _mean(plain: PlainModel, values: ValueTables) -> dict[str, Any]:
@@ -155,7 +154,7 @@ def number(value: float) -> str:
 
 
 def _table_filter(brackets: str) -> Callable[..., str]:
-    opening, closing = brackets
+    opening, closing = brackets[0], brackets[1]
 
     def table(values: npt.NDArray[Any] | Sequence[Any], suffix: str = "") -> str:
         """Nested lists of numbers over several lines."""

@@ -27,13 +27,14 @@ class Run(NamedTuple):
     ----------
     component : int
         6 times the place, plus 0 to 5 for the rotations and translations along its axes.
-    first, count : int
-        The values.
+    first : int
+        The first value.
+    n_values : int
     """
 
     component: int
     first: int
-    count: int
+    n_values: int
 
 
 @dataclass(frozen=True)
@@ -220,8 +221,8 @@ def runs_of(keys: Iterable[tuple[int, int]]) -> tuple[Run, ...]:
     """Runs of rising pairs of component and value."""
     runs: list[Run] = []
     for component, value in keys:
-        if runs and runs[-1].component == component and runs[-1].first + runs[-1].count == value:
-            runs[-1] = runs[-1]._replace(count=runs[-1].count + 1)
+        if runs and runs[-1].component == component and runs[-1].first + runs[-1].n_values == value:
+            runs[-1] = runs[-1]._replace(n_values=runs[-1].n_values + 1)
         else:
             runs.append(Run(component, value, 1))
     return tuple(runs)
