@@ -31,6 +31,8 @@ from truearm.workflows.check import CheckResult as CheckResult
 from truearm.workflows.check import check as check
 from truearm.workflows.check_export import ExportCheck as ExportCheck
 from truearm.workflows.check_export import check_export as check_export
+from truearm.workflows.correct import CorrectedTargets as CorrectedTargets
+from truearm.workflows.correct import correct as correct
 from truearm.workflows.evaluate import Evaluation as Evaluation
 from truearm.workflows.evaluate import evaluate as evaluate
 from truearm.workflows.export import ExportResult as ExportResult

@@ -1,0 +1,92 @@
+"""``truearm correct``: joint targets that bring the arm where it should be."""
+
+from __future__ import annotations
+
+from math import radians
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from truearm.cli.console import Json, ModelFile, check_output_is_not_input, numbers_of, print_record, progress
+
+
+def correct(
+    model: ModelFile,
+    targets: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TARGETS", help="Table of targets, .csv: joints, or poses of the tip with start joints."
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="File to write: .csv, or by --as .script, .mod, .dat, .ls.")],
+    direction: Annotated[
+        Literal["command", "feedback"],
+        typer.Option("--direction", help="command: what to send to the controller; feedback: what its encoders mean."),
+    ] = "command",
+    language: Annotated[
+        Literal["urscript", "rapid", "krl", "fanuc"] | None,
+        typer.Option("--as", help="Write the targets in a robot language instead of a table."),
+    ] = None,
+    frame: Annotated[
+        Literal["reference", "base"],
+        typer.Option("--frame", help="Frame of poses: that of the model's points, or the arm's own base frame."),
+    ] = "reference",
+    tool: Annotated[
+        str | None,
+        typer.Option(
+            "--tool",
+            metavar="X,Y,Z[,R,P,Y]",
+            help="Tip in the flange [mm] and roll, pitch, yaw [deg], in place of the tip in the readings.",
+        ),
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option("--start", metavar="Q1,Q2,..", help="Start joints [deg, mm] of all poses, if the table has none."),
+    ] = None,
+    untrained: Annotated[
+        Literal["refuse", "accept"],
+        typer.Option("--untrained", help="Targets outside the trained range: refuse them, or correct and flag them."),
+    ] = "refuse",
+    uncertainty: Annotated[
+        bool, typer.Option(help="Compute the uncertainty of the tip; without it correction is faster.")
+    ] = True,
+    as_json: Json = False,
+) -> None:
+    """Correct the joint targets of a robot program, so that the arm goes where the program says.
+
+    Columns of the table, as in docs/correct.md: joints q1_deg .. (or q1_rad; q1_mm for a sliding joint); for poses also
+    x_mm, y_mm, z_mm with qw .. qz, rx_deg .. rz_deg (rotation vector), roll_deg, pitch_deg, yaw_deg or r11 .. r33. The
+    file written has the same joint columns, and for each target a status: ok, or the reason for which it was refused.
+
+    Exit code 0: all targets corrected; 1: some refused; 3: none corrected.
+    """
+    from truearm.files.atomic_write import check_writable
+    from truearm.workflows.correct import check_output
+    from truearm.workflows.correct import correct as correct_targets
+    from truearm.workflows.inputs import to_model
+
+    check_output(out, language)
+    check_output_is_not_input(out, model, targets)
+    check_writable(out)
+    tool_numbers = None if tool is None else numbers_of(tool, "--tool", "0,0,120")
+    start_numbers = None if start is None else numbers_of(start, "--start", "0,-90,90,0,90,0")
+    with progress(f"correcting {targets.name}"):
+        fitted = to_model(model)
+        slides = fitted.arm.chain.is_prismatic.tolist()
+        corrected = correct_targets(
+            fitted,
+            targets,
+            direction=direction,
+            frame=frame,
+            tool=None if tool_numbers is None else tool_numbers[:3] + [radians(q) for q in tool_numbers[3:]],
+            start=None
+            if start_numbers is None
+            else [q if i < len(slides) and slides[i] else radians(q) for i, q in enumerate(start_numbers)],
+            untrained=untrained,
+            uncertainty=uncertainty,
+        )
+        corrected.save(out, language=language)
+    print_record(corrected, as_json=as_json, files={"targets": out})
+    n_refused = int(corrected.refused.sum())
+    raise typer.Exit(0 if not n_refused else 3 if n_refused == len(corrected.refused) else 1)
