@@ -1,0 +1,207 @@
+"""``truearm correct``: the table, the program, the exit code; wrong input writes nothing."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import truearm as ta
+from truearm.compensation.targets.manifest import read_manifest
+
+# Joints are printed to 12 digits, in degrees.
+PRINTED_DEG = 1e-9
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A model of a virtual UR10 in a program of five targets."""
+    folder = tmp_path_factory.mktemp("correct")
+    session = ta.simulate("ur10", poses=60, seed=1).session
+    model = ta.fit("ur10", session, model="kinematic").model
+    model.save(folder / "m.truearm")
+    low, high = model.angle_ranges_.T
+    joints = np.degrees((low + high) / 2 + 0.2 * (high - low) * np.random.default_rng(0).uniform(-1, 1, (5, 6)))
+    frame = pd.DataFrame(joints, columns=[f"q{i}_deg" for i in range(1, 7)])
+    frame.insert(0, "name", ["a", "b", "=c", "d", "e"])
+    frame.to_csv(folder / "program.csv", index=False)
+    beyond = frame.copy()
+    beyond.loc[1, "q1_deg"] = np.degrees(high[0]) + 40
+    beyond.to_csv(folder / "beyond.csv", index=False)
+    beyond.loc[[1]].to_csv(folder / "only-beyond.csv", index=False)
+    return folder
+
+
+def table(path):
+    return pd.read_csv(path, comment="#")
+
+
+def run_correct(truearm, folder, name, out, *options):
+    return truearm("correct", folder / "m.truearm", folder / name, "--out", out, *options)
+
+
+def test_the_table_has_the_joints_of_the_input_and_says_its_direction(truearm, folder, tmp_path):
+    ran = run_correct(truearm, folder, "program.csv", tmp_path / "c.csv")
+    assert ran.code == 0, ran.err
+    assert ran.out.startswith("5 of 5 targets corrected; largest change 0.")
+    assert "direction command: send these joints" in ran.out
+    found, program = table(tmp_path / "c.csv"), pd.read_csv(folder / "program.csv")
+    joints = [f"q{i}_deg" for i in range(1, 7)]
+    assert list(found)[:8] == [*joints, "name", "direction"]
+    assert list(found["name"]) == ["a", "b", "'=c", "d", "e"]  # no formula
+    assert set(found["direction"]) == {"command"}
+    assert set(found["status"]) == {"ok"}
+    expected = ta.correct(folder / "m.truearm", np.radians(program[joints].to_numpy()))
+    np.testing.assert_allclose(found[joints], np.degrees(expected.joints), atol=PRINTED_DEG)
+    np.testing.assert_allclose(found["u_mm"], expected.u_mm, rtol=1e-9)
+
+
+def test_the_file_carries_check_poses_that_a_model_confirms(truearm, folder, tmp_path):
+    for direction in ("command", "feedback"):
+        out = tmp_path / f"{direction}.csv"
+        assert run_correct(truearm, folder, "program.csv", out, "--direction", direction).code == 0
+        manifest, model = read_manifest(out), ta.load_model(folder / "m.truearm")
+        assert (manifest.direction, manifest.provenance.arm) == (direction, "ur10")
+        corrected = np.array([pose.corrected_joints for pose in manifest.check_poses])
+        assert corrected.shape == (5, 6)
+        machine, nominal = (corrected, manifest.joints) if direction == "command" else (manifest.joints, corrected)
+        np.testing.assert_allclose(model.predict(machine), manifest.tips, atol=manifest.tolerance_mm)
+        np.testing.assert_allclose(model.predict_nominal(nominal), manifest.tips, atol=manifest.tolerance_mm)
+
+
+def test_feedback_of_what_was_sent_is_the_program(truearm, folder, tmp_path):
+    assert run_correct(truearm, folder, "program.csv", tmp_path / "sent.csv").code == 0
+    joints = [f"q{i}_deg" for i in range(1, 7)]
+    table(tmp_path / "sent.csv")[joints].to_csv(tmp_path / "read.csv", index=False)
+    ran = truearm(
+        "correct", folder / "m.truearm", tmp_path / "read.csv", "--out", tmp_path / "f.csv", "--direction", "feedback"
+    )
+    assert ran.code == 0, ran.err
+    program = pd.read_csv(folder / "program.csv")[joints]
+    np.testing.assert_allclose(table(tmp_path / "f.csv")[joints], program, atol=1e-7)  # 1e-9 rad and print
+
+
+def test_refused_targets_are_empty_with_a_reason_and_an_exit_code(truearm, folder, tmp_path):
+    ran = run_correct(truearm, folder, "beyond.csv", tmp_path / "c.csv")
+    assert ran.code == 1
+    assert "refused: b: outside the trained range (J1)" in ran.out
+    found = table(tmp_path / "c.csv")
+    assert found.loc[1, "status"] == "outside the trained range (J1)"
+    assert found.loc[1, [f"q{i}_deg" for i in range(1, 7)]].isna().all()
+    assert found.loc[1, "inside_training"] == 0
+    accepted = run_correct(truearm, folder, "beyond.csv", tmp_path / "c.csv", "--untrained", "accept")
+    assert accepted.code == 0
+    assert "1 corrected targets are outside the trained range" in accepted.out
+    none = run_correct(truearm, folder, "only-beyond.csv", tmp_path / "c.csv")
+    assert none.code == 3
+    assert none.out.startswith("None of 1 targets corrected.")
+
+
+def test_json_has_the_summary_and_the_refusals(truearm, folder, tmp_path):
+    ran = run_correct(truearm, folder, "beyond.csv", tmp_path / "c.csv", "--json", "--no-uncertainty")
+    result = json.loads(ran.out)
+    assert ran.code == 1
+    assert (result["n_targets"], result["n_corrected"], result["direction"]) == (5, 4, "command")
+    assert result["refused"] == [{"target": 2, "name": "b", "reason": "outside the trained range (J1)"}]
+    assert result["median_u_mm"] is None
+    assert result["file"] == str(tmp_path / "c.csv")
+
+
+@pytest.mark.parametrize(
+    ("language", "suffix"), [("urscript", "script"), ("rapid", "mod"), ("krl", "dat"), ("fanuc", "ls")]
+)
+def test_a_program_has_check_poses_and_its_direction(truearm, folder, tmp_path, language, suffix):
+    out = tmp_path / f"p.{suffix}"
+    ran = run_correct(truearm, folder, "beyond.csv", out, "--as", language)
+    assert ran.code == 1, ran.err
+    text = out.read_text(encoding="utf-8")
+    assert read_manifest(out).format == language
+    assert "direction command: send these joints" in text
+    assert "2 b: REFUSED, outside the trained range (J1)" in text
+
+
+def test_poses_with_one_start_and_a_tool(truearm, folder, tmp_path):
+    model = ta.load_model(folder / "m.truearm")
+    start = np.radians(pd.read_csv(folder / "program.csv").iloc[0, 1:].to_numpy(dtype=float))
+    pose = model.nominal_.chain.pose(start[None])
+    columns = dict(zip(["x_mm", "y_mm", "z_mm"], pose.tip_in_base.T + [[5.0], [0.0], [0.0]], strict=True))
+    pd.DataFrame(columns).to_csv(tmp_path / "poses.csv", index=False)
+    ran = truearm(
+        "correct",
+        folder / "m.truearm",
+        tmp_path / "poses.csv",
+        "--out",
+        tmp_path / "c.csv",
+        "--start",
+        ",".join(map(str, np.degrees(start))),
+        "--tool",
+        "0,0,1,0,0,30",
+    )
+    assert ran.code == 0, ran.err
+    assert "Positions without orientations" in ran.out
+    assert "# tool in the flange: 0, 0, 1 mm, roll pitch yaw 0, 0, 30 deg" in (tmp_path / "c.csv").read_text()
+    sent = np.radians(table(tmp_path / "c.csv")[[f"q{i}_deg" for i in range(1, 7)]].to_numpy())
+    assert np.abs(sent - start).max() < 0.1
+
+
+BAD = [
+    (["program.csv", "c.txt"], "ends in .csv"),
+    (["program.csv", "c.script"], "--as urscript"),
+    (["program.csv", "c.csv", "--as", "rapid"], "ends in .mod"),
+    (["program.csv", "c.csv", "--tool", "1,2"], "expected a tool"),
+    (["program.csv", "c.csv", "--tool", "1,2,x"], "--tool expects numbers"),
+    (["program.csv", "c.csv", "--start", "0,0,0,0,0,0"], "start joints are given twice"),
+    (["missing.csv", "c.csv"], "does not exist"),
+    (["m.truearm", "c.csv"], "got a model file"),
+    (["program.csv", "no/such/c.csv"], "does not exist"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD)
+def test_wrong_input_gets_one_line_and_writes_nothing(truearm, folder, tmp_path, snapshot, arguments, message):
+    before = snapshot(tmp_path)
+    name, out, *options = arguments
+    ran = run_correct(truearm, folder, name, tmp_path / out, *options)
+    assert ran.code == 2
+    assert message in ran.err
+    assert ran.err.count("\n") == 1
+    assert snapshot(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad\n" + "90,80,70,60,50,40\n" * 2, "outside its limits"),
+        ("q1_deg,q2_deg\n1,2\n", "expected 6 joints"),
+        ("q1_mm,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n1,2,3,4,5,6\n", "expected deg or rad, got mm"),
+        ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n1,2,3,4,5,NaN\n", "line 2, column 'q6_deg': expected a finite"),
+    ],
+)
+def test_a_table_of_another_arm_or_unit_is_refused(truearm, folder, tmp_path, snapshot, text, message):
+    (tmp_path / "targets.csv").write_text(text)
+    before = snapshot(tmp_path)
+    ran = truearm("correct", folder / "m.truearm", tmp_path / "targets.csv", "--out", tmp_path / "c.csv")
+    assert ran.code == 2
+    assert message in ran.err
+    assert snapshot(tmp_path) == before
+
+
+def test_a_corrected_file_is_not_corrected_again(truearm, folder, tmp_path):
+    assert run_correct(truearm, folder, "program.csv", tmp_path / "once.csv").code == 0
+    again = truearm("correct", folder / "m.truearm", tmp_path / "once.csv", "--out", tmp_path / "twice.csv")
+    assert again.code == 2
+    assert "corrected already" in again.err
+    once = table(tmp_path / "once.csv")
+    with pytest.raises(ta.InputError, match="corrected already"):
+        ta.correct(folder / "m.truearm", once)
+    assert not (tmp_path / "twice.csv").exists()
+
+
+def test_the_record_for_notebooks_and_machines(folder):
+    record = ta.correct(folder / "m.truearm", pd.read_csv(folder / "beyond.csv"))
+    assert str(record).splitlines()[0] == record.summary() == record.to_dict()["summary"]
+    assert repr(record).startswith("<CorrectedTargets: 4 of 5 targets corrected")
+    json.dumps(record.to_dict(), allow_nan=False)
+    assert list(record.refused) == [False, True, False, False, False]

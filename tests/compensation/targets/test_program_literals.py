@@ -1,0 +1,69 @@
+"""Literals of four languages: the same joints read back, refused targets are comments, names stay inside of them."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from truearm.compensation.targets.program_literals import LANGUAGES, program_text
+from truearm.errors import InputError
+
+NUMBER = r"-?\d+\.\d+"
+# Printed to 1e-9 rad or 1e-6 deg.
+PRINTED_RAD = 2e-8
+JOINTS = np.random.default_rng(1).uniform(-3, 3, (4, 6))
+LABELS = ["home", "above\nmovej([0,0,0,0,0,0])", "päck", "target 4"]
+REASONS = ["", "", "at a limit: J2", ""]
+
+
+def text_of(language, **changed):
+    options = {"labels": LABELS, "reasons": REASONS, "prismatic": np.zeros(6, bool), "header": ["truearm-export: {}"]}
+    return program_text(language, JOINTS, **{**options, **changed})
+
+
+def joints_in(language, text):
+    """Read the targets back by the language's own form."""
+    if language == "urscript":
+        rows = re.findall(r"^  movej\(\[(.*?)\]", text, re.MULTILINE)
+    elif language == "rapid":
+        rows = re.findall(r":= \[\[(.*?)\],\[9E9,9E9,9E9,9E9,9E9,9E9\]\];", text)
+    elif language == "krl":
+        rows = re.findall(r"^DECL AXIS XC\d+=\{(A1 .*)\}", text, re.MULTILINE)
+    else:
+        rows = re.findall(r"^P\[\d+\]\{(.*?)^\};", text, re.MULTILINE | re.DOTALL)
+    found = np.array([[float(n) for n in re.findall(NUMBER, row)] for row in rows])
+    return found if language == "urscript" else np.radians(found)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_joints_read_back(language):
+    np.testing.assert_allclose(joints_in(language, text_of(language)), JOINTS[[0, 1, 3]], atol=PRINTED_RAD)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_refused_target_is_a_comment_that_names_it(language):
+    (line,) = [line for line in text_of(language).splitlines() if "REFUSED" in line]
+    assert line == f"{LANGUAGES[language].comment} 3 p?ck: REFUSED, at a limit: J2"
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_name_with_a_line_break_stays_in_its_comment(language):
+    lines = text_of(language).splitlines()
+    assert any(line.startswith(f"{LANGUAGES[language].comment} 2 above?movej") for line in lines)
+    assert not any(line.startswith("movej") for line in lines)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_first_line_is_the_header(language):
+    assert text_of(language).splitlines()[0] == f"{LANGUAGES[language].comment} truearm-export: {{}}"
+
+
+def test_arms_that_a_language_cannot_state_are_refused():
+    with pytest.raises(InputError, match="6 joints, 1 of them sliding"):
+        text_of("krl", prismatic=np.array([True] + [False] * 5))
+    with pytest.raises(InputError, match="7 joints"):
+        text_of("rapid", prismatic=np.zeros(7, bool))
+    with pytest.raises(InputError, match="expected a language among"):
+        text_of("karel")
