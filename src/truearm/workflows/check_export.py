@@ -13,6 +13,7 @@ import numpy as np
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.provenance import provenance_of
 from truearm.compensation.targets.manifest import EXACT_MM, Manifest, read_manifest
+from truearm.compensation.targets.pose_models import with_tool
 from truearm.errors import InputError, MissingTool
 from truearm.identification.estimation.alignment import align
 from truearm.typing import FloatArray
@@ -103,8 +104,12 @@ def _same_arm(own: str, own_serial: str, arm: str, serial: str) -> Finding:
 
 def _as_the_model(model: Compensator, manifest: Manifest) -> Finding:
     """Compare what the file is said to give with what the model gives."""
-    tips = model.predict(manifest.joints)
-    expected = manifest.tips if manifest.frame == "reference" else _aligned(manifest.tips, tips)
+    equipped = model if manifest.tool is None else with_tool(model, np.array(manifest.tool))
+    rows = np.isfinite(manifest.machine_joints).all(axis=1)
+    if not rows.any():
+        return Finding("check poses", "not run", "none of them could be corrected")
+    tips = equipped.predict(manifest.machine_joints[rows])
+    expected = manifest.tips[rows] if manifest.frame == "reference" else _aligned(manifest.tips[rows], tips)
     largest = float(np.linalg.norm(expected - tips, axis=1).max())
     limit = EXACT_MM if manifest.loss is None else LOSS_FACTOR * max(manifest.loss.exported_max_mm, EXACT_MM)
     detail = f"tips of the check poses differ by {largest:.3g} mm from the model's, at most {limit:.3g} mm expected"

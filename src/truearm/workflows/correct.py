@@ -280,7 +280,8 @@ class CorrectedTargets(Record):
                 manifest.check_poses, checked.joints.tolist(), checked.refused.tolist(), strict=True
             )
         )
-        return manifest.model_copy(update={"check_poses": poses})
+        tool = None if self.tool is None else tuple(_checked_tool(self.tool).tolist())
+        return manifest.model_copy(update={"check_poses": poses, "tool": tool})
 
     def summary(self) -> str:
         """The answer in one sentence: how many targets were corrected, and by how much."""

@@ -66,7 +66,7 @@ class Correction:
     condition : (n,) array
         Condition of the Jacobian, with a radian as long as a third of the reach.
     outside : (n,) bool array
-        Whether the joints of the machine, or another input, are outside the trained range.
+        Whether the joints, the machine's and the nominal arm's, or another input are outside the trained range.
     change : (n, n_joints) array
         Corrected joints minus the nominal arm's joints for the same pose, or minus those read [rad, or mm].
     shift_mm : (n,) array
@@ -204,7 +204,9 @@ def _judged(
     margins = np.minimum(machine - lower, upper - machine)
     change, condition = found.joints - solved.before, found.condition
     readings = targets.session(machine)
-    inputs = model.training_.outside(readings)
+    # A correction of some mrad does not lead out of the training: joints at the edge of the range are inside.
+    planned = model.training_.outside(targets.session(solved.before if direction == "command" else found.joints))
+    inputs = {name: rows & planned[name] for name, rows in model.training_.outside(readings).items() if name in planned}
     outside = np.logical_or.reduce([np.zeros(len(targets), dtype=bool), *inputs.values()])
     reasons = np.full(len(targets), "", dtype=object)
 

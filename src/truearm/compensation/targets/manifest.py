@@ -95,6 +95,8 @@ class Manifest(_Strict):
     check_poses : tuple of CheckPose
     loss : ExportLoss, optional
         Only of files that hold less than the full model.
+    tool : tuple of 6 floats, optional
+        Tip in the flange [mm], and roll, pitch, yaw [rad], of joint targets for another tool than that of the readings.
     """
 
     format: Text
@@ -104,6 +106,7 @@ class Manifest(_Strict):
     tolerance_mm: Finite = EXACT_MM
     check_poses: Annotated[tuple[CheckPose, ...], Field(max_length=N_CHECK_POSES)]
     loss: ExportLoss | None = None
+    tool: Numbers | None = None
 
     def line(self) -> str:
         """The marker and one line of JSON that may stand in comments of XML and C: without ``--``, ``*/`` or breaks."""
@@ -114,6 +117,17 @@ class Manifest(_Strict):
     def joints(self) -> FloatArray:
         """(5, n_joints) joints of the check poses [rad, or mm]."""
         return np.array([pose.joints for pose in self.check_poses])
+
+    @property
+    def machine_joints(self) -> FloatArray:
+        """Joints that the encoders read at the tips of the check poses [rad, or mm], NaN where the file has none.
+
+        Of commands the corrected ones, of all else those of the check poses.
+        """
+        if self.direction != "command":
+            return self.joints
+        nothing = (float("nan"),) * self.joints.shape[-1]
+        return np.array([pose.corrected_joints or nothing for pose in self.check_poses])
 
     @property
     def tips(self) -> FloatArray:

@@ -88,7 +88,10 @@ class Targets:
             )
         if not np.isfinite(values).all():
             row, joint = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
-            raise InputError(f"expected a finite number, got {values[row, joint]} for J{joint + 1} of target {row + 1}")
+            raise InputError(
+                f"expected a finite number, got {values[row, joint]} for J{joint + 1} of target {row + 1}",
+                hint="skip refused targets: they have no joints",
+            )
         return cls(values)
 
     def session(self, joints: FloatArray) -> Session:
