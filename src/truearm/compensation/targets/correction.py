@@ -42,7 +42,7 @@ MAX_CORRECTION = 0.1
 # The condition of the Jacobian in everyday poses is 5 to 100. Above this one a micrometre at the tip is half a degree.
 MAX_CONDITION = 1e4
 # Steps of a correction: three are usual; targets that need more are beyond the reach.
-CORRECTION_STEPS = 20
+CORRECTION_STEPS = 12
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,9 +22,9 @@ from truearm.compensation.targets.pose_models import PoseModel
 from truearm.solve import MarquardtDamping, levenberg_marquardt_by_row
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-# Where steps end: some hundred roundings of a coordinate of metres.
-TOLERANCE_MM = 1e-9
-TOLERANCE_RAD = 1e-12
+# Where steps end: with a Jacobian of condition 100, joints are then right to some 1e-10 rad.
+TOLERANCE_MM = 2e-9
+TOLERANCE_RAD = 2e-12
 # What counts as reached: a nanometre, and a nanometre at a metre's distance.
 REACHED_MM = 1e-6
 REACHED_RAD = 1e-9

@@ -16,6 +16,7 @@ from truearm.identification.terms.term import Term
 from truearm.typing import FloatArray, IntArray
 
 CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays in the cache of a core
+POSE_CHUNK = 4096  # poses have no wide Jacobian: fewer calls are worth more
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +107,7 @@ class PerturbedChain:
     def poses(self, state: ArmState, x: FloatArray) -> Pose:
         """Tip poses at the readings of a state, in the frame of the chain."""
         R, tip = np.empty((len(state), 3, 3)), np.empty((len(state), 3))
-        for rows in chunks(len(state)):
+        for rows in chunks(len(state), POSE_CHUNK):
             piece = state.rows(rows)
             motions = self.motions(x, self.values(piece))
             wide = np.broadcast_to(motions, (*motions.shape[:2], len(piece)))
@@ -122,7 +123,7 @@ class PerturbedChain:
         n = len(state)
         R, tip = np.empty((n, 3, 3)), np.empty((n, 3))
         jacobian = np.empty((n, 6, self.chain.n_joints))
-        for rows in chunks(n):
+        for rows in chunks(n, POSE_CHUNK):
             piece = state.rows(rows)
             values = self.values(piece)
             here = self.chain.pose_derivatives(piece.angles, self.motions(x, values))
@@ -214,9 +215,9 @@ def moved_chain(chain: Chain, state: ArmState, motions: FloatArray) -> tuple[Flo
     return tips, motion_jacobian
 
 
-def chunks(n: int) -> list[slice]:
+def chunks(n: int, size: int = CHUNK) -> list[slice]:
     """Slices of readings that are evaluated together."""
-    return [slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK)]
+    return [slice(start, min(start + size, n)) for start in range(0, n, size)]
 
 
 def _as_slice(rows: IntArray) -> IntArray | slice:

@@ -175,28 +175,33 @@ class Harmonics(Basis):
     def values(self, state: ArmState) -> FloatArray:
         """(2 n_orders, n) cosines and sines.
 
-        Consecutive orders are computed by the addition theorems, four products instead of a cosine and a sine; rounding
-        grows with the number of consecutive orders, to 2e-14 at 80.
+        Consecutive orders are computed by the addition theorems, from one to two, from two to four and so on: products
+        instead of cosines and sines; rounding grows with the number of doublings only.
         """
         angle = _of_joint(state.angles, self.joint)
         out = np.empty((2 * len(self.orders), len(angle)))
-        work = np.empty_like(angle)
-        steps = [after - before for before, after in pairwise((0, *self.orders))]
-        if 1 in steps:
-            cos_1, sin_1 = cos_sin(angle)
-        for row, (k, step) in enumerate(zip(self.orders, steps, strict=True)):
-            cos_k, sin_k = out[2 * row], out[2 * row + 1]
-            if k == 1:
-                cos_k[:], sin_k[:] = cos_1, sin_1
-            elif step == 1:
-                cos_before, sin_before = out[2 * row - 2], out[2 * row - 1]
-                np.multiply(cos_before, cos_1, out=cos_k)
-                cos_k -= np.multiply(sin_before, sin_1, out=work)
-                np.multiply(sin_before, cos_1, out=sin_k)
-                sin_k += np.multiply(cos_before, sin_1, out=work)
-            else:
-                cos_k[:], sin_k[:] = cos_sin(k * angle)
+        work = np.empty((len(self.orders) // 2 + 1, len(angle)))
+        cos, sin = out[::2], out[1::2]
+        for first, stop in self._runs:
+            cos[first], sin[first] = cos_sin(self.orders[first] * angle)
+            done = 1
+            while done < stop - first:
+                c, s = cos_sin(done * angle)
+                known = slice(first, min(first + done, stop - done))
+                new = slice(first + done, known.stop + done)
+                n_new = known.stop - known.start
+                np.multiply(cos[known], c, out=cos[new])
+                cos[new] -= np.multiply(sin[known], s, out=work[:n_new])
+                np.multiply(sin[known], c, out=sin[new])
+                sin[new] += np.multiply(cos[known], s, out=work[:n_new])
+                done *= 2
         return out
+
+    @property
+    def _runs(self) -> list[tuple[int, int]]:
+        """First and last place (exclusive) of consecutive orders."""
+        gaps = [i for i in range(1, len(self.orders)) if self.orders[i] != self.orders[i - 1] + 1]
+        return list(pairwise([0, *gaps, len(self.orders)]))
 
     def joint_slope(self, weights: FloatArray) -> tuple[int, FloatArray]:
         """``(a cos kq + b sin kq)' = k b cos kq - k a sin kq``."""
