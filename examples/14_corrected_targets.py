@@ -44,4 +44,4 @@ print(ta.correct(model, planned).to_frame()[["status", "residual_mm", "u_mm"]].h
 
 corrected.save("corrected.script", language="urscript")
 with open("corrected.script", encoding="utf-8") as script:
-    print(script.readlines()[-3])
+    print(script.readlines()[-2])
