@@ -8,6 +8,8 @@ the same readings. Every format is measured by a function of its own in `FORMATS
 
 from __future__ import annotations
 
+import json
+import os
 import sys
 import tempfile
 import time
@@ -20,7 +22,9 @@ import numpy as np
 from machine import Target, arguments_of, print_json, say_machine, say_targets, times_of_each
 from truearm import datasets
 from truearm.arm import load_arm
-from truearm.compensation.export import json_model, onnx_graph, urdf
+from truearm.arm.ur_kinematics import ur_hash, ur_kinematics_text
+from truearm.compensation.export import constants, deltas, joint_offsets, json_model, onnx_graph, urdf
+from truearm.compensation.export.constants_table import constants_table
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import PhysicalModel, load_model
 from truearm.compensation.models.compensator import Compensator
@@ -126,6 +130,52 @@ def measure_json(work: Work) -> Found:
     return Found(numbers, [Target("JSON reader, points against Python, relative to the reach", off, 1e-12)])
 
 
+def measure_constants(work: Work) -> Found:
+    """Errors of the tables of constants on the positions held out, and what a controller without beta loses."""
+    model, test = work.model, work.test
+    numbers: dict[str, Any] = {}
+    errors = {}
+    for name, module, file in (
+        ("constants", constants, "ur10.csv"),
+        ("deltas", deltas, "deltas.json"),
+        ("joint offsets", joint_offsets, "offsets.yaml"),
+    ):
+        path = work.folder / file
+        begun = time.perf_counter()
+        module.write(model, path, frame="reference")
+        numbers[f"{name}, writing [s]"] = time.perf_counter() - begun
+        errors[name] = point_errors(module.tips(path, test.angles), test.points)["mean_mm"]
+    numbers["without beta, mean displacement [mm]"] = json.loads((work.folder / "deltas.json").read_text())["frames"][
+        "without_beta_mm"
+    ]
+    numbers |= {
+        f"{one.place} {one.name} [{one.unit}], change and u": f"{one.change:.3g}, {one.std:.2g}, {one.status}"
+        for one in constants_table(model, best_rigid_arm(model)).constants
+        if one.place not in ("base", "tip")
+    }
+    return Found(
+        numbers, [Target(f"{name}, mean error on positions held out [mm]", e, 0.385) for name, e in errors.items()]
+    )
+
+
+def measure_ur_kinematics(work: Work) -> Found:
+    """Kinematics of a UR's file after import and export, and the errors of the README's UR10 in such a file."""
+    R, t, q = np.zeros(1), np.zeros(1), np.random.default_rng(0).uniform(-np.pi, np.pi, (1000, 6))
+    for source in sorted(Path(os.environ.get("TRUEARM_DATA", ".")).glob("ur_factory/*.yaml")):
+        arm, again = load_arm(source), work.folder / source.name
+        again.write_text(ur_kinematics_text(list(arm.chain.fixed[:6]), ur_hash(arm) or "calib_0"))
+        before, after = arm.chain.pose(q), load_arm(again).chain.pose(q)
+        t = np.append(t, np.abs(before.tip_in_base - after.tip_in_base).max() / 1000)
+        R = np.append(R, np.abs(before.R_base_tip - after.R_base_tip).max())
+    return Found(
+        {"files": len(t) - 1},
+        [
+            Target("UR file after import and export, position [m]", float(t.max()), 1e-9),
+            Target("UR file after import and export, orientation [rad]", float(R.max()), 1e-9),
+        ],
+    )
+
+
 def relative_difference(model: Compensator, points: FloatArray, expected: FloatArray) -> float:
     """Largest distance of points from those of Python, relative to the reach of the arm."""
     return float(np.linalg.norm(points - expected, axis=1).max() / model.arm_.chain.reach)
@@ -135,6 +185,8 @@ FORMATS: dict[str, Callable[[Work], Found]] = {
     "urdf": measure_urdf,
     "onnx": measure_onnx,
     "json": measure_json,
+    "constants": measure_constants,
+    "ur-kinematics": measure_ur_kinematics,
 }
 
 
