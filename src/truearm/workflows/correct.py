@@ -132,7 +132,10 @@ def _to_targets(targets: TargetsLike, start: npt.ArrayLike | None) -> Targets:
 
 
 def _checked_tool(tool: Sequence[float]) -> FloatArray:
-    values = np.array(tool, dtype=float)
+    try:
+        values = np.array(tool, dtype=float)
+    except (TypeError, ValueError):
+        values = np.zeros(0)
     if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
         raise InputError(
             f"expected a tool as x, y, z [mm] or x, y, z, roll, pitch, yaw [mm, rad], got {tool!r:.60}",

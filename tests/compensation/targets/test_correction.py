@@ -10,10 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from truearm import datasets
+from truearm.arm import load_arm
+from truearm.compensation.models import KinematicModel
 from truearm.compensation.targets.correction import correct_targets
 from truearm.compensation.targets.pose_models import nominal_poses, poses_of, reference_from_base, with_tool
 from truearm.compensation.targets.targets import Targets
 from truearm.errors import InputError
+from truearm.readings import hold_out
 
 # A nanometre and a nanometre at a metre: what counts as reached.
 REACHED_MM = 1e-6
@@ -249,9 +253,31 @@ def test_a_stated_temperature_counts(ur10):
         (np.zeros((1, 6)), {"untrained": "maybe"}, "expected untrained"),
         (Targets(np.zeros((1, 6)), np.zeros((1, 3))), {"direction": "feedback"}, "these targets are positions"),
         (Targets(np.zeros((1, 6)), np.full((1, 3), 1e9)), {}, "which no arm reaches"),
+        (Targets(np.zeros((1, 6)), np.full((1, 3), np.inf)), {}, "which no arm reaches"),
         (Targets(np.zeros((1, 6)), joint_columns=("q1_mm", *["q_rad"] * 5)), {}, "expected deg or rad, got mm"),
     ],
 )
 def test_wrong_input_is_refused_with_a_reason(ur10, targets, options, message):
     with pytest.raises(InputError, match=message):
         corrected(ur10, targets, **options)
+
+
+def test_measured_points_give_back_the_joints_that_were_there():
+    """Real readings: at the tip the joints found are as far from those recorded as the model from the points."""
+    if datasets.find_local("ur10-a") is None:
+        pytest.skip("the published readings are not here (TRUEARM_DATA)")
+    train, test = hold_out(datasets.load_readings("ur10-a"), by="position", fraction=0.3, seed=1)
+    train, test = train.rows(slice(None, None, 20)), test.rows(slice(None, None, 40))
+    model = KinematicModel(load_arm("ur10")).fit_readings(train)
+    R = pose_of(model, test.angles).R_base_tip
+    start = test.angles + np.random.default_rng(0).uniform(-0.05, 0.05, test.angles.shape)
+    targets = Targets(start, test.points, R, temperature_degC=test.temperature_degC)
+    found = correct_targets(model, targets, untrained="accept", uncertainty=False)
+    good = ~found.refused
+    assert good.mean() > 0.98
+    chain = model.nominal_.chain
+    moved = np.linalg.norm(chain.tip_in_base(found.joints[good]) - chain.tip_in_base(test.angles[good]), axis=1)
+    errors = np.linalg.norm(model.predict_readings(test)[good] - test.points[good], axis=1)
+    np.testing.assert_allclose(moved, errors, rtol=0.02)  # slopes of harmonics: none; of small motions: some 1e-3
+    nominal = np.linalg.norm(model.predict_nominal(test.angles)[good] - test.points[good], axis=1)
+    assert moved.mean() < 0.7 * nominal.mean()

@@ -90,6 +90,11 @@ BAD = [
     ({**JOINTS, **XYZ, **QUATERNION, "qw": [2.0, 1.0]}, "expected a unit quaternion"),
     ({**JOINTS, **XYZ, **{f"r{i}{j}": [1, 1] for i in "123" for j in "123"}}, "expected a rotation matrix"),
     ({**XYZ}, "poses need start joints"),
+    (
+        {**JOINTS, **XYZ, "rx_rad": [90.0, 0], "ry_rad": [0.0, 0], "rz_rad": [0.0, 0]},
+        "at most two turns, got 5156.62 deg",
+    ),
+    ({**JOINTS, **XYZ, **QUATERNION, "qx": [1e308, 0.0]}, "expected a unit quaternion"),
     ({"name": ["a", "b"]}, "expected targets, got no joints"),
     ({**JOINTS, "direction_1": [1, 1]}, "a direction of movement for each of 6 joints"),
     ({**JOINTS, "direction": ["command"] * 2, "status": ["ok"] * 2}, "corrected already"),
@@ -136,6 +141,12 @@ def test_a_broken_file_is_refused_with_its_place(text, message, tmp_path):
 def test_names_of_columns_are_text():
     with pytest.raises(InputError, match="names of columns"):
         targets_from_frame(pd.DataFrame(np.zeros((1, 6))))
+
+
+@pytest.mark.parametrize("start", ["a", [np.nan] * 6, np.zeros((2, 6)), [[1.0], [1.0, 2.0]]])
+def test_start_joints_are_finite_numbers(start):
+    with pytest.raises(InputError, match="expected start joints as finite numbers"):
+        targets_from_frame(pd.DataFrame(XYZ), start=start)
 
 
 def test_start_twice_is_refused():

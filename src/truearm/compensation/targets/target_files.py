@@ -17,7 +17,7 @@ from truearm.errors import InputError
 from truearm.files.delimited import MAX_BYTES, check_header, quoted_cell, read_columns, read_sheet
 from truearm.files.file_reading import read_limited
 from truearm.readings.columns import ANGLE, FACTOR, TEMPERATURE, frame_numbers, frame_words, unit_of
-from truearm.readings.session import DIRECTION, LOAD, NAMED
+from truearm.readings.session import DIRECTION, LOAD, NAMED, QUATERNION_TOLERANCE
 from truearm.typing import FloatArray, NameArray
 
 if TYPE_CHECKING:
@@ -39,8 +39,9 @@ _BY_UNIT = {
     **{name: units for names, units in _ORIENTATIONS.values() for name in names if units},
 }
 _DIRECTION = re.compile(DIRECTION + r"([1-9]\d{0,2})")
-# Printed with four digits, quaternions and matrices are still orientations; more is another thing.
+# Printed with three digits, a matrix is still a rotation; more is another thing.
 _ROUNDED = 1e-3
+_MAX_TURN = 4 * np.pi  # [rad]; degrees read as radians are mostly more
 EXPECTED = (
     "q1_deg .. (or q1_rad, ..; q1_mm for a sliding joint), for poses x_mm, y_mm, z_mm and qw .. qz, rx_deg .. rz_deg, "
     "roll_deg, pitch_deg, yaw_deg or r11 .. r33"
@@ -195,9 +196,12 @@ def _start_for_all(start: npt.ArrayLike | None, n: int, problem: _Problem) -> Fl
             "poses need start joints, which choose the configuration and the turns",
             hint="columns q1_deg .., or one for all: --start q1,q2,.. in deg (Python: start=[..] in rad)",
         )
-    joints = np.array(start, dtype=float)
+    try:
+        joints = np.array(start, dtype=float)
+    except (TypeError, ValueError):
+        joints = np.zeros((0, 0))
     if joints.ndim != 1 or not np.isfinite(joints).all():
-        raise problem(f"expected start joints as finite numbers, one a joint, got shape {joints.shape}")
+        raise problem(f"expected start joints as finite numbers, one a joint, got {start!r:.60}")
     return np.tile(joints, (n, 1))
 
 
@@ -228,7 +232,8 @@ def _vector(columns: dict[str, FloatArray], names: Sequence[str], problem: _Prob
     if len(parts) < len(names):
         absent = next(name for name in names if name not in map(_stem, parts))
         raise problem(f"the column {absent} is missing beside {', '.join(parts)}", hint="all of them, or none")
-    return np.stack([columns[c] * (FACTOR[unit_of(c)] if "_" in c else 1.0) for c in parts], axis=1)
+    with np.errstate(over="ignore"):  # what becomes infinite is refused
+        return np.stack([columns[c] * (FACTOR[unit_of(c)] if "_" in c else 1.0) for c in parts], axis=1)
 
 
 def _stem(column: str) -> str:
@@ -239,15 +244,24 @@ def _stem(column: str) -> str:
 
 def _rotations(what: str, vector: FloatArray, problem: _Problem) -> FloatArray:
     """(n, 3, 3) orientations; those printed with few digits are replaced by the nearest exact ones."""
-    if what == "a rotation vector":
-        return np.asarray(Rotation.from_rotvec(vector).as_matrix())
-    if what == "roll, pitch, yaw":
-        return np.asarray(Rotation.from_euler("xyz", vector).as_matrix())
+    if what in ("a rotation vector", "roll, pitch, yaw"):
+        if (np.abs(vector) > _MAX_TURN).any():
+            row = int(np.abs(vector).max(axis=1).argmax())
+            largest = np.degrees(np.abs(vector[row]).max())
+            raise problem(
+                f"expected {what} of at most two turns, got {largest:.6g} deg",
+                hint="check the unit: deg or rad",
+                row=row,
+            )
+        of = Rotation.from_rotvec(vector) if what == "a rotation vector" else Rotation.from_euler("xyz", vector)
+        return np.asarray(of.as_matrix())
     if what == "a quaternion":
-        off = np.abs(np.linalg.norm(vector, axis=1) - 1)
-        if (off > _ROUNDED).any():
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(vector, axis=1)
+        off = np.abs(length - 1)
+        if (off > QUATERNION_TOLERANCE).any():
             row = int(off.argmax())
-            raise problem(f"expected a unit quaternion, got one of length {np.linalg.norm(vector[row]):.6g}", row=row)
+            raise problem(f"expected a unit quaternion, got one of length {length[row]:.6g}", row=row)
         return np.asarray(Rotation.from_quat(vector, scalar_first=True).as_matrix())
     R = vector.reshape(-1, 3, 3)
     with np.errstate(over="ignore", invalid="ignore"):
