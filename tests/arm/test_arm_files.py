@@ -402,7 +402,7 @@ def test_other_files_are_refused(tmp_path):
         read_arm(tmp_path / "none.toml")
     with pytest.raises(InputError, match=r"ends in .toml, .urdf or .yaml, got '.xacro'"):
         read_arm(tmp_path / "arm.xacro")
-    with pytest.raises(InputError, match=r"written as .toml or .urdf, got '.csv'"):
+    with pytest.raises(InputError, match=r"ends in .toml or .urdf, got '.csv'"):
         write_arm(load_arm("ur5"), tmp_path / "arm.csv")
     (tmp_path / "latin.toml").write_bytes(b'name = "x"\ntitle = "\xe4"\n')
     with pytest.raises(InputError, match="line 2: expected UTF-8"):

@@ -220,7 +220,7 @@ def write_arm(arm: Arm, path: str | Path, *, convention: Convention = "dh") -> N
         write_urdf(arm, path)
         return
     if path.suffix.lower() != ".toml":
-        raise InputError(f"an arm is written as .toml or .urdf, got {path.suffix!r}", file=path)
+        raise InputError(f"a file that an arm is written to ends in .toml or .urdf, got {path.suffix!r}", file=path)
     table = dh_table(arm.chain) if convention == "dh" else mdh_table(arm.chain)
     with atomic_file(path) as beside:
         beside.write_text("\n".join(_toml_lines(arm, table)) + "\n", encoding="utf-8")

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from truearm.arm import Arm, dh_table, list_arms, load_arm, mdh_table
+from truearm.arm import Arm, Chain, DHTable, list_arms, load_arm, nearest_table
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
@@ -18,6 +18,11 @@ from truearm.workflows.inputs import ArmLike, ModelLike, is_model_file, to_arm, 
 from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
 
 Convention = Literal["dh", "mdh"]
+
+# Columns of parallel axes only.
+_IF_NOT_ZERO = ("beta_deg", "b_mm")
+# Base and flange that differ from none by less, in mm and as a matrix, are not shown.
+ROUNDING = 1e-9
 
 
 def catalogue() -> Catalogue:
@@ -36,7 +41,8 @@ def describe_arm(arm: ArmLike | ModelLike, *, convention: Convention = "dh") -> 
         Of the table of constants.
     """
     if isinstance(arm, Compensator) or (isinstance(arm, str | Path) and is_model_file(arm)):
-        return ArmDescription(identified_arm(arm), convention)
+        fitted = to_model(arm)
+        return ArmDescription(identified_arm(fitted), convention, fitted.arm_.chain)
     return ArmDescription(to_arm(arm), convention)
 
 
@@ -84,13 +90,28 @@ class Catalogue(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ArmDescription(Record):
-    """The constants of an arm: its D-H table, or where it has none the frames of its joints."""
+    """The constants of an arm: its D-H table, in the branch nearest to that of a nominal chain.
+
+    Attributes
+    ----------
+    arm : Arm
+    convention : {"dh", "mdh"}
+    nominal : Chain or None
+        Of an identified arm.
+    """
 
     arm: Arm
     convention: Convention
+    nominal: Chain | None = None
+
+    @property
+    def table(self) -> DHTable:
+        """The table, in the frame of the arm's base."""
+        chain = self.arm.chain
+        return nearest_table(chain, self.nominal or chain, convention=self.convention)
 
     def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`: the fixed motions between joints always, a D-H table where the arm has one."""
+        """See `Record.to_dict`: the fixed motions between joints, and a D-H table."""
         arm = self.arm
         frames = [xyz_rpy_from_frame(frame) for frame in arm.chain.fixed]
         facts: dict[str, Any] = {
@@ -106,47 +127,43 @@ class ArmDescription(Record):
         }
         if arm.masses is not None:
             facts["mass_kg"] = arm.masses.mass_kg
-        try:
-            table = (dh_table if self.convention == "dh" else mdh_table)(arm.chain)
-        except InputError:  # axes that are almost parallel have no bounded table
-            pass
-        else:
-            facts[self.convention] = {
-                "a_mm": table.a,
-                "d_mm": table.d,
-                "alpha_deg": np.degrees(table.alpha),
-                "theta_deg": np.degrees(table.theta),
-            }
+        table = self.table
+        facts[self.convention] = {
+            "a_mm": table.a,
+            "d_mm": table.d,
+            "alpha_deg": np.degrees(table.alpha),
+            "theta_deg": np.degrees(table.theta),
+            "beta_deg": np.degrees(table.beta),
+            "b_mm": table.b,
+        }
         plain: dict[str, Any] = to_plain(facts)
         return plain
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""
-        arm, facts = self.arm, self.to_dict()
+        arm, facts, table = self.arm, self.to_dict(), self.table
         yield f"{arm.name}: {arm.title}"
-        yield self._table(facts)
-        if (arm.chain.fixed[0] != np.eye(4)).any():
-            xyz, rpy = (", ".join(map(format_fixed, facts[key][0])) for key in ("fixed_xyz_mm", "fixed_rpy_deg"))
-            yield f"before J1: {xyz} mm, roll pitch yaw {rpy} deg"
-        yield f"tip in the flange: {', '.join(map(format_fixed, facts['tip_in_flange_mm']))} mm"
+        yield self._table(facts[self.convention])
+        for where, frame in (("before J1", table.base), (f"after J{arm.n_joints}", table.flange)):
+            if np.abs(frame - np.eye(4)).max() > ROUNDING:
+                xyz, rpy = xyz_rpy_from_frame(frame)
+                numbers = (", ".join(map(format_fixed, one)) for one in (xyz, np.degrees(rpy)))
+                yield "{}: {} mm, roll pitch yaw {} deg".format(where, *numbers)
+        yield f"tip in the flange: {', '.join(map(format_fixed, table.tip_in_flange))} mm"
         if arm.masses is not None:
             yield f"masses of the links: {', '.join(f'{mass:.4g}' for mass in arm.masses.mass_kg)} kg"
         if (arm.gravity_direction != [0, 0, -1]).any():
             yield f"direction of gravity in the base frame: {', '.join(map(format_fixed, arm.gravity_direction))}"
         yield f"source: {arm.source}"
 
-    def _table(self, facts: dict[str, Any]) -> TextTable:
-        columns = facts.get(self.convention)
-        if columns is None:
-            frames = np.hstack([facts["fixed_xyz_mm"], facts["fixed_rpy_deg"]])[1:]
-            heads = ["x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg"]
-            columns = dict(zip(heads, frames.T.tolist(), strict=True))
+    def _table(self, columns: dict[str, list[float]]) -> TextTable:
+        shown = {head: column for head, column in columns.items() if head not in _IF_NOT_ZERO or any(column)}
         rows = []
         for i, name in enumerate(self.arm.joint_names):
             slides = self.arm.chain.is_prismatic[i]
             limits = self.arm.limits[i] if slides else np.degrees(self.arm.limits[i])
-            cells = [format_fixed(column[i]) for column in columns.values()]
+            cells = [format_fixed(column[i]) for column in shown.values()]
             ends = [format_fixed(end, 1) for end in limits]
             joint = f"J{i + 1}" if name == f"J{i + 1}" else f"J{i + 1} {name}"
             rows.append([joint, *cells, *ends, "mm" if slides else "deg"])
-        return TextTable(("joint", *columns, "min", "max", ""), rows)
+        return TextTable(("joint", *shown, "min", "max", ""), rows)
