@@ -1,0 +1,78 @@
+"""The page for robots: its commands bring a model into a program, a URDF and a C file."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import truearm as ta
+
+PAGE = (Path(__file__).parents[2] / "docs" / "start" / "robot.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def virtual():
+    return ta.VirtualArm.draw(ta.load_arm("ur10"), "shop", seed=7)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, truearm, virtual):
+    """Where the page's commands were run, with a model of a virtual UR10 around the page's targets."""
+    folder = tmp_path_factory.mktemp("robot")
+    (folder / "program.csv").write_text(blocks("csv")[0])
+    angles = np.radians([-125, -110, -75, 5, 70, 0] + np.random.default_rng(7).uniform(-25, 25, (150, 6)))
+    ta.fit("ur10", ta.Session(angles, virtual.true_tip(angles)), model="kinematic").save(folder / "ur10.truearm")
+    section = PAGE[PAGE.index("## The robot program") :]
+    with contextlib.chdir(folder):
+        for line in re.findall(r"^\$ truearm (.*)$", section, re.MULTILINE):
+            ran = truearm(*shlex.split(line))
+            assert ran.code == 0, ran.err
+    return folder
+
+
+def test_the_corrected_program_brings_the_arm_where_the_nominal_arm_would_go(folder, virtual):
+    sent = [
+        [float(q) for q in line.split("[")[1].split("]")[0].split(",")]
+        for line in (folder / "program.script").read_text().splitlines()
+        if line.strip().startswith("movej")
+    ]
+    model = ta.load_model(folder / "ur10.truearm")
+    planned = ta.read_session(folder / "program.csv").angles
+    assert len(sent) == len(planned) == 3
+    off = np.linalg.norm(virtual.true_tip(np.array(sent)) - model.predict_nominal(planned), axis=1)
+    before = np.linalg.norm(virtual.true_tip(planned) - model.predict_nominal(planned), axis=1)
+    assert off.max() < 0.2 * before.mean()  # harmonics have no place in a kinematic model
+
+
+def test_pinocchio_loads_the_urdf(folder):
+    pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
+    scope = {}
+    with contextlib.chdir(folder):
+        exec(blocks("python")[0], scope)  # the page's own lines
+    robot = scope["robot"]
+    data, q = robot.createData(), ta.read_session(folder / "program.csv").angles[0]
+    pinocchio.forwardKinematics(robot, data, q)
+    pinocchio.updateFramePlacements(robot, data)
+    tip = 1000 * data.oMf[robot.getFrameId("tip")].translation
+    np.testing.assert_allclose(tip, ta.load_arm(folder / "ur10.urdf").chain.tip_in_base(q[None])[0], atol=1e-6)  # mm
+
+
+def test_the_c_file_compiles_and_has_the_functions_of_the_page(folder):
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler is installed")
+    source = (folder / "ur10.c").read_text()
+    for prototype in blocks("c")[0].strip().splitlines():
+        assert re.sub(r"\[6\]", "[TRUEARM_JOINTS]", prototype.rstrip(";")) in source or prototype.rstrip(";") in source
+    command = re.search(r"`(cc [^`]*)` compiles", PAGE)[1]
+    subprocess.run(shlex.split(command), cwd=folder, check=True, timeout=60)
