@@ -126,8 +126,34 @@ def test_what_cannot_be_written_is_refused_and_nothing_is_written(model, tmp_pat
 
 
 def test_options_of_constants_do_not_apply_to_a_whole_model(model, session, tmp_path):
-    with pytest.raises(ta.InputError, match="region does not apply to json"):
+    with pytest.raises(ta.InputError, match="region does not apply to the format json"):
         ta.export(model, tmp_path / "arm.json", region=session)
+    with pytest.raises(ta.InputError, match=r"source does not apply to the format constants.*convention"):
+        ta.export(model, tmp_path / "arm.csv", format="constants", source="robot.urdf")
+
+
+@pytest.mark.parametrize("name", ["arm.c", "arm.mjs"])
+def test_foreign_code_is_not_run(model, tmp_path, name, monkeypatch):
+    """A file of code is checked by its text first: only what truearm writes for this model is compiled or run."""
+    ta.export(model, tmp_path / name)
+    text = (tmp_path / name).read_text()
+    number = next(found[0] for found in re.finditer(r"-?\d\.\d{15,17}", text.partition("*/")[2]))
+    monkeypatch.setattr("subprocess.run", lambda *_, **__: pytest.fail("the code was run"))
+    for changed in (text.replace(number, "0.5", 1), text + "\n/* more */\n", text[:-2]):
+        (tmp_path / name).write_text(changed)
+        assert outcome(ta.check_export(model, tmp_path / name), "content") == "differs"
+    (tmp_path / name).write_text(text.replace(read_manifest(tmp_path / name).provenance.model_sha256, 64 * "1"))
+    assert outcome(ta.check_export(model, tmp_path / name), "content") == "not run"
+
+
+def test_joints_of_check_poses_in_degrees_are_found(model, exported):
+    manifest = read_manifest(exported)
+    degrees = [
+        pose.model_copy(update={"joints": tuple(57.3 * q for q in pose.joints)}) for pose in manifest.check_poses
+    ]
+    edited = manifest.model_copy(update={"check_poses": tuple(degrees)})
+    exported.write_text(exported.read_text().replace(manifest.line(), edited.line()))
+    assert outcome(ta.check_export(model, exported), "check poses") == "differs"
 
 
 def test_a_region_is_named_in_the_file(model, session, tmp_path):

@@ -28,9 +28,13 @@ def export(
         typer.Option("--source", help="The robot's own URDF or UR kinematics file, of which all else is kept."),
     ] = "",
     frame: Annotated[
-        Literal["base", "reference"],
-        typer.Option("--frame", help="Root of a file of constants: the arm's own base, or the reference's frame."),
-    ] = "base",
+        Literal["base", "reference"] | None,
+        typer.Option("--frame", help="Root of a file of constants: the arm's own base (default), or the reference's."),
+    ] = None,
+    convention: Annotated[
+        Literal["dh", "mdh"] | None,
+        typer.Option("--convention", help="Of constants and deltas: D-H or modified D-H; that of the arm's file."),
+    ] = None,
     check: Annotated[
         Path | None, typer.Option("--check", help="An exported file to compare with the model, in place of --out.")
     ] = None,
@@ -54,5 +58,7 @@ def export(
         raise typer.Exit(0 if found.agrees else 1)
     assert out is not None
     with progress(f"exporting {model.name}"):
-        result = export_model(model, out, format=format, region=region, source=source or None, frame=frame)
+        result = export_model(
+            model, out, format=format, region=region, source=source or None, frame=frame, convention=convention
+        )
     print_record(result, as_json=as_json, files={result.format: out})

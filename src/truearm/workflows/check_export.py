@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import zip_longest
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import ModuleType
 from typing import Any, Literal
 
 import numpy as np
 
+from truearm import __version__
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.provenance import provenance_of
 from truearm.compensation.targets.manifest import EXACT_MM, Manifest, read_manifest
@@ -90,8 +94,35 @@ def _findings(model: Compensator, manifest: Manifest, file: Path) -> Iterator[Fi
         yield Finding("joints", "differs", f"{manifest.joints.shape[-1]} in the file, {model.arm.n_joints} in the arm")
         return
     yield _as_the_model(model, manifest)
-    if manifest.format in FORMATS:
-        yield _as_evaluated(manifest, file)
+    if manifest.format not in FORMATS:
+        return
+    if FORMATS[manifest.format].is_code:
+        if not same:
+            yield Finding("content", "not run", "code of another model is not run")
+            return
+        if foreign := _foreign_line(model, manifest, file):
+            yield Finding("content", "differs", f"{foreign}; the code was not run")
+            return
+    yield _as_evaluated(manifest, file)
+
+
+def _foreign_line(model: Compensator, manifest: Manifest, file: Path) -> str:
+    """Where a file of code is not what truearm writes for the model; empty if it is, so that it is safe to run."""
+    with TemporaryDirectory() as folder:
+        own = Path(folder) / file.name
+        _module(manifest.format).write(model, manifest, own)
+        lines, given = own.read_bytes().splitlines(), file.read_bytes().splitlines()
+    if lines == given:
+        return ""
+    pairs = enumerate(zip_longest(lines, given), 1)
+    number = next(i for i, (one, other) in pairs if one != other)
+    by = manifest.provenance.truearm
+    version = "" if by == __version__ else f" (it was written by version {by}, this is {__version__})"
+    return f"line {number} is not what truearm writes for this model{version}"
+
+
+def _module(format: str) -> ModuleType:
+    return import_module(f"truearm.compensation.export.{FORMATS[format].module}")
 
 
 def _same_arm(own: str, own_serial: str, arm: str, serial: str) -> Finding:
@@ -108,7 +139,10 @@ def _as_the_model(model: Compensator, manifest: Manifest) -> Finding:
     rows = np.isfinite(manifest.machine_joints).all(axis=1)
     if not rows.any():
         return Finding("check poses", "not run", "none of them could be corrected")
-    tips = equipped.predict(manifest.machine_joints[rows])
+    try:
+        tips = equipped.predict(manifest.machine_joints[rows])
+    except InputError as error:
+        return Finding("check poses", "differs", f"the model refuses their joints: {error.problem}")
     expected = manifest.tips[rows] if manifest.frame == "reference" else _aligned(manifest.tips[rows], tips)
     largest = float(np.linalg.norm(expected - tips, axis=1).max())
     limit = EXACT_MM if manifest.loss is None else LOSS_FACTOR * max(manifest.loss.exported_max_mm, EXACT_MM)
@@ -118,9 +152,8 @@ def _as_the_model(model: Compensator, manifest: Manifest) -> Finding:
 
 def _as_evaluated(manifest: Manifest, file: Path) -> Finding:
     """Compare what the file gives with what it is said to give."""
-    module = import_module(f"truearm.compensation.export.{FORMATS[manifest.format].module}")
     try:
-        tips = np.asarray(module.tips(file, manifest.joints))
+        tips = np.asarray(_module(manifest.format).tips(file, manifest.joints))
     except MissingTool as error:
         return Finding("content", "not run", str(error))
     except InputError as error:

@@ -28,28 +28,33 @@ class FormatSpec(NamedTuple):
         Names of its files end in one of these.
     module : str
         In `truearm.compensation.export`; its `write` makes the file, its `tips` evaluates it.
-    is_rigid : bool
-        Whether it holds constants only, and no harmonics, deflection or temperature.
+    options : tuple of str
+        Options of `export` that apply to it. Formats with a region hold constants only: no harmonics, deflection or
+        temperature.
     content : str
         In words.
+    is_code : bool
+        Whether `tips` runs the file's own code.
     """
 
     suffixes: tuple[str, ...]
     module: str
-    is_rigid: bool
+    options: tuple[str, ...]
     content: str
+    is_code: bool = False
 
 
+CONSTANTS = ("region", "frame")
 FORMATS: dict[str, FormatSpec] = {
-    "urdf": FormatSpec((".urdf",), "urdf", True, "URDF"),
-    "constants": FormatSpec((".csv", ".toml"), "constants", True, "Table of constants beside the nominal ones"),
-    "deltas": FormatSpec((".csv", ".json"), "deltas", True, "Differences of D-H constants for a controller"),
-    "ur-kinematics": FormatSpec((".yaml", ".yml"), "ur_kinematics", True, "UR kinematics file"),
-    "joint-offsets": FormatSpec((".yaml", ".yml"), "joint_offsets", True, "ROS joint offsets"),
-    "c": FormatSpec((".c",), "c_source", False, "C99 source"),
-    "js": FormatSpec((".mjs", ".js"), "es_module", False, "ES module"),
-    "onnx": FormatSpec((".onnx",), "onnx_graph", False, "ONNX graph"),
-    "json": FormatSpec((".json",), "json_model", False, "JSON document"),
+    "urdf": FormatSpec((".urdf",), "urdf", (*CONSTANTS, "source"), "URDF"),
+    "constants": FormatSpec((".csv",), "constants", (*CONSTANTS, "convention"), "Constants beside the nominal ones"),
+    "deltas": FormatSpec((".csv", ".json"), "deltas", (*CONSTANTS, "convention"), "Changes of constants"),
+    "ur-kinematics": FormatSpec((".yaml", ".yml"), "ur_kinematics", (*CONSTANTS, "source"), "UR kinematics file"),
+    "joint-offsets": FormatSpec((".yaml", ".yml"), "joint_offsets", CONSTANTS, "ROS joint offsets"),
+    "c": FormatSpec((".c",), "c_source", (), "C99 source", True),
+    "js": FormatSpec((".mjs", ".js"), "es_module", (), "ES module", True),
+    "onnx": FormatSpec((".onnx",), "onnx_graph", (), "ONNX graph"),
+    "json": FormatSpec((".json",), "json_model", (), "JSON document"),
 }
 # Formats that their suffix alone decides.
 BY_SUFFIX = {".urdf": "urdf", ".c": "c", ".mjs": "js", ".js": "js", ".onnx": "onnx", ".json": "json"}
@@ -62,7 +67,8 @@ def export(
     format: Format | None = None,
     region: SessionLike | None = None,
     source: str | Path | None = None,
-    frame: Literal["base", "reference"] = "base",
+    frame: Literal["base", "reference"] | None = None,
+    convention: Literal["dh", "mdh"] | None = None,
 ) -> ExportResult:
     """Write a model as a file of another program, with its origin, its loss and five check poses.
 
@@ -82,8 +88,11 @@ def export(
         training readings.
     source : str or Path, optional
         For ``urdf`` and ``ur-kinematics``: the robot's own file, of which everything but the constants is kept.
-    frame : {"base", "reference"}
-        For files of constants: the frame of the file's root is the arm's own base, or that of the reference.
+    frame : {"base", "reference"}, optional
+        For files of constants: the frame of the file's root is the arm's own base (default), or that of the reference.
+    convention : {"dh", "mdh"}, optional
+        For ``constants`` and ``deltas``: Denavit-Hartenberg or modified; by default the one with the nominal arm's
+        numbers.
 
     Returns
     -------
@@ -107,16 +116,21 @@ def export(
     spec, fitted = FORMATS[name], to_model(model)
     check_output_is_not_input(out, *input_files(model, region, source))
     check_writable(out)
+    given = {"region": region, "source": source, "frame": frame, "convention": convention}
+    options: dict[str, Any] = {option: value for option, value in given.items() if value is not None}
+    if surplus := sorted(options.keys() - set(spec.options)):
+        raise InputError(
+            f"the option {surplus[0]} does not apply to the format {name}",
+            hint=f"its options are {', '.join(spec.options)}" if spec.options else "leave it out: the model is whole",
+        )
     module = import_module(f"truearm.compensation.export.{spec.module}")
-    if not spec.is_rigid:
-        _refuse_options(name, region=region, source=source, frame=None if frame == "base" else frame)
+    if not spec.options:
         module.write(fitted, Manifest.of(fitted, name), out)
     else:
-        poses = None if region is None else to_session(region, n_joints=fitted.arm.n_joints)
-        options: dict[str, Any] = {} if source is None else {"source": source}
-        if poses is not None:
-            options |= {"angles": poses.angles, "region": _region_name(region)}
-        module.write(fitted, out, frame=frame, **options)
+        if region is not None:
+            session = to_session(region, n_joints=fitted.arm.n_joints)
+            options |= {"angles": session.angles, "region": _region_name(region)}
+        module.write(fitted, out, **options)
     return ExportResult(fitted, Path(out), name, read_manifest(out))
 
 
@@ -135,15 +149,6 @@ def _format_of(out: str | Path, format: str | None) -> str:
         ends = " or ".join(FORMATS[format].suffixes)
         raise InputError(f"a file of format {format} ends in {ends}, got {Path(out).name!r}", file=out)
     return format
-
-
-def _refuse_options(format: str, **options: object) -> None:
-    for name, value in options.items():
-        if value is not None:
-            raise InputError(
-                f"{name} does not apply to {format}, which holds the whole model in the frame of the reference",
-                hint=f"leave out --{name}",
-            )
 
 
 def _region_name(region: SessionLike | None) -> str:
