@@ -8,8 +8,10 @@ the same readings. Every format is measured by a function of its own in `FORMATS
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
+import subprocess
 import sys
 import tempfile
 import time
@@ -23,12 +25,22 @@ from machine import Target, arguments_of, print_json, say_machine, say_targets, 
 from truearm import datasets
 from truearm.arm import load_arm
 from truearm.arm.ur_kinematics import ur_hash, ur_kinematics_text
-from truearm.compensation.export import constants, deltas, joint_offsets, json_model, onnx_graph, urdf
+from truearm.compensation.export import (
+    c_source,
+    constants,
+    deltas,
+    es_module,
+    joint_offsets,
+    json_model,
+    onnx_graph,
+    urdf,
+)
 from truearm.compensation.export.constants_table import constants_table
+from truearm.compensation.export.reduced_covariance import sample_trained_region
 from truearm.compensation.export.rigid_arm import best_rigid_arm
-from truearm.compensation.models import PhysicalModel, load_model
+from truearm.compensation.models import KinematicModel, PhysicalModel, load_model
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import Manifest
+from truearm.compensation.targets.manifest import Manifest, check_joints
 from truearm.readings import Session, hold_out, point_errors
 from truearm.typing import FloatArray
 
@@ -176,6 +188,98 @@ def measure_ur_kinematics(work: Work) -> Found:
     )
 
 
+TIMER = """
+#include "ur10.c"
+#include <stdio.h>
+#include <time.h>
+static double us_of(int function, int n)
+{
+    double best = 1e9, q[] = {Q}, xyz[3], cov[9], out[TRUEARM_JOINTS];
+    truearm_state s = truearm_unknown();
+    int i, round;
+    s.temperature_degC = TEMPERATURE[0];
+    for (round = 0; round < 30; round++) {
+        const clock_t begun = clock();
+        for (i = 0; i < n; i++) {
+            q[i % TRUEARM_JOINTS] += 1e-7;
+            if (function == 0) truearm_predict(q, &s, xyz, NULL);
+            if (function == 1) truearm_predict(q, &s, xyz, cov);
+            if (function == 2) truearm_correct(q, &s, out);
+        }
+        best = fmin(best, 1e6 * (double)(clock() - begun) / CLOCKS_PER_SEC / n);
+    }
+    return best;
+}
+int main(void)
+{
+    printf("%g %g %g\\n", us_of(0, 10000), us_of(1, 200), us_of(2, 100));
+    return 0;
+}
+"""
+
+
+def microseconds_of_c(model: Compensator, folder: Path) -> tuple[float, float, float]:
+    """Shortest times of thirty of a reading, a reading with covariance and a correction in C, gcc -O2 [us]."""
+    c_source.write(model, Manifest.of(model, "c"), folder / "ur10.c")
+    joints = ", ".join(map(str, check_joints(model)[0].tolist()))
+    (folder / "timer.c").write_text(TIMER.replace("{Q}", f"{{{joints}}}"))
+    program, source = str(folder / "timer"), str(folder / "timer.c")
+    subprocess.run(["cc", *c_source.FLAGS, "-o", program, source, "-lm"], check=True)
+    done = subprocess.run([program], check=True, capture_output=True, text=True)
+    point, covariance, correction = map(float, done.stdout.split())
+    return point, covariance, correction
+
+
+def measure_c(work: Work) -> Found:
+    """Size of the C file, its agreement with the model, uncertainties at poses of the trained region, and times."""
+    model, test, file = work.model, work.test, work.folder / "ur10.c"
+    assert isinstance(model, PhysicalModel)
+    begun = time.perf_counter()
+    c_source.write(model, Manifest.of(model, "c"), file)
+    write_s = time.perf_counter() - begun
+    library = ctypes.CDLL(str(c_source.compile_library(file, work.folder)))
+    angles = np.ascontiguousarray(sample_trained_region(model, 10_000, np.random.default_rng(2026)).angles)
+    points, covariances = model.predict(angles, return_cov=True)
+    own, u = np.empty((len(angles), 3)), np.empty((len(angles), 3, 3))
+    for q, xyz, cov in zip(angles, own, u, strict=True):
+        library.truearm_predict(*(ctypes.c_void_p(a) for a in (q.ctypes.data, None, xyz.ctypes.data, cov.ctypes.data)))
+    variances = (np.diagonal(c, axis1=1, axis2=2) for c in (u, covariances))
+    ratio = np.sqrt(np.divide(*variances))
+    point, with_covariance, correction = microseconds_of_c(model, work.folder)
+    kinematic = KinematicModel(load_arm("ur10")).fit_readings(work.train)
+    numbers = {
+        "writing [s]": write_s,
+        "a correction [us]": correction,
+        "standard uncertainties, 99.9 % of them within": float(np.quantile(np.abs(ratio - 1), 0.999)),
+    }
+    off = max(
+        relative_difference(model, own, points),
+        relative_difference(model, c_source.tips(file, test.angles[:500]), model.predict(test.angles[:500])),
+    )
+    return Found(
+        numbers,
+        [
+            Target("C, points against Python, relative to the reach", off, 1e-12),
+            Target(
+                "C, largest relative error of a standard uncertainty, 10,000 poses", float(abs(ratio - 1).max()), 0.01
+            ),
+            Target("C, file [MB]", file.stat().st_size / 1e6, 2.0),
+            Target("C, a reading, kinematic [us]", microseconds_of_c(kinematic, work.folder)[0], 0.5),
+            Target("C, a reading, physical [us]", point, 3.0),
+            Target("C, a reading with covariance, physical [us]", with_covariance, 300.0),
+        ],
+    )
+
+
+def measure_js(work: Work) -> Found:
+    """Size of the ES module and its agreement with the model."""
+    model, some, file = work.model, work.test.angles[:500], work.folder / "ur10.mjs"
+    es_module.write(model, Manifest.of(model, "js"), file)
+    off = relative_difference(model, es_module.tips(file, some), model.predict(some))
+    numbers = {"file [MB]": file.stat().st_size / 1e6}
+    return Found(numbers, [Target("JavaScript, points against Python, relative to the reach", off, 1e-12)])
+
+
 def relative_difference(model: Compensator, points: FloatArray, expected: FloatArray) -> float:
     """Largest distance of points from those of Python, relative to the reach of the arm."""
     return float(np.linalg.norm(points - expected, axis=1).max() / model.arm_.chain.reach)
@@ -183,6 +287,8 @@ def relative_difference(model: Compensator, points: FloatArray, expected: FloatA
 
 FORMATS: dict[str, Callable[[Work], Found]] = {
     "urdf": measure_urdf,
+    "c": measure_c,
+    "js": measure_js,
     "onnx": measure_onnx,
     "json": measure_json,
     "constants": measure_constants,

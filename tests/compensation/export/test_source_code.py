@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -440,3 +441,28 @@ def test_terms_at_every_place_are_among_the_models():
     """The planted models above have every basis; a basis that is added must come to them."""
     kinds = {type(term.basis).__name__ for term in every_term(rail_arm())}
     assert kinds == {"Constant", "Harmonics", "GravityTorque", "Direction", "Temperature", "Column", "InSession"}
+
+
+def snippet(language):
+    """The code of the guide in a language."""
+    guide = (Path(__file__).parents[3] / "docs" / "export.md").read_text(encoding="utf-8")
+    return re.search(rf"```{language}\n(.*?)```", guide, re.DOTALL).group(1)
+
+
+@needs_cc
+def test_the_guide_s_c_program_compiles_and_runs(tmp_path, nominal):
+    c_source.write(nominal, Manifest.of(nominal, "c"), tmp_path / "arm.c")
+    (tmp_path / "main.c").write_text(snippet("c"))
+    command = ["cc", "-std=c99", *STRICT, "-o", "program", "main.c", "arm.c", "-lm"]
+    subprocess.run(command, check=True, cwd=tmp_path)
+    done = subprocess.run([str(tmp_path / "program")], capture_output=True, text=True, check=True)
+    expected = nominal.predict([[0.17, -1.66, 1.40, -1.22, 1.48, 0.09]])[0]
+    np.testing.assert_allclose([float(x) for x in done.stdout.split()[:3]], expected, rtol=0, atol=1e-4)
+
+
+@needs_node
+def test_the_guide_s_module_runs(tmp_path, nominal):
+    es_module.write(nominal, Manifest.of(nominal, "js"), tmp_path / "arm.mjs")
+    (tmp_path / "main.mjs").write_text(snippet("js"))
+    done = subprocess.run(["node", "main.mjs"], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert re.search(r"\] \d\S* (true|false) \[", done.stdout), done.stdout

@@ -83,8 +83,8 @@ class ValueLayout:
         harmonics, highest, further = [], [], []
         for joint in range(n_joints):
             orders = sorted({f.order for f in distinct if f.order and f.joint == joint + 1})
-            # Orders are computed in a row as long as at least half of them are used.
-            top = max((k for n, k in enumerate(orders, 1) if 2 * n >= k), default=0)
+            # Orders are computed in a row as long as nine in ten of them are used.
+            top = max((k for n, k in enumerate(orders, 1) if 10 * n >= 9 * k), default=0)
             harmonics.append(size)
             highest.append(top)
             size += 2 * top
