@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm import datasets
 from truearm.arm import load_arm
-from truearm.compensation.models import KinematicModel
+from truearm.compensation.models import KinematicModel, PhysicalModel
 from truearm.compensation.targets.correction import correct_targets
 from truearm.compensation.targets.pose_models import nominal_poses, poses_of, reference_from_base, with_tool
 from truearm.compensation.targets.targets import Targets
@@ -167,6 +167,23 @@ def test_a_limit_is_named_with_the_joint_and_by_how_much(ur10):
     assert found.reasons[0].startswith("at a limit: J2 would be at ")
     assert f"{np.degrees(change[row, 1] / 2):.3g} deg beyond its limit" in found.reasons[0]
     np.testing.assert_allclose(found.margins[0, 1], -change[row, 1] / 2, atol=SAME_RAD)
+
+
+def test_a_redundant_joint_at_its_limit_stays_there(rail):
+    """The end of the rail is where the program has the arm: the other joints take over what the rail cannot."""
+    change = corrected(rail, rail.joints).change
+    row = int(np.argmax(change[:, 0]))
+    end = rail.joints[row, 0] + change[row, 0] / 2
+    arm = replace(rail.model.arm_, upper=np.array([end] + [6.0] * 6))
+    model = PhysicalModel(arm, highest=2)
+    vars(model).update({**vars(rail.model), "arm_": arm})
+    found = correct_targets(model, Targets.of_joints(rail.joints[[row]]), untrained="accept", uncertainty=False)
+    assert found.reasons == ("",)
+    np.testing.assert_allclose(found.joints[0, 0], end, atol=1e-9)
+    wanted = nominal_of(model, rail.joints[[row]])
+    there = pose_of(model, found.joints)
+    np.testing.assert_allclose(there.tip_in_base, wanted.tip_in_base, atol=REACHED_MM)
+    np.testing.assert_allclose(there.R_base_tip, wanted.R_base_tip, atol=SAME_RAD)
 
 
 def test_a_singular_pose_is_refused(ur10):

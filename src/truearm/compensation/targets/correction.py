@@ -42,7 +42,7 @@ MAX_CORRECTION = 0.1
 # The condition of the Jacobian in everyday poses is 5 to 100. Above this one a micrometre at the tip is half a degree.
 MAX_CONDITION = 1e4
 # Steps of a correction: three are usual; targets that need more are beyond the reach.
-CORRECTION_STEPS = 12
+CORRECTION_STEPS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +167,8 @@ def _command(model: Compensator, targets: Targets, *, frame: Frame) -> _Solved:
     poses = poses_of(model, targets.session(before))
     task = _holding(task_of(model, poses, target), before)
     found = solve_poses(task, before, max_steps=CORRECTION_STEPS)
+    if task.hold is not None:
+        found = _within_limits(model, task, found)
     return _Solved(found, target, found.joints, before)
 
 
@@ -178,6 +180,26 @@ def _feedback(model: Compensator, targets: Targets) -> _Solved:
     if task.hold is not None:
         task = replace(task, free=freedom(scaled_jacobian(replace(task, model=poses), encoder)))
     return _Solved(solve_poses(task, encoder, max_steps=CORRECTION_STEPS), target, encoder, encoder)
+
+
+def _within_limits(model: Compensator, task: PoseTask, found: InverseSolution) -> InverseSolution:
+    """Solve targets of a redundant arm beyond a limit again, with those joints at their limits, where that is possible.
+
+    A rail at its end stays there; the other joints take over its share.
+    """
+    lower, upper = model.arm_.limits.T
+    beyond = (found.joints < lower - LIMIT_TOLERANCE) | (found.joints > upper + LIMIT_TOLERANCE)
+    rows = np.flatnonzero(beyond.any(axis=1) & found.reached)
+    if not len(rows):
+        return found
+    part = task.rows(rows)
+    assert part.hold is not None  # the task of a redundant arm
+    at_limits = np.clip(found.joints[rows], lower, upper)
+    part = replace(part, hold=np.where(beyond[rows], at_limits, part.hold), locked=beyond[rows])
+    again = solve_poses(part, at_limits, max_steps=CORRECTION_STEPS)
+    inside = (again.joints >= lower - LIMIT_TOLERANCE) & (again.joints <= upper + LIMIT_TOLERANCE)
+    good = again.reached & inside.all(axis=1)
+    return found.replaced(rows[good], again.rows(good))
 
 
 def _holding(task: PoseTask, joints: FloatArray) -> PoseTask:

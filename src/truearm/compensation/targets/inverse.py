@@ -13,25 +13,24 @@ directions, compensation of commands and of feedback remain inverse to each othe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Pose
 from truearm.compensation.targets.pose_models import PoseModel
-from truearm.solve import MarquardtDamping, levenberg_marquardt_by_row
+from truearm.solve import MarquardtDamping, RowsResult, levenberg_marquardt_by_row
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-# Where steps end: with a Jacobian of condition 100, joints are then right to some 1e-10 rad.
-TOLERANCE_MM = 2e-9
-TOLERANCE_RAD = 2e-12
-# What counts as reached: a nanometre, and a nanometre at a metre's distance.
-REACHED_MM = 1e-6
-REACHED_RAD = 1e-9
+# Where the search ends. One more step follows with the last Jacobian, which leaves a thousandth of it.
+TOLERANCE_MM = 1e-7
+TOLERANCE_RAD = 1e-10
 MAX_STEPS = 100
 _LONGEST_STEP = 0.5  # [rad]; sliding joints: that times the length scale [mm]
 _DAMPING = MarquardtDamping(mu=1e-10, decrease=0.1, increase=100.0, maximum=1e5, minimum=1e-12)
-_ROWS = 8192  # targets that are solved together
+_ROWS = 16384  # targets that are solved together
 # Smaller singular values of the scaled Jacobian, relative to the largest, are directions that the arm cannot move in.
 _RANK = 1e-8
 
@@ -45,7 +44,7 @@ class InverseSolution:
     joints : (n, n_joints) array
         [rad, or mm].
     distance_mm, angle_rad : (n,) array
-        From the pose; the angle is zero where no orientation was asked for.
+        From the pose, before the last step; the angle is zero where no orientation was asked for.
     steps : (n,) int array
     jacobian : (n, 3 or 6, n_joints) array
         Of the pose by the joints at the solution, scaled to lengths: a radian counts as the length scale.
@@ -60,7 +59,23 @@ class InverseSolution:
     @property
     def reached(self) -> BoolArray:
         """(n,) whether the tip is at its pose."""
-        return np.asarray((self.distance_mm <= REACHED_MM) & (self.angle_rad <= REACHED_RAD))
+        return np.asarray((self.distance_mm <= TOLERANCE_MM) & (self.angle_rad <= TOLERANCE_RAD))
+
+    def replaced(self, rows: IntArray, others: InverseSolution) -> InverseSolution:
+        """The same with other solutions in some rows; their steps are added."""
+        mine = InverseSolution(*(part.copy() for part in self._parts))
+        for part, other in zip(mine._parts, others._parts, strict=True):
+            part[rows] = other
+        mine.steps[rows] += self.steps[rows]
+        return mine
+
+    def rows(self, which: IntArray | BoolArray) -> InverseSolution:
+        """Some of the targets."""
+        return InverseSolution(*(part[which] for part in self._parts))
+
+    @property
+    def _parts(self) -> tuple[npt.NDArray[Any], ...]:
+        return self.joints, self.distance_mm, self.angle_rad, self.steps, self.jacobian
 
     @property
     def condition(self) -> FloatArray:
@@ -87,7 +102,9 @@ class PoseTask:
         Joints to stay near, as far as the pose leaves freedom [rad, or mm]; by default every step is the shortest.
     free : (n, n_joints, n_joints) array, optional
         Projectors onto the freedom, those of `freedom`; by default computed at the joints of the solution.
-    rows : (n,) int array, optional
+    locked : (n, n_joints) bool array, optional
+        Joints that must not move; none by default.
+    which : (n,) int array, optional
         The targets by their numbers in `model`; all of them by default.
     """
 
@@ -98,6 +115,7 @@ class PoseTask:
     with_orientation: bool
     hold: FloatArray | None = None
     free: FloatArray | None = None
+    locked: BoolArray | None = None
     which: IntArray | None = None
 
     @property
@@ -112,6 +130,7 @@ class PoseTask:
             target=Pose(self.target.R_base_tip[which], self.target.tip_in_base[which]),
             hold=None if self.hold is None else self.hold[which],
             free=None if self.free is None else self.free[which],
+            locked=None if self.locked is None else self.locked[which],
             which=which if self.which is None else self.which[which],
         )
 
@@ -120,6 +139,8 @@ class PoseTask:
         rows = np.arange(len(joints)) if self.which is None else self.which
         pose, by_joint = self.model.linearise(joints, rows)
         missing, J = self._missing(pose), self._scaled(by_joint)
+        if self.locked is not None:
+            J = J * ~self.locked[:, None]
         if self.hold is not None:
             N = freedom(J) if self.free is None else self.free
             away = (self.hold - joints) * self.unit
@@ -135,6 +156,14 @@ class PoseTask:
         longest = np.maximum(np.abs(step).max(axis=1), 1e-300)
         step *= np.minimum(1.0, _LONGEST_STEP * self.scale / longest)[:, None]
         return np.asarray(joints + step / self.unit)
+
+    def polished(self, found: RowsResult) -> FloatArray:
+        """Joints after one more step where the search has ended, without another evaluation of the model."""
+        joints = found.x.copy()
+        rows = np.flatnonzero(self.has_converged(found.residuals))
+        mu = np.full(len(rows), _DAMPING.minimum)
+        joints[rows] = self.rows(rows).move(joints[rows], found.residuals[rows], found.jacobian[rows], mu)
+        return joints
 
     def has_converged(self, missing: FloatArray) -> BoolArray:
         """(n,) whether all that is missing is rounding."""
@@ -181,13 +210,8 @@ def solve_poses(task: PoseTask, start: FloatArray, *, max_steps: int = MAX_STEPS
         rows = np.arange(first, min(first + _ROWS, len(start)))
         part = task.rows(rows)
         found = levenberg_marquardt_by_row(part, start[rows], damping=_DAMPING, max_epochs=max_steps)
-        parts.append(part.solution(*found))
-    return InverseSolution(
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("joints", "distance_mm", "angle_rad", "steps", "jacobian")
-        )
-    )
+        parts.append(part.solution(part.polished(found), *found[1:]))
+    return InverseSolution(*map(np.concatenate, zip(*(part._parts for part in parts), strict=True)))
 
 
 def scaled_jacobian(task: PoseTask, joints: FloatArray) -> FloatArray:
