@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.arm import nearest_table
+from truearm.arm import chain_from_dh, nearest_table
 from truearm.arm.arm import Arm
 from truearm.compensation.export import constants
 from truearm.compensation.export.constants_section import constants_section
@@ -60,6 +60,13 @@ def ur10() -> Compensator:
     return ta.PhysicalModel(ta.load_arm("ur10"), highest=2).fit_readings(session)
 
 
+@pytest.fixture(scope="module")
+def whole(ur10, tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("whole") / "constants.csv"
+    constants.write(ur10, path)
+    return path.read_text()
+
+
 def found(table: ConstantsTable, place: str, name: str):
     return next(one for one in table.constants if (one.place, one.name) == (place, name))
 
@@ -86,11 +93,12 @@ def test_planted_constants_come_back_within_their_uncertainties(planted):
 def test_uncertainties_are_those_of_many_sessions():
     # 6 sessions of the same arm: the scatter of a constant against its stated uncertainty. The ratio of a standard
     # deviation of 6 has a spread of 32 %; the median over the constants is much nearer to 1.
-    nominal = ta.load_arm("gao2017")
+    chain = chain_from_dh(a=[50, 400, 60], d=[300, 0, 350], alpha=[1.5, 0.0, -1.5], tip_in_flange=[30, 0, 90])
+    nominal = Arm("three joints", chain)
     arm, tables = true_arm(nominal, 1), []
     for seed in range(6):
         rng = np.random.default_rng(seed)
-        q = np.asarray(nominal.working) + rng.uniform(-0.8, 0.8, (80, 6))
+        q = rng.uniform(-1.5, 1.5, (80, 3))
         points = arm.chain.tip_in_base(q) + rng.normal(0, NOISE_MM, (80, 3))
         model = ta.KinematicModel(nominal).fit(q, points)
         tables.append(constants_table(model, best_rigid_arm(model)))
@@ -98,7 +106,7 @@ def test_uncertainties_are_those_of_many_sessions():
     for several in zip(*(table.constants for table in tables), strict=True):
         if all(one.status == IDENTIFIABLE for one in several):
             ratios.append(np.std([one.identified for one in several], ddof=1) / np.mean([one.std for one in several]))
-    assert len(ratios) > 15
+    assert len(ratios) > 8
     assert 0.7 < np.median(ratios) < 1.3
 
 
@@ -212,10 +220,9 @@ def test_a_flange_and_a_modified_table_are_in_the_file(tmp_path):
         (lambda text: text.replace("J2,a,mm,", "J2,a,mm,1,"), "expected 8 cells, got 9"),
     ],
 )
-def test_a_damaged_file_is_refused(ur10, tmp_path, change, message):
+def test_a_damaged_file_is_refused(whole, tmp_path, change, message):
     path = tmp_path / "constants.csv"
-    constants.write(ur10, path)
-    path.write_text(change(path.read_text()))
+    path.write_text(change(whole))
     with pytest.raises(InputError, match=message):
         constants.tips(path, np.zeros((1, 6)))
 

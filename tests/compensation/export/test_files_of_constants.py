@@ -69,6 +69,14 @@ def ur10() -> ta.KinematicModel:
     return fitted(arm, with_errors(arm))
 
 
+@pytest.fixture(scope="module")
+def whole(ur10, tmp_path_factory) -> dict[str, str]:
+    folder = tmp_path_factory.mktemp("whole")
+    for module, suffix in ((deltas, ".csv"), (deltas, ".json"), (joint_offsets, ".yaml")):
+        module.write(ur10, folder / f"whole{suffix}")
+    return {path.suffix: path.read_text() for path in folder.iterdir()}
+
+
 @pytest.fixture
 def model(request) -> ta.KinematicModel:
     return request.getfixturevalue(request.param)
@@ -148,10 +156,9 @@ def test_deltas_stand_beside_the_nominal_constants_in_mm_m_and_rad(ur10, tmp_pat
         (lambda text: text.replace("formula", "formule").replace("frames", "freams"), "damaged|expected a line"),
     ],
 )
-def test_a_damaged_file_of_deltas_is_refused(ur10, suffix, change, message, tmp_path):
+def test_a_damaged_file_of_deltas_is_refused(whole, suffix, change, message, tmp_path):
     path = tmp_path / f"deltas{suffix}"
-    deltas.write(ur10, path)
-    text = path.read_text()
+    text = whole[suffix]
     first, rest = text.split("\n", 1) if suffix == ".csv" else ("", text)
     path.write_text(first + "\n" + change(rest) if first else change(rest))
     with pytest.raises(InputError, match=message) as refused:
@@ -212,11 +219,10 @@ def test_offsets_of_a_sliding_joint_are_in_metres(rail, tmp_path):
         (lambda text: text.replace("    yaw:", "    jaw:", 1), "yaw missing, jaw unknown"),
     ],
 )
-def test_a_damaged_file_of_offsets_is_refused(ur10, change, message, tmp_path):
+def test_a_damaged_file_of_offsets_is_refused(whole, change, message, tmp_path):
     path = tmp_path / "offsets.yaml"
-    joint_offsets.write(ur10, path)
-    changed = change(path.read_text())
-    assert changed != path.read_text()
+    changed = change(whole[".yaml"])
+    assert changed != whole[".yaml"]
     path.write_text(changed)
     with pytest.raises(InputError, match=message):
         joint_offsets.tips(path, np.zeros((1, 6)))
