@@ -180,10 +180,13 @@ class ExportResult(Record):
         if loss is None:
             yield f"{spec.content} of the whole {origin.model} model of {origin.arm}."
         else:
+            exported, nominal, own, largest = (
+                format_fixed(value, 3)
+                for value in (loss.exported_mm, loss.nominal_mm, loss.model_mm, loss.exported_max_mm)
+            )
             yield (
-                f"{spec.content}: mean error {format_fixed(loss.exported_mm, 3)} mm against the model over "
-                f"{loss.n_poses} poses ({loss.region}), largest {format_fixed(loss.exported_max_mm, 3)} mm; the "
-                f"nominal arm {format_fixed(loss.nominal_mm, 3)} mm."
+                f"{spec.content}: {exported} mm from the model's points on average, {largest} mm at most (nominal arm "
+                f"{nominal} mm; the model's own uncertainty {own} mm), over {loss.n_poses} poses: {loss.region}."
             )
             if origin.model == "physical":
                 yield (
