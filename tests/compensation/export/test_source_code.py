@@ -422,6 +422,22 @@ def test_missing_tools_and_damaged_files_are_named(tmp_path, nominal, monkeypatc
         js.write_text(js.read_text().replace("export function predictPoint", "export function predict Point"))
         with pytest.raises(ta.InputError, match="cannot run the module"):
             es_module.tips(js, q)
+    line = read_manifest(c).line()
+    if shutil.which("cc"):
+        c.write_text(f"/* {line} */ int other(void) {{ return 0; }}\n")
+        with pytest.raises(ta.InputError, match="no function truearm_predict"):
+            c_source.tips(c, q)
+    if shutil.which("node"):
+        js.write_text(f"/* {line} */ console.log(1); export const predictPoint = () => [0, 0, 0];\n")
+        with pytest.raises(ta.InputError, match="prints something of its own"):
+            es_module.tips(js, q)
+        js.write_text(f"/* {line} */ export const other = 1;\n")
+        with pytest.raises(ta.InputError, match="not a function"):
+            es_module.tips(js, q)
+        js.write_text(f"/* {line} */ for (;;);\n")
+        monkeypatch.setattr(es_module, "MAX_SECONDS", 0.5)
+        with pytest.raises(ta.InputError, match=r"did not finish in 0.5 s"):
+            es_module.tips(js, q)
     monkeypatch.setattr(shutil, "which", lambda _: None)
     with pytest.raises(MissingTool, match="C compiler"):
         c_source.tips(c, q)

@@ -79,6 +79,8 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
     out = np.full((len(joints), 3), np.nan)
     with tempfile.TemporaryDirectory() as folder:
         library = ctypes.CDLL(str(compile_library(path, folder)))
+        if not hasattr(library, "truearm_predict"):
+            raise InputError("the file has no function truearm_predict", file=path)
         for row, q in enumerate(joints):
             code = library.truearm_predict(_pointer(q), None, _pointer(out[row]), None)
             if code < 0:
@@ -101,7 +103,10 @@ def compile_library(path: str | Path, folder: str | Path, *flags: str) -> Path:
         raise MissingTool("a C file is checked with a C compiler, and none is installed", hint="apt install gcc")
     library = Path(folder) / "model.so"
     command = [compiler, *FLAGS, *flags, "-shared", "-fPIC", "-o", str(library), str(Path(path).resolve()), "-lm"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=MAX_SECONDS, check=False)  # noqa: S603
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=MAX_SECONDS, check=False)  # noqa: S603
+    except subprocess.TimeoutExpired:
+        raise InputError(f"the C compiler did not finish the file in {MAX_SECONDS} s", file=path) from None
     if done.returncode:
         first = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr[:200])
         raise InputError(f"the C compiler refuses the file: {first}", file=path)

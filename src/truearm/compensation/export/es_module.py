@@ -13,9 +13,10 @@ import numpy.typing as npt
 
 from truearm.compensation.export.source_code import source_of
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import Manifest, read_manifest
+from truearm.compensation.targets.manifest import MAX_BYTES, Manifest, read_manifest
 from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
+from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
 
 FORMAT = "js"
@@ -105,13 +106,22 @@ def run_module(path: str | Path, call: str, rows: list[list[Any]]) -> list[Any]:
     node = shutil.which("node")
     if node is None:
         raise MissingTool("an ES module is checked with Node.js, which is not installed", hint="apt install nodejs")
-    job = json.dumps({"source": Path(path).read_text(encoding="utf-8"), "call": call, "rows": rows})
+    source = read_limited(path, limit_bytes=MAX_BYTES).decode(errors="replace")
+    job = json.dumps({"source": source, "call": call, "rows": rows})
     command = [node, "--input-type=module", "--eval", _RUNNER]
-    done = subprocess.run(  # noqa: S603
-        command, input=job, capture_output=True, text=True, timeout=MAX_SECONDS, check=False
-    )
+    try:
+        done = subprocess.run(  # noqa: S603
+            command, input=job, capture_output=True, text=True, timeout=MAX_SECONDS, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise InputError(f"the module did not finish in {MAX_SECONDS} s", file=path) from None
     if done.returncode:
         first = next((line for line in done.stderr.splitlines() if "Error" in line), done.stderr[:200])
         raise InputError(f"Node.js cannot run the module: {first}", file=path)
-    results: list[Any] = json.loads(done.stdout)
+    try:
+        results: list[Any] = json.loads(done.stdout)
+    except ValueError:
+        raise InputError(
+            "the module prints something of its own, so that its answer is unreadable", file=path
+        ) from None
     return results
