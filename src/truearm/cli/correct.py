@@ -53,7 +53,9 @@ def correct(
     ] = True,
     as_json: Json = False,
 ) -> None:
-    """Correct the joint targets of a robot program, so that the arm goes where the program says.
+    """Correct the joint targets of a robot program.
+
+    The arm then goes where the program says.
 
     Columns of the table, as in docs/correct.md: joints q1_deg .. (or q1_rad; q1_mm for a sliding joint); for poses also
     x_mm, y_mm, z_mm with qw .. qz, rx_deg .. rz_deg (rotation vector), roll_deg, pitch_deg, yaw_deg or r11 .. r33. The
