@@ -83,7 +83,7 @@ def assert_same(found: Session, given: Session, *, angle_rtol: float) -> None:
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 # Radians come back as the same bits; degrees go through two products, each right to 2.2e-16 relative.
 @pytest.mark.parametrize(("unit", "rtol"), [("rad", 0.0), ("deg", 1e-15)])
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(readings=any_readings())
 def test_what_is_written_comes_back(tmp_path_factory, readings, suffix, unit, rtol):
     path = tmp_path_factory.mktemp("round") / f"session{suffix}"
