@@ -302,6 +302,8 @@ class CorrectedTargets(Record):
         yield f"direction {MEANING[self.direction]}"
         refusals = [f"{self.targets.label(row)}: {reason}" for row, reason in enumerate(self.reasons) if reason]
         yield from listed("refused", refusals, "refused targets")
+        if any(reason.startswith("outside the trained range") for reason in self.reasons):
+            yield "Take readings where the model is not trained, or correct and flag these targets (--untrained accept)."
         good = ~self.refused
         u = self.u_mm[good]
         if np.isfinite(u).any():
