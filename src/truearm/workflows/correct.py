@@ -303,7 +303,7 @@ class CorrectedTargets(Record):
         refusals = [f"{self.targets.label(row)}: {reason}" for row, reason in enumerate(self.reasons) if reason]
         yield from listed("refused", refusals, "refused targets")
         if any(reason.startswith("outside the trained range") for reason in self.reasons):
-            yield "Take readings where the model is not trained, or correct and flag these targets (--untrained accept)."
+            yield "Take readings where the model is untrained, or correct and flag these targets (--untrained accept)."
         good = ~self.refused
         u = self.u_mm[good]
         if np.isfinite(u).any():
