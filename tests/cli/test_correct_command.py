@@ -15,6 +15,9 @@ from truearm.compensation.targets.manifest import read_manifest
 PRINTED_DEG = 1e-9
 
 
+PROGRAMS = [(None, "csv"), ("urscript", "script"), ("rapid", "mod"), ("krl", "dat"), ("fanuc", "ls")]
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A model of a virtual UR10 in a program of five targets."""
@@ -71,6 +74,38 @@ def test_the_file_carries_check_poses_that_a_model_confirms(truearm, folder, tmp
         np.testing.assert_allclose(model.predict_nominal(nominal), manifest.tips, atol=manifest.tolerance_mm)
 
 
+TAMPERINGS = {
+    "another number": lambda lines: ".1".join("\n".join(lines).rsplit(".", 1)).split("\n"),
+    "a row less": lambda lines: lines[:-2] + lines[-1:],
+    "the manifest alone": lambda lines: lines[:1],
+    "code before the manifest": lambda lines: ["halt " + lines[0], *lines[1:]],
+    "a line more": lambda lines: [*lines, "halt"],
+}
+
+
+@pytest.mark.parametrize(("language", "suffix"), PROGRAMS)
+def test_the_check_finds_targets_that_were_changed(folder, tmp_path, language, suffix):
+    model = ta.load_model(folder / "m.truearm")
+    out = tmp_path / f"p.{suffix}"
+    ta.correct(model, folder / "beyond.csv", uncertainty=False).save(out, language=language)
+    assert ta.check_export(model, out).agrees
+    lines = out.read_text(encoding="utf-8").splitlines()
+    out.write_bytes("\r\n".join([*lines, ""]).encode())  # as another system or an editor ends lines
+    assert ta.check_export(model, out).agrees
+    for what, change in TAMPERINGS.items():
+        out.write_text("\n".join([*change(lines), ""]), encoding="utf-8")
+        (finding,) = [one for one in ta.check_export(model, out).findings if one.what == "content"]
+        assert (finding.outcome, finding.detail) == ("differs", "the file was changed after it was written"), what
+
+
+def test_the_check_refuses_a_file_that_does_not_say_what_was_written(folder, tmp_path):
+    model = ta.load_model(folder / "m.truearm")
+    record = ta.correct(model, folder / "program.csv", uncertainty=False)
+    (tmp_path / "c.csv").write_text(f"# {record.manifest('joint targets (csv)').line()}\nq1_deg\n1\n")
+    (finding,) = [one for one in ta.check_export(model, tmp_path / "c.csv").findings if one.what == "content"]
+    assert finding.outcome == "differs"
+
+
 def test_feedback_of_what_was_sent_is_the_program(truearm, folder, tmp_path):
     assert run_correct(truearm, folder, "program.csv", tmp_path / "sent.csv").code == 0
     joints = [f"q{i}_deg" for i in range(1, 7)]
@@ -109,9 +144,7 @@ def test_json_has_the_summary_and_the_refusals(truearm, folder, tmp_path):
     assert result["file"] == str(tmp_path / "c.csv")
 
 
-@pytest.mark.parametrize(
-    ("language", "suffix"), [("urscript", "script"), ("rapid", "mod"), ("krl", "dat"), ("fanuc", "ls")]
-)
+@pytest.mark.parametrize(("language", "suffix"), PROGRAMS[1:])
 def test_a_program_has_check_poses_and_its_direction(truearm, folder, tmp_path, language, suffix):
     out = tmp_path / f"p.{suffix}"
     ran = run_correct(truearm, folder, "beyond.csv", out, "--as", language)

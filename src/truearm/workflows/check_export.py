@@ -16,7 +16,7 @@ import numpy as np
 from truearm import __version__
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.provenance import provenance_of
-from truearm.compensation.targets.manifest import EXACT_MM, Manifest, read_manifest
+from truearm.compensation.targets.manifest import EXACT_MM, Manifest, TargetsManifest, content_hash, read_manifest
 from truearm.compensation.targets.pose_models import with_tool
 from truearm.errors import InputError, MissingTool
 from truearm.identification.estimation.alignment import align
@@ -95,6 +95,7 @@ def _findings(model: Compensator, manifest: Manifest, file: Path) -> Iterator[Fi
         return
     yield _as_the_model(model, manifest)
     if manifest.format not in FORMATS:
+        yield _as_written(manifest, file)
         return
     if FORMATS[manifest.format].is_code:
         if not same:
@@ -148,6 +149,15 @@ def _as_the_model(model: Compensator, manifest: Manifest) -> Finding:
     limit = EXACT_MM if manifest.loss is None else LOSS_FACTOR * max(manifest.loss.exported_max_mm, EXACT_MM)
     detail = f"tips of the check poses differ by {largest:.3g} mm from the model's, at most {limit:.3g} mm expected"
     return Finding("check poses", "agrees" if largest <= limit else "differs", detail)
+
+
+def _as_written(manifest: Manifest, file: Path) -> Finding:
+    """Compare corrected targets, which nobody can evaluate, with what was written."""
+    if not isinstance(manifest, TargetsManifest):
+        return Finding("content", "differs", "the file does not say what was written: correct the targets again")
+    if content_hash(file) == manifest.content_sha256:
+        return Finding("content", "agrees", "the targets are those that were written")
+    return Finding("content", "differs", "the file was changed after it was written")
 
 
 def _as_evaluated(manifest: Manifest, file: Path) -> Finding:

@@ -19,7 +19,7 @@ from truearm.compensation.targets.correction import (
     Way,
     correct_targets,
 )
-from truearm.compensation.targets.manifest import Manifest, check_joints
+from truearm.compensation.targets.manifest import Manifest, TargetsManifest, check_joints
 from truearm.compensation.targets.pose_models import nominal_poses, reference_from_base, with_tool
 from truearm.compensation.targets.program_literals import LANGUAGES, check_language, program_text
 from truearm.compensation.targets.target_files import read_targets, targets_from_frame
@@ -230,24 +230,29 @@ class CorrectedTargets(Record):
             If the name has another ending, cannot be written, or the language cannot state the arm's joints.
         """
         self.check_output(path, language)
-        header = [self.manifest(language or "joint targets (csv)").line(), *self._header()]
+        comment, content = self._content(language)
+        manifest = self.manifest(language or "joint targets (csv)")
+        line = TargetsManifest.for_content(manifest, comment, content).line()
         with atomic_file(path) as beside:
-            if language is None:
-                frame = self.to_frame()
-                for name in self.targets.words:
-                    frame[name] = frame[name].map(escape_formula)
-                table = frame.to_csv(index=False, float_format="%.12g", lineterminator="\n")
-                text = "".join(f"# {line}\n" for line in header) + table
-            else:
-                text = program_text(
-                    language,
-                    self.joints,
-                    labels=[self.targets.label(row) for row in range(len(self.targets))],
-                    reasons=self.reasons,
-                    prismatic=self.model.arm_.chain.is_prismatic,
-                    header=header,
-                )
-            beside.write_text(text, encoding="utf-8")
+            beside.write_text(f"{comment} {line}\n{content}", encoding="utf-8", newline="\n")
+
+    def _content(self, language: str | None) -> tuple[str, str]:
+        """What begins a comment in a file, and the file's text after the line of the manifest."""
+        if language is not None:
+            text = program_text(
+                language,
+                self.joints,
+                labels=[self.targets.label(row) for row in range(len(self.targets))],
+                reasons=self.reasons,
+                prismatic=self.model.arm_.chain.is_prismatic,
+                header=self._header(),
+            )
+            return LANGUAGES[language].comment, text
+        frame = self.to_frame()
+        for name in self.targets.words:
+            frame[name] = frame[name].map(escape_formula)
+        table = frame.to_csv(index=False, float_format="%.12g", lineterminator="\n")
+        return "#", "".join(f"# {line}\n" for line in self._header()) + table
 
     def check_output(self, path: str | Path, language: str | None = None) -> None:
         """Check that the targets can be written under a name; see `save`."""

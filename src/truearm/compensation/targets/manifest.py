@@ -6,6 +6,7 @@ file's format, so that any reader finds it.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -179,6 +180,37 @@ class Manifest(_Strict):
         )
 
 
+class TargetsManifest(Manifest):
+    """Manifest of a file of corrected targets, which no program can evaluate.
+
+    Attributes
+    ----------
+    content_sha256 : str
+        SHA-256 of the file without the manifest's JSON (`content_hash`).
+    """
+
+    content_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+    @classmethod
+    def for_content(cls, manifest: Manifest, comment: str, content: str) -> Self:
+        """The manifest of a file that begins with it, in a comment, and goes on with `content` on the next line."""
+        digest = hashlib.sha256(f"{comment} {MARKER}: \n{content}".encode()).hexdigest()
+        return cls(**dict(manifest), content_sha256=digest)
+
+
+def content_hash(path: str | Path) -> str:
+    """SHA-256 of an exported file without its manifest's JSON, whose ends of lines may have been changed; hexadecimal.
+
+    Raises
+    ------
+    InputError
+        As `read_manifest`.
+    """
+    text, begin, end, _ = _located(path)
+    rest = f"{text[:begin]}{text[end:]}".replace("\r\n", "\n")
+    return hashlib.sha256(rest.encode("latin-1")).hexdigest()
+
+
 def check_joints(model: Compensator) -> FloatArray:
     """(5, n_joints) joints at which files from a model are checked [rad, or mm].
 
@@ -200,6 +232,12 @@ def read_manifest(path: str | Path) -> Manifest:
     InputError
         If the file is missing or too large, has no manifest, or one that is damaged.
     """
+    *_, manifest = _located(path)
+    return manifest
+
+
+def _located(path: str | Path) -> tuple[str, int, int, Manifest]:
+    """The text of a file as Latin-1, where the manifest's JSON begins and ends in it, and the manifest."""
     text = read_limited(path, limit_bytes=MAX_BYTES).decode("latin-1")
     begin = _BEGIN.search(text)
     if begin is None:
@@ -209,8 +247,9 @@ def read_manifest(path: str | Path) -> Manifest:
             hint="truearm export MODEL --out FILE",
         )
     try:
-        data, _ = json.JSONDecoder().raw_decode(text, begin.end())
-        return Manifest.model_validate_json(json.dumps(data))
+        data, end = json.JSONDecoder().raw_decode(text, begin.end())
+        kind = TargetsManifest if "content_sha256" in data else Manifest
+        return text, begin.end(), end, kind.model_validate_json(json.dumps(data))
     except (ValueError, RecursionError, ValidationError) as error:
         line = text.count("\n", 0, begin.start()) + 1
         problem = str(error).splitlines()[0]
