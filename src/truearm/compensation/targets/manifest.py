@@ -193,20 +193,20 @@ class TargetsManifest(Manifest):
 
     @classmethod
     def for_content(cls, manifest: Manifest, comment: str, content: str) -> Self:
-        """The manifest of a file that begins with it, in a comment, and goes on with `content` on the next line."""
+        """The manifest of a file that begins with it in a comment and continues with `content` in the next line."""
         digest = hashlib.sha256(f"{comment} {MARKER}: \n{content}".encode()).hexdigest()
         return cls(**dict(manifest), content_sha256=digest)
 
 
 def content_hash(path: str | Path) -> str:
-    """SHA-256 of an exported file without its manifest's JSON, whose ends of lines may have been changed; hexadecimal.
+    """SHA-256 of an exported file without its manifest's JSON, in hexadecimal; CRLF counts as LF.
 
     Raises
     ------
     InputError
         As `read_manifest`.
     """
-    text, begin, end, _ = _located(path)
+    text, begin, end, _ = _parsed(path)
     rest = f"{text[:begin]}{text[end:]}".replace("\r\n", "\n")
     return hashlib.sha256(rest.encode("latin-1")).hexdigest()
 
@@ -232,12 +232,12 @@ def read_manifest(path: str | Path) -> Manifest:
     InputError
         If the file is missing or too large, has no manifest, or one that is damaged.
     """
-    *_, manifest = _located(path)
+    *_, manifest = _parsed(path)
     return manifest
 
 
-def _located(path: str | Path) -> tuple[str, int, int, Manifest]:
-    """The text of a file as Latin-1, where the manifest's JSON begins and ends in it, and the manifest."""
+def _parsed(path: str | Path) -> tuple[str, int, int, Manifest]:
+    """The text of a file as Latin-1, the start and end of the manifest's JSON in it, and the manifest."""
     text = read_limited(path, limit_bytes=MAX_BYTES).decode("latin-1")
     begin = _BEGIN.search(text)
     if begin is None:
