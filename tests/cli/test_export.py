@@ -10,6 +10,7 @@ import pytest
 import truearm as ta
 from truearm.arm import write_arm
 from truearm.compensation.targets.manifest import read_manifest
+from truearm.errors import MissingTool
 
 
 @pytest.fixture(scope="module")
@@ -177,3 +178,59 @@ def test_the_command_writes_checks_and_says_so_by_its_exit_code(truearm, model, 
     assert truearm("export", tmp_path / "m.truearm", "--out", tmp_path / "m.truearm").code == 2
     (tmp_path / "plain.urdf").write_text("<robot/>")
     assert "no check poses" in truearm("export", tmp_path / "m.truearm", "--check", tmp_path / "plain.urdf").err
+
+
+# The file under check does not say how well it must be checked
+
+
+def restated(path, **changes):
+    """Change what a file states of itself."""
+    manifest = read_manifest(path)
+    edited = manifest.model_copy(update=changes)
+    path.write_text(path.read_text().replace(manifest.line(), edited.line()))
+
+
+def test_a_file_does_not_set_its_own_limits(model, exported):
+    """A tolerance or a loss of a million kilometres, stated in the file, hides no change of it."""
+    manifest = read_manifest(exported)
+    restated(exported, tolerance_mm=1e9)
+    length = re.search(r'<joint name="J3".*?xyz="(\S+)', exported.read_text(), re.DOTALL)[1]
+    exported.write_text(exported.read_text().replace(f'xyz="{length}', f'xyz="{float(length) + 1e-3!r}'))  # metres
+    assert outcome(ta.check_export(model, exported), "content") == "differs"
+    moved = tuple(
+        pose.model_copy(update={"tip_mm": (pose.tip_mm[0] + 9.0 * i, *pose.tip_mm[1:])})
+        for i, pose in enumerate(manifest.check_poses)
+    )
+    restated(exported, check_poses=moved, loss=manifest.loss.model_copy(update={"exported_max_mm": 1e9}))
+    assert outcome(ta.check_export(model, exported), "check poses") == "differs"
+
+
+@pytest.mark.parametrize("change", ["none", "one", "ragged", "short"])
+def test_other_than_five_check_poses_of_all_joints_are_damage(model, exported, change):
+    poses = read_manifest(exported).check_poses
+    ragged = poses[1].model_copy(update={"joints": (1.0,)})
+    changed = {
+        "none": (),
+        "one": poses[:1],
+        "ragged": (poses[0], ragged, *poses[2:]),
+        "short": tuple(pose.model_copy(update={"joints": pose.joints[:5]}) for pose in poses),
+    }
+    restated(exported, check_poses=changed[change])
+    with pytest.raises(ta.InputError, match="truearm-export is damaged"):
+        ta.check_export(model, exported)
+
+
+def test_a_file_whose_content_was_not_run_is_not_verified(truearm, model, tmp_path, monkeypatch):
+    """Without the program that runs a file nothing is known of its content: exit code 3, and no agreement."""
+    model.save(tmp_path / "m.truearm")
+    ta.export(model, tmp_path / "a.json")
+
+    def missing(*_: object) -> None:
+        raise MissingTool("this needs a program", hint="install it")
+
+    monkeypatch.setattr("truearm.compensation.export.json_model.tips", missing)
+    check = ta.check_export(model, tmp_path / "a.json")
+    assert (check.verdict, check.agrees, outcome(check, "content")) == ("not verified", False, "not run")
+    assert "a.json is not verified: content not run" in str(check)
+    ran = truearm("export", tmp_path / "m.truearm", "--check", tmp_path / "a.json", "--json")
+    assert (ran.code, json.loads(ran.out)["verdict"]) == (3, "not verified")

@@ -44,7 +44,8 @@ def export(
 
     .c, .mjs, .onnx and .json hold the whole model. A URDF and tables of constants hold the rigid arm that is nearest to
     it over a region; what is lost is printed and stands in the file. Each file states its origin and has five check
-    poses; --check FILE runs them (exit code 1: the file does not agree with the model).
+    poses; --check FILE runs them (exit code 1: the file does not agree with the model; 3: nothing differs, but its
+    content was not run).
     """
     from truearm.errors import InputError
     from truearm.workflows.check_export import check_export
@@ -55,7 +56,7 @@ def export(
     if check is not None:
         found = check_export(model, check)
         print_record(found, as_json=as_json)
-        raise typer.Exit(0 if found.agrees else 1)
+        raise typer.Exit({"agrees": 0, "differs": 1, "not verified": 3}[found.verdict])
     assert out is not None
     with progress(f"exporting {model.name}"):
         result = export_model(

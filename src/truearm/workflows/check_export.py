@@ -31,6 +31,10 @@ UNITS = {1e-3: "metres for millimetres", 1e3: "millimetres for metres", 25.4: "i
 UNIT_SHARE = 0.02
 # At the check poses, spread over the trained ranges, a file of constants may err by more than over its region.
 LOSS_FACTOR = 3.0
+# Two descriptions of one nominal arm, and no error of constants, differ by less [mm].
+NOMINAL_MM = 0.01
+
+Verdict = Literal["agrees", "not verified", "differs"]
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,7 @@ def _as_the_model(model: Compensator, manifest: Manifest) -> Finding:
         return Finding("check poses", "differs", f"the model refuses their joints: {error.problem}")
     expected = manifest.tips[rows] if manifest.frame == "reference" else _aligned(manifest.tips[rows], tips)
     largest = float(np.linalg.norm(expected - tips, axis=1).max())
-    limit = EXACT_MM if manifest.loss is None else LOSS_FACTOR * max(manifest.loss.exported_max_mm, EXACT_MM)
+    limit = _limit_mm(equipped, manifest, tips)
     detail = f"tips of the check poses differ by {largest:.3g} mm from the model's, at most {limit:.3g} mm expected"
     return Finding("check poses", "agrees" if largest <= limit else "differs", detail)
 
@@ -160,6 +164,16 @@ def _as_written(manifest: Manifest, file: Path) -> Finding:
     return Finding("content", "differs", "the file was changed after it was written")
 
 
+def _limit_mm(model: Compensator, manifest: Manifest, tips: FloatArray) -> float:
+    """How far the check poses may be from the model: by the format, and not further than the nominal arm is."""
+    spec = FORMATS.get(manifest.format)
+    if spec is None or not spec.holds_constants or manifest.loss is None:
+        return EXACT_MM
+    nominal = model.predict_nominal(manifest.joints)
+    largest = float(np.linalg.norm(nominal - tips, axis=1).max())
+    return LOSS_FACTOR * min(max(manifest.loss.exported_max_mm, EXACT_MM), max(largest, NOMINAL_MM))
+
+
 def _as_evaluated(manifest: Manifest, file: Path) -> Finding:
     """Compare what the file gives with what it is said to give."""
     try:
@@ -169,7 +183,7 @@ def _as_evaluated(manifest: Manifest, file: Path) -> Finding:
     except InputError as error:
         return Finding("content", "differs", error.problem)
     largest = float(np.linalg.norm(tips - manifest.tips, axis=1).max())
-    if largest <= manifest.tolerance_mm:
+    if largest <= EXACT_MM:  # not the file's own tolerance
         return Finding("content", "agrees", f"evaluated at the check poses: {largest:.2g} mm at most")
     return Finding("content", "differs", f"evaluated at the check poses: {largest:.4g} mm off{_likely(tips, manifest)}")
 
@@ -205,25 +219,39 @@ class ExportCheck(Record):
     findings: tuple[Finding, ...]
 
     @property
+    def verdict(self) -> Verdict:
+        """``not verified`` if nothing differs, but not everything was run."""
+        outcomes = {finding.outcome for finding in self.findings}
+        return "differs" if "differs" in outcomes else "not verified" if "not run" in outcomes else "agrees"
+
+    @property
     def agrees(self) -> bool:
-        """Whether nothing differs."""
-        return all(finding.outcome != "differs" for finding in self.findings)
+        """Whether everything was compared, and nothing differs."""
+        return self.verdict == "agrees"
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""
-        if self.agrees:
+        if self.verdict == "agrees":
             yield f"{self.file.name} agrees with the model ({self.manifest.format}, {self.manifest.direction})."
+        elif self.verdict == "not verified":
+            yield f"{self.file.name} is not verified: {self._those('not run')} not run, nothing else differs."
         else:
-            wrong = ", ".join(finding.what for finding in self.findings if finding.outcome == "differs")
-            yield f"{self.file.name} does not agree with the model: {wrong}. Do not use it; export it again."
+            yield (
+                f"{self.file.name} does not agree with the model: {self._those('differs')}. Do not use it; "
+                "export it again."
+            )
         rows = [(finding.what, finding.outcome, finding.detail) for finding in self.findings]
         yield TextTable(("comparison", "outcome", "detail"), rows, left_aligned=(0, 1, 2))
+
+    def _those(self, outcome: str) -> str:
+        return ", ".join(finding.what for finding in self.findings if finding.outcome == outcome)
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record.to_dict`."""
         plain: dict[str, Any] = to_plain(
             {
                 "agrees": self.agrees,
+                "verdict": self.verdict,
                 "format": self.manifest.format,
                 "direction": self.manifest.direction,
                 "findings": self.findings,

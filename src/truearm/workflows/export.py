@@ -43,6 +43,11 @@ class FormatSpec(NamedTuple):
     content: str
     is_code: bool = False
 
+    @property
+    def holds_constants(self) -> bool:
+        """Whether a file holds the constants of a rigid arm only."""
+        return bool(self.options)
+
 
 CONSTANTS = ("region", "frame")
 FORMATS: dict[str, FormatSpec] = {
@@ -124,7 +129,7 @@ def export(
             hint=f"its options are {', '.join(spec.options)}" if spec.options else "leave it out: the model is whole",
         )
     module = import_module(f"truearm.compensation.export.{spec.module}")
-    if not spec.options:
+    if not spec.holds_constants:
         module.write(fitted, Manifest.of(fitted, name), out)
     else:
         if region is not None:

@@ -58,3 +58,9 @@ def test_a_file_without_a_whole_manifest_is_refused(tmp_path, text):
     (tmp_path / "x").write_text(text)
     with pytest.raises(ta.InputError, match=r"check poses|damaged"):
         read_manifest(tmp_path / "x")
+
+
+def test_a_name_with_the_marker_hides_no_manifest(model, tmp_path):
+    manifest = Manifest.of(model, "urdf")
+    (tmp_path / "x").write_text(f'<robot name="truearm-export: {{}}">\n<!-- {manifest.line()} -->\n</robot>')
+    assert read_manifest(tmp_path / "x") == manifest

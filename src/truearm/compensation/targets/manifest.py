@@ -9,11 +9,13 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from collections.abc import Sized
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.provenance import Finite, Provenance, Text, provenance_of
@@ -26,11 +28,18 @@ N_CHECK_POSES = 5
 # Points of different programs agree to rounding, some 1e-10 mm; files print fewer digits.
 EXACT_MM = 1e-6
 MAX_BYTES = 64 * 2**20
+# A manifest is one line; of an arm of 100 joints with the longest names it is shorter.
+MAX_CHARACTERS = 1_000_000
+# Names that stand before the manifest may contain the marker, by mistake or to mislead.
+MAX_CANDIDATES = 10
 _BEGIN = re.compile(rf"{MARKER}[^{{]{{0,16}}(?={{)")
 
 Direction = Literal["predict", "command", "feedback"]
 """``predict``: from encoder angles to the true tip. ``command``: from planned joints to those to send, so that the arm
 goes there. ``feedback``: from encoder angles to those with which the nominal arm shows the true tip."""
+
+Frame = Literal["reference", "base"]
+"""The frame of the reference instrument, or the arm's own base frame."""
 
 Numbers = Annotated[tuple[Finite, ...], Field(max_length=100)]
 
@@ -102,12 +111,25 @@ class Manifest(_Strict):
 
     format: Text
     direction: Direction
-    frame: Literal["reference", "base"] = "reference"
+    frame: Frame = "reference"
     provenance: Provenance
     tolerance_mm: Finite = EXACT_MM
-    check_poses: Annotated[tuple[CheckPose, ...], Field(max_length=N_CHECK_POSES)]
+    check_poses: Annotated[tuple[CheckPose, ...], Field(min_length=N_CHECK_POSES, max_length=N_CHECK_POSES)]
     loss: ExportLoss | None = None
     tool: Numbers | None = None
+
+    @model_validator(mode="after")
+    def _of_one_arm(self) -> Self:
+        origin = self.provenance
+        n = len(origin.joint_names)
+        lists: list[Sized] = [origin.joint_units, origin.trained_ranges]
+        for pose in self.check_poses:
+            lists += [pose.joints, pose.joints if pose.corrected_joints is None else pose.corrected_joints]
+        if any(len(one) != n for one in lists):
+            raise ValueError(f"expected {n} joints everywhere")
+        if self.tool is not None and len(self.tool) != 6:
+            raise ValueError("expected 6 numbers of the tool")
+        return self
 
     def line(self) -> str:
         """The marker and one line of JSON that may stand in comments of XML and C: without ``--``, ``*/`` or breaks."""
@@ -143,7 +165,7 @@ class Manifest(_Strict):
         *,
         tips: FloatArray | None = None,
         direction: Direction = "predict",
-        frame: Literal["reference", "base"] = "reference",
+        frame: Frame = "reference",
         loss: ExportLoss | None = None,
         tolerance_mm: float = EXACT_MM,
         corrected_joints: FloatArray | None = None,
@@ -237,20 +259,27 @@ def read_manifest(path: str | Path) -> Manifest:
 
 
 def _parsed(path: str | Path) -> tuple[str, int, int, Manifest]:
-    """The text of a file as Latin-1, the start and end of the manifest's JSON in it, and the manifest."""
+    """The text of a file as Latin-1, where the manifest's JSON begins and ends in it, and the manifest."""
     text = read_limited(path, limit_bytes=MAX_BYTES).decode("latin-1")
-    begin = _BEGIN.search(text)
-    if begin is None:
-        raise InputError(
-            "the file has no check poses: truearm did not export it, or they were removed",
-            file=path,
-            hint="truearm export MODEL --out FILE",
-        )
-    try:
-        data, end = json.JSONDecoder().raw_decode(text, begin.end())
-        kind = TargetsManifest if "content_sha256" in data else Manifest
-        return text, begin.end(), end, kind.model_validate_json(json.dumps(data))
-    except (ValueError, RecursionError, ValidationError) as error:
-        line = text.count("\n", 0, begin.start()) + 1
-        problem = str(error).splitlines()[0]
-        raise InputError(f"the line {MARKER} is damaged ({problem})", file=path, line=line) from None
+    damage: InputError | None = None
+    for begin in islice(_BEGIN.finditer(text), MAX_CANDIDATES):
+        try:
+            data, length = json.JSONDecoder().raw_decode(text[begin.end() : begin.end() + MAX_CHARACTERS])
+            kind = TargetsManifest if "content_sha256" in data else Manifest
+            return text, begin.end(), begin.end() + length, kind.model_validate_json(json.dumps(data))
+        except (ValueError, RecursionError, ValidationError) as error:
+            line = text.count("\n", 0, begin.start()) + 1
+            problem = f"the line {MARKER} is damaged ({_reason(error)})"
+            damage = damage or InputError(problem, file=path, line=line, hint="truearm export MODEL --out FILE")
+    raise damage or InputError(
+        "the file has no check poses: truearm did not export it, or they were removed",
+        file=path,
+        hint="truearm export MODEL --out FILE",
+    )
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        return ": ".join(part for part in (".".join(map(str, first["loc"])), first["msg"]) if part)
+    return str(error).splitlines()[0]
