@@ -91,6 +91,15 @@ def planted_model(arm: Arm, terms: list[Term] | None = None, *, seed: int = 1) -
     return model
 
 
+def empty_models(arm: Arm) -> list[ta.NominalModel | ta.KinematicModel]:
+    """Models of an arm that is as drawn, without any free constant."""
+    angles = angles_of(arm, 200)
+    points = arm.chain.tip_in_base(angles) + np.random.default_rng(3).normal(0, 0.05, (200, 3))
+    models = [ta.NominalModel(arm, free=()).fit(angles, points), ta.KinematicModel(arm, free=()).fit(angles, points)]
+    assert not any(len(model.fit_.coefficients) for model in models)
+    return models
+
+
 def stated_readings(arm: Arm, n: int = 30, seed: int = 5) -> Session:
     """Readings that state everything that a term may depend on."""
     rng = np.random.default_rng(seed)

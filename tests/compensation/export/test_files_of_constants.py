@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from planted_models import empty_models
 
 import truearm as ta
 from truearm.arm import chain_from_dh
@@ -324,3 +325,17 @@ def test_the_check_of_a_file_finds_what_was_changed(ur10, source, format, name, 
     assert changed != text
     path.write_text(changed)
     assert not check_export(ur10, path).agrees
+
+
+def test_an_arm_without_coefficients_is_written(source, tmp_path):
+    for model in empty_models(ta.load_arm("ur10")):
+        for format, name in (
+            ("constants", "a.csv"),
+            ("deltas", "a.csv"),
+            ("joint-offsets", "a.yaml"),
+            ("ur-kinematics", "b.yaml"),
+            ("urdf", "a.urdf"),
+            ("json", "a.json"),
+        ):
+            export(model, tmp_path / name, format=format, source=source if format == "ur-kinematics" else None)
+            assert check_export(model, tmp_path / name).agrees

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from planted_models import angles_of, every_term, network_model, planted_model, rail_arm, stated_readings
+from planted_models import angles_of, empty_models, every_term, network_model, planted_model, rail_arm, stated_readings
 
 import truearm as ta
 from truearm.compensation.export import onnx_graph
-from truearm.compensation.models.training_conditions import InputRange
 from truearm.compensation.targets.manifest import MARKER, Manifest, read_manifest
 from truearm.errors import MissingTool
-from truearm.identification.terms import Column, Constant, Term
+from truearm.identification.terms import Constant, Term
 from truearm.identification.terms.basis import Basis
 from truearm.readings import Session
 
@@ -230,16 +228,10 @@ def test_a_user_s_own_basis_is_refused_and_nothing_is_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["joints", "tip_mm", "node.3"])
-def test_a_column_named_as_a_value_of_the_graph_is_refused(name, tmp_path):
-    term = Term("by load", 2, (0.0, 0, 0, 1, 0, 0), Column(name), "g", 1.0)
-    manifest = Manifest.of(offset_model(), "onnx")
-    columns = {name: InputRange(0.0, 1.0, -1.0, 1.0)}
-    model = planted_model(ta.load_arm("ur10"), [term])
-    model.training_ = replace(model.training_, columns=columns)
-    with pytest.raises(ta.InputError, match="of its own named"):
-        onnx_graph.write(model, manifest, tmp_path / "arm.onnx")
-    assert not list(tmp_path.iterdir())
+def test_the_graph_of_an_arm_without_coefficients_gives_its_points(tmp_path):
+    for model in empty_models(ta.load_arm("ur10")):
+        angles = angles_of(model.arm_, 5, 1)
+        assert_same_points(onnx_graph.tips(written(model, tmp_path), angles), model.predict(angles), model.arm_)
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxruntime"])

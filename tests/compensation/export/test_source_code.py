@@ -11,16 +11,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from planted_models import angles_of, every_term, network_model, planted_model, rail_arm, stated_readings
+from planted_models import (
+    angles_of,
+    empty_models,
+    every_term,
+    network_model,
+    planted_model,
+    rail_arm,
+    stated_readings,
+)
 
 import truearm as ta
 from truearm.compensation.export import c_source, es_module, reduced_covariance
 from truearm.compensation.export.reduced_covariance import sample_trained_region
+from truearm.compensation.export.source_code import macros_of
+from truearm.compensation.models.training_conditions import InputRange
 from truearm.compensation.targets.correction import correct_targets
 from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.compensation.targets.targets import Targets
 from truearm.errors import MissingTool
-from truearm.identification.terms import Constant, Term
+from truearm.identification.terms import Column, Constant, Term
 from truearm.identification.terms.basis import Basis
 from truearm.readings import Session
 
@@ -382,6 +392,103 @@ def test_declarations_alone_and_a_hostile_name_compile(tmp_path, nominal):
     if shutil.which("g++"):
         command = ["g++", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c++", str(tmp_path / "arm.c")]
         assert subprocess.run(command).returncode == 0
+
+
+SYSTEM = 'extern int system(const char *);\n__attribute__((constructor)) static void p(void) { system("touch {ran}"); }'
+WRITE = '(await import("node:fs")).writeFileSync("{ran}", "");'
+ATTACKS = (
+    f"*/ {SYSTEM} /*",
+    f"*/ {WRITE} /*",
+    f"\n{SYSTEM}\n//",
+    f"\u2028{WRITE}\n//",
+    f'"]; {WRITE} ["',
+    "??/",
+    "\\",
+    "ü -->",
+)
+
+
+@needs_cc
+@needs_node
+def test_texts_of_a_model_file_never_run(tmp_path, nominal):
+    """Names of all that has one, past the checks of a model file: the last of two walls."""
+    ran = tmp_path / "ran"
+    texts = [attack.replace("{ran}", str(ran)) for attack in ATTACKS]
+    arm = replace(
+        nominal.arm_, name=texts[0], title=texts[1], serial_number=texts[0] + texts[5], joint_names=tuple(texts[:6])
+    )
+    model = planted_model(arm, [Term("load", 2, (0, 0, 0, 0, 0, 1), Column("load_kg"), "load", 0.1)])
+    model.training_.columns.update(dict.fromkeys(texts, model.training_.columns["load_kg"]))
+    terms = tuple(Term(text, 2, (0, 0, 0, 0, 0, 1), Column(text), text, 0.1) for text in texts[:1])
+    model.fit_ = replace(model.fit_, perturbed_chain=replace(model.fit_.perturbed_chain, terms=terms))
+    c, js = tmp_path / "arm.c", tmp_path / "arm.mjs"
+    c_source.write(model, Manifest.of(model, "c"), c)
+    es_module.write(model, Manifest.of(model, "js"), js)
+    q = nominal.arm_.working[None]
+    c_source.compile_library(c, tmp_path, *STRICT)
+    for module, path in ((c_source, c), (es_module, js)):
+        np.testing.assert_allclose(module.tips(path, q), model.predict(q), rtol=0, atol=1e-8)
+        assert read_manifest(path).provenance.serial_number == arm.serial_number
+    found = es_module.run_module(js, "predict", [[q[0].tolist(), {"column": {text: 1.0}}] for text in texts])
+    assert all("xyz" in one for one in found)
+    assert not ran.exists()
+
+
+LOADS = ("load_größe", "load_a-b", "load_a.b", "load_a_b")
+
+
+@needs_cc
+@needs_node
+def test_columns_of_any_name_have_their_own_place(tmp_path):
+    arm = ta.load_arm("ur10")
+    terms = [Term(name, 2, (0, 0, 0, 0, 0, 1), Column(name), name, 0.1) for name in LOADS]
+    model = planted_model(arm, terms)
+    model.training_ = replace(model.training_, columns=dict.fromkeys(LOADS, InputRange(0.0, 1.0, -5.0, 5.0)))
+    c, js = tmp_path / "arm.c", tmp_path / "arm.mjs"
+    c_source.write(model, Manifest.of(model, "c"), c)
+    es_module.write(model, Manifest.of(model, "js"), js)
+    library = ctypes.CDLL(str(c_source.compile_library(c, tmp_path, *STRICT)))
+    written, q, xyz = Written(model, c, js, library), arm.working.copy(), np.zeros(3)
+    for name in LOADS:
+        readings = Session(q[None], columns={name: np.array([3.0])})
+        expected = model.predict_readings(readings)[0]
+        assert library.truearm_predict(pointer(q), ctypes.byref(written.state(readings)), pointer(xyz), None) >= 0
+        np.testing.assert_allclose(xyz, expected, rtol=0, atol=1e-9)
+        found = es_module.run_module(js, "predict", [[q.tolist(), {"column": {name: 3.0}}]])[0]
+        np.testing.assert_allclose(found["xyz"], expected, rtol=0, atol=1e-9)
+
+
+def test_a_name_that_is_one_in_c_stays_as_it_is():
+    names = macros_of(sorted(LOADS))
+    assert names == {
+        "load_a_b": "load_a_b",
+        "load_a-b": "load_a_b_2",
+        "load_a.b": "load_a_b_3",
+        "load_größe": "load_gr__e",
+    }
+
+
+def test_a_column_without_training_is_refused(tmp_path, nominal):
+    model = planted_model(nominal.arm_, [Term("load", 2, (0, 0, 0, 0, 0, 1), Column("load_x"), "load", 0.1)])
+    for module in (c_source, es_module):
+        with pytest.raises(ta.InputError, match="a column that its training does not state: 'load_x'"):
+            module.write(model, Manifest.of(nominal, module.FORMAT), tmp_path / "arm")
+
+
+@needs_cc
+@needs_node
+def test_an_arm_without_coefficients_is_written(tmp_path):
+    for model in empty_models(ta.load_arm("ur10")):
+        c, js = tmp_path / "arm.c", tmp_path / "arm.mjs"
+        c_source.write(model, Manifest.of(model, "c"), c)
+        es_module.write(model, Manifest.of(model, "js"), js)
+        library = ctypes.CDLL(str(c_source.compile_library(c, tmp_path, *STRICT)))
+        written, readings = Written(model, c, js, library), Session(angles_of(model.arm_, 5, 1))
+        expected, covariances = model.predict_readings(readings, return_cov=True)
+        points, cov, _ = written.predict(readings)
+        np.testing.assert_allclose(points, expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(uncertainty(cov), uncertainty(covariances), rtol=EXACT_SHARE)
+        np.testing.assert_allclose(es_module.tips(js, readings.angles), expected, rtol=0, atol=1e-9)
 
 
 def test_networks_and_bases_of_one_s_own_are_refused(tmp_path):

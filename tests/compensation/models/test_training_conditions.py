@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, NominalModel, PhysicalModel, load_model
 from truearm.compensation.models.refit import refit
-from truearm.compensation.models.training_conditions import TrainingConditions, find_angle_gaps
+from truearm.compensation.models.training_conditions import InputRange, TrainingConditions, find_angle_gaps
 from truearm.errors import InputError
 from truearm.readings import Session
 
@@ -161,3 +161,13 @@ def test_a_transfer_keeps_the_temperatures_that_the_arm_was_identified_at(real, 
 def test_a_network_has_training_conditions_too(real, rng):
     model = NetworkModel(real.arm, hidden=(4,), epochs=5).fit_readings(warm(real, rng))
     assert model.training_.temperature_degC.lower >= 18
+
+
+@pytest.mark.parametrize("name", ["load */\nint x;", "load_1\n", "load_", "J1", "__proto__", "load_*/", 'load_"'])
+def test_a_model_has_columns_as_a_session_has_them_and_no_others(name):
+    training = TrainingConditions.of(Session(np.zeros((3, 1))), TURNS)
+    known = InputRange(1.0, 1.0, 0.0, 2.0)
+    with pytest.raises(InputError, match="names of further columns such as load_1_Nm") as error:
+        replace(training, columns={name: known})
+    assert "\n" not in error.value.problem
+    assert replace(training, columns={"load_größe": known}).columns

@@ -249,7 +249,7 @@ def _uncertainties(model: Compensator, rigid: RigidArm, by_coefficient: FloatArr
     of_rigid = fit.perturbed_chain.derivatives(ArmState(fit.perturbed_chain.chain, rigid.poses), fit.coefficients)
     full = of_model.perturbed_chain.derivatives(state, of_model.coefficients)
     for (rows, _, G), (_, _, J) in zip(of_rigid, full, strict=True):
-        projected += (G * weights[:, rows]).reshape(len(G), -1) @ J.reshape(len(J), -1).T
+        projected += np.tensordot(G * weights[:, rows], J, axes=([1, 2], [1, 2]))
     by_model = by_coefficient @ fit.covariance @ projected
     of_readings = np.maximum(np.einsum("ij,jk,ik->i", by_model, of_model.covariance, by_model, optimize=True), 0.0)
     remains = np.maximum(remains, _share(of_readings, by_model**2 @ of_model.prior_std**2))

@@ -42,8 +42,6 @@ OPERATORS = frozenset({
 MAX_BYTES = 64 * 2**20
 # Numbers of an intermediate value for each pose: a layer of 1000 units has 1000.
 MAX_VALUES = 100_000
-# Values of the graph that a column cannot have as its name.
-NAMES = ("joints", "temperature_degC", "directions", "tip_mm")
 # Added to the square of an angle before its root is taken: sin(t) / t is then 1 at zero, and changes by a sixth of this
 # elsewhere. A number below those of single precision would be optimised away by onnxruntime as a zero.
 TINY = 1e-30
@@ -366,7 +364,7 @@ class _ChainGraph:
 
     def _offset(self, place: int) -> FloatArray:
         """(6,) constant part of the motion of a place."""
-        constant = [f.kind == "constant" for f in self.plain.functions]
+        constant = np.array([f.kind == "constant" for f in self.plain.functions], dtype=bool)
         return np.asarray(self.plain.motion_by_function[constant & (self.plain.place == place)].sum(axis=0))
 
     def _function_row(self, function: BasisFunction) -> tuple[str, int, int]:
@@ -404,8 +402,6 @@ class _ChainGraph:
             name = graph.input("directions", (None, self.plain.n_joints), doc, np.zeros((1, self.plain.n_joints)))
             nodes[name] = graph.node("Transpose", name, perm=[1, 0])
         for column in sorted({f.column for f in self.plain.functions if f.column}):
-            if column in NAMES or column.startswith(("node.", "constant.")):
-                raise InputError(f"the graph has a value of its own named {column!r}", hint="rename the column and fit")
             mean = np.array([training.columns[column].mean])
             name = graph.input(column, [None], "in the unit of its name; by default the mean of the training", mean)
             nodes[name] = graph.row(name)

@@ -162,6 +162,8 @@ def plain_model(model: Compensator) -> PlainModel:
         motions[row] += fit.coefficients[column] * np.array(direction)
         function_of.append(row)
         directions.append(direction)
+    if unknown := sorted({function.column for _, function in rows} - {"", *model.training_.columns}):
+        raise InputError(f"the model has terms of a column that its training does not state: {unknown[0][:40]!r}")
     columns = np.array([column for *_, column in entries], dtype=np.intp)
     uncertain = fit.covariance.diagonal()[columns] > 0
     kept = columns[uncertain]

@@ -162,14 +162,14 @@ class _Poses:
         root = plain.covariance_root.T.astype(np.float32)
         spread, squares = np.empty((n, 3, len(root.T)), dtype=np.float32), np.zeros(p)
         for rows, _, columns in model.fit_.perturbed_chain.derivatives(state, model.fit_.coefficients):
-            part = columns[kept].reshape(p, -1)
+            part = columns[kept].reshape(p, 3 * columns.shape[2])
             squares += np.einsum("pn,pn->p", part, part)
-            spread[rows] = (part.astype(np.float32).T @ root).reshape(3, -1, len(root.T)).transpose(1, 0, 2)
+            spread[rows] = (part.astype(np.float32).T @ root).reshape(3, columns.shape[2], p).transpose(1, 0, 2)
         axes = model.fit_.chain.tip_derivatives(state.angles).motion_jacobian[:, 1:-1]
         levers = np.where(plain.chain.is_prismatic[:, None], axes[:, :, 5], axes[:, :, 2])
         short = np.sqrt((levers**2).sum(axis=2).mean(axis=0)) < SHORT_LEVER * plain.chain.reach
         levers[:, short & ~plain.chain.is_prismatic] = 0.0
-        flat = spread.reshape(3 * n, -1)
+        flat = spread.reshape(3 * n, p)
         unexplained = plain.residual_std_mm**2 * plain.variance_function.share(state.angles)
         own = np.einsum("np,np->n", flat, flat, dtype=np.float64)
         return cls(state.angles, levers, flat, own, np.repeat(unexplained, 3), np.sqrt(squares / (3 * n)))

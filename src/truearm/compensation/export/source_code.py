@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import string
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,15 +18,36 @@ from truearm.compensation.export.reduced_covariance import ReducedCovariance, re
 from truearm.compensation.export.value_tables import ValueTables
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.training_conditions import TEMPERATURE_TOLERANCE_K
+from truearm.compensation.targets.correction import MAX_CORRECTION
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
 from truearm.identification.terms.thermal import link_vectors
-from truearm.readings.thermal_expansion import STEEL_PER_K
+from truearm.readings.checks import LIMIT_TOLERANCE, MAX_ANGLE
+from truearm.readings.session import COLDEST_DEGC, LARGEST_LOAD, WARMEST_DEGC
+from truearm.readings.thermal_expansion import REFERENCE_DEGC, STEEL_PER_K
 from truearm.typing import FloatArray
 
 LINE_WIDTH = 118
 # In place of an infinite limit: no joint is beyond.
 NO_LIMIT = 1e300
+# What a text may have in the middle of code; all else becomes a code point.
+_PLAIN = frozenset(string.ascii_letters + string.digits + " _-.,:;()%")
+# Numbers of the rules by which targets are corrected, by their names in the code.
+RULES = {
+    "max_joint": MAX_ANGLE,
+    "max_load": LARGEST_LOAD,
+    "max_correction": MAX_CORRECTION,
+    "limit_tolerance": LIMIT_TOLERANCE,
+    "coldest": COLDEST_DEGC,
+    "warmest": WARMEST_DEGC,
+    "temperature_tolerance": TEMPERATURE_TOLERANCE_K,
+    "reference_degC": REFERENCE_DEGC,
+}
+
+
+class Code(str):
+    """Text that a template prints as it is: code that truearm has made, no text from a model file."""
 
 
 def source_of(model: Compensator, manifest: Manifest, template: str, brackets: str) -> str:
@@ -60,12 +82,13 @@ def source_of(model: Compensator, manifest: Manifest, template: str, brackets: s
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=False,  # noqa: S701 (source code; names go through `_macro` and `_in_comment`)
+        autoescape=False,  # noqa: S701 (source code: `_printed` escapes all that is not `Code`)
+        finalize=_printed,
     )
     environment.filters |= {"number": number, "table": _table_filter(brackets)}
     origin = {"manifest": _in_comment(manifest.line()), "sha256": manifest.provenance.model_sha256}
     checks = {"check_joints": manifest.joints.tolist(), "check_tips": manifest.tips.tolist()}
-    context = origin | checks | _mean(plain, values) | _uncertainty(plain, covariance)
+    context = RULES | origin | checks | _mean(plain, values) | _uncertainty(plain, covariance)
     return environment.get_template(template).render(context)
 
 
@@ -73,15 +96,13 @@ def _mean(plain: PlainModel, values: ValueTables) -> dict[str, Any]:
     """Tables from which points and joints are computed."""
     training, layout = plain.training, values.layout
     temperature, names = training.temperature_degC, sorted(training.columns)
-    macros = [_macro(name) for name in names]
-    if len(set(macros)) < len(macros):
-        raise InputError(f"expected columns whose names differ in letters and digits, got {names}")
+    macros = macros_of(names)
     limits = np.stack([plain.lower, plain.upper], axis=1)
     moved = {run.component // 6 for run in values.runs}
     return {
         "n": plain.n_joints,
-        "columns": [{"name": name, "macro": macro} for name, macro in zip(names, macros, strict=True)],
-        "used_columns": [_macro(name) for name in layout.columns],
+        "columns": [{"name": name, "macro": macros[name]} for name in names],
+        "used_columns": [{"name": name, "macro": macros[name]} for name in layout.columns],
         "fixed": _rows(plain.chain),
         "tip": plain.chain.tip_in_flange.tolist(),
         "moved": [int(place in moved) for place in range(plain.n_joints + 2)],
@@ -148,25 +169,49 @@ def _uncertainty(plain: PlainModel, covariance: ReducedCovariance) -> dict[str, 
     return context
 
 
-def number(value: float) -> str:
+def number(value: float) -> Code:
     """A number that reads back exactly."""
-    return str(value) if isinstance(value, int) else repr(float(value))
+    return Code(value if isinstance(value, int) else repr(float(value)))
 
 
-def _table_filter(brackets: str) -> Callable[..., str]:
+def macros_of(names: Sequence[str]) -> dict[str, Code]:
+    """Names in C for names of columns: letters, digits and _; of two that become equal, one has a number."""
+    macros: dict[str, Code] = {}
+    for name in sorted(names, key=lambda name: (_as_macro(name) != name, name)):
+        macro, count = _as_macro(name), 2
+        while macro in macros.values():
+            macro, count = f"{_as_macro(name)}_{count}", count + 1
+        macros[name] = Code(macro)
+    return macros
+
+
+def _as_macro(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_]", "_", name)
+
+
+def _printed(value: object) -> object:
+    """What a template prints: code and numbers as they are, texts so that no comment or string ends in them."""
+    if isinstance(value, Code | int):
+        return value
+    units = str(value).encode("utf-16-be", "surrogatepass")
+    pairs = (int.from_bytes(units[at : at + 2], "big") for at in range(0, len(units), 2))
+    return "".join(chr(unit) if chr(unit) in _PLAIN else f"\\u{unit:04x}" for unit in pairs)
+
+
+def _table_filter(brackets: str) -> Callable[..., Code]:
     opening, closing = brackets[0], brackets[1]
 
-    def table(values: npt.NDArray[Any] | Sequence[Any], suffix: str = "") -> str:
+    def table(values: npt.NDArray[Any] | Sequence[Any], suffix: str = "") -> Code:
         """Nested lists of numbers over several lines."""
         if isinstance(values, np.ndarray) and values.dtype == np.float32:  # seven digits hold it
             texts = [f"{value:.8g}" for value in values.tolist()]
             return _wrapped([text + ("" if set(text) & set(".e") else ".0") + suffix for text in texts])
         rows = values.tolist() if isinstance(values, np.ndarray) else list(values)
         if rows and isinstance(rows[0], list | tuple):
-            return opening + ",\n".join(table(row) for row in rows) + closing
+            return Code(opening + ",\n".join(table(row) for row in rows) + closing)
         return _wrapped([number(value) for value in rows])
 
-    def _wrapped(texts: list[str]) -> str:
+    def _wrapped(texts: Sequence[str]) -> Code:
         lines, width = [[]], 0  # type: list[list[str]], int
         for text in texts:
             if width + len(text) + 1 > LINE_WIDTH:
@@ -174,7 +219,7 @@ def _table_filter(brackets: str) -> Callable[..., str]:
                 width = 0
             lines[-1].append(text)
             width += len(text) + 1
-        return opening + ",\n".join(",".join(line) for line in lines) + closing
+        return Code(opening + ",\n".join(",".join(line) for line in lines) + closing)
 
     return table
 
@@ -196,11 +241,9 @@ def _folded(chain: Chain, constant: FloatArray, moved: set[int]) -> list[list[fl
     return rows
 
 
-def _macro(name: str) -> str:
-    """A column's name as part of a name in C and JavaScript."""
-    return re.sub(r"[^A-Za-z0-9_]", "_", name)
+def _in_comment(line: str) -> Code:
+    """The manifest in a comment of C: nothing that opens a comment or is a trigraph, which compilers warn of.
 
-
-def _in_comment(line: str) -> str:
-    """The manifest in a comment of C: nothing that opens a comment or is a trigraph, which compilers warn of."""
-    return line.replace("/*", "/\\u002a").replace("??", "?\\u003f")
+    `Manifest.line` has no line break, and nothing that ends a comment.
+    """
+    return Code(line.replace("/*", "/\\u002a").replace("??", "?\\u003f"))

@@ -11,7 +11,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
-from truearm.readings.session import Session
+from truearm.readings.session import LOAD, Session
 from truearm.typing import BoolArray, FloatArray
 
 # An angle this near to a training angle counts as a training angle [rad; of a sliding joint as a share of its range]:
@@ -74,7 +74,7 @@ class TrainingConditions:
     temperature_degC : InputRange, optional
         None where the readings state no temperature.
     columns : dict of str to InputRange
-        Further columns of numbers, such as loads.
+        Further columns of numbers, such as loads, by names as a session has them.
     has_directions : bool
         Whether the readings state the joints' directions of movement.
     fingerprint : str
@@ -102,6 +102,8 @@ class TrainingConditions:
             raise InputError("expected one reading or more, a range of every joint, and gaps as joint, begin and end")
         if not (self.angle_ranges[:, 0] <= self.angle_ranges[:, 1]).all() or not (gaps[:, 1] < gaps[:, 2]).all():
             raise InputError("expected ranges and gaps of training angles that begin before they end")
+        if bad := [name for name in self.columns if not LOAD.fullmatch(name)]:
+            raise InputError(f"expected names of further columns such as load_1_Nm, got {bad[0][:40]!r}")
         sample = self.angle_sample
         if sample is not None and not (
             sample.ndim == 2 and 1 <= len(sample) <= MAX_SAMPLE and sample.shape[1] == n_joints
