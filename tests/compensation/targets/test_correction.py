@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from truearm import datasets
-from truearm.arm import load_arm
+from truearm.arm import Pose, load_arm
 from truearm.compensation.models import KinematicModel, PhysicalModel
-from truearm.compensation.targets.correction import correct_targets
+from truearm.compensation.targets.configuration import follow, keeps_configuration
+from truearm.compensation.targets.correction import correct_targets, task_of
+from truearm.compensation.targets.inverse import solve_poses
 from truearm.compensation.targets.pose_models import nominal_poses, poses_of, reference_from_base, with_tool
 from truearm.compensation.targets.targets import Targets
 from truearm.errors import InputError
@@ -192,6 +194,110 @@ def test_a_singular_pose_is_refused(ur10):
     found = corrected(ur10, joints)
     assert found.reasons[0] == ""
     assert found.reasons[1].startswith(("singular: J", "out of reach"))
+
+
+def test_a_large_correction_is_not_called_singular(ur10):
+    """At a wrist that is nearly straight a small error needs a large turn, though the pose is none of the singular."""
+    joints = np.repeat(ur10.joints[2:3], 20, axis=0)
+    joints[:, 4] = np.geomspace(1e-3, 0.3, 20)
+    found = corrected(ur10, joints)
+    large = [reason for reason in found.reasons if reason.startswith("correction of J")]
+    assert large
+    assert all("exceeds the usual by more than 5.7 deg: wrong zero, sign or arm" in reason for reason in large)
+    assert not any("singular: condition" in reason for reason in found.reasons)
+
+
+@pytest.mark.parametrize("offset", [0.12, 0.3])
+def test_an_arm_with_a_large_joint_offset_is_corrected(offset):
+    """The readings share it between base, tip and joints, so that the change is no constant."""
+    arm, rng = load_arm("ur10"), np.random.default_rng(1)
+    joints = np.array([0.3, -1.2, 1.4, -1.0, 1.2, 0.2]) + 0.8 * rng.uniform(-1, 1, (300, 6))
+    points = arm.chain.tip_in_base(joints + offset * np.eye(6)[2]) + rng.normal(0, 0.02, (300, 3))
+    model = KinematicModel(arm).fit(joints, points)
+    targets = Targets.of_joints(joints[:100])
+    found = correct_targets(model, targets, untrained="accept", uncertainty=False)
+    assert np.abs(found.change).max() > 0.1
+    assert found.refused.mean() <= 0.05, found.reasons
+    # A target's answer does not depend on the others.
+    one = correct_targets(model, Targets.of_joints(joints[:1]), untrained="accept", uncertainty=False)
+    np.testing.assert_allclose(one.joints, found.joints[:1], atol=SAME_RAD)
+
+
+# Configurations, and orientations of arms of fewer than six joints
+
+
+def ur_signs(joints, poses):
+    """Signs of shoulder, elbow and wrist of a UR: the determinant of its Jacobian is their product."""
+    _, J = poses.linearise(joints, np.arange(len(joints)))
+    elbow, wrist = np.sign(np.sin(joints[:, 2])), np.sign(np.sin(joints[:, 4]))
+    return np.stack([np.linalg.slogdet(J)[0] * elbow * wrist, elbow, wrist], axis=1)
+
+
+def test_the_configuration_is_that_of_the_start_or_the_target_is_refused(ur10):
+    rng, model = np.random.default_rng(3), ur10.model
+    joints = model.arm_.working + rng.uniform(-0.9, 0.9, (150, 6))
+    start = joints + rng.uniform(-1.5, 1.5, joints.shape)
+    pose = nominal_of(model, joints)
+    found = corrected(ur10, Targets(start, pose.tip_in_base, pose.R_base_tip))
+    other = np.array([reason == "another configuration than the start joints" for reason in found.reasons])
+    same = (ur_signs(start, nominal_poses(model)) == ur_signs(joints, nominal_poses(model))).all(axis=1)
+    good = ~found.refused
+    nominal = found.joints[good] - found.change[good]
+    kept = ur_signs(nominal, nominal_poses(model)) == ur_signs(start[good], nominal_poses(model))
+    assert kept.all(axis=1).mean() > 0.98  # paths may lead around a flip of a joint that turns by more than half a turn
+    assert other.any()
+    assert good.sum() > 50
+    there = pose_of(model, found.joints[good])
+    np.testing.assert_allclose(there.tip_in_base, pose.tip_in_base[good], atol=REACHED_MM)
+    assert (good & same).sum() > 0.8 * same.sum()
+
+
+def test_continuation_finds_the_configuration_that_newton_leaves(ur10):
+    rng, nominal = np.random.default_rng(3), nominal_poses(ur10.model)
+    joints = ur10.model.arm_.working + rng.uniform(-0.9, 0.9, (150, 6))
+    start = joints + rng.uniform(-1.0, 1.0, joints.shape)
+    pose = nominal_of(ur10.model, joints)
+    task = task_of(ur10.model, nominal, pose)
+    rows = np.flatnonzero(~keeps_configuration(task, start, solve_poses(task, start).joints))
+    found, kept = follow(task.rows(rows), start[rows], Pose(*(p[rows] for p in nominal_of(ur10.model, start))))
+    assert kept.any()
+    there = nominal_of(ur10.model, found.joints[kept])
+    np.testing.assert_allclose(there.tip_in_base, pose.tip_in_base[rows][kept], atol=REACHED_MM)
+    assert (ur_signs(found.joints[kept], nominal) == ur_signs(start[rows][kept], nominal)).all()
+
+
+def test_a_singular_start_chooses_no_configuration(ur10):
+    pose = nominal_of(ur10.model, ur10.joints)
+    start = ur10.joints.copy()
+    start[:, 4] = 0.0  # the nominal wrist is straight
+    found = corrected(ur10, Targets(start, pose.tip_in_base, pose.R_base_tip))
+    assert not any("another configuration" in reason for reason in found.reasons)
+
+
+def test_an_arm_of_five_joints_takes_a_pose_that_it_can_reach(five):
+    rng = np.random.default_rng(5)
+    joints = five.joints[:6]
+    pose = nominal_of(five.model, joints)
+    start = joints + rng.uniform(-0.2, 0.2, joints.shape)
+    found = corrected(five, Targets(start, pose.tip_in_base, pose.R_base_tip))
+    assert not found.refused.any(), found.reasons
+    there = pose_of(five.model, found.joints)
+    np.testing.assert_allclose(there.tip_in_base, pose.tip_in_base, atol=REACHED_MM)
+    assert np.degrees(found.angle_rad).max() < 0.5
+    np.testing.assert_allclose(found.joints - found.change, joints, atol=1e-6)  # the nominal arm's joints, not others
+
+
+def test_an_orientation_that_five_joints_cannot_have_is_refused(five):
+    joints = five.joints[:3]
+    pose = nominal_of(five.model, joints)
+    turned = pose.R_base_tip.copy()
+    axes = five.model.nominal_.chain.pose(joints).R_base_tip
+    turned[1] = Rotation.from_rotvec(axes[1] @ [0.5, 0.5, 0.0]).as_matrix() @ turned[1]
+    found = corrected(five, Targets(joints, pose.tip_in_base, turned))
+    assert [bool(reason) for reason in found.reasons] == [False, True, False]
+    assert found.reasons[1].startswith("orientation out of reach: ")
+    assert found.reasons[1].endswith(f"{np.degrees(found.angle_rad[1]):.2g} deg remain")
+    assert not corrected(five, Targets(joints, pose.tip_in_base)).refused.any()  # positions ask for no orientation
 
 
 def test_untrained_targets_are_refused_or_flagged(ur10):

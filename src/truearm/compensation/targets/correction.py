@@ -16,6 +16,7 @@ import numpy as np
 
 from truearm.arm.chain import Pose
 from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.targets.configuration import MAX_CONDITION, follow, keeps_configuration
 from truearm.compensation.targets.inverse import (
     MAX_STEPS,
     InverseSolution,
@@ -25,10 +26,12 @@ from truearm.compensation.targets.inverse import (
     solve_poses,
     turn_between,
 )
+from truearm.compensation.targets.manifest import check_joints
 from truearm.compensation.targets.pose_models import PoseModel, nominal_poses, poses_of, reference_from_base
 from truearm.compensation.targets.targets import Targets
 from truearm.errors import InputError
 from truearm.readings.checks import LIMIT_TOLERANCE
+from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 Way = Literal["command", "feedback"]
@@ -37,10 +40,12 @@ Untrained = Literal["refuse", "accept"]
 
 # Joints of fewer are too few for a position and an orientation.
 JOINTS_OF_A_POSE = 6
-# A correction is some mrad; more [rad] is a joint that runs away near a singularity, or another configuration.
+# A correction, apart from joint offsets, is some mrad; more [rad] is a pose near a singular one, or a mistake.
 MAX_CORRECTION = 0.1
-# The condition of the Jacobian in everyday poses is 5 to 100. Above this one a micrometre at the tip is half a degree.
-MAX_CONDITION = 1e4
+# Arms of fewer than six joints keep a few mrad of their own errors in the orientation; more [rad] they cannot reach.
+MAX_TURN_OFF = np.radians(0.5)
+# Training poses that show the usual change.
+_USUAL_POSES = 100
 # Steps of a correction: three are usual; targets that need more are beyond the reach.
 CORRECTION_STEPS = 10
 
@@ -100,6 +105,7 @@ class _Solved(NamedTuple):
     target: Pose
     machine_joints: FloatArray
     before: FloatArray
+    another_configuration: BoolArray
 
 
 def correct_targets(
@@ -157,19 +163,39 @@ def task_of(model: Compensator, poses: PoseModel, target: Pose) -> PoseTask:
 def _command(model: Compensator, targets: Targets, *, frame: Frame) -> _Solved:
     nominal, every = nominal_poses(model), np.arange(len(targets))
     target, before = nominal.pose(targets.joints, every), targets.joints
+    another = np.zeros(len(targets), dtype=bool)
     if targets.tips is not None:
-        target = _in_reference(model, targets, target, frame)
+        at_start, target = target, _in_reference(model, targets, target, frame)
         task = task_of(model, nominal, target)
-        before = solve_poses(task, targets.joints, max_steps=MAX_STEPS).joints
-        # Whole turns are no motion; those of the start joints are kept.
-        turns = np.round((before - targets.joints) / (2 * np.pi)) * (2 * np.pi)
-        before = before - np.where(task.prismatic, 0.0, turns)
+        if targets.rotations is not None:  # with fewer than six joints the nearest in the sense of least squares
+            task = replace(task, with_orientation=True)
+        before, another = _nominal_joints(task, targets.joints, at_start)
     poses = poses_of(model, targets.session(before))
     task = _holding(task_of(model, poses, target), before)
     found = solve_poses(task, before, max_steps=CORRECTION_STEPS)
     if task.hold is not None:
         found = _within_limits(model, task, found)
-    return _Solved(found, target, found.joints, before)
+    return _Solved(found, target, found.joints, before, another)
+
+
+def _nominal_joints(task: PoseTask, start: FloatArray, at_start: Pose) -> tuple[FloatArray, BoolArray]:
+    """Joints of the nominal arm in the configuration and turns of the start; whether only another one was found."""
+    found = solve_poses(task, start, max_steps=MAX_STEPS)
+    joints = _turns_kept(task, start, found.joints)
+    another = found.reached & ~keeps_configuration(task, start, joints)
+    rows = np.flatnonzero(another)
+    if len(rows):
+        again, kept = follow(task.rows(rows), start[rows], Pose(*(part[rows] for part in at_start)))
+        good = rows[kept]
+        joints[good] = _turns_kept(task, start[good], again.joints[kept])
+        another[good] = False
+    return joints, another
+
+
+def _turns_kept(task: PoseTask, start: FloatArray, joints: FloatArray) -> FloatArray:
+    """The same joints in the turns nearest to the start: whole turns are no motion."""
+    turns = np.round((joints - start) / (2 * np.pi)) * (2 * np.pi)
+    return joints - np.where(task.prismatic, 0.0, turns)
 
 
 def _feedback(model: Compensator, targets: Targets) -> _Solved:
@@ -179,7 +205,8 @@ def _feedback(model: Compensator, targets: Targets) -> _Solved:
     task = _holding(task_of(model, nominal_poses(model), target), encoder)
     if task.hold is not None:
         task = replace(task, free=freedom(scaled_jacobian(replace(task, model=poses), encoder)))
-    return _Solved(solve_poses(task, encoder, max_steps=CORRECTION_STEPS), target, encoder, encoder)
+    found = solve_poses(task, encoder, max_steps=CORRECTION_STEPS)
+    return _Solved(found, target, encoder, encoder, np.zeros(len(targets), dtype=bool))
 
 
 def _within_limits(model: Compensator, task: PoseTask, found: InverseSolution) -> InverseSolution:
@@ -238,8 +265,17 @@ def _judged(
 
     bad = ~found.reached
     refuse(bad, _unreached(found, bad))
-    bad = (condition > MAX_CONDITION) | (_turning(arm.chain.is_prismatic, change) > MAX_CORRECTION)
-    refuse(bad, _singular(model, change[bad], condition[bad]))
+    angle = _angle(model, readings, solved, direction=direction)
+    if targets.kind == "poses":
+        bad = (angle > MAX_TURN_OFF) & (arm.n_joints < JOINTS_OF_A_POSE)
+        refuse(bad, [f"orientation out of reach: {np.degrees(turn):.2g} deg remain" for turn in angle[bad]])
+    bad = solved.another_configuration
+    refuse(bad, ["another configuration than the start joints"] * int(bad.sum()))
+    bad = condition > MAX_CONDITION
+    refuse(bad, [f"singular: condition {number:.2g}" for number in condition[bad]])
+    excess = _excess(model, change, direction=direction)
+    bad = excess.max(axis=1) > MAX_CORRECTION
+    refuse(bad, _too_large(change[bad], excess[bad], condition[bad]))
     if direction == "command":
         bad = (margins < -LIMIT_TOLERANCE).any(axis=1)
         refuse(bad, _beyond(model, machine[bad], margins[bad]))
@@ -252,10 +288,6 @@ def _judged(
     nominal = nominal_poses(model)
     every = np.arange(len(targets))
     there = nominal.pose(found.joints, every)
-    angle = found.angle_rad
-    if arm.n_joints < JOINTS_OF_A_POSE:
-        achieved = there if direction == "feedback" else poses_of(model, readings).pose(found.joints, every)
-        angle = np.linalg.norm(turn_between(achieved.R_base_tip, solved.target.R_base_tip), axis=1)
     return Correction(
         joints=np.where(good[:, None], found.joints, np.nan),
         reasons=tuple(reasons.tolist()),
@@ -271,9 +303,33 @@ def _judged(
     )
 
 
-def _turning(prismatic: BoolArray, change: FloatArray) -> FloatArray:
-    """(n,) largest change of a turning joint [rad]."""
-    return np.asarray(np.abs(change[:, ~prismatic]).max(axis=1, initial=0.0))
+def _angle(model: Compensator, readings: Session, solved: _Solved, *, direction: Way) -> FloatArray:
+    """(n,) rotation of the flange from the target [rad]; on arms of fewer than six joints it was not solved for."""
+    found = solved.solution
+    if model.arm_.n_joints >= JOINTS_OF_A_POSE:
+        return found.angle_rad
+    poses = nominal_poses(model) if direction == "feedback" else poses_of(model, readings)
+    there = poses.pose(found.joints, np.arange(len(found.joints)))
+    return np.asarray(np.linalg.norm(turn_between(there.R_base_tip, solved.target.R_base_tip), axis=1))
+
+
+def _excess(model: Compensator, change: FloatArray, *, direction: Way) -> FloatArray:
+    """(n, n_joints) size of the change of turning joints, beyond what is usual where it is large [rad].
+
+    Usual is the middle 90 % at training poses: an arm with a large joint offset is corrected by as much everywhere.
+    """
+    turning = ~model.arm_.chain.is_prismatic
+    size = np.abs(change) * turning
+    if not (size > MAX_CORRECTION).any():
+        return size
+    sample = model.training_.angle_sample
+    trained = check_joints(model) if sample is None else sample
+    some = Targets.of_joints(trained[:: -(-len(trained) // _USUAL_POSES)])
+    there = _feedback(model, some) if direction == "feedback" else _command(model, some, frame="reference")
+    if not there.solution.reached.any():
+        return size
+    low, high = np.quantile((there.solution.joints - there.before)[there.solution.reached], (0.05, 0.95), axis=0)
+    return np.asarray(np.minimum(size, np.maximum(low - change, change - high) * turning))
 
 
 def _unreached(found: InverseSolution, bad: BoolArray) -> list[str]:
@@ -283,13 +339,15 @@ def _unreached(found: InverseSolution, bad: BoolArray) -> list[str]:
     ]
 
 
-def _singular(model: Compensator, change: FloatArray, condition: FloatArray) -> list[str]:
-    turning = np.where(model.arm_.chain.is_prismatic, 0.0, change)
-    return [
-        f"singular: J{int(np.abs(row).argmax()) + 1} would turn by {np.degrees(row[np.abs(row).argmax()]):.3g} deg "
-        f"(condition {number:.2g})"
-        for row, number in zip(turning, condition, strict=True)
-    ]
+def _too_large(change: FloatArray, excess: FloatArray, condition: FloatArray) -> list[str]:
+    found = []
+    for row, over, number in zip(change, excess, condition, strict=True):
+        joint = int(over.argmax())
+        found.append(
+            f"correction of J{joint + 1} by {np.degrees(row[joint]):.3g} deg exceeds the usual by more than "
+            f"{np.degrees(MAX_CORRECTION):.1f} deg: wrong zero, sign or arm, or near-singular (condition {number:.2g})"
+        )
+    return found
 
 
 def _beyond(model: Compensator, joints: FloatArray, margins: FloatArray) -> list[str]:
