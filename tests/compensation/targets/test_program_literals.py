@@ -48,6 +48,25 @@ def test_a_refused_target_is_a_comment_that_names_it(language):
     assert line == f"{LANGUAGES[language].comment} 3 p?ck: REFUSED, at a limit: J2"
 
 
+def test_a_program_of_motions_stops_in_place_of_a_refused_target():
+    """Otherwise the arm would go straight from the target before to the one after."""
+    lines = text_of("urscript", labels=["a", "b", 'c" + "\\', "d"]).splitlines()
+    at = next(i for i, line in enumerate(lines) if "REFUSED" in line)
+    assert (
+        lines[at + 1] == """  popup("3 c' + '/: at a limit: J2", title="Refused target", error=True, blocking=True)"""
+    )
+    assert lines[at + 2] == "  halt"
+    assert lines[at + 3] == "# 4 d"
+    assert "halt" not in text_of("urscript", reasons=[""] * 4)
+
+
+@pytest.mark.parametrize("language", ["rapid", "krl", "fanuc"])
+def test_a_refused_target_is_not_declared(language):
+    lines = text_of(language).splitlines()
+    at = next(i for i, line in enumerate(lines) if "REFUSED" in line)
+    assert lines[at + 1].startswith(f"{LANGUAGES[language].comment} 4 ")
+
+
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_a_name_with_a_line_break_stays_in_its_comment(language):
     lines = text_of(language).splitlines()

@@ -43,6 +43,8 @@ class Language:
         The line of a target, from its number and its joints (6,) [rad].
     note : str
         What a person must do before the program runs.
+    instead : callable
+        Lines in place of a refused target, from what is to be said of it.
     """
 
     suffix: str
@@ -51,6 +53,7 @@ class Language:
     after: tuple[str, ...]
     literal: Callable[[int, FloatArray], str]
     note: str
+    instead: Callable[[str], tuple[str, ...]] = lambda _: ()
 
 
 def _rad(joints: FloatArray) -> str:
@@ -75,6 +78,12 @@ def _fanuc(number: int, joints: FloatArray) -> str:
     return f"P[{number}]{{\n   GP1:\n\tUF : 0, UT : 1,\n" + ",\n".join(lines) + "\n};"
 
 
+def _stop(text: str) -> tuple[str, ...]:
+    """The program would move from the target before to the one after, on a way that nobody planned."""
+    quoted = text.replace('"', "'").replace("\\", "/")
+    return (f'  popup("{quoted}", title="Refused target", error=True, blocking=True)', "  halt")
+
+
 LANGUAGES: dict[str, Language] = {
     "urscript": Language(
         ".script",
@@ -83,6 +92,7 @@ LANGUAGES: dict[str, Language] = {
         ("end",),
         lambda _, joints: f"  movej([{_rad(joints)}], a=acceleration, v=speed)",
         "acceleration in rad/s^2, speed in rad/s: set them for your cell",
+        _stop,
     ),
     "rapid": Language(
         ".mod",
@@ -122,6 +132,9 @@ def program_text(
 ) -> str:
     """Targets in a robot language. Refused ones are comments that name them: nothing moves there.
 
+    A program of motions (URScript) stops in their place with the reason; the other languages declare targets, and one
+    that is absent is an error of the program that uses it.
+
     Parameters
     ----------
     language : str
@@ -146,6 +159,7 @@ def program_text(
         name = _printable(label)
         if reason:
             lines.append(f"{chosen.comment} {number} {name}: REFUSED, {_printable(reason)}")
+            lines += chosen.instead(f"{number} {name}: {_printable(reason)}")
         else:
             lines += [f"{chosen.comment} {number} {name}", chosen.literal(number, q)]
     return "\n".join([*lines, *chosen.after]) + "\n"
