@@ -129,9 +129,20 @@ def test_refused_targets_are_empty_with_a_reason_and_an_exit_code(truearm, folde
     accepted = run_correct(truearm, folder, "beyond.csv", tmp_path / "c.csv", "--untrained", "accept")
     assert accepted.code == 0
     assert "1 corrected targets are outside the trained range" in accepted.out
+
+
+def test_where_none_is_corrected_nothing_is_written(truearm, folder, tmp_path):
     none = run_correct(truearm, folder, "only-beyond.csv", tmp_path / "c.csv")
     assert none.code == 3
-    assert none.out.startswith("None of 1 targets corrected.")
+    assert none.out.startswith("None of 1 targets corrected: there is nothing to write.")
+    assert "written to" not in none.out
+    assert not list(tmp_path.iterdir())
+    as_json = run_correct(truearm, folder, "only-beyond.csv", tmp_path / "c.csv", "--json")
+    assert as_json.code == 3
+    assert "file" not in json.loads(as_json.out)
+    with pytest.raises(ta.InputError, match="nothing to write"):
+        ta.correct(folder / "m.truearm", folder / "only-beyond.csv").save(tmp_path / "c.csv")
+    assert not list(tmp_path.iterdir())
 
 
 def test_json_has_the_summary_and_the_refusals(truearm, folder, tmp_path):

@@ -61,7 +61,7 @@ def correct(
     x_mm, y_mm, z_mm with qw .. qz, rx_deg .. rz_deg (rotation vector), roll_deg, pitch_deg, yaw_deg or r11 .. r33. The
     file written has the same joint columns, and for each target a status: ok, or the reason for which it was refused.
 
-    Exit code 0: all targets corrected; 1: some refused; 3: none corrected.
+    Exit code 0: all targets corrected; 1: some refused; 3: none corrected, nothing written.
     """
     from truearm.files.atomic_write import check_writable
     from truearm.workflows.correct import check_output
@@ -71,24 +71,37 @@ def correct(
     check_output(out, language)
     check_output_is_not_input(out, model, targets)
     check_writable(out)
-    tool_numbers = None if tool is None else numbers_of(tool, "--tool", "0,0,120")
-    start_numbers = None if start is None else numbers_of(start, "--start", "0,-90,90,0,90,0")
     with progress(f"correcting {targets.name}"):
         fitted = to_model(model)
-        slides = fitted.arm.chain.is_prismatic.tolist()
         corrected = correct_targets(
             fitted,
             targets,
             direction=direction,
             frame=frame,
-            tool=None if tool_numbers is None else tool_numbers[:3] + [radians(q) for q in tool_numbers[3:]],
-            start=None
-            if start_numbers is None
-            else [q if i < len(slides) and slides[i] else radians(q) for i, q in enumerate(start_numbers)],
+            tool=_tool_of(tool),
+            start=_start_of(start, fitted.arm.chain.is_prismatic.tolist()),
             untrained=untrained,
             uncertainty=uncertainty,
         )
-        corrected.save(out, language=language)
-    print_record(corrected, as_json=as_json, files={"targets": out})
-    n_refused = int(corrected.refused.sum())
-    raise typer.Exit(0 if not n_refused else 3 if n_refused == len(corrected.refused) else 1)
+        n_refused = int(corrected.refused.sum())
+        any_good = n_refused < len(corrected.refused)
+        if any_good:
+            corrected.save(out, language=language)
+    print_record(corrected, as_json=as_json, files={"targets": out if any_good else None})
+    raise typer.Exit(0 if not n_refused else 1 if any_good else 3)
+
+
+def _tool_of(option: str | None) -> list[float] | None:
+    """The option --tool in mm and rad."""
+    if option is None:
+        return None
+    numbers = numbers_of(option, "--tool", "0,0,120")
+    return numbers[:3] + [radians(q) for q in numbers[3:]]
+
+
+def _start_of(option: str | None, slides: list[bool]) -> list[float] | None:
+    """The option --start in rad, and mm of sliding joints."""
+    if option is None:
+        return None
+    numbers = numbers_of(option, "--start", "0,-90,90,0,90,0")
+    return [q if i < len(slides) and slides[i] else radians(q) for i, q in enumerate(numbers)]

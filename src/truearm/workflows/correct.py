@@ -227,9 +227,12 @@ class CorrectedTargets(Record):
         Raises
         ------
         InputError
-            If the name has another ending, cannot be written, or the language cannot state the arm's joints.
+            If the name has another ending, cannot be written, the language cannot state the arm's joints, or all
+            targets were refused.
         """
         self.check_output(path, language)
+        if self.refused.all():
+            raise InputError(self.summary()[:-1], file=path, hint=f"first of the reasons: {self.reasons[0]}")
         comment, content = self._content(language)
         manifest = self.manifest(language or "joint targets (csv)")
         line = TargetsManifest.for_content(manifest, comment, content).line()
@@ -295,7 +298,7 @@ class CorrectedTargets(Record):
         """The answer in one sentence: how many targets were corrected, and by how much."""
         good, n = ~self.refused, len(self.targets)
         if not good.any():
-            return f"None of {n} targets corrected."
+            return f"None of {n} targets corrected: there is nothing to write."
         return (
             f"{int(good.sum())} of {n} targets corrected; largest change {self._largest_change()}; the tip moves by "
             f"{format_mm(float(self.correction.shift_mm[good].mean()))} on average."
