@@ -52,7 +52,7 @@ def test_the_table_has_the_joints_of_the_input_and_says_its_direction(truearm, f
     assert "direction command: send these joints" in ran.out
     found, program = table(tmp_path / "c.csv"), pd.read_csv(folder / "program.csv")
     joints = [f"q{i}_deg" for i in range(1, 7)]
-    assert list(found)[:8] == [*joints, "name", "direction"]
+    assert list(found)[:8] == ["name", *joints, "direction"]  # as in the input
     assert list(found["name"]) == ["a", "b", "'=c", "d", "e"]  # no formula
     assert set(found["direction"]) == {"command"}
     assert set(found["status"]) == {"ok"}
@@ -143,6 +143,35 @@ def test_where_none_is_corrected_nothing_is_written(truearm, folder, tmp_path):
     with pytest.raises(ta.InputError, match="nothing to write"):
         ta.correct(folder / "m.truearm", folder / "only-beyond.csv").save(tmp_path / "c.csv")
     assert not list(tmp_path.iterdir())
+
+
+def test_other_columns_keep_their_place_and_content(truearm, folder, tmp_path):
+    program = pd.read_csv(folder / "program.csv")
+    program = program[["q2_deg", "name", "q1_deg", "q3_deg", "q4_deg", "q5_deg", "q6_deg"]]
+    program.insert(2, "note on site", ["left", "=1+1", "a, b", "", "x"])
+    program["temperature_degC"] = [20.0, 20.5, 21.0, 21.0, 20.0]
+    program.to_csv(tmp_path / "p.csv", index=False)
+    ran = run_correct(truearm, folder, tmp_path / "p.csv", tmp_path / "c.csv")
+    assert ran.code == 0, ran.err
+    found = pd.read_csv(tmp_path / "c.csv", comment="#", keep_default_na=False)
+    assert list(found)[: program.shape[1] + 2] == [*program, "direction", "status"]
+    assert list(found["note on site"]) == ["left", "'=1+1", "a, b", "", "x"]
+    assert list(found["temperature_degC"]) == list(program["temperature_degC"])
+    plain = ta.correct(folder / "m.truearm", program[sorted(program)].drop(columns=["note on site"]))
+    np.testing.assert_allclose(np.radians(found[[f"q{i}_deg" for i in range(1, 7)]]), plain.joints, atol=1e-11)
+    frame = ta.correct(folder / "m.truearm", program.assign(notes=[1, None, 2.5, "a\nb", "c"])).to_frame()
+    assert list(frame)[: program.shape[1] + 1] == [*program, "notes"]
+    assert list(frame["notes"]) == ["1", "", "2.5", "a b", "c"]
+
+
+def test_poses_pass_through_beside_their_joints(folder):
+    model = ta.load_model(folder / "m.truearm")
+    start = np.radians(pd.read_csv(folder / "program.csv").iloc[0, 1:].to_numpy(dtype=float))
+    tip = model.nominal_.chain.pose(start[None]).tip_in_base[0]
+    table = pd.DataFrame([["p", *tip / 1000]], columns=["name", "x_m", "y_m", "z_m"])
+    frame = ta.correct(model, table, start=start).to_frame()
+    assert list(frame)[:11] == [*(f"q{i}_deg" for i in range(1, 7)), "name", "x_m", "y_m", "z_m", "direction"]
+    np.testing.assert_array_equal(frame.loc[0, ["x_m", "y_m", "z_m"]].to_numpy(dtype=float), tip / 1000)
 
 
 def test_json_has_the_summary_and_the_refusals(truearm, folder, tmp_path):

@@ -191,15 +191,21 @@ class CorrectedTargets(Record):
         return np.asarray(np.sqrt(np.trace(self.correction.covariances, axis1=1, axis2=2) / 3))
 
     def to_frame(self) -> pd.DataFrame:
-        """A DataFrame, one row a target: the joints in the columns of the input, names, and figures of each target."""
+        """A DataFrame, one row a target: the columns of the input with the corrected joints, and figures of each."""
         import pandas as pd
 
         done = self.correction
         columns: dict[str, object] = {}
         units = [unit_of(name) for name in self._joint_columns]
-        for i, (name, unit) in enumerate(zip(self._joint_columns, units, strict=True)):
-            columns[name] = done.joints[:, i] / FACTOR[unit]
-        columns |= dict(self.targets.words)
+        # The order is that of the input; joints come first where it has none.
+        joints = {
+            name: done.joints[:, i] / FACTOR[unit]
+            for i, (name, unit) in enumerate(zip(self._joint_columns, units, strict=True))
+        }
+        if not self.targets.joint_columns:
+            columns |= joints
+        columns |= {**self.targets.given, **{name: joints[name] for name in joints if name in self.targets.given}}
+        columns |= joints | dict(self.targets.words)
         columns["direction"] = [self.direction] * len(self.targets)
         columns["status"] = [reason or "ok" for reason in done.reasons]
         columns |= {"residual_mm": done.distance_mm, "residual_rad": done.angle_rad, "steps": done.steps}
@@ -252,8 +258,9 @@ class CorrectedTargets(Record):
             )
             return LANGUAGES[language].comment, text
         frame = self.to_frame()
-        for name in self.targets.words:
-            frame[name] = frame[name].map(escape_formula)
+        for name in {**self.targets.given, **self.targets.words}:
+            if name not in self._joint_columns:
+                frame[name] = frame[name].map(lambda cell: escape_formula(cell) if isinstance(cell, str) else cell)
         table = frame.to_csv(index=False, float_format="%.12g", lineterminator="\n")
         return "#", "".join(f"# {line}\n" for line in self._header()) + table
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -82,7 +83,9 @@ def read_targets(path: str | Path, *, start: npt.ArrayLike | None = None) -> Tar
         sheet, [sheet.names.index(name) for name in numbers], [sheet.names.index(name) for name in words]
     )
     columns = dict(zip(numbers, values.T, strict=True))
-    return _targets(columns, dict(zip(words, texts, strict=True)), start=start, file=path, first_line=sheet.first_line)
+    named = dict(zip(words, texts, strict=True))
+    found = _targets(columns, _without_notes(named), start=start, file=path, first_line=sheet.first_line)
+    return replace(found, given={name: columns[name] if name in columns else named[name] for name in sheet.names})
 
 
 def targets_from_frame(frame: pd.DataFrame, *, start: npt.ArrayLike | None = None) -> Targets:
@@ -94,8 +97,24 @@ def targets_from_frame(frame: pd.DataFrame, *, start: npt.ArrayLike | None = Non
     if not len(frame):
         raise InputError("expected at least one target, got none")
     columns = {name: frame_numbers(frame[name], name) for name in numbers}
-    texts = {name: frame_words(frame[name], name) for name in words}
-    return _targets(columns, texts, start=start, file=None, first_line=None)
+    texts = {name: _remarks(frame[name]) if _is_note(name) else frame_words(frame[name], name) for name in words}
+    found = _targets(columns, _without_notes(texts), start=start, file=None, first_line=None)
+    return replace(found, given={name: columns[name] if name in columns else texts[name] for name in frame.columns})
+
+
+def _is_note(name: str) -> bool:
+    return name.startswith("note")
+
+
+def _without_notes(words: dict[str, NameArray]) -> dict[str, NameArray]:
+    return {name: texts for name, texts in words.items() if not _is_note(name)}
+
+
+def _remarks(column: pd.Series[Any]) -> NameArray:
+    """Remarks of any type as text of one line."""
+    missing = column.isna().tolist()
+    cells = ["" if gone else " ".join(str(cell).split()) for cell, gone in zip(column.tolist(), missing, strict=True)]
+    return np.array(cells, dtype=np.str_)
 
 
 def _twice(file: Path | None) -> InputError:
@@ -107,7 +126,7 @@ def _twice(file: Path | None) -> InputError:
 
 
 def _recognise(names: Sequence[str], *, file: Path | None, line: int | None) -> tuple[list[str], list[str]]:
-    """Names of the columns of numbers and of words; every other column is refused or a note."""
+    """Names of the columns of numbers and of words, notes among them; every other column is refused."""
     check_header(names, file=file, line=line)
     if {"direction", "status"} <= set(names):
         raise _twice(file)
@@ -117,9 +136,9 @@ def _recognise(names: Sequence[str], *, file: Path | None, line: int | None) -> 
     for name in names:
         if name in units | plain | {TEMPERATURE} or any(known.fullmatch(name) for known in (ANGLE, LOAD, _DIRECTION)):
             numbers.append(name)
-        elif name in LABELS or name in NAMED:
+        elif name in LABELS or name in NAMED or _is_note(name):
             words.append(name)
-        elif not name.startswith("note"):
+        else:
             raise InputError(
                 f"unknown column {quoted_cell(name)}", file=file, line=line, column=name, hint=_meant(name)
             )

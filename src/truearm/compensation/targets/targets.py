@@ -39,6 +39,8 @@ class Targets:
     directions : (n, n_joints) array, optional
         Sign of each joint's last movement.
     loads : mapping of str to (n,) array
+    given : mapping of str to (n,) array
+        Every column of the table, numbers and names, in its order and units.
     file : Path, optional
     first_line : int, optional
         Line of the first target in `file`.
@@ -52,6 +54,7 @@ class Targets:
     temperature_degC: FloatArray | None = None
     directions: FloatArray | None = None
     loads: Mapping[str, FloatArray] = field(default_factory=dict)
+    given: Mapping[str, FloatArray | NameArray] = field(default_factory=dict)
     file: Path | None = None
     first_line: int | None = None
 
