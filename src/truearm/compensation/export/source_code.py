@@ -19,7 +19,8 @@ from truearm.compensation.export.value_tables import ValueTables
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import TEMPERATURE_TOLERANCE_K
-from truearm.compensation.targets.correction import MAX_CORRECTION
+from truearm.compensation.targets.correction import CORRECTION_STEPS, MAX_CONDITION, MAX_CORRECTION
+from truearm.compensation.targets.inverse import TOLERANCE_MM, TOLERANCE_RAD
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
 from truearm.identification.terms.thermal import link_vectors
@@ -38,6 +39,10 @@ RULES = {
     "max_joint": MAX_ANGLE,
     "max_load": LARGEST_LOAD,
     "max_correction": MAX_CORRECTION,
+    "max_condition": MAX_CONDITION,
+    "correction_steps": CORRECTION_STEPS,
+    "tolerance_mm": TOLERANCE_MM,
+    "tolerance_rad": TOLERANCE_RAD,
     "limit_tolerance": LIMIT_TOLERANCE,
     "coldest": COLDEST_DEGC,
     "warmest": WARMEST_DEGC,
