@@ -191,7 +191,7 @@ class ExportResult(Record):
             )
             yield (
                 f"{spec.content}: {exported} mm from the model's points on average, {largest} mm at most (nominal arm "
-                f"{nominal} mm; the model's own uncertainty {own} mm), over {loss.n_poses} poses: {loss.region}."
+                f"{nominal} mm; the model's own uncertainty {own} mm), at {loss.n_poses} poses held out: {loss.region}."
             )
             if origin.model == "physical":
                 yield (

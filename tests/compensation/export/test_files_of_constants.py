@@ -15,7 +15,7 @@ import truearm as ta
 from truearm.arm import chain_from_dh
 from truearm.arm.arm import Arm
 from truearm.arm.ur_kinematics import JOINTS, read_ur_kinematics, ur_kinematics_text
-from truearm.compensation.export import deltas, joint_offsets, ur_kinematics
+from truearm.compensation.export import constants, deltas, joint_offsets, ur_kinematics
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.targets.manifest import read_manifest
 from truearm.errors import InputError
@@ -339,3 +339,32 @@ def test_an_arm_without_coefficients_is_written(source, tmp_path):
         ):
             export(model, tmp_path / name, format=format, source=source if format == "ur-kinematics" else None)
             assert check_export(model, tmp_path / name).agrees
+
+
+# Columns that say the same
+
+
+def test_deltas_in_metres_that_were_changed_are_refused(ur10, tmp_path):
+    path = tmp_path / "deltas.json"
+    deltas.write(ur10, path)
+    document = json.loads(path.read_text())
+    document["joints"][1]["delta_a_m"] += 1e-3
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"joints.1.*delta_a_mm and delta_a_m differ"):
+        deltas.tips(path, poses(ur10.arm_, 3))
+    assert not check_export(ur10, path).agrees
+
+
+@pytest.mark.parametrize(("column", "value"), [(5, "9.0"), (3, "9.0"), (2, "deg"), (5, "x")])
+def test_constants_whose_columns_contradict_each_other_are_refused(ur10, tmp_path, column, value):
+    path = tmp_path / "constants.csv"
+    constants.write(ur10, path)
+    lines = path.read_text().splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("J2,a"))
+    cells = lines[at].split(",")
+    cells[column] = value
+    lines[at] = ",".join(cells)
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"identified constant|in mm|finite"):
+        constants.tips(path, poses(ur10.arm_, 3))
+    assert not check_export(ur10, path).agrees

@@ -399,3 +399,15 @@ def test_a_source_without_its_links_names_them(source, tmp_path, model):
         urdf.write(model, tmp_path / "out.urdf", source=source)
     with pytest.raises(InputError, match="does not exist"):
         urdf.write(model, tmp_path / "out.urdf", source=tmp_path / "none.urdf")
+
+
+def test_joints_that_changed_their_names_are_refused(model, source, folder):
+    """Names decide which joint a controller moves: swapped ones are no smaller fault than swapped constants."""
+    path = folder / "names.urdf"
+    urdf.write(model, path, source=f"{source}:base_link:tool0")
+    assert read_manifest(path).provenance.joint_names == MOVING
+    text = path.read_text()
+    swapped = text.replace('name="a1"', 'name="a_"').replace('name="a2"', 'name="a1"').replace('name="a_"', 'name="a2"')
+    path.write_text(swapped)
+    with pytest.raises(InputError, match="expected the joints a1, a2"):
+        urdf.tips(path, read_manifest(path).joints)

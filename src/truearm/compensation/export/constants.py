@@ -32,6 +32,9 @@ FORMULAS: Mapping[Convention, str] = {
     "mdh": "mdh: Tx(a) Ty(b) Rx(alpha) Ry(beta) Rz(q + theta) Tz(d)",
 }
 MAX_BYTES = 1_000_000
+# Columns that say the same agree to the rounding of doubles, in mm and rad.
+ROUNDING = 1e-9
+IN_MM = ("d", "a", "b", "x", "y", "z")
 _ROW = ("theta", "d", "a", "alpha", "beta", "b")
 _FRAME = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -171,10 +174,16 @@ def _identified(lines: Sequence[str]) -> dict[tuple[str, str], float]:
             raise InputError(f"the constant {name} of {place} is stated twice", line=number)
         try:
             values[place, name] = float(identified)
+            was, change = (float(cells[COLUMNS.index(column)]) for column in ("nominal", "change"))
         except ValueError:
-            values[place, name] = math.nan
+            values[place, name] = was = change = math.nan
         if not math.isfinite(values[place, name]):
             raise InputError(f"expected a finite number, got {identified[:60]!r}", line=number, column="identified")
+        if not abs(was + change - values[place, name]) <= ROUNDING * max(1.0, abs(was)):
+            raise InputError(f"nominal and change of {name} of {place} are not the identified constant", line=number)
+        unit = "mm" if name in IN_MM else "rad"
+        if cells[COLUMNS.index("unit")] != unit:
+            raise InputError(f"expected {name} of {place} in {unit}", line=number, column="unit")
     return values
 
 

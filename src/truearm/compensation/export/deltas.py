@@ -11,14 +11,14 @@ import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from truearm.arm.denavit_hartenberg import Convention, DHTable
-from truearm.compensation.export.constants import FORMULAS, Frame
+from truearm.compensation.export.constants import FORMULAS, ROUNDING, Frame
 from truearm.compensation.export.constants_table import ConstantsTable, constants_table
 from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
 from truearm.compensation.models.compensator import Compensator
@@ -72,6 +72,14 @@ class _Joint(BaseModel):
     delta_b_mm: _Number
     delta_d_m: _Number
     delta_a_m: _Number
+
+    @model_validator(mode="after")
+    def _says_one_thing(self) -> Self:
+        for quantity in IN_METRES:
+            in_mm, in_m = (getattr(self, f"delta_{quantity}_{unit}") for unit in ("mm", "m"))
+            if abs(in_mm - MM_PER_M * in_m) > ROUNDING * max(1.0, abs(in_mm)):
+                raise ValueError(f"delta_{quantity}_mm and delta_{quantity}_m differ")
+        return self
 
 
 class _Document(BaseModel):
@@ -138,6 +146,8 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
         document = _Document.model_validate(read)
         if [one.joint for one in document.joints] != list(manifest.provenance.joint_names):
             raise InputError(f"expected rows of the joints {', '.join(manifest.provenance.joint_names)}")
+        if document.frames.formula != FORMULAS[document.frames.convention]:
+            raise InputError(f"expected the formula {FORMULAS[document.frames.convention]}")
         return _table_of(document).chain().tip_in_base(joints)
     except ValidationError as error:
         first = error.errors()[0]

@@ -28,6 +28,8 @@ from truearm.typing import FloatArray
 # More poses of a region change the constants by less than they are worth (UR10: 500 poses 0.38, 8000 poses 0.37 mm).
 MAX_POSES = 5000
 TRAINING_REGION = "training readings"
+# The loss is that of poses held out: each of so many parts of a region in turn.
+N_PARTS = 10
 # Rotations about the axis of joint 1 and translations along it are those of the base.
 _ALONG_Z = {(0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)}
 
@@ -49,7 +51,7 @@ class RigidArm:
     fit : IdentificationResult
         Identification of the constants from the model's points; its covariance is that of the stand-in.
     loss : ExportLoss
-        What is lost over the region.
+        What is lost over the region, at poses held out.
     poses : (n, n_joints) array
         Of the region [rad, or mm].
     """
@@ -107,13 +109,7 @@ def best_rigid_arm(
     poses, words = _region(model, angles, region)
     points, covariances = model.predict(poses, return_cov=True)
     start, free = _placed(model, arm, poses, points)
-    fit = identify(
-        start,
-        ArmState(start, poses),
-        _terms(start, free),
-        [Points(np.arange(len(poses)), points)],
-        robust=False,
-    )
+    fit = _fitted(start, free, poses, points)
     chain = fit.chain
     T_reference_base = np.eye(4)
     if "base" in free:
@@ -122,7 +118,7 @@ def best_rigid_arm(
     kind = type(model).__name__.removesuffix("Model").lower()
     title = f"{arm.title}, constants refitted to a {kind} model".strip(", ")
     rigid = replace(arm, chain=chain, title=title, serial_number=model.arm_.serial_number or arm.serial_number)
-    exported = np.linalg.norm(fit.chain.tip_in_base(poses) - points, axis=1)
+    exported = _held_out_errors(fit, start, free, poses, points)
     loss = ExportLoss(
         nominal_mm=float(np.linalg.norm(start.tip_in_base(poses) - points, axis=1).mean()),
         exported_mm=float(exported.mean()),
@@ -132,6 +128,30 @@ def best_rigid_arm(
         n_poses=len(poses),
     )
     return RigidArm(rigid, arm, T_reference_base, fit, loss, poses)
+
+
+def _fitted(start: Chain, free: tuple[str, ...], poses: FloatArray, points: FloatArray) -> IdentificationResult:
+    """Constants identified from the model's points at the poses."""
+    references = [Points(np.arange(len(poses)), points)]
+    return identify(start, ArmState(start, poses), _terms(start, free), references, robust=False)
+
+
+def _held_out_errors(
+    fit: IdentificationResult, start: Chain, free: tuple[str, ...], poses: FloatArray, points: FloatArray
+) -> FloatArray:
+    """Distances (n,) [mm] from the points of constants that were identified from the other parts of the region.
+
+    At the poses of a fit its own distances are too small, by much where the poses are few. Equal poses are in one part.
+    """
+    distinct, group = np.unique(poses, axis=0, return_inverse=True)
+    part = group.ravel() % min(N_PARTS, len(distinct))
+    errors: FloatArray = np.linalg.norm(fit.chain.tip_in_base(poses) - points, axis=1)
+    if len(distinct) <= MIN_ROWS:  # nothing determines constants from fewer
+        return errors
+    for held_out in (part == k for k in np.unique(part)):
+        chain = _fitted(start, free, poses[~held_out], points[~held_out]).chain
+        errors[held_out] = np.linalg.norm(chain.tip_in_base(poses[held_out]) - points[held_out], axis=1)
+    return errors
 
 
 def _region(model: Compensator, angles: npt.ArrayLike | None, region: str) -> tuple[FloatArray, str]:

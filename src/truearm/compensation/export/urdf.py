@@ -23,7 +23,7 @@ from truearm.arm.urdf import MAX_BYTES, arm_of_joints, read_urdf, urdf_bytes
 from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, origin_of
 from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import MARKER, Manifest, check_joints
+from truearm.compensation.targets.manifest import MARKER, Manifest, check_joints, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
@@ -100,6 +100,8 @@ def write(
             raise error.in_file(file) from None
     arm = rigid.arm if frame == "base" else rigid.in_reference_frame()
     manifest = Manifest.of(model, FORMAT, tips=arm.chain.tip_in_base(check_joints(model)), frame=frame, loss=rigid.loss)
+    origin = manifest.provenance.model_copy(update={"joint_names": rigid.arm.joint_names})  # those of the source
+    manifest = manifest.model_copy(update={"provenance": origin})
     edited = _edited(_robot(_OLD_MANIFEST.sub(b"", content), base, tip), rigid, frame, manifest)
     with atomic_file(path) as beside:
         beside.write_bytes(edited)
@@ -108,7 +110,10 @@ def write(
 
 def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
     """(n, 3) tips [mm] of an exported file, in its base frame, at joints (n, n_joints) [rad, or mm]."""
-    return read_urdf(path).chain.tip_in_base(joints)
+    arm, names = read_urdf(path), read_manifest(path).provenance.joint_names
+    if arm.joint_names != names:
+        raise InputError(f"expected the joints {', '.join(names)}, got {', '.join(arm.joint_names)}", file=path)
+    return arm.chain.tip_in_base(joints)
 
 
 def _made(arm: Arm) -> bytes:

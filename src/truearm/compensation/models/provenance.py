@@ -38,6 +38,7 @@ class Provenance(BaseModel):
     arm, serial_number : str
         Type and unit of the arm; an empty serial number is not stated.
     joint_names : tuple of str
+        In the order of the chain; in a URDF made from the robot's own file those of that file.
     joint_units : tuple of {"rad", "mm"}
     trained_ranges : tuple of (float, float)
         Smallest and largest training angle of each joint, in its unit.

@@ -72,11 +72,12 @@ class ExportLoss(_Strict):
     Attributes
     ----------
     nominal_mm, exported_mm : float
-        Of the nominal arm with base and tip identified, and of the file.
+        Of the nominal arm with base and tip identified, and of the file: at poses held out, with constants identified
+        from the other nine tenths of the region.
     model_mm : float
         Standard uncertainty of the full model's tips there, root mean square of the three coordinates together.
     exported_max_mm : float
-        Largest distance of the file.
+        Largest distance of the file, at poses held out.
     region : str
         The poses, in words.
     n_poses : int
