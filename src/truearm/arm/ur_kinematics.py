@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, xyz_rpy_from_frame
+from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.files.yaml_reader import YamlNode, parse_yaml, yaml_number
@@ -37,7 +38,6 @@ JOINTS = (
     "wrist_2_joint",
     "wrist_3_joint",
 )
-MM_PER_M = 1000.0
 # A file of a robot has 1 kB; comments may follow.
 MAX_BYTES = 200_000
 # No link of a UR is longer; in millimetres every one of them would be.
@@ -45,7 +45,8 @@ MAX_LENGTH_M = 5.0
 MAX_ANGLE = 2 * np.pi
 # Of a UR at work: elbow up, tool down.
 WORKING_DEG = (0.0, -110.0, -90.0, -70.0, 90.0, 0.0)
-_HASH = re.compile(r"calib_\d{1,20}")
+_HASH = re.compile(r"calib_[0-9]{1,20}")
+SOURCE = "UR kinematics yaml"
 
 Angles = Literal["urdf", "controller"]
 
@@ -73,27 +74,32 @@ def read_ur_kinematics(path: str | Path, *, angles: Angles = "urdf") -> Arm:
     """
     path = Path(path)
     try:
-        links, found = _links_of(parse_yaml(read_limited(path, limit_bytes=MAX_BYTES)), angles)
-        fixed = np.array([*links, np.eye(4)])
-        turns = np.full(6, 2 * np.pi)
-        return Arm(
-            name=path.stem or "ur",
-            chain=Chain(fixed, np.zeros(3)),
-            title=_title(path.stem, links),
-            joint_names=JOINTS,
-            lower=-turns,
-            upper=turns,
-            working_pose=np.deg2rad(WORKING_DEG),
-            source=f"UR kinematics yaml, {found}" if found else "UR kinematics yaml",
-        )
+        return parse_ur_kinematics(read_limited(path, limit_bytes=MAX_BYTES), name=path.stem, angles=angles)
     except InputError as error:
         raise error.in_file(path) from None
 
 
+def parse_ur_kinematics(content: bytes, *, name: str, angles: Angles = "urdf") -> Arm:
+    """The arm of a kinematics yaml's content; parameters and errors as of `read_ur_kinematics`."""
+    links, found = _links_of(parse_yaml(content), angles)
+    fixed = np.array([*links, np.eye(4)])
+    turns = np.full(6, 2 * np.pi)
+    return Arm(
+        name=name or "ur",
+        chain=Chain(fixed, np.zeros(3)),
+        title=_title(name, links),
+        joint_names=JOINTS,
+        lower=-turns,
+        upper=turns,
+        working_pose=np.deg2rad(WORKING_DEG),
+        source=f"{SOURCE}, {found}" if found else SOURCE,
+    )
+
+
 def ur_hash(arm: Arm) -> str | None:
     """The hash of the kinematics yaml that an arm was read from; None of any other."""
-    found = _HASH.search(arm.source)
-    return found.group() if found else None
+    prefix, _, found = arm.source.partition(", ")
+    return found if prefix == SOURCE and _HASH.fullmatch(found) else None
 
 
 def ur_kinematics_text(links: Sequence[FloatArray], calibration_hash: str) -> str:

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
+from xml.parsers import expat
 
+# Spaces before a comment that are removed with it.
+MAX_INDENT = 200
 # A start tag: attribute values may hold ">".
 _START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 _ATTRIBUTE = re.compile(rb"""(?P<name>[^\s="'<>/]+)\s*=\s*("[^"]*"|'[^']*')""")
@@ -54,6 +57,29 @@ def assignment(name: str, value: str) -> str:
 def tag_text(tag: str, attributes: Mapping[str, str]) -> str:
     """An element without content."""
     return f"<{' '.join([tag, *(assignment(*both) for both in attributes.items())])}/>"
+
+
+def comment_edits(content: bytes, is_meant: Callable[[str], bool]) -> list[Edit]:
+    """Remove the comments of well-formed XML whose text is meant, with the line's start before them.
+
+    A parser finds them: what looks like a comment in CDATA or in an attribute is none.
+    """
+    parser, edits = expat.ParserCreate(), []
+
+    def found(text: str) -> None:
+        if is_meant(text):
+            start = parser.CurrentByteIndex
+            stop = content.index(b"-->", start) + len(b"-->")
+            indented = len(content[max(0, start - MAX_INDENT) : start].rstrip(b" \t")) + max(0, start - MAX_INDENT)
+            for end in (b"\r\n", b"\n"):
+                if content.endswith(end, 0, indented):
+                    start = indented - len(end)
+                    break
+            edits.append(Edit(start, stop, b""))
+
+    parser.CommentHandler = found
+    parser.Parse(content, True)
+    return edits
 
 
 def apply_edits(content: bytes, edits: Iterable[Edit]) -> bytes:

@@ -7,7 +7,6 @@ value.
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Sequence
@@ -21,6 +20,7 @@ from truearm.errors import InputError
 MAX_DEPTH = 10
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d{1,4})?", re.ASCII)
 _SHOWN = 60
+_BREAKS = "\u0085\u2028\u2029"
 # Names that YAML 1.1 takes for a truth value or for nothing.
 _NOT_PLAIN = {"y", "n", "yes", "no", "on", "off", "true", "false", "null"}
 
@@ -172,4 +172,13 @@ def yaml_number(value: float) -> str:
 def yaml_text(text: str) -> str:
     """A text that every YAML reader takes for one: in double quotes, unless it is a plain name."""
     plain = re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*", text) and text.lower() not in _NOT_PLAIN
-    return text if plain else json.dumps(text)
+    return text if plain else f'"{"".join(map(_quoted, text))}"'
+
+
+def _quoted(character: str) -> str:
+    """A character in double quotes: YAML has no pairs of surrogates, and more line breaks."""
+    if character in {'"', "\\"}:
+        return f"\\{character}"
+    if character.isprintable() and character not in _BREAKS:
+        return character
+    return f"\\U{ord(character):08x}"

@@ -134,8 +134,18 @@ def is_model_file(path: str | Path) -> bool:
 
 
 def to_model(model: ModelLike) -> Compensator:
-    """A fitted model as it is, or from a model file."""
-    return model if isinstance(model, Compensator) else load_model(model)
+    """A fitted model as it is, or from a model file.
+
+    Raises
+    ------
+    InputError
+        If it is not fitted, or cannot be read.
+    """
+    if not isinstance(model, Compensator):
+        return load_model(model)
+    if not hasattr(model, "arm_"):
+        raise InputError(f"the {type(model).__name__} is not fitted", hint="fit it first: model.fit_readings(session)")
+    return model
 
 
 def to_free_parts(free: Iterable[str]) -> tuple[str, ...]:

@@ -14,7 +14,8 @@ from planted_models import empty_models
 import truearm as ta
 from truearm.arm import chain_from_dh
 from truearm.arm.arm import Arm
-from truearm.arm.ur_kinematics import JOINTS, read_ur_kinematics, ur_kinematics_text
+from truearm.arm.chain import Chain
+from truearm.arm.ur_kinematics import JOINTS, read_ur_kinematics, ur_hash, ur_kinematics_text
 from truearm.compensation.export import constants, deltas, joint_offsets, ur_kinematics
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.targets.manifest import read_manifest
@@ -368,3 +369,87 @@ def test_constants_whose_columns_contradict_each_other_are_refused(ur10, tmp_pat
     with pytest.raises(InputError, match=r"identified constant|in mm|finite"):
         constants.tips(path, poses(ur10.arm_, 3))
     assert not check_export(ur10, path).agrees
+
+
+# Names
+
+
+@pytest.fixture(
+    scope="module", params=["tip", "#1", "a\nb", "a\r\nb", "a\u2028b", "\U0001f600", "=cmd|calc", 'a"\\,:b', "no"]
+)
+def oddly_named(request):
+    arm = replace(ta.load_arm("ur10"), joint_names=(request.param, "J2", "J3", "J4", "J5", "base"))
+    return fitted(arm, with_errors(arm), 30)
+
+
+@pytest.mark.parametrize(
+    ("format", "name"),
+    [
+        ("constants", "a.csv"),
+        ("deltas", "a.csv"),
+        ("deltas", "a.json"),
+        ("joint-offsets", "a.yaml"),
+        ("urdf", "a.urdf"),
+        ("json", "b.json"),
+    ],
+)
+def test_any_name_of_a_joint_comes_back(oddly_named, format, name, tmp_path):
+    export(oddly_named, tmp_path / name, format=format)
+    assert check_export(oddly_named, tmp_path / name).agrees
+    assert "\n=cmd" not in (tmp_path / name).read_text("utf-8")  # a spreadsheet would run it
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        {"name": "x" * 400},
+        {"title": "t" * 2000},
+        {"serial_number": "s" * 400},
+        {"source": "s" * 2000},
+        {"name": "truearm-export: {}"},
+        {"name": 'x --> */ ?? /* <!-- "'},
+    ],
+)
+def test_long_and_odd_texts_are_no_obstacle(odd, tmp_path):
+    arm = replace(ta.load_arm("ur10"), **odd)
+    model = fitted(arm, with_errors(arm), 30)
+    for name in ("a.json", "a.urdf"):
+        export(model, tmp_path / name)
+        assert check_export(model, tmp_path / name).agrees
+
+
+@pytest.mark.parametrize("name", ["x" * 400, "a\udcff"])
+def test_names_that_no_file_can_state_are_refused(name, tmp_path):
+    arm = replace(ta.load_arm("ur10"), joint_names=(name, "J2", "J3", "J4", "J5", "J6"))
+    with pytest.raises(InputError, match="expected names of joints with at most 300 characters"):
+        export(fitted(arm, with_errors(arm), 30), tmp_path / "a.csv", format="deltas")
+
+
+def test_a_region_with_a_name_of_other_bytes_is_stated():
+    arm = ta.load_arm("ur10")
+    model = fitted(arm, with_errors(arm), 30)
+    assert best_rigid_arm(model, poses(arm, 20), region="reg\udcff.csv" + 400 * "x").loss.region.startswith("reg?.csv")
+
+
+def test_a_model_that_is_not_fitted_is_refused(tmp_path):
+    with pytest.raises(InputError, match="KinematicModel is not fitted.*fit it first"):
+        export(ta.KinematicModel(ta.load_arm("ur10")), tmp_path / "a.urdf")
+
+
+# UR
+
+
+def test_a_ur_with_a_flange_is_refused(source, tmp_path):
+    """The file has no place for it; without it every tip would be off by its length."""
+    arm = read_ur_kinematics(source)
+    fixed = arm.chain.fixed.copy()
+    fixed[-1][:3, 3] = [0, 0, 50.0]
+    with_flange = replace(arm, chain=Chain(fixed, arm.chain.tip_in_flange))
+    with pytest.raises(InputError, match="has a flange after joint 6"):
+        export(fitted(with_flange, with_flange, 30), tmp_path / "a.yaml", format="ur-kinematics")
+    assert not (tmp_path / "a.yaml").exists()
+
+
+@pytest.mark.parametrize("words", ["my notes calib_1 of 3", "calib_1", "UR kinematics yaml, calib_1 of 3"])
+def test_a_hash_comes_from_the_robots_file_only(words):
+    assert ur_hash(replace(ta.load_arm("ur10"), source=words)) is None

@@ -411,3 +411,20 @@ def test_joints_that_changed_their_names_are_refused(model, source, folder):
     path.write_text(swapped)
     with pytest.raises(InputError, match="expected the joints a1, a2"):
         urdf.tips(path, read_manifest(path).joints)
+
+
+def test_only_the_old_manifests_comment_is_removed(model, source, folder):
+    """CDATA and comments that only name it stay, and many openings of comments take no time."""
+    kept = (
+        "<gazebo><![CDATA[<!-- truearm-export: {} keep -->"
+        + "<!-- " * 50_000
+        + "]]></gazebo><!-- see truearm-export -->"
+    )
+    path, twice = folder / "once.urdf", folder / "twice.urdf"
+    text = source.read_text("utf-8").replace("</robot>", kept + "</robot>")
+    (folder / "cdata.urdf").write_text(text, encoding="utf-8")
+    urdf.write(model, path, source=f"{folder / 'cdata.urdf'}:base_link:tool0")
+    urdf.write(model, twice, source=f"{path}:base_link:tool0")
+    for written in (path, twice):
+        assert kept in written.read_text("utf-8")
+        assert written.read_text("utf-8").count('truearm-export: {"') == 1

@@ -7,7 +7,6 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -17,13 +16,12 @@ from truearm.arm.denavit_hartenberg import Convention, DHTable
 from truearm.compensation.export.constants_table import NOMINAL, ArmConstant, ConstantsTable, constants_table
 from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import Manifest, check_joints, read_manifest
+from truearm.compensation.targets.manifest import Frame, Manifest, check_joints, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
+from truearm.files.delimited import escape_formula
 from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
-
-Frame = Literal["base", "reference"]
 
 FORMAT = "constants"
 COLUMNS = ("place", "constant", "unit", "nominal", "identified", "change", "standard_uncertainty", "status")
@@ -85,7 +83,7 @@ def write(
     writer.writerow(COLUMNS)
     for one in (*table.constants, *_flange(table)):
         numbers = [repr(value) for value in (one.nominal, one.identified, one.change, one.std)]
-        writer.writerow([one.place, one.name, one.unit, *numbers, one.status])
+        writer.writerow([escape_formula(one.place), one.name, one.unit, *numbers, one.status])
     with atomic_file(path) as beside:
         beside.write_text(text.getvalue(), encoding="utf-8")
     return rigid
@@ -120,14 +118,14 @@ def _flange(table: ConstantsTable) -> list[ArmConstant]:
 
 def _table_of(content: bytes, manifest: Manifest) -> DHTable:
     try:
-        lines = content.decode("utf-8").splitlines()
+        comments, table = after_comments(content.decode("utf-8"))
     except UnicodeDecodeError:
         raise InputError("expected UTF-8 text", hint="export the file again") from None
-    convention = next((name for name, formula in FORMULAS.items() if any(formula in line for line in lines[:5])), None)
+    convention = next((name for name, formula in FORMULAS.items() if any(formula in line for line in comments)), None)
     if convention is None:
         raise InputError(f"expected a comment with one of the formulas {'; '.join(FORMULAS.values())}")
-    values = _identified(lines)
     names = manifest.provenance.joint_names
+    values = _identified(table, len(comments), {escape_formula(name): name for name in names})
     known = {(joint, name) for joint in names for name in _ROW} | {
         (place, name) for place in ("base", "flange") for name in _FRAME
     }
@@ -154,14 +152,24 @@ def _table_of(content: bytes, manifest: Manifest) -> DHTable:
     )
 
 
-def _identified(lines: Sequence[str]) -> dict[tuple[str, str], float]:
-    """Identified constants by place and name, from the rows of a file."""
+def after_comments(text: str) -> tuple[list[str], str]:
+    """The lines of comments with which a file begins, and what follows them: later a name may begin with ``#``."""
+    comments = []
+    while text.startswith("#"):
+        line, _, text = text.partition("\n")
+        comments.append(line.rstrip("\r"))
+    return comments, text
+
+
+def _identified(text: str, before: int, names: Mapping[str, str]) -> dict[tuple[str, str], float]:
+    """Identified constants by place and name, from the rows after some lines; names of joints by their cells."""
     values: dict[tuple[str, str], float] = {}
     header = False
-    for number, line in enumerate(lines, 1):
-        if not line.strip() or line.startswith("#"):
+    reader = csv.reader(io.StringIO(text, newline=""))
+    for cells in reader:
+        number = before + reader.line_num
+        if not cells:
             continue
-        cells = next(csv.reader([line]))
         if not header:
             if tuple(cells) != COLUMNS:
                 raise InputError(f"expected the columns {','.join(COLUMNS)}", line=number)
@@ -169,7 +177,7 @@ def _identified(lines: Sequence[str]) -> dict[tuple[str, str], float]:
             continue
         if len(cells) != len(COLUMNS):
             raise InputError(f"expected {len(COLUMNS)} cells, got {len(cells)}", line=number)
-        place, name, identified = cells[0], cells[1], cells[COLUMNS.index("identified")]
+        place, name, identified = names.get(cells[0], cells[0]), cells[1], cells[COLUMNS.index("identified")]
         if (place, name) in values:
             raise InputError(f"the constant {name} of {place} is stated twice", line=number)
         try:

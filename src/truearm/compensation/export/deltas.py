@@ -18,19 +18,20 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from truearm.arm.denavit_hartenberg import Convention, DHTable
-from truearm.compensation.export.constants import FORMULAS, ROUNDING, Frame
+from truearm.arm.urdf_tree import MM_PER_M
+from truearm.compensation.export.constants import FORMULAS, ROUNDING, after_comments
 from truearm.compensation.export.constants_table import ConstantsTable, constants_table
 from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import MARKER, Manifest, check_joints, read_manifest
+from truearm.compensation.targets.manifest import MARKER, Frame, Manifest, check_joints, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
+from truearm.files.delimited import escape_formula
 from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
 
 FORMAT = "deltas"
 MAX_BYTES = 1_000_000
-MM_PER_M = 1000.0
 # Quantities of a row with their units; lengths also stand in metres, which most controllers have.
 QUANTITIES = {"theta": "rad", "d": "mm", "a": "mm", "alpha": "rad", "beta": "rad", "b": "mm"}
 IN_METRES = ("d", "a")
@@ -142,7 +143,7 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
     content = read_limited(path, limit_bytes=MAX_BYTES)
     try:
         text = content.decode("utf-8")
-        read: dict[str, Any] = _from_json(text) if Path(path).suffix.lower() == ".json" else _from_csv(text)
+        read: dict[str, Any] = _from_json(text) if Path(path).suffix.lower() == ".json" else _from_csv(text, manifest)
         document = _Document.model_validate(read)
         if [one.joint for one in document.joints] != list(manifest.provenance.joint_names):
             raise InputError(f"expected rows of the joints {', '.join(manifest.provenance.joint_names)}")
@@ -237,14 +238,15 @@ def _csv_text(document: _Document, manifest: Manifest) -> str:
     text.write(f"# {manifest.line()}\n{FRAMES_MARK}{document.frames.model_dump_json()}\n")
     writer = csv.DictWriter(text, list(_Joint.model_fields), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(one.model_dump(mode="json") for one in document.joints)
+    writer.writerows(one.model_dump(mode="json") | {"joint": escape_formula(one.joint)} for one in document.joints)
     return text.getvalue()
 
 
-def _from_csv(text: str) -> dict[str, Any]:
-    lines = text.splitlines()
-    frames = next((line.removeprefix(FRAMES_MARK) for line in lines if line.startswith(FRAMES_MARK)), None)
+def _from_csv(text: str, manifest: Manifest) -> dict[str, Any]:
+    comments, table = after_comments(text)
+    frames = next((line.removeprefix(FRAMES_MARK) for line in comments if line.startswith(FRAMES_MARK)), None)
     if frames is None:
         raise InputError(f"expected a line {FRAMES_MARK.strip()} with base, flange and tip")
-    rows = csv.DictReader(line for line in lines if line.strip() and not line.startswith("#"))
-    return {"frames": json.loads(frames), "joints": list(rows)}
+    names = {escape_formula(name): name for name in manifest.provenance.joint_names}
+    rows = list(csv.DictReader(io.StringIO(table, newline="")))
+    return {"frames": json.loads(frames), "joints": [row | {"joint": names.get(str(row.get("joint")))} for row in rows]}

@@ -17,11 +17,11 @@ import numpy.typing as npt
 from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import DHTable
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, screw_z, xyz_rpy_from_frame
-from truearm.compensation.export.constants import Frame
+from truearm.arm.urdf_tree import MM_PER_M
 from truearm.compensation.export.constants_table import constants_table
 from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import Manifest, check_joints, read_manifest
+from truearm.compensation.targets.manifest import Frame, Manifest, check_joints, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
@@ -31,7 +31,6 @@ from truearm.typing import FloatArray
 FORMAT = "joint-offsets"
 DIRECTION: Final = "feedback"
 MAX_BYTES = 1_000_000
-MM_PER_M = 1000.0
 _ORIGIN = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
@@ -83,7 +82,7 @@ def write(
         unit, factor = ("m", MM_PER_M) if slides else ("rad", 1.0)
         lines += [f"    {yaml_text(name)}:", f"      offset: {yaml_number(offset / factor)}", f"      unit: {unit}"]
     lines.append("origins:")
-    for name, origin in zip((*table.joint_names, "tip"), origins, strict=True):
+    for name, origin in zip(_ends(table.joint_names), origins, strict=True):
         xyz, rpy = xyz_rpy_from_frame(origin)
         lines.append(f"  {yaml_text(name)}:")
         lines += [f"    {key}: {yaml_number(v)}" for key, v in zip(_ORIGIN, (*(xyz / MM_PER_M), *rpy), strict=True)]
@@ -105,11 +104,19 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
         root = parse_yaml(read_limited(path, limit_bytes=MAX_BYTES))
         entries = root.mapping("joint offsets", required=("joint_offsets", "origins"))
         offsets, slides = _offsets_of(entries["joint_offsets"], names)
-        ends = (*names, "tip")
+        ends = _ends(names)
         found = entries["origins"].mapping("origins", required=ends)
         return _chain(offsets, [_origin_of(end, found[end]) for end in ends], slides).tip_in_base(joints)
     except InputError as error:
         raise error.in_file(path) from None
+
+
+def _ends(names: Sequence[str]) -> tuple[str, ...]:
+    """Keys of the origins: the joints, then the tip by a name that no joint has."""
+    tip = "tip"
+    while tip in names:
+        tip += "_"
+    return (*names, tip)
 
 
 def _parts(nominal: DHTable, identified: DHTable) -> tuple[FloatArray, list[FloatArray]]:

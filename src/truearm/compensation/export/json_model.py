@@ -20,6 +20,7 @@ from truearm.compensation.export import json_document as form
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.network import NetworkModel
+from truearm.compensation.models.provenance import stated_text
 from truearm.compensation.models.training_conditions import InputRange
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.scaling import MinMaxScaler
@@ -139,10 +140,10 @@ def _arm_of(arm: Arm) -> form.Arm:
         for name, kind, (lower, upper), at in zip(arm.joint_names, kinds, arm.limits, arm.working, strict=True)
     ]
     return form.Arm(
-        name=arm.name,
-        title=arm.title,
-        serial_number=arm.serial_number,
-        source=arm.source,
+        name=stated_text(arm.name),
+        title=stated_text(arm.title),
+        serial_number=stated_text(arm.serial_number),
+        source=stated_text(arm.source),
         joints=joints,
         chain=_chain_of(arm.chain),
         denavit_hartenberg=_table_of(arm.chain),

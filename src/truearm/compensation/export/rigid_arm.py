@@ -16,6 +16,7 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models.compensator import FREE_PARTS, MAX_NOMINAL_ERROR, MIN_ROWS, Compensator
+from truearm.compensation.models.provenance import stated_text
 from truearm.compensation.models.reading_references import roughly_aligned_chain
 from truearm.compensation.targets.manifest import ExportLoss
 from truearm.errors import InputError
@@ -124,7 +125,7 @@ def best_rigid_arm(
         exported_mm=float(exported.mean()),
         model_mm=float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean())),
         exported_max_mm=float(exported.max()),
-        region=words,
+        region=stated_text(words),
         n_poses=len(poses),
     )
     return RigidArm(rigid, arm, T_reference_base, fit, loss, poses)

@@ -13,11 +13,19 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
-from truearm.arm.ur_kinematics import JOINTS, LINKS, MAX_BYTES, read_ur_kinematics, ur_hash, ur_kinematics_text
-from truearm.compensation.export.constants import Frame
+from truearm.arm.ur_kinematics import (
+    JOINTS,
+    LINKS,
+    MAX_BYTES,
+    parse_ur_kinematics,
+    read_ur_kinematics,
+    ur_hash,
+    ur_kinematics_text,
+)
+from truearm.arm.urdf_tree import MM_PER_M
 from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import Manifest, check_joints
+from truearm.compensation.targets.manifest import Frame, Manifest, check_joints
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
@@ -25,7 +33,6 @@ from truearm.files.yaml_reader import yaml_number
 from truearm.typing import FloatArray
 
 FORMAT = "ur-kinematics"
-MM_PER_M = 1000.0
 # The angles between neighbouring axes of every UR [deg], and how far a calibrated one may be off.
 UR_AXES_DEG = (90.0, 0.0, 0.0, 90.0, 90.0)
 MAX_OFF_DEG = 3.0
@@ -80,9 +87,16 @@ def write(
             file=source,
             hint="give the file that the driver wrote for this robot: --source my_robot_calibration.yaml",
         )
+    if not np.allclose(nominal.chain.fixed[-1], np.eye(4), rtol=0, atol=1e-9):
+        raise InputError(
+            f"the arm {nominal.name!r} has a flange after joint 6, for which the file has no place",
+            hint="let the arm end at tool0, and set what is mounted there as a tool",
+        )
     rigid = best_rigid_arm(model, angles, region=region, nominal=None if source is None else nominal)
     tool = rigid.arm.chain.tip_in_flange  # after the last link the file has no motion
-    tips_in_base = rigid.arm.chain.tip_in_base(check_joints(model))
+    text = ur_kinematics_text(list(rigid.arm.chain.fixed[: len(LINKS)]), found)
+    written = parse_ur_kinematics(text.encode(), name=rigid.arm.name).chain.with_tip(tool)
+    tips_in_base = written.tip_in_base(check_joints(model))
     manifest = Manifest.of(model, FORMAT, tips=tips_in_base, frame="base", loss=rigid.loss)
     comments = [
         f"# {manifest.line()}",
@@ -90,7 +104,6 @@ def write(
         "# The tip that was measured is no part of the robot: set it as a tool.",
         f"# {TOOL_MARK} {' '.join(yaml_number(value) for value in tool / MM_PER_M)}",
     ]
-    text = ur_kinematics_text(list(rigid.arm.chain.fixed[: len(LINKS)]), found)
     with atomic_file(path) as beside:
         beside.write_text("\n".join([*comments, text]), encoding="utf-8")
     return rigid
@@ -99,6 +112,8 @@ def write(
 def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
     """(n, 3) tips [mm] in the robot's base at joints (n, 6) [rad]: of the tool in the comment, without one of tool0."""
     arm = read_ur_kinematics(path)
+    if np.shape(joints)[-1:] != (len(LINKS),):
+        raise InputError(f"expected {len(LINKS)} joints, got {np.shape(joints)[-1:]}", file=path)
     stated = _TOOL.search(read_limited(path, limit_bytes=MAX_BYTES).decode("utf-8"))
     tool = np.zeros(3)
     if stated is not None:

@@ -7,11 +7,10 @@ the last one the nominal flange. A link at the identified tip is added to it.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,21 +22,18 @@ from truearm.arm.urdf import MAX_BYTES, arm_of_joints, read_urdf, urdf_bytes
 from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, origin_of
 from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import MARKER, Manifest, check_joints, read_manifest
+from truearm.compensation.targets.manifest import MARKER, Frame, Manifest, check_joints, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
-from truearm.files.xml_edits import Edit, apply_edits, set_attributes, start_tag, tag_text
+from truearm.files.xml_edits import Edit, apply_edits, comment_edits, set_attributes, start_tag, tag_text
 from truearm.files.xml_reader import Element, child, parse_xml
 from truearm.typing import FloatArray
-
-Frame = Literal["reference", "base"]
 
 FORMAT = "urdf"
 FLANGE_LINK, TIP_LINK, REFERENCE_LINK = "flange", "tip", "reference"
 # An origin that changes by less stays as it is printed: rounding of the kinematics, in rad and mm.
 ROUNDING = 1e-12, 1e-9
-_OLD_MANIFEST = re.compile(rb"(?:\r?\n[ \t]*)?<!--(?:(?!-->).)*?" + MARKER.encode() + rb".*?-->", re.DOTALL)
 
 
 class _Robot(NamedTuple):
@@ -102,7 +98,8 @@ def write(
     manifest = Manifest.of(model, FORMAT, tips=arm.chain.tip_in_base(check_joints(model)), frame=frame, loss=rigid.loss)
     origin = manifest.provenance.model_copy(update={"joint_names": rigid.arm.joint_names})  # those of the source
     manifest = manifest.model_copy(update={"provenance": origin})
-    edited = _edited(_robot(_OLD_MANIFEST.sub(b"", content), base, tip), rigid, frame, manifest)
+    kept = apply_edits(content, comment_edits(content, _is_manifest))
+    edited = _edited(_robot(kept, base, tip), rigid, frame, manifest)
     with atomic_file(path) as beside:
         beside.write_bytes(edited)
     return rigid
@@ -114,6 +111,10 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
     if arm.joint_names != names:
         raise InputError(f"expected the joints {', '.join(names)}, got {', '.join(arm.joint_names)}", file=path)
     return arm.chain.tip_in_base(joints)
+
+
+def _is_manifest(comment: str) -> bool:
+    return comment.lstrip().startswith(f"{MARKER}: {{")
 
 
 def _made(arm: Arm) -> bytes:

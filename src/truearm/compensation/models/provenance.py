@@ -12,9 +12,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from truearm import __version__
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.model_file import MODELS, model_bytes
+from truearm.errors import InputError
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Text = Annotated[str, Field(max_length=300)]
+MAX_TEXT = 300
+Text = Annotated[str, Field(max_length=MAX_TEXT)]
 
 
 class TrainedTemperature(BaseModel):
@@ -66,22 +68,33 @@ class Provenance(BaseModel):
     truearm: Text
 
 
+def stated_text(text: str) -> str:
+    """A name as a file may state it: cut at `MAX_TEXT` characters, and with ``?`` for what is no character."""
+    return text[:MAX_TEXT].encode("utf-8", "replace").decode("utf-8")
+
+
 def provenance_of(model: Compensator) -> Provenance:
     """The provenance of what is exported from a fitted model today.
 
     Raises
     ------
     InputError
-        If the model is not fitted.
+        If the model is not fitted, or a joint has a name longer than `MAX_TEXT` or with half a character.
     """
     sha256 = hashlib.sha256(model_bytes(model)).hexdigest()
     training, arm = model.training_, model.arm_
+    for name in arm.joint_names:
+        if stated_text(name) != name:
+            raise InputError(
+                f"expected names of joints with at most {MAX_TEXT} characters, of Unicode, got {name[:60]!r}",
+                hint="rename the joint in the arm file",
+            )
     temperature = training.temperature_degC
     return Provenance(
         model_sha256=sha256,
         model=next(name for name, kind in MODELS.items() if type(model) is kind),
-        arm=arm.name,
-        serial_number=arm.serial_number,
+        arm=stated_text(arm.name),
+        serial_number=stated_text(arm.serial_number),
         joint_names=arm.joint_names,
         joint_units=tuple(np.where(arm.chain.is_prismatic, "mm", "rad").tolist()),
         trained_ranges=tuple((float(low), float(high)) for low, high in training.angle_ranges),
