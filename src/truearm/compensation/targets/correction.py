@@ -48,6 +48,8 @@ MAX_TURN_OFF = np.radians(0.5)
 _USUAL_POSES = 100
 # Steps of a correction: three are usual; targets that need more are beyond the reach.
 CORRECTION_STEPS = 10
+# From this condition on a stretched arm and a singular wrist look alike: a step no longer tells what is missing.
+NEAR_SINGULAR = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,8 +336,11 @@ def _excess(model: Compensator, change: FloatArray, *, direction: Way) -> FloatA
 
 def _unreached(found: InverseSolution, bad: BoolArray) -> list[str]:
     return [
-        f"out of reach: {distance:.3g} mm and {np.degrees(angle):.2g} deg remain"
-        for distance, angle in zip(found.distance_mm[bad], found.angle_rad[bad], strict=True)
+        f"out of reach{f' or singular (condition {condition:.2g})' if condition > NEAR_SINGULAR else ''}: "
+        f"{distance:.3g} mm and {np.degrees(angle):.2g} deg remain"
+        for distance, angle, condition in zip(
+            found.distance_mm[bad], found.angle_rad[bad], found.condition[bad], strict=True
+        )
     ]
 
 
