@@ -14,12 +14,11 @@ from truearm.compensation.models import Compensator
 from truearm.compensation.targets.correction import (
     JOINTS_OF_A_POSE,
     Correction,
-    Frame,
     Untrained,
     Way,
     correct_targets,
 )
-from truearm.compensation.targets.manifest import Manifest, TargetsManifest, check_joints
+from truearm.compensation.targets.manifest import Frame, Manifest, TargetsManifest, check_joints
 from truearm.compensation.targets.pose_models import nominal_poses, reference_from_base, with_tool
 from truearm.compensation.targets.program_literals import LANGUAGES, check_language, program_text
 from truearm.compensation.targets.target_files import read_targets, targets_from_frame

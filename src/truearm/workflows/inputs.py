@@ -141,8 +141,10 @@ def to_model(model: ModelLike) -> Compensator:
     InputError
         If it is not fitted, or cannot be read.
     """
-    if not isinstance(model, Compensator):
+    if isinstance(model, str | Path):
         return load_model(model)
+    if not isinstance(model, Compensator):
+        raise InputError(f"expected a model, got {type(model).__name__}", hint="a fitted model or a model file")
     if not hasattr(model, "arm_"):
         raise InputError(f"the {type(model).__name__} is not fitted", hint="fit it first: model.fit_readings(session)")
     return model

@@ -45,7 +45,8 @@ def constants_section(table: ConstantsTable, loss: ExportLoss, *, name: str = ""
     exported, nominal = (format_number(error, digits=2) for error in (loss.exported_mm, loss.nominal_mm))
     text = (
         "Of all arms with constants alone, without harmonics and gravity, this one comes nearest to the model: over "
-        f"the {loss.region} it differs from the model by {exported} mm on average, the nominal arm by {nominal} mm. "
+        f"the {loss.region}, held out, it differs from the model by {exported} mm on average, the nominal arm by "
+        f"{nominal} mm. "
         "Angles are in the nominal branch; nearly parallel axes have beta, a rotation about y, and keep d. A constant "
         "that is identifiable only as a sum stays nominal, and the other part of the sum takes the change."
     )

@@ -30,7 +30,7 @@ from truearm.typing import FloatArray
 MAX_POSES = 5000
 TRAINING_REGION = "training readings"
 # The loss is that of poses held out: each of so many parts of a region in turn.
-N_PARTS = 10
+N_PARTS = 5
 # Rotations about the axis of joint 1 and translations along it are those of the base.
 _ALONG_Z = {(0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)}
 

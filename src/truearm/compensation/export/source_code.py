@@ -19,7 +19,8 @@ from truearm.compensation.export.value_tables import ValueTables
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import TEMPERATURE_TOLERANCE_K
-from truearm.compensation.targets.correction import CORRECTION_STEPS, MAX_CONDITION, MAX_CORRECTION
+from truearm.compensation.targets.configuration import MAX_CONDITION
+from truearm.compensation.targets.correction import CORRECTION_STEPS, MAX_CORRECTION
 from truearm.compensation.targets.inverse import TOLERANCE_MM, TOLERANCE_RAD
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError

@@ -36,6 +36,8 @@ FORMAT = "ur-kinematics"
 # The angles between neighbouring axes of every UR [deg], and how far a calibrated one may be off.
 UR_AXES_DEG = (90.0, 0.0, 0.0, 90.0, 90.0)
 MAX_OFF_DEG = 3.0
+# A robot's own factory calibration is nearer to it than its type's nominal arm; another type's is many times as far.
+MAX_FARTHER, MIN_FARTHER_MM = 3.0, 1.0
 TOOL_MARK = "tip in tool0 [m]:"
 _TOOL = re.compile(rf"^# {re.escape(TOOL_MARK)} (\S+) (\S+) (\S+)$", re.MULTILINE)
 
@@ -93,6 +95,7 @@ def write(
             hint="let the arm end at tool0, and set what is mounted there as a tool",
         )
     rigid = best_rigid_arm(model, angles, region=region, nominal=None if source is None else nominal)
+    _check_same_robot(model, rigid, source)
     tool = rigid.arm.chain.tip_in_flange  # after the last link the file has no motion
     text = ur_kinematics_text(list(rigid.arm.chain.fixed[: len(LINKS)]), found)
     written = parse_ur_kinematics(text.encode(), name=rigid.arm.name).chain.with_tip(tool)
@@ -107,6 +110,19 @@ def write(
     with atomic_file(path) as beside:
         beside.write_text("\n".join([*comments, text]), encoding="utf-8")
     return rigid
+
+
+def _check_same_robot(model: Compensator, rigid: RigidArm, source: str | Path | None) -> None:
+    """Refuse a file whose robot is farther from the model than the nominal arm: its hash would name another robot."""
+    off = model.nominal_.chain.tip_in_base(rigid.poses) - model.predict(rigid.poses)
+    nominal_mm = float(np.linalg.norm(off, axis=1).mean())
+    if source is not None and rigid.loss.nominal_mm > max(MAX_FARTHER * nominal_mm, MIN_FARTHER_MM):
+        raise InputError(
+            f"the robot in it misses the model's points by {rigid.loss.nominal_mm:.3g} mm on average, the nominal arm "
+            f"by {nominal_mm:.3g} mm: it is the file of another robot",
+            file=source,
+            hint="give the file that the driver wrote for this robot",
+        )
 
 
 def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:

@@ -26,7 +26,7 @@ from truearm.compensation.targets.inverse import (
     solve_poses,
     turn_between,
 )
-from truearm.compensation.targets.manifest import check_joints
+from truearm.compensation.targets.manifest import Frame, check_joints
 from truearm.compensation.targets.pose_models import PoseModel, nominal_poses, poses_of, reference_from_base
 from truearm.compensation.targets.targets import Targets
 from truearm.errors import InputError
@@ -35,7 +35,6 @@ from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 Way = Literal["command", "feedback"]
-Frame = Literal["reference", "base"]
 Untrained = Literal["refuse", "accept"]
 
 # Joints of fewer are too few for a position and an orientation.

@@ -73,7 +73,7 @@ class ExportLoss(_Strict):
     ----------
     nominal_mm, exported_mm : float
         Of the nominal arm with base and tip identified, and of the file: at poses held out, with constants identified
-        from the other nine tenths of the region.
+        from the other parts of the region.
     model_mm : float
         Standard uncertainty of the full model's tips there, root mean square of the three coordinates together.
     exported_max_mm : float
