@@ -230,10 +230,8 @@ def test_corrected_joints_bring_the_true_tip_to_the_nominal_one(written):
     nominal = sample_trained_region(model, 40, np.random.default_rng(3)).angles
     command, codes = written.joints("truearm_correct", nominal)
     good = codes >= 0
-    if len(model.fit_.coefficients) > 50 and np.abs(model.fit_.coefficients).max() > 1:
-        assert not good.any()  # motions of 0.5 rad
-        return
-    assert good.mean() > 0.8  # the others are near singularities or limits
+    motions_are_large = len(model.fit_.coefficients) > 50 and np.abs(model.fit_.coefficients).max() > 1
+    assert good.mean() > (0.1 if motions_are_large else 0.8)  # the others are near singularities or limits
     assert np.isnan(command[~good]).all()
     tips = model.predict(command[good])
     np.testing.assert_allclose(tips, model.nominal_.chain.tip_in_base(nominal[good]), rtol=0, atol=1e-8)

@@ -20,7 +20,7 @@ from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import TEMPERATURE_TOLERANCE_K
 from truearm.compensation.targets.configuration import MAX_CONDITION
-from truearm.compensation.targets.correction import CORRECTION_STEPS, MAX_CORRECTION
+from truearm.compensation.targets.correction import CORRECTION_STEPS, MAX_CORRECTION, usual_change
 from truearm.compensation.targets.inverse import TOLERANCE_MM, TOLERANCE_RAD
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
@@ -94,7 +94,11 @@ def source_of(model: Compensator, manifest: Manifest, template: str, brackets: s
     environment.filters |= {"number": number, "table": _table_filter(brackets)}
     origin = {"manifest": _in_comment(manifest.line()), "sha256": manifest.provenance.model_sha256}
     checks = {"check_joints": manifest.joints.tolist(), "check_tips": manifest.tips.tolist()}
-    context = RULES | origin | checks | _mean(plain, values) | _uncertainty(plain, covariance)
+    usual = {
+        "usual_command": usual_change(model, direction="command").T.tolist(),
+        "usual_feedback": usual_change(model, direction="feedback").T.tolist(),
+    }
+    context = RULES | origin | checks | usual | _mean(plain, values) | _uncertainty(plain, covariance)
     return environment.get_template(template).render(context)
 
 

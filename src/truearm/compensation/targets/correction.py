@@ -323,14 +323,20 @@ def _excess(model: Compensator, change: FloatArray, *, direction: Way) -> FloatA
     size = np.abs(change) * turning
     if not (size > MAX_CORRECTION).any():
         return size
+    low, high = usual_change(model, direction=direction)
+    return np.asarray(np.minimum(size, np.maximum(low - change, change - high) * turning))
+
+
+def usual_change(model: Compensator, *, direction: Way) -> FloatArray:
+    """(2, n_joints) ends of the middle 90 % of the changes of joints at training poses [rad, or mm]; zeros without."""
     sample = model.training_.angle_sample
     trained = check_joints(model) if sample is None else sample
     some = Targets.of_joints(trained[:: -(-len(trained) // _USUAL_POSES)])
     there = _feedback(model, some) if direction == "feedback" else _command(model, some, frame="reference")
-    if not there.solution.reached.any():
-        return size
-    low, high = np.quantile((there.solution.joints - there.before)[there.solution.reached], (0.05, 0.95), axis=0)
-    return np.asarray(np.minimum(size, np.maximum(low - change, change - high) * turning))
+    reached = there.solution.reached
+    if not reached.any():
+        return np.zeros((2, model.arm_.n_joints))
+    return np.asarray(np.quantile((there.solution.joints - there.before)[reached], (0.05, 0.95), axis=0))
 
 
 def _unreached(found: InverseSolution, bad: BoolArray) -> list[str]:
