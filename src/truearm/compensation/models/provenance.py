@@ -22,7 +22,7 @@ Text = Annotated[str, Field(max_length=MAX_TEXT)]
 class TrainedTemperature(BaseModel):
     """Temperature in training [degC]: its mean and the range."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
     mean: Finite
     lower: Finite
     upper: Finite
@@ -54,7 +54,7 @@ class Provenance(BaseModel):
         Version of the program.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
     model_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     model: Text
     arm: Text

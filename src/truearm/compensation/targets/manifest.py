@@ -45,7 +45,7 @@ Numbers = Annotated[tuple[Finite, ...], Field(max_length=100)]
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
 
 
 class CheckPose(_Strict):
