@@ -5,6 +5,9 @@ Corrected joint targets
 What to send to a robot so that it goes where its program says, and what its encoders mean.
 """
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 
 import truearm as ta
@@ -42,6 +45,6 @@ print(ta.correct(model, planned).to_frame()[["status", "residual_mm", "u_mm"]].h
 # %%
 # `save` writes the table, or the literals of a robot language; both say their direction and carry check poses.
 
-corrected.save("corrected.script", language="urscript")
-with open("corrected.script", encoding="utf-8") as script:
-    print(script.readlines()[-2])
+file = Path(tempfile.mkdtemp()) / "corrected.script"
+corrected.save(file, language="urscript")
+print(file.read_text(encoding="utf-8").splitlines()[-2])
