@@ -151,17 +151,6 @@ def constants_table(model: Compensator, rigid: RigidArm, *, convention: Conventi
     return ConstantsTable(drawing, identified, rigid.nominal.joint_names, constants, "base" in free)
 
 
-def render_constants(table: ConstantsTable) -> str:
-    """The constants as text, angles in degrees."""
-    lines = [f"{'':24}{'nominal':>13} {'identified':>13} {'change':>11} {'u':>10}"]
-    for one in table.constants:
-        factor, unit, digits = (np.degrees(1.0), "deg", 5) if one.unit == "rad" else (1.0, "mm", 4)
-        numbers = [factor * value for value in (one.nominal, one.identified, one.change, one.std)]
-        cells = " ".join(f"{value:{width}.{digits}f}" for value, width in zip(numbers, (13, 13, 11, 10), strict=True))
-        lines.append(f"{f'{one.place} {one.name}'[:24]:24}{cells} {unit:4}{one.status}")
-    return "\n".join([*lines, ""])
-
-
 class _Entry(NamedTuple):
     """Which number of a table a constant is."""
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LABELS = ("name", "target")
-# Columns that `truearm correct` writes beside the joints.
-CORRECTED = ("direction", "status", "residual_mm", "residual_rad", "steps", "condition", "inside_training", "u_mm")
 _POSITION = ("x", "y", "z")
 # The ways to state an orientation, by what they are called in messages; units as far as they have any.
 _ORIENTATIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
