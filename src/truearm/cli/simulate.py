@@ -18,7 +18,9 @@ def simulate(
         str,
         typer.Option("--strategy", help="Where to put the joints: box, sobol-box, uniform, sobol, measuring or seat."),
     ] = "box",
-    preset: Annotated[str, typer.Option("--preset", help="Errors of the arm: research, shop or perfect.")] = "research",
+    preset: Annotated[
+        str, typer.Option("--preset", help="Errors of the arm: research, shop, worn or perfect.")
+    ] = "research",
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the poses and the noise.")] = 0,
     arm_seed: Annotated[
         int, typer.Option("--arm-seed", min=0, help="Of the arm's own errors: same seed, same arm.")

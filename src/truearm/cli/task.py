@@ -127,7 +127,8 @@ def _source(what: str | None, spec: Path | None) -> str | Path:
     given = [one for one in (what, spec) if one is not None]
     if len(given) != 1:
         raise InputError(
-            "expected one of a model, a preset and --spec", hint="a model file, perfect, research, shop, or --spec"
+            "expected one of a model, a preset and --spec",
+            hint="a model file, perfect, research, shop, worn, or --spec",
         )
     return given[0]
 

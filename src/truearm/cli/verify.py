@@ -40,7 +40,7 @@ def verify(
         typer.Option(
             "--simulate",
             metavar="MODEL|PRESET",
-            help="Simulate the test with virtual arms: a model file, or research, shop or perfect.",
+            help="Simulate the test with virtual arms: a model file, or research, shop, worn or perfect.",
         ),
     ] = None,
     arm: Annotated[

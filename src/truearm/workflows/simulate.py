@@ -54,7 +54,7 @@ def simulate(
     strategy : str
         Where the joints are: ``"box"`` (about the working pose), ``"sobol-box"``, ``"uniform"``, ``"sobol"``,
         ``"measuring"`` (everyday work) or ``"seat"`` (the tip in seats).
-    preset : {"research", "shop", "perfect"}
+    preset : {"research", "shop", "worn", "perfect"}
         How large the errors of the arm are.
     seed : int
         Of the poses and the noise.

@@ -11,7 +11,8 @@ from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.virtual import PRESETS, Preset, VirtualArm, load_preset, magnitudes
 from truearm.identification.virtual.bases import beam
-from truearm.identification.virtual.error_model import ARCSEC, eccentric_reading
+from truearm.identification.virtual.error_model import eccentric_reading
+from truearm.identification.virtual.presets import ARCSEC
 from truearm.identification.virtual.state import hand_forces, link_temperatures, mean_hand_force
 
 WORKING_DEG = (0, -60, 0, 60, 0, 60)
@@ -356,7 +357,7 @@ def test_a_seat_out_of_reach_is_refused(research):
         (lambda a: a.settle(np.zeros((3, 6)), np.zeros((2, 3))), "a seat's point for each of 3"),
         (lambda a: a.noise_floor(a.measure(np.zeros((3, 6)), seed=0, reference=False)), "needs reference points"),
         (lambda a: VirtualArm.draw(a.nominal, a.preset, seed=-3), "seed"),
-        (lambda a: load_preset("laboratory"), "perfect, research, shop"),
+        (lambda a: load_preset("laboratory"), "perfect, research, shop, worn"),
         (lambda a: Preset(encoder_noise_arcsec=-1.0), r"encoder_noise_arcsec must be a number >= 0 \[arcsec\]"),
         (lambda a: Preset(reference_std_mm=float("nan")), "reference_std_mm"),
         (lambda a: Preset(link_bending_stiffness_Nm2=0.0), "link_bending_stiffness_Nm2"),

@@ -12,9 +12,10 @@ PAGE = Path(__file__).parents[3] / "docs" / "virtual-arm.md"
 
 def test_the_table_of_magnitudes_is_that_of_the_presets():
     lines = PAGE.read_text(encoding="utf-8").splitlines()
-    for research, shop in zip(magnitudes(PRESETS["research"]), magnitudes(PRESETS["shop"]), strict=True):
-        values = f"{research.value:.6g} | {shop.value:.6g}"
-        assert f"| `{research.name}` | {values} | {research.unit} | {research.source} |" in lines
+    drawn = [magnitudes(PRESETS[name]) for name in ("research", "shop", "worn")]
+    for row in zip(*drawn, strict=True):
+        values = " | ".join(f"{magnitude.value:.6g}" for magnitude in row)
+        assert f"| `{row[0].name}` | {values} | {row[0].unit} | {row[0].source} |" in lines
 
 
 @pytest.mark.parametrize("name", [*PRESETS, *STRATEGIES])

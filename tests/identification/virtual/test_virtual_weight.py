@@ -13,7 +13,7 @@ from truearm.arm.chain import Chain
 from truearm.compensation.models import PhysicalModel
 from truearm.identification.terms import uniform_links
 from truearm.identification.virtual import PRESETS, Preset, VirtualArm
-from truearm.identification.virtual.error_model import ARCSEC
+from truearm.identification.virtual.presets import ARCSEC
 
 SOFT = Preset(link_kg_per_m=2.0, joint_tilt_arcsec_per_Nm=2.0)
 WEIGHT_PRESET = replace(

@@ -11,8 +11,7 @@ from truearm.compensation.models import KinematicModel, NetworkModel
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.virtual import VirtualArm, load_preset
-from truearm.identification.virtual.error_model import ARCSEC
-from truearm.identification.virtual.presets import PERFECT, SHOP, Preset
+from truearm.identification.virtual.presets import ARCSEC, PERFECT, SHOP, Preset
 from truearm.readings.session import Session
 from truearm.verification.tasks import sampled_arms
 from truearm.verification.tasks.sampled_arms import (

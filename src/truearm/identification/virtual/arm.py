@@ -12,10 +12,10 @@ from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import ArmState, directions
 from truearm.identification.virtual.constrained import constrain_geometry
-from truearm.identification.virtual.error_model import ARCSEC
-from truearm.identification.virtual.presets import Preset, load_preset
+from truearm.identification.virtual.presets import ARCSEC, Preset, load_preset
 from truearm.identification.virtual.state import (
     air_temperatures,
+    base_motions,
     given_temperatures,
     hand_forces,
     link_temperatures,
@@ -241,7 +241,7 @@ class VirtualArm:
     def noise_floor(self, measurement: Measurement) -> PointErrors:
         """Errors that no model can reduce: true tips at the measured angles against the reference points.
 
-        The directions of movement and the link temperatures are the true ones; the force is its mean.
+        The directions of movement, the link temperatures and the base are the true ones; the force is its mean.
 
         Raises
         ------
@@ -279,6 +279,7 @@ class VirtualArm:
             link_temperature_degC=link_temperatures(air, self.systematic.lag_s, interval_s=preset.reading_interval_s),
             force_in_flange_N=hand_forces(preset, n, random_stream("session", seed, "force")),
             cage_phase=random_stream("session", seed, "cage").uniform(0, 2 * np.pi, self.nominal.n_joints),
+            base_motion=base_motions(n, preset, random_stream("session", seed, "base")),
         )
 
     def _read(self, angles: FloatArray, stream: np.random.Generator) -> FloatArray:

@@ -62,6 +62,113 @@ class CageHarmonics(Basis):
         return np.stack(cos_sin(angle))
 
 
+@dataclass(frozen=True)
+class Spots(Basis):
+    """Bumps of a joint's angle: Gaussians at centres evenly spaced around the turn.
+
+    Parameters
+    ----------
+    joint : int
+        Counted from 1.
+    width_rad : float
+        Standard deviation of a Gaussian [rad]. The centres are three widths apart.
+    """
+
+    joint: int
+    width_rad: float
+
+    @property
+    def n_spots(self) -> int:
+        """Number of centres."""
+        return max(1, round(2 * np.pi / (3 * self.width_rad)))
+
+    def labels(self) -> tuple[str, ...]:
+        """One function for each centre."""
+        return tuple(f"spot at {360 * k / self.n_spots:.4g} deg of J{self.joint}" for k in range(self.n_spots))
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(n_spots, n) heights from 0 to 1."""
+        centres = 2 * np.pi / self.n_spots * np.arange(self.n_spots)
+        away = np.remainder(state.angles[:, self.joint - 1] - centres[:, None] + np.pi, 2 * np.pi) - np.pi
+        return np.asarray(np.exp(-0.5 * (away / self.width_rad) ** 2))
+
+
+@dataclass(frozen=True)
+class GearErrors(Basis):
+    """Errors of a gear's mesh: cosine, sine and two sawteeth of a multiple of a joint's angle, which may be no integer.
+
+    Parameters
+    ----------
+    joint : int
+        Counted from 1.
+    ratio : float
+        Periods in a turn of the joint.
+    """
+
+    joint: int
+    ratio: float
+
+    def labels(self) -> tuple[str, ...]:
+        """Four functions."""
+        return tuple(f"{what} {self.ratio:g} J{self.joint}" for what in ("cos", "sin", "sawtooth", "shifted sawtooth"))
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(4, n) values from -1 to 1."""
+        phase = self.ratio * state.angles[:, self.joint - 1]
+        sawteeth = [np.remainder((phase + shift) / np.pi, 2.0) - 1.0 for shift in (0.0, np.pi / 2)]
+        return np.stack([*cos_sin(phase), *sawteeth])
+
+
+@dataclass(frozen=True)
+class Slack(Basis):
+    """Side of its slack on which a joint lies: the sign of the gravity torque about its axis, smooth where it is small.
+
+    Parameters
+    ----------
+    joint : int
+        Counted from 1.
+    zone_Nm : float
+        Torque that closes the gap to 76 % (tanh 1) [N m].
+    """
+
+    joint: int
+    zone_Nm: float
+
+    def labels(self) -> tuple[str, ...]:
+        """One function."""
+        return (f"side of the slack of J{self.joint}",)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(1, n) values from -1 to 1."""
+        return np.asarray(np.tanh(state.gravity_torques[:, self.joint - 1, 2] / self.zone_Nm))[None]
+
+
+@dataclass(frozen=True)
+class CableDrag(Basis):
+    """Torque of a cable that is led across a joint and the next one, and slips in its guides where it pulls strongly.
+
+    A cable of unit length at the zeros of both joints (angles a, b [rad]) is stretched to ``s = sqrt(1 + a^2 + b^2 + a
+    b)``. Its energy ``(s - 1)^2 / 2`` has the slope ``(s - 1) (a + b / 2) / s`` by a; slipping limits it as tanh does.
+
+    Parameters
+    ----------
+    joint : int
+        Counted from 1; the last joint of an arm has none.
+    """
+
+    joint: int
+
+    def labels(self) -> tuple[str, ...]:
+        """One function."""
+        return (f"drag of the cable across J{self.joint} and J{self.joint + 1}",)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(1, n) values from -1 to 1."""
+        a, b = state.angles[:, self.joint - 1], state.angles[:, self.joint]
+        s = np.sqrt(1 + a**2 + b**2 + a * b)
+        return np.asarray(np.tanh((s - 1) * (a + b / 2) / s))[None]
+
+
 def beam(
     link_mm: FloatArray, *, own_share: float, bending_stiffness_Nm2: float, torsion_stiffness_Nm2: float
 ) -> FloatArray:

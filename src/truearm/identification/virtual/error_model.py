@@ -1,7 +1,8 @@
 """The terms by which virtual arms of a preset differ from their nominal arm, and the draw of their coefficients.
 
 The terms are those that identification fits (`truearm.identification.terms`), and a few that it never offers: ball
-cages, deflection by the measuring force, bending of links by the weight that they carry.
+cages, deflection by the measuring force, bending of links by the weight that they carry, and wear
+(`truearm.identification.virtual.wear`).
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,12 +21,11 @@ from truearm.identification.terms import Column, GravityTorque, Harmonics, Term,
 from truearm.identification.terms.basis import AXES
 from truearm.identification.terms.catalogue import constants, gravity, hysteresis, thermal, wobble
 from truearm.identification.virtual.bases import CageHarmonics, GravityForce, beam
-from truearm.identification.virtual.presets import Preset
+from truearm.identification.virtual.error_class import DrawnTerm, ErrorClass
+from truearm.identification.virtual.presets import ARCSEC, Preset
 from truearm.identification.virtual.state import force_column, link_masses, random_stream
-from truearm.typing import FloatArray, IntArray
-
-ARCSEC = np.pi / 180 / 3600
-"""One arc second [rad]."""
+from truearm.identification.virtual.wear import wear_classes
+from truearm.typing import FloatArray
 
 _OWN_AXIS = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # rotation about z
 
@@ -40,47 +39,7 @@ GEOMETRY, ENCODERS, BEARINGS, COMPLIANCE, GROWTH, DEFLECTION, HYSTERESIS, CAGES 
     "hysteresis",
     "ball cages",
 )
-"""Groups of the terms: each can be larger or smaller and leaves the others as they are."""
-
-
-class DrawnTerm(NamedTuple):
-    """A term, which numbers of a stream its coefficients take, and their mean and standard deviation."""
-
-    term: Term
-    numbers: tuple[int, ...]
-    mean: float = 0.0
-    std: float | None = None  # by default the term's
-
-
-@dataclass(frozen=True, eq=False)
-class ErrorClass:
-    """Terms whose coefficients take the normal random numbers z of one stream: ``(mean + std z) exp(log_std z)``."""
-
-    stream: str
-    rows: tuple[DrawnTerm, ...]
-    n_numbers: int
-    log_std: float = 0.0
-
-    def draw(self, seed: int) -> FloatArray:
-        """Draw the coefficients of all terms."""
-        if not self.rows:
-            return np.zeros(0)
-        z = random_stream("arm", seed, self.stream).standard_normal(self.n_numbers)[self._index]
-        coefficients: FloatArray = (self._mean + self._std * z) * np.exp(self.log_std * z)
-        return coefficients
-
-    @cached_property
-    def _index(self) -> IntArray:
-        return np.concatenate([row.numbers for row in self.rows]).astype(np.intp)
-
-    @cached_property
-    def _mean(self) -> FloatArray:
-        return np.concatenate([np.full(len(row.numbers), row.mean) for row in self.rows])
-
-    @cached_property
-    def _std(self) -> FloatArray:
-        stds = [row.term.prior_std if row.std is None else row.std for row in self.rows]
-        return np.concatenate([np.full(len(row.numbers), std) for row, std in zip(self.rows, stds, strict=True)])
+"""Groups of the terms that sound arms have too: each can be larger or smaller and leaves the others as they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +88,7 @@ def error_model(arm: Arm, preset: Preset) -> ErrorModel:
         ErrorClass("tip", tuple(_deflection(chain, preset)), 1),
         ErrorClass("hysteresis", tuple(_hysteresis(chain, preset)), n),
         ErrorClass("cage", tuple(_cage(chain, preset)), 12 * n),
+        *wear_classes(chain, preset),
     )
     return ErrorModel(PerturbedChain(chain, tuple(row.term for one in classes for row in one.rows)), classes)
 

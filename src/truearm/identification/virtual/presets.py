@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from truearm.errors import InputError
+
+ARCSEC = np.pi / 180 / 3600
+"""One arc second [rad]."""
 
 # Sources of the magnitudes, as printed in the documentation.
 GAO_2018 = "identified minus nominal parameters of a 6-axis arm: Gao et al. 2018, Math. Probl. Eng. 1760190, table 2"
@@ -24,6 +27,8 @@ FORCE = "order of magnitude: 1 to 10 N by hand; steel stylus 4 x 50 mm 15.8 um/N
 REFERENCE = "order of magnitude: laser tracker or calibrated gauge in a laboratory"
 SEAT = "order of magnitude: three-ball seat 2 to 8 um"
 CAGE = "geometry of ball bearings: the cage turns at about 0.4 of the shaft"
+WEAR = "chosen: with the other wear 30 to 50 % of what identification leaves of the error"
+HUNTING = "chosen: a gear of 101 and 2 teeth repeats after two turns"
 CHOICE = "chosen: kept small beside the noise, since no linear term describes it"
 PAPER = "Gao et al. 2017, Complexity 5156264, section 4: 0.4492 mm mean, 0.8978 mm maximum over 200 poses"
 
@@ -91,6 +96,19 @@ class Preset:
     cage_runout_std_um: float = _magnitude("um, cos and sin each", CHOICE)
     cage_ratio: float = _magnitude("turns of the cage in a turn of the joint", CAGE, default=0.4)
 
+    # Wear, which no term describes: spots, gears, slack, cables, and a base that moves.
+    gear_spot_std_arcsec: float = _magnitude("arcsec, bumps about the axis; a few are large", WEAR)
+    bearing_spot_std_arcsec: float = _magnitude("arcsec, tilts normal to the axis; a few are large", WEAR)
+    spot_width_deg: float = _magnitude("deg, standard deviation of a bump's Gaussian", "chosen", default=3.0)
+    gear_std_arcsec: float = _magnitude("arcsec, cos, sin and two sawteeth each", WEAR)
+    gear_ratio: float = _magnitude("periods of the gear in a turn of the joint", HUNTING, default=50.5)
+    slack_std_arcsec: float = _magnitude("arcsec, half the gap about the axis, by the side of the load", WEAR)
+    slack_zone_Nm: float = _magnitude("N m, load that closes the gap", "chosen", default=0.5)
+    cable_std_arcsec: float = _magnitude("arcsec about the axis, by a cable across this joint and the next", WEAR)
+    base_settling_um: float = _magnitude("um, each coordinate, per session", WEAR)
+    base_creep_um_per_sqrt_h: float = _magnitude("um/h^(1/2), each coordinate, random walk in a session", WEAR)
+    base_creep_arcsec_per_sqrt_h: float = _magnitude("arcsec/h^(1/2), each axis, random walk in a session", WEAR)
+
     # Noise: random, per reading.
     encoder_counts: float = _magnitude("counts a turn; 0 reads continuously", ENCODER)
     encoder_noise_arcsec: float = _magnitude("arcsec", ENCODER)
@@ -127,6 +145,16 @@ class Preset:
             )
 
 
+_POSITIVE = (
+    "grating_diameter_mm",
+    "temperature_period_s",
+    "spot_width_deg",
+    "gear_ratio",
+    "slack_zone_Nm",
+    "constraint_poses",
+)
+
+
 @dataclass(frozen=True)
 class Magnitude:
     """One magnitude of a preset, as in the table of the documentation."""
@@ -140,7 +168,7 @@ class Magnitude:
         """Whether a value is in the range of this magnitude."""
         if self.name.endswith("stiffness_Nm2"):
             return value > 0
-        if self.name in ("grating_diameter_mm", "temperature_period_s", "constraint_poses"):
+        if self.name in _POSITIVE:
             return 0 < value < np.inf
         return bool(value < np.inf)
 
@@ -224,7 +252,21 @@ SHOP = Preset(
     seat_std_mm=0.003,
 )
 
-PRESETS: Mapping[str, Preset] = {preset.name: preset for preset in (PERFECT, RESEARCH, SHOP)}
+WORN = replace(
+    SHOP,
+    name="worn",
+    about="the measuring arm of the shop after years of use: damaged spots, slack, cable drag, a base that creeps",
+    gear_spot_std_arcsec=1.5,
+    bearing_spot_std_arcsec=1.5,
+    gear_std_arcsec=0.8,
+    slack_std_arcsec=2.0,
+    cable_std_arcsec=4.0,
+    base_settling_um=2.5,
+    base_creep_um_per_sqrt_h=2.0,
+    base_creep_arcsec_per_sqrt_h=0.5,
+)
+
+PRESETS: Mapping[str, Preset] = {preset.name: preset for preset in (PERFECT, RESEARCH, SHOP, WORN)}
 
 
 def load_preset(name: str) -> Preset:

@@ -1,4 +1,4 @@
-"""State of a virtual arm at a reading apart from its angles: directions, link temperatures, force, ball cages."""
+"""State of a virtual arm at a reading apart from its angles: directions, link temperatures, force, ball cages, base."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from truearm.errors import InputError
 from truearm.identification.terms import ArmState, uniform_links
 from truearm.identification.terms.basis import AXES
 from truearm.identification.terms.gravity import STANDARD_GRAVITY
-from truearm.identification.virtual.presets import Preset
+from truearm.identification.virtual.presets import ARCSEC, Preset
 from truearm.typing import FloatArray
 
 # First words of the families of streams: an arm and a session of the same seed share no random numbers.
@@ -44,6 +44,7 @@ def virtual_state(
     link_temperature_degC: npt.ArrayLike | None = None,
     force_in_flange_N: npt.ArrayLike | None = None,
     cage_phase: npt.ArrayLike = 0.0,
+    base_motion: npt.ArrayLike = 0.0,
 ) -> ArmState:
     """State of a virtual arm at n readings.
 
@@ -63,12 +64,16 @@ def virtual_state(
         On the tip, along the axes of the flange.
     cage_phase : (n_joints,) array
         Angles of the ball cages at joint angle zero in this session [rad].
+    base_motion : (n, 6) array
+        Of the base since the arm was identified: rotation [rad], translation [mm].
     """
     n, n_joints = angles.shape
     temperature = preset.temperature_degC if link_temperature_degC is None else link_temperature_degC
     phases = np.broadcast_to(cage_phase, n_joints)
     force = mean_hand_force(preset) if force_in_flange_N is None else force_in_flange_N
     columns = {cage_phase_column(joint): np.full(n, phase) for joint, phase in enumerate(phases, start=1)}
+    moved = np.broadcast_to(base_motion, (n, 6))
+    columns |= {base_motion_column(component): moved[:, component] for component in range(6)}
     return ArmState(
         arm.chain,
         angles,
@@ -98,6 +103,27 @@ def force_column(axis: int) -> str:
 def cage_phase_column(joint: int) -> str:
     """Name of the column of `ArmState` with the phase of a joint's ball cage [rad]."""
     return f"cage_phase_{joint}_rad"
+
+
+def base_motion_column(component: int) -> str:
+    """Name of the column of `ArmState` with a component of the base's motion [rad, or mm]."""
+    return f"base_{'turn' if component < 3 else 'shift'}_{AXES[component % 3]}_{'rad' if component < 3 else 'mm'}"
+
+
+def base_motions(n: int, preset: Preset, stream: np.random.Generator) -> FloatArray:
+    """Draw the motion of the base at the readings of a session, (n, 6) [rad, mm].
+
+    The base starts a session where it has settled, and then creeps: a random walk (Wiener process) in time.
+    """
+    settled = 1e-3 * preset.base_settling_um * stream.standard_normal(3)
+    hours = preset.reading_interval_s / 3600
+    steps = np.sqrt(hours) * stream.standard_normal((n, 6))
+    steps[0] = 0.0
+    walk: FloatArray = np.cumsum(steps, axis=0)
+    walk[:, :3] *= preset.base_creep_arcsec_per_sqrt_h * ARCSEC
+    walk[:, 3:] *= preset.base_creep_um_per_sqrt_h * 1e-3
+    walk[:, 3:] += settled
+    return walk
 
 
 def link_temperatures(air_degC: FloatArray, lag_s: npt.ArrayLike, *, interval_s: float) -> FloatArray:

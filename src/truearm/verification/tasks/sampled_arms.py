@@ -23,8 +23,8 @@ from truearm.errors import InputError
 from truearm.identification.estimation.propagation import direction_effects
 from truearm.identification.terms.state import ArmState
 from truearm.identification.virtual.arm import VirtualArm
-from truearm.identification.virtual.error_model import ARCSEC, error_model, tip_compliance
-from truearm.identification.virtual.presets import Preset
+from truearm.identification.virtual.error_model import error_model, tip_compliance
+from truearm.identification.virtual.presets import ARCSEC, Preset
 from truearm.identification.virtual.state import hand_forces, mean_hand_force, virtual_state
 from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
