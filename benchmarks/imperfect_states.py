@@ -1,0 +1,260 @@
+"""Are points and uncertainties right if temperature, loads or directions change, or errors of a reference are shared.
+
+    python benchmarks/imperfect_states.py [--quick] [--json]
+
+Virtual arms (gao2017, preset shop, whose links are of carbon fibre; also as of steel and aluminium). A point is covered
+if the true tip lies in the stated 95 % ellipsoid. No joint is outside the training angles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from imperfect_finding import Finding, print_findings
+from truearm.arm import load_arm
+from truearm.compensation.models import PhysicalModel
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.identification.planning.sampling.measuring import measuring_poses
+from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.readings import Session
+from truearm.typing import FloatArray
+
+ARM = load_arm("gao2017")
+EXPANSIONS = {"carbon fibre": 1e-6, "steel": 11.5e-6, "aluminium": 23e-6}  # 1/K
+ELLIPSOID = 7.815  # squared radius of a 95 % ellipsoid of three coordinates
+TESTED = 200
+ANOTHER_DAY = 1_000_000
+SCALE_PPM, COMMON_MM = 50.0, 0.02
+
+
+@dataclass(frozen=True)
+class Tested:
+    """Errors of a model at the readings of another day: root mean square of a coordinate, as stated, and shares."""
+
+    rms_mm: float
+    stated_mm: float
+    covered: float
+    flagged: float
+
+
+def virtual_arm(seed: int, material: str = "carbon fibre") -> VirtualArm:
+    """A shop arm of some material."""
+    return VirtualArm.draw(ARM, replace(load_preset("shop"), expansion_per_K=EXPANSIONS[material]), seed=seed)
+
+
+def training(virtual: VirtualArm, n: int, degC: FloatArray, *, seed: int | None = None) -> Session:
+    """Readings at the poses of a person."""
+    seed = virtual.seed if seed is None else seed
+    angles = measuring_poses(ARM, n, seed=seed).angles
+    return virtual.measure(angles, seed=seed, temperature_degC=degC).readings
+
+
+def tested(model: IdentifiedModel, virtual: VirtualArm, degC: FloatArray, *, is_stated: bool) -> Tested:
+    """The model at poses of another day."""
+    seed = virtual.seed + ANOTHER_DAY
+    angles = measuring_poses(ARM, len(degC), seed=seed).angles
+    inside = ~model.outside_training(angles)
+    day = virtual.measure(angles, seed=seed, temperature_degC=degC, reference=False)
+    readings = day.readings.rows(inside)
+    if not is_stated:
+        readings = replace(readings, temperature_degC=None)
+    return judged(model, readings, day.true_tips[inside])
+
+
+def judged(model: IdentifiedModel, readings: Session, tips: FloatArray) -> Tested:
+    """The model's points and their covariances against true tips."""
+    points, covariance = model.predict_readings(readings, return_cov=True)
+    off = points - tips
+    length = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariance), off)
+    return Tested(
+        float(np.sqrt((off**2).mean())),
+        float(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean() / 3)),
+        float((length < ELLIPSOID).mean()),
+        float(model.outside_training(readings).mean()),
+    )
+
+
+def rms(found: list[Tested], name: str = "rms_mm") -> float:
+    """Root mean square over arms [mm]."""
+    return float(np.sqrt(np.mean([getattr(one, name) ** 2 for one in found])))
+
+
+def mean(found: list[Tested], name: str = "covered") -> float:
+    """Mean over arms."""
+    return float(np.mean([getattr(one, name) for one in found]))
+
+
+def describe(found: list[Tested]) -> str:
+    """Error, stated uncertainty and coverage."""
+    return (
+        f"{rms(found):.4f} mm, stated {rms(found, 'stated_mm'):.4f}, covered {mean(found):.0%} "
+        f"(worst arm {min(one.covered for one in found):.0%})"
+    )
+
+
+def cooler(quick: bool) -> Iterator[Finding]:
+    """50 or 300 readings of a room that changes little or much, used 0 to 4 K cooler."""
+    cases = (("within 0.1 K", 50, 0.1), ("within 0.6 K", 50, 0.6), ("within 6 K", 300, 6.0))
+    for material in EXPANSIONS:
+        for what, n, span in cases:
+            if (n > 50 and quick) or (span < 0.6 and material != "carbon fibre"):
+                continue
+            with_it, without = [], []
+            for seed in range(6 if quick else 20 if n == 50 else 8):
+                virtual = virtual_arm(seed, material)
+                room = np.linspace(22 - span / 2, 22 + span / 2, n)
+                readings = training(virtual, n, room)
+                use = np.linspace(22.0, 18.0, TESTED)
+                model = PhysicalModel(ARM).fit_readings(readings)
+                with_it.append(tested(model, virtual, use, is_stated=True))
+                model = PhysicalModel(ARM).fit_readings(replace(readings, temperature_degC=None))
+                without.append(tested(model, virtual, use, is_stated=False))
+            now = f"{describe(with_it)}; not stated: {rms(without):.4f} mm, covered {mean(without):.0%}"
+            met = rms(with_it) <= 1.02 * rms(without) and mean(with_it) >= 0.93
+            yield Finding(
+                f"{n} readings {what}, used 0 to 4 K cooler, {material}",
+                "no larger error than without the temperature, coverage 93 % or more",
+                now,
+                met,
+            )
+
+
+def constant(quick: bool) -> Iterator[Finding]:
+    """Trained at 20 degC, used at 28."""
+    every = []
+    for material in EXPANSIONS:
+        found = []
+        for seed in range(3 if quick else 8):
+            virtual = virtual_arm(seed, material)
+            model = PhysicalModel(ARM).fit_readings(training(virtual, 100, np.full(100, 20.0)))
+            found.append(tested(model, virtual, np.full(TESTED, 28.0), is_stated=True))
+        every += found
+        now = f"{describe(found)}, flagged {mean(found, 'flagged'):.0%}"
+        yield Finding(f"trained at 20 degC, used at 28, {material}", "all flagged", now, mean(found, "flagged") == 1)
+    yield Finding(
+        "the same, all three materials", "coverage 93 % or more", f"covered {mean(every):.0%}", mean(every) >= 0.93
+    )
+
+
+def never_stated(quick: bool) -> Iterator[Finding]:
+    """Trained at 20 degC, which the readings do not state; used at 28, which these state."""
+    found = []
+    for material in EXPANSIONS:
+        for seed in range(2 if quick else 6):
+            virtual = virtual_arm(seed, material)
+            readings = replace(training(virtual, 100, np.full(100, 20.0)), temperature_degC=None)
+            model = PhysicalModel(ARM).fit_readings(readings)
+            found.append(tested(model, virtual, np.full(TESTED, 28.0), is_stated=True))
+    now = f"{describe(found)}, flagged {mean(found, 'flagged'):.0%}"
+    met = mean(found) >= 0.93 and mean(found, "flagged") == 1
+    yield Finding("no temperature stated in training, 28 degC in use", "coverage 93 % or more, flagged", now, met)
+
+
+def one_direction(quick: bool) -> Iterator[Finding]:
+    """Joints that always came from one side in training, and from both in use; hysteresis as the catalogue expects."""
+    found = []
+    for seed in range(3 if quick else 8):
+        virtual = virtual_arm(seed)
+        arcsec = np.random.default_rng(seed).normal(0, 5e-5, 6)
+
+        def turned(readings: Session, signs: FloatArray, arcsec: FloatArray = arcsec) -> FloatArray:
+            return np.asarray(readings.angles + arcsec * signs)
+
+        readings = training(virtual, 100, np.full(100, 20.0))
+        ones = np.ones((100, 6))
+        tips = virtual.true_tip(turned(readings, ones)) + np.random.default_rng(seed).normal(0, 0.003, (100, 3))
+        model = PhysicalModel(ARM).fit_readings(replace(readings, points=tips, directions=ones))
+        use = training(virtual, TESTED, np.full(TESTED, 20.0), seed=virtual.seed + ANOTHER_DAY)
+        use = use.rows(~model.outside_training(use.angles))
+        tips = virtual.true_tip(turned(use, use.directions))
+        found.append(judged(model, use, tips))
+    now = f"{describe(found)}, flagged {mean(found, 'flagged'):.0%}"
+    met = mean(found) >= 0.93 and mean(found, "flagged") > 0.9
+    yield Finding(
+        "joints moved in one direction in training, in both in use", "coverage 93 % or more, flagged", now, met
+    )
+
+
+def constant_load(quick: bool) -> Iterator[Finding]:
+    """A load of joint 2 that was 10 N m in training, and 0 to 20 in use: 1e-4 rad for each 10 N m, as expected."""
+    found = []
+    for seed in range(3 if quick else 8):
+        virtual = virtual_arm(seed)
+        draw = np.random.default_rng(seed)
+        by_load = draw.normal(0, 1e-5)
+        readings = training(virtual, 100, np.full(100, 20.0))
+        model = PhysicalModel(ARM).fit_readings(replace(readings, columns={"load_2_Nm": np.full(100, 10.0)}))
+        use = training(virtual, TESTED, np.full(TESTED, 20.0), seed=virtual.seed + ANOTHER_DAY)
+        use = use.rows(~model.outside_training(use.angles))
+        load = draw.uniform(0, 20, len(use))
+        bent = use.angles.copy()
+        bent[:, 1] += by_load * (load - 10)
+        found.append(judged(model, replace(use, columns={"load_2_Nm": load}), virtual.true_tip(bent)))
+    now = f"{describe(found)}, flagged {mean(found, 'flagged'):.0%}"
+    met = mean(found) >= 0.93 and mean(found, "flagged") > 0.9
+    yield Finding("a load was constant in training, and differs in use", "coverage 93 % or more, flagged", now, met)
+
+
+def shared_errors(quick: bool) -> Iterator[Finding]:
+    """A tracker whose scale is wrong, and one whose error is the same in the repeats of a position."""
+    knows = {field.name for field in fields(Session)}
+    scaled, repeated = [], []
+    for seed in range(8 if quick else 40):
+        virtual, draw = virtual_arm(seed), np.random.default_rng(seed)
+        readings = training(virtual, 60, np.full(60, 20.0))
+        assert readings.points is not None
+        centre = readings.points.mean(axis=0)
+        points = centre + (1 + SCALE_PPM * 1e-6 * draw.standard_normal()) * (readings.points - centre)
+        more = {"u_scale_ppm": np.full(60, SCALE_PPM)} if "u_scale_ppm" in knows else {}
+        model = PhysicalModel(ARM, highest=8).fit_readings(replace(readings, points=points, **more))
+        scaled.append(tested(model, virtual, np.full(TESTED, 20.0), is_stated=True))
+        if seed < (4 if quick else 16):
+            repeated.append(_repeats(virtual, draw, {"u_common_mm": COMMON_MM} if "u_common_mm" in knows else {}))
+    now = describe(scaled)
+    yield Finding(
+        f"scale of the reference wrong by {SCALE_PPM:g} ppm (standard deviation)",
+        "coverage 93 to 97 % with u_scale_ppm stated",
+        now,
+        0.93 <= mean(scaled) <= 0.97,
+    )
+    yield Finding(
+        f"error of {COMMON_MM} mm common to 12 repeats of each position",
+        "coverage 93 to 97 % with u_common_mm stated",
+        describe(repeated),
+        0.93 <= mean(repeated) <= 0.97,
+    )
+
+
+def _repeats(virtual: VirtualArm, draw: np.random.Generator, more: dict[str, float]) -> Tested:
+    """40 positions, each repeated 12 times."""
+    angles = np.repeat(measuring_poses(ARM, 40, seed=virtual.seed).angles, 12, axis=0)
+    angles = angles + draw.normal(0, 1e-4, angles.shape)
+    readings = virtual.measure(angles, seed=virtual.seed, temperature_degC=np.full(len(angles), 20.0)).readings
+    assert readings.points is not None
+    points = readings.points + np.repeat(draw.normal(0, COMMON_MM, (40, 3)), 12, axis=0)
+    position = np.repeat([f"P{i}" for i in range(40)], 12)
+    stated = {name: np.full(len(points), value) for name, value in more.items()}
+    model = PhysicalModel(ARM, highest=8).fit_readings(replace(readings, points=points, position=position, **stated))
+    return tested(model, virtual, np.full(TESTED, 20.0), is_stated=True)
+
+
+PARTS: tuple[Callable[[bool], Iterator[Finding]], ...] = (
+    cooler,
+    constant,
+    never_stated,
+    one_direction,
+    constant_load,
+    shared_errors,
+)
+
+
+def rows(*, quick: bool) -> list[Finding]:
+    """All findings."""
+    return [finding for part in PARTS for finding in part(quick)]
+
+
+if __name__ == "__main__":
+    print_findings(__doc__, rows)
