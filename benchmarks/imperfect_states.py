@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -208,7 +209,7 @@ def shared_errors(quick: bool) -> Iterator[Finding]:
         assert readings.points is not None
         centre = readings.points.mean(axis=0)
         points = centre + (1 + SCALE_PPM * 1e-6 * draw.standard_normal()) * (readings.points - centre)
-        more = {"u_scale_ppm": np.full(60, SCALE_PPM)} if "u_scale_ppm" in knows else {}
+        more: dict[str, Any] = {"u_scale_ppm": np.full(60, SCALE_PPM)} if "u_scale_ppm" in knows else {}
         model = PhysicalModel(ARM, highest=8).fit_readings(replace(readings, points=points, **more))
         scaled.append(tested(model, virtual, np.full(TESTED, 20.0), is_stated=True))
         if seed < (4 if quick else 16):
@@ -236,7 +237,7 @@ def _repeats(virtual: VirtualArm, draw: np.random.Generator, more: dict[str, flo
     assert readings.points is not None
     points = readings.points + np.repeat(draw.normal(0, COMMON_MM, (40, 3)), 12, axis=0)
     position = np.repeat([f"P{i}" for i in range(40)], 12)
-    stated = {name: np.full(len(points), value) for name, value in more.items()}
+    stated: dict[str, Any] = {name: np.full(len(points), value) for name, value in more.items()}
     model = PhysicalModel(ARM, highest=8).fit_readings(replace(readings, points=points, position=position, **stated))
     return tested(model, virtual, np.full(TESTED, 20.0), is_stated=True)
 
