@@ -170,6 +170,7 @@ def one_direction(quick: bool) -> Iterator[Finding]:
         model = PhysicalModel(ARM).fit_readings(replace(readings, points=tips, directions=ones))
         use = training(virtual, TESTED, np.full(TESTED, 20.0), seed=virtual.seed + ANOTHER_DAY)
         use = use.rows(~model.outside_training(use.angles))
+        assert use.directions is not None
         tips = virtual.true_tip(turned(use, use.directions))
         found.append(judged(model, use, tips))
     now = f"{describe(found)}, flagged {mean(found, 'flagged'):.0%}"
