@@ -217,6 +217,8 @@ class FitResult(Record):
         yield self.summary()
         if self.comparison:
             yield _comparison_table(self.comparison)
+            if n_excluded := self.comparison[0].n_excluded:
+                yield f"compared without {n_excluded} readings that are gross errors of one of these models"
         yield from _training_lines(self.training, compare=self.model_name != "nominal")
         if isinstance(self.model, NetworkModel):
             yield from _network_lines(self.model)
@@ -320,20 +322,21 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
 
 def _comparison_table(comparison: tuple[ModelScore, ...]) -> TextTable:
     return TextTable(
-        ("held-out error [mm]", "mean", "standard error", "95 %", "max", "parameters", ""),
+        ("held-out error [mm]", "mean", "95 %", "max", "above the best", "standard error", "parameters", ""),
         (
             (
                 score.name,
                 format_fixed(score.mean_mm),
-                format_fixed(score.standard_error_mm),
                 format_fixed(score.p95_mm),
                 format_fixed(score.max_mm),
+                format_fixed(score.excess_mm),
+                format_fixed(score.excess_standard_error_mm),
                 f"{score.n_effective:.0f}",
                 "selected" if score.kept else "",
             )
             for score in comparison
         ),
-        left_aligned=(0, 6),
+        left_aligned=(0, 7),
     )
 
 

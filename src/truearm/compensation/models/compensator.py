@@ -67,12 +67,15 @@ class TrainingData(NamedTuple):
         Of the readings and the lengths.
     lengths : Lengths or None
         Known lengths between their seats.
+    simpler : Compensator, optional
+        A simpler model that is already fitted to the same readings.
     """
 
     session: Session
     state: ArmState
     references: list[Reference]
     lengths: Lengths | None
+    simpler: Compensator | None = None
 
 
 class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
@@ -157,8 +160,8 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         progress : callable, optional
             Called with the steps done and a note.
         nominal : Compensator, optional
-            A model fitted to the same readings of the same arm, with the same free parts and lengths: its `nominal_`
-            is used and not fitted again.
+            A simpler model fitted to the same readings of the same arm, with the same free parts and lengths: its
+            `nominal_` is used and not fitted again, and the readings that it excludes are excluded at first.
 
         Raises
         ------
@@ -184,7 +187,8 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self.session_frames_ = rough_session_frames(arm, readings, self.free_)
         in_one_frame = to_first_session_frame(readings, self.session_frames_)
         self.training_ = TrainingConditions.of(readings, arm.chain.is_prismatic, lengths)
-        data = TrainingData(in_one_frame, state_of(arm, in_one_frame), references_of(in_one_frame, lengths), lengths)
+        state, references = state_of(arm, in_one_frame), references_of(in_one_frame, lengths)
+        data = TrainingData(in_one_frame, state, references, lengths, nominal)
         if nominal is None:
             self.nominal_ = self._fit_nominal(data)
             self._check_nominal(readings)
@@ -474,6 +478,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         terms: Sequence[Term],
         references: Sequence[Reference],
         progress: Callable[[int, str], None] | None = None,
+        reading_weights: FloatArray | None = None,
     ) -> IdentificationResult:
         """Terms, and beside them those of the tool and of the sessions' frames, identified from references."""
         return identify(
@@ -482,6 +487,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             [*terms, *tool_terms(self.arm_, data.session), *session_frame_terms(self.arm_.chain, self.session_frames_)],
             references,
             robust=self.robust,
+            reading_weights=reading_weights,
             progress=progress,
         )
 

@@ -249,7 +249,10 @@ def outlier_section(found: Mapping[str, Sequence[Outlier]], *, name: str = "") -
     tables = tuple(
         Table(
             (Column("reading"), Column("error", "mm", 3), Column("normalized residual", digits=2)),
-            tuple((far.name, far.error_mm, far.normalized_residual) for far in among[:MOST_NAMED]),
+            tuple(
+                (far.name + ", excluded" * far.is_excluded, far.error_mm, far.normalized_residual)
+                for far in among[:MOST_NAMED]
+            ),
             f"{format_count(len(among), 'outlier')} among {which}"
             + (f", the {MOST_NAMED} largest" if len(among) > MOST_NAMED else ""),
         )
@@ -259,7 +262,7 @@ def outlier_section(found: Mapping[str, Sequence[Outlier]], *, name: str = "") -
     return Section(
         _titled("Outliers", name),
         "Check these readings for a ball that was not seated, a hidden target or a wrong name. Outliers have a smaller "
-        "weight in the identification; none is removed.",
+        "weight in the identification; excluded readings are gross errors and took no part in it.",
         tables=tables,
     )
 

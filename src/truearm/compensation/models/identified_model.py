@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
@@ -14,6 +15,16 @@ from truearm.compensation.models.compensator import MIN_ROWS, Compensator, Train
 from truearm.compensation.models.reading_references import references_of, state_of
 from truearm.errors import InputError
 from truearm.identification.estimation.cross_validation import birge_ratio, cross_validate_by_group
+from truearm.identification.estimation.gross_errors import (
+    LEAST_READINGS,
+    ellipsoid_factor,
+    excluded_readings,
+    fit_error_distribution,
+    gross_readings,
+    identify_without_gross_errors,
+    own_variance,
+    select_rows,
+)
 from truearm.identification.estimation.identification import IdentificationResult
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
 from truearm.identification.estimation.residual_variance import (
@@ -48,6 +59,8 @@ class HeldOutErrors:
     ----------
     n, n_groups : int
         Readings, and the positions or seats that were held out together.
+    n_excluded : int
+        Readings that are gross errors, and not among these.
     mean_mm, standard_error_mm : float
         Mean error and its standard error; infinite where one reading was held out.
     p95_mm, max_mm : float
@@ -59,15 +72,16 @@ class HeldOutErrors:
     standard_error_mm: float
     p95_mm: float
     max_mm: float
+    n_excluded: int = 0
 
     @classmethod
-    def of(cls, held_out: HeldOutReadings) -> Self | None:
+    def of(cls, held_out: HeldOutReadings, *, n_excluded: int = 0) -> Self | None:
         """Of readings held out; None if there are none."""
         if not len(held_out.rows):
             return None
         errors, n_groups = held_out.errors_mm, len(np.unique(held_out.group))
         p95, largest = float(np.quantile(errors, 0.95)), float(errors.max())
-        return cls(len(errors), n_groups, held_out.mean_mm, held_out.standard_error_mm, p95, largest)
+        return cls(len(errors), n_groups, held_out.mean_mm, held_out.standard_error_mm, p95, largest, n_excluded)
 
 
 class IdentifiedModel(Compensator):
@@ -80,8 +94,8 @@ class IdentifiedModel(Compensator):
     excluded_terms_ : tuple of SkippedTerm
         Terms that the readings could not show, and why.
     held_out_ : HeldOutReadings
-        The training readings as predicted by an arm that was identified without their position or seat. Empty after a
-        transfer and after reading a file.
+        The training readings as predicted by an arm that was identified without their position or seat; gross errors,
+        which took no part in the identification, are not among them. Empty after a transfer and after reading a file.
     held_out_errors_ : HeldOutErrors or None
         Their errors in short; None where no readings could be held out.
     residual_std_ : float
@@ -91,6 +105,9 @@ class IdentifiedModel(Compensator):
     birge_ratio_ : float
         Factor by which standard deviations of the posterior are raised, from the readings held out (see
         `truearm.identification.estimation.cross_validation`).
+    tail_freedom_ : float
+        Degrees of freedom of Student's distribution of the held-out deviations; infinite where they are Gaussian, where
+        they are too few, and of models from older files.
     refit_reading_ids_ : (k,) array
         Identifiers of the readings from which base and tip were re-identified (`refit`); none by `fit`.
     """
@@ -101,6 +118,7 @@ class IdentifiedModel(Compensator):
     residual_std_: float
     variance_function_: VarianceFunction
     birge_ratio_: float
+    tail_freedom_: float = float("inf")
     refit_reading_ids_: FloatArray
 
     held_out_ = NONE_HELD_OUT
@@ -112,42 +130,88 @@ class IdentifiedModel(Compensator):
         """The terms offered, with the free parts `free_`, and those that the readings cannot show."""
 
     def _fit(self, data: TrainingData, progress: Callable[[int, str], None]) -> None:
-        readings, state, references, _ = data
         self.refit_reading_ids_ = np.zeros(0)
         progress(0, "terms")
-        terms, excluded = self._terms(state)
-        if not readings.has_point.any():
-            terms = [term for term in terms if not _places_the_frame(term)]
-        self.fit_ = self.nominal_ if self._is_nominal else self._identify_terms(data, terms, references, progress)
-        self.excluded_terms_ = tuple(excluded)
-        self.held_out_ = cross_validate_by_group(
-            self.fit_, state, references, cross_validation_groups(readings, self.session_frames_)
-        )
-        self.held_out_errors_ = HeldOutErrors.of(self.held_out_)
-        self._estimate_residual_variance(readings.angles)
+        if self._is_nominal:
+            self.fit_, self.excluded_terms_ = self.nominal_, ()
+            held_out = self._cross_validate(data, self.fit_)
+        else:
+            terms, excluded = self._terms(data.state)
+            self.excluded_terms_ = tuple(excluded)
+            weights = self._start_weights(data)
+            self.fit_, held_out = self._identify_without_gross_errors(data, terms, weights, progress)
+        is_excluded = np.isin(held_out.rows, excluded_readings(self.fit_))
+        self.held_out_ = select_rows(held_out, ~is_excluded)
+        self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=int(is_excluded.sum()))
+        self._estimate_residual_variance(data.session.angles)
         self.birge_ratio_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.residual_std_)
 
+    def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
+        nominal = super()._fit_nominal(data)
+        gross = gross_readings(nominal, self._cross_validate(data, nominal)) if self.robust else ()
+        if not len(gross):
+            return nominal
+        weights = np.ones(len(data.session))
+        weights[gross] = 0.0
+        terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
+        return self._identify_without_gross_errors(data, terms, weights)[0]
+
+    def _start_weights(self, data: TrainingData) -> FloatArray:
+        """(n,) weights to start from: 0 for the gross errors of the next simpler model."""
+        simpler = data.simpler.fit_ if isinstance(data.simpler, IdentifiedModel) else self.nominal_
+        weights = np.ones(len(data.session))
+        weights[excluded_readings(simpler)] = 0.0
+        return weights
+
+    def _identify_without_gross_errors(
+        self,
+        data: TrainingData,
+        terms: list[Term],
+        weights: FloatArray,
+        progress: Callable[[int, str], None] | None = None,
+    ) -> tuple[IdentificationResult, HeldOutReadings]:
+        if not data.session.has_point.any():
+            terms = [term for term in terms if not _places_the_frame(term)]
+        cross_validate = partial(self._cross_validate, data)
+        if not self.robust:
+            fit = self._identify_terms(data, terms, data.references, progress)
+            return fit, cross_validate(fit)
+
+        def identify(weights: FloatArray) -> IdentificationResult:
+            return self._identify_terms(data, terms, data.references, progress, weights)
+
+        return identify_without_gross_errors(identify, cross_validate, weights)
+
+    def _cross_validate(self, data: TrainingData, fit: IdentificationResult) -> HeldOutReadings:
+        groups = cross_validation_groups(data.session, self.session_frames_)
+        return cross_validate_by_group(fit, data.state, data.references, groups)
+
     def _estimate_residual_variance(self, angles: FloatArray) -> None:
-        noise_variance = self.fit_.references[0].noise_std ** 2
-        held_out = self.held_out_.select_informative(self._own_variance(len(angles))[self.held_out_.rows])
+        references = self.fit_.references
+        noise_variance = references[0].noise_std ** 2
+        held_out = self.held_out_.select_informative(own_variance(references, self.held_out_.rows))
+        self.tail_freedom_ = float("inf")
         if len(held_out.rows) >= MIN_ROWS:
             self.variance_function_ = fit_variance_function(held_out, angles)
             share = self.variance_function_.share(angles[held_out.rows])
-            variance = conformal_residual_variance(replace(held_out, freedom=share * held_out.freedom))
+            scaled = replace(held_out, freedom=share * held_out.freedom)
+            variance = conformal_residual_variance(scaled)
             if len(held_out.rows) < len(self.held_out_.rows):  # few may remain, and those the best known
                 variance = max(variance, noise_variance)
+            if len(held_out.rows) >= LEAST_READINGS:
+                self.tail_freedom_ = fit_error_distribution(scaled).freedom
         else:
             self.variance_function_ = VarianceFunction.flat(angles.shape[1])
             variance = noise_variance
         self.residual_std_ = float(np.sqrt(variance))
 
-    def _own_variance(self, n: int) -> FloatArray:
-        """(n,) variance of a coordinate by noise and reference, of readings with points and those in seats [mm^2]."""
-        own = np.zeros(n)
-        for part in reversed(self.fit_.references):  # points come first, and judge where there are both
-            if part.kind in ("point", "seat"):
-                own[part.rows] = part.noise_std**2 + (part.std**2).mean(axis=0)
-        return own
+    def ellipsoid_factor(self, level: float) -> float:
+        """Half axis, in standard uncertainties, of the ellipsoid that contains a point with probability `level`.
+
+        At 95 % it is 2.80, as for Gaussian errors; beyond, it is as much larger as the held-out readings scatter
+        farther than Gaussian ones (see `truearm.identification.estimation.gross_errors.ellipsoid_factor`).
+        """
+        return ellipsoid_factor(level, freedom=self.tail_freedom_)
 
     def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
         """Learn from weighted points: some fits, as a point's variance is its own plus that of the noise.
@@ -159,7 +223,8 @@ class IdentifiedModel(Compensator):
         readings, excess = readings.rows(rows), weight.max(initial=0.0) / weight[rows] - 1
         self.fit_readings(readings)
         for _ in range(WEIGHT_ROUNDS if excess.any() else 0):
-            noise = np.sqrt((self.fit_.references[0].residuals ** 2 / (1 + excess)).mean())
+            used = self.fit_.references[0].robust_weight > 0
+            noise = np.sqrt((self.fit_.references[0].residuals ** 2 / (1 + excess))[:, used].mean())
             std = np.maximum(noise * np.sqrt(excess), LEAST_STD_MM)
             self.fit_readings(replace(readings, point_std=np.repeat(std[:, None], 3, axis=1)))
         return self
@@ -361,6 +426,16 @@ class PhysicalModel(IdentifiedModel):
 
     def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
         return candidate_terms(state, free=self.free_, highest=int(self.highest))
+
+    def _start_weights(self, data: TrainingData) -> FloatArray:
+        """Those of the arm's constants alone: with all terms, some gross errors could explain each other."""
+        weights = super()._start_weights(data)
+        if not self.robust or isinstance(data.simpler, KinematicModel):
+            return weights
+        rigid, _ = self._identify_without_gross_errors(data, constants(data.state.chain, free=self.free_), weights)
+        weights = np.ones(len(data.session))
+        weights[excluded_readings(rigid)] = 0.0
+        return weights
 
     def _check_options(self) -> None:
         super()._check_options()

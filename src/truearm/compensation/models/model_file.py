@@ -185,9 +185,14 @@ def load_model(path: str | Path) -> Compensator:
 def _build(header: _Header, arrays: dict[str, Array]) -> Compensator:
     kind, unread = MODELS[header.model], dict(arrays)
     hints = _learned(kind)
-    if header.learned.keys() != hints.keys():
+    # What a class gained since has a default on the class.
+    optional = {name for name in hints if hasattr(kind, name)}
+    if not hints.keys() - optional <= header.learned.keys() <= hints.keys():
         raise InputError(f"model.json, learned: expected {', '.join(hints)}, got {', '.join(header.learned)[:60]}")
-    learned = {name: _decode(hint, header.learned[name], name, unread) for name, hint in hints.items()}
+    learned = {
+        name: _decode(hint, header.learned[name], name, unread) if name in header.learned else getattr(kind, name)
+        for name, hint in hints.items()
+    }
     if unread:
         raise InputError(f"a {header.model} model has no array {sorted(unread)[0]!r}")
     options = {name: tuple(value) if isinstance(value, list) else value for name, value in header.options.items()}

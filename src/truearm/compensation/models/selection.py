@@ -1,9 +1,15 @@
-"""Model selection: the simplest model whose error on readings held out is within a standard error of the least."""
+"""Model selection: the simplest model whose error on readings held out is within a standard error of the least.
+
+Models are compared in pairs on the same readings: an error that all share, such as a far-out pose or a seat that is
+hard to predict, cancels in the difference. Differences are averaged by position or seat, without the tenth at either
+end, so that a few wrong readings decide nothing; the comparison omits readings that are gross errors of any candidate.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -15,8 +21,11 @@ from truearm.compensation.models.identified_model import (
     PhysicalModel,
 )
 from truearm.errors import InputError
+from truearm.identification.estimation.gross_errors import excluded_readings, select_rows
+from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
+from truearm.typing import FloatArray, IntArray
 
 # The simplest first.
 CANDIDATES: dict[str, type[IdentifiedModel]] = {
@@ -26,9 +35,13 @@ CANDIDATES: dict[str, type[IdentifiedModel]] = {
 }
 
 
+# Share of the differences that is trimmed at either end.
+TRIMMED_SHARE = 0.1
+
+
 @dataclass(frozen=True)
 class ModelScore:
-    """Errors of a model on readings held out.
+    """Errors of a model on readings held out, without those that are gross errors of any candidate.
 
     Attributes
     ----------
@@ -36,6 +49,10 @@ class ModelScore:
     mean_mm, standard_error_mm : float
         Mean error of readings held out with their position or seat, and its standard error.
     p95_mm, max_mm : float
+    excess_mm, excess_standard_error_mm : float
+        Trimmed mean by how much the error exceeds that of the best model on the same readings, and its standard error.
+    n_excluded : int
+        Readings omitted as gross errors of one of the candidates.
     n_effective : float
         Parameters that the readings determine.
     kept : bool
@@ -47,6 +64,9 @@ class ModelScore:
     standard_error_mm: float
     p95_mm: float
     max_mm: float
+    excess_mm: float
+    excess_standard_error_mm: float
+    n_excluded: int
     n_effective: float
     kept: bool
 
@@ -62,8 +82,9 @@ def select_model(
 ) -> tuple[IdentifiedModel, tuple[ModelScore, ...]]:
     """Fit the nominal, the kinematic and the physical model and keep one.
 
-    One standard error rule (L. Breiman and others, "Classification and Regression Trees", 1984, section 3.4.3): the
-    simplest model is kept whose mean error on readings held out lies within one standard error of the least.
+    One standard error rule (L. Breiman and others, "Classification and Regression Trees", 1984, section 3.4.3) on
+    paired differences: the simplest model is kept whose error on readings held out exceeds that of the best one by no
+    more than one standard error of their difference.
 
     Parameters
     ----------
@@ -101,7 +122,8 @@ def select_model(
                 progress(number, f"{name}: {note}")
 
         model = kind(arm, free=free)
-        models[name] = model.fit_readings(readings, lengths=lengths, progress=report, nominal=models.get("nominal"))
+        simpler = models[list(models)[-1]] if models else None
+        models[name] = model.fit_readings(readings, lengths=lengths, progress=report, nominal=simpler)
         if not len(models[name].held_out_.rows):
             raise InputError(
                 "expected readings with points, or seats of two readings or more: models are compared on points of "
@@ -109,10 +131,11 @@ def select_model(
                 file=readings.file,
                 hint="name the model: --model kinematic, or --model physical",
             )
-    held_out = {name: model.held_out_ for name, model in models.items()}
-    best = min(held_out, key=lambda name: held_out[name].mean_mm)
-    most = held_out[best].mean_mm + held_out[best].standard_error_mm
-    kept = next(name for name in models if held_out[name].mean_mm <= most)
+    common, n_excluded = _common_readings(models)
+    errors = {name: _group_means(part) for name, part in common.items()}
+    best = min(errors, key=lambda name: trimmed_mean(errors[name])[0])
+    excess = {name: trimmed_mean(of - errors[best]) for name, of in errors.items()}
+    kept = next(name for name in models if excess[name][0] <= excess[name][1])
     table = tuple(
         ModelScore(
             name,
@@ -120,9 +143,62 @@ def select_model(
             part.standard_error_mm,
             float(np.quantile(part.errors_mm, 0.95)),
             float(part.errors_mm.max()),
+            *excess[name],
+            n_excluded,
             sum(group.effective for group in models[name].fit_.groups),
             name == kept,
         )
-        for name, part in held_out.items()
+        for name, part in common.items()
     )
     return models[kept], table
+
+
+def _common_readings(models: dict[str, IdentifiedModel]) -> tuple[dict[str, HeldOutReadings], int]:
+    """Held-out readings that are gross errors of none of the models, sorted, and the number of the others."""
+    rows = [model.held_out_.rows for model in models.values()]
+    common = reduce(np.intersect1d, rows)
+    found = {}
+    for name, model in models.items():
+        order = np.argsort(model.held_out_.rows)
+        found[name] = select_rows(model.held_out_, order[np.isin(model.held_out_.rows[order], common)])
+    return found, len(np.unique(np.concatenate([*rows, *map(_excluded, models.values())]))) - len(common)
+
+
+def _excluded(model: IdentifiedModel) -> IntArray:
+    return excluded_readings(model.fit_)
+
+
+def _group_means(held_out: HeldOutReadings) -> FloatArray:
+    """Mean error of every group; of a single group the errors of its readings [mm]."""
+    group = np.unique(held_out.group, return_inverse=True)[1]
+    errors = held_out.errors_mm
+    if group.max() == 0:
+        return errors
+    return np.asarray(np.bincount(group, errors) / np.bincount(group))
+
+
+def trimmed_mean(values: FloatArray) -> tuple[float, float]:
+    """Mean without the largest and smallest tenth, and its standard error.
+
+    The standard error is that of K. K. Yuen, "The two-sample trimmed t for unequal population variances", Biometrika 61
+    (1974) 165: from the sum of squares in which the trimmed values count as the nearest remaining one.
+
+    Parameters
+    ----------
+    values : (n,) array
+
+    Returns
+    -------
+    mean, standard_error : float
+        The error is infinite for one value.
+    """
+    n = len(values)
+    trimmed = int(TRIMMED_SHARE * n)
+    remaining = n - 2 * trimmed
+    if n < 2:
+        return float(values.mean()), float("inf")
+    ordered = np.sort(values)
+    winsorised = np.clip(values, ordered[trimmed], ordered[n - 1 - trimmed])
+    squares = float(((winsorised - winsorised.mean()) ** 2).sum())
+    mean = float(ordered[trimmed : n - trimmed].mean())
+    return mean, float(np.sqrt(squares / (remaining * (remaining - 1))))

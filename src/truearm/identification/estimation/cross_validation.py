@@ -8,9 +8,10 @@ posterior covariance Sigma of these, and ``S = J Sigma J^T``,
     covariance of predictions without the group:  S (I - S)^-1.
 
 All references of a group are held out: points and orientations, seats and surfaces, and lengths between seats that
-remain without readings. A complete leave-one-group-out cross-validation costs about as much as one more Gauss-Newton
-matrix. Source: R. D. Cook, S. Weisberg, "Residuals and Influence in Regression", 1982, eqs. 2.2.7 and 3.6.4, for
-several cases at once.
+remain without readings. A reading that was excluded from the identification is predicted in the same way, with a weight
+so small that it moves nothing. A complete leave-one-group-out cross-validation costs about as much as one more
+Gauss-Newton matrix. Source: R. D. Cook, S. Weisberg, "Residuals and Influence in Regression", 1982, eqs. 2.2.7 and
+3.6.4, for several cases at once.
 
 Tips with points are compared with these. Tips in seats are compared with the position of the seat by the readings of
 other groups or, for a seat that only this group touched, with the mean of the tips predicted in it.
@@ -22,7 +23,7 @@ R. T. Birge, "The calculation of errors by the method of least squares", Phys. R
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +56,9 @@ Members = list[tuple[int, IntArray]]
 LEAST_FREEDOM = 1e-3
 # Smaller shares of a variance count as zero.
 ROUNDING = 1e-9
+# Robust weight of an excluded reading, which keeps its whitened residuals above rounding: one of 1000 standard
+# deviations moves nothing by more than a hundred-thousandth of a standard deviation.
+LEAST_WEIGHT = 1e-8
 # Readings whose derivatives are in memory at once: with 1500 coefficients some ten megabytes.
 CHUNK = 256
 
@@ -177,7 +181,7 @@ class _Minimum:
     @classmethod
     def of(cls, fit: IdentificationResult, state: ArmState, references: Sequence[Reference]) -> _Minimum:
         problem, _ = initial_problem(fit.perturbed_chain, state, references)
-        x, weights = fit.parameters, [part.weights for part in fit.references]
+        x, weights = fit.parameters, [_positive_weights(part) for part in fit.references]
         p, u = len(fit.coefficients), len(x) - len(fit.coefficients)
         slope, root_of_eliminated, of_shared = np.zeros((0, p)), csr_array((0, 0)), np.zeros((0, 0))
         place, is_linked = np.zeros(u, dtype=np.intp), np.zeros(u, dtype=bool)
@@ -325,6 +329,11 @@ class _Minimum:
                 half -= unit @ half_mean
                 freedom -= (unit.multiply(unit)).sum(axis=1).reshape(len(freedom), -1).mean(axis=1)
             yield _held_out(part, piece.rows, white, half, freedom, group)
+
+
+def _positive_weights(part: ReferenceFit) -> FloatArray:
+    """(k, m) weights of the residuals, also of excluded readings [1/mm]."""
+    return replace(part, robust_weight=np.maximum(part.robust_weight, LEAST_WEIGHT)).weights
 
 
 def _held_out(

@@ -213,6 +213,7 @@ def identify(
     references: Sequence[Reference],
     *,
     robust: bool = True,
+    reading_weights: FloatArray | None = None,
     progress: Callable[[int, str], None] | None = None,
 ) -> IdentificationResult:
     """Identify terms from readings.
@@ -228,6 +229,9 @@ def identify(
         At least one, and one of each kind, as the noise is estimated by kind.
     robust : bool
         Whether large residuals get less weight.
+    reading_weights : (n,) array, optional
+        Weights of the readings from 0 to 1, times the robust ones. A reading of weight 0 is excluded: only its residual
+        is computed.
     progress : callable, optional
         Called with the number of rounds and the status.
 
@@ -239,7 +243,8 @@ def identify(
     ------
     InputError
         If there are no references, or two of a kind; if a reference has no readings, readings that are not in the
-        state, or invalid uncertainties; or if a term's place is beyond the chain.
+        state, or invalid uncertainties; if weights are not one a reading, from 0 to 1; or if a term's place is beyond
+        the chain.
     """
     kinds = [reference.kind for reference in references]
     if not kinds or len(set(kinds)) < len(kinds):
@@ -248,6 +253,10 @@ def identify(
         term.check_place(chain)
     for reference in references:
         _check_rows(reference, len(state))
+    given = _checked_weights(reading_weights, references, len(state))
+    n_residuals = sum(
+        int((w > 0).sum()) * reference.n_residuals for w, reference in zip(given, references, strict=True)
+    )
     perturbed_chain = PerturbedChain(chain, tuple(terms))
     problem, unknowns = initial_problem(perturbed_chain, state, references)
     n_coefficients = perturbed_chain.n_coefficients
@@ -258,7 +267,7 @@ def identify(
     step_before, share = np.zeros(len(x)), 1.0
     residuals = problem.residuals(x)
     for n_rounds in range(1, MOST_ROUNDS + 1):
-        noise, weights, robust_weights = _weights(problem.references, residuals, per_kind, robust=robust)
+        noise, weights, robust_weights = _weights(problem.references, residuals, given, per_kind, robust=robust)
         if progress is not None:
             status = ", ".join(f"{kind} {np.sqrt(v):.4f} mm" for kind, v in zip(kinds, noise, strict=True))
             progress(n_rounds, f"noise: {status}")
@@ -266,7 +275,7 @@ def identify(
         reduced = eliminate_unknowns(parts, whole, x)
         calm = calm + 1 if np.all(np.abs(noise - noise_before) < CALM_NOISE * noise) else 0
         if calm == 1:
-            prior = _without_invisible(prior, whole.diagonal, sum(residual.size for residual in residuals))
+            prior = _without_invisible(prior, whole.diagonal, n_residuals)
         # While the noise still falls, groups below it must not be pruned.
         with one_blas_thread():
             prior, solution, effective = _evidence(reduced, x, prior, prune=calm >= 2)
@@ -319,6 +328,15 @@ def _check_rows(reference: Reference, n: int) -> None:
         raise InputError(f"expected a {reference.kind} in rows 0 to {n - 1}, got {rows.min()} to {rows.max()}")
     if std.shape != (reference.n_residuals, len(rows)) or not (np.isfinite(std) & (std >= 0)).all():
         raise InputError(f"expected finite standard uncertainties of a {reference.kind}, zero or more")
+
+
+def _checked_weights(weights: FloatArray | None, references: Sequence[Reference], n: int) -> list[FloatArray]:
+    """Weights (m,) of the readings of every reference."""
+    if weights is None:
+        return [np.ones(len(reference.rows)) for reference in references]
+    if weights.shape != (n,) or not ((weights >= 0) & (weights <= 1)).all():
+        raise InputError(f"expected weights of {n} readings, from 0 to 1, got {weights!r:.60}")
+    return [weights[reference.rows] for reference in references]
 
 
 def linearised(
@@ -422,15 +440,24 @@ def _artefact(problem: SmallMotionProblem, which: int, x: FloatArray) -> npt.NDA
 
 
 def _weights(
-    references: Sequence[Reference], residuals: list[FloatArray], effective: FloatArray, *, robust: bool
+    references: Sequence[Reference],
+    residuals: list[FloatArray],
+    given: list[FloatArray],
+    effective: FloatArray,
+    *,
+    robust: bool,
 ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-    """Noise variance of every reference, weights (k, m) of its residuals and robust weights (m,) of its readings."""
+    """Noise variance of every reference, weights (k, m) of its residuals and robust weights (m,) of its readings.
+
+    `given` are weights (m,) of the readings; those of weight 0 say nothing about the noise.
+    """
     noise, weights, robust_weightss = np.empty(len(references)), [], []
     for i, (reference, residual) in enumerate(zip(references, residuals, strict=True)):
-        known = reference.std.T**2
-        noise[i] = paule_mandel_variance(residual.T, known, n_effective=float(effective[i]), robust=robust)
+        known, used = reference.std.T**2, given[i] > 0
+        used |= not used.any()
+        noise[i] = paule_mandel_variance(residual.T[used], known[used], n_effective=float(effective[i]), robust=robust)
         variance = known + noise[i]
-        robust_weights = huber_weights(residual.T, variance) if robust else np.ones(len(known))
+        robust_weights = given[i] * huber_weights(residual.T, variance) if robust else given[i]
         weights.append(np.sqrt(robust_weights / variance.T))
         robust_weightss.append(robust_weights)
     return noise, weights, robust_weightss

@@ -1,5 +1,8 @@
 """Outliers: readings that an identified arm does not fit, and known lengths that contradict all other data.
 
+A reading that was excluded as a gross error (`truearm.identification.estimation.gross_errors`) took no part in the
+identification: its residual is its deviation from the arm by the others.
+
 A known length enters with the uncertainty of its certificate, and a wrong one distorts the arm; its residual, and those
 of the other lengths, then mean little. Each length is therefore compared with the value implied by all other data, in
 closed form: with the whitened residuals r of the constraints and their whitened covariance S under the posterior,
@@ -56,6 +59,8 @@ class Outlier:
         Row of the reading, counted from 0; None for a length.
     line : int or None
         Line of the reading in its file, counted from 1; None without a file.
+    is_excluded : bool
+        Whether the reading is a gross error and took no part in the identification.
     """
 
     name: str
@@ -64,14 +69,18 @@ class Outlier:
     kind: str
     row: int | None = None
     line: int | None = None
+    is_excluded: bool = False
 
     def __str__(self) -> str:
-        return f"{self.name}, error {self.error_mm:.3f} mm, normalized residual {self.normalized_residual:.0f}"
+        status = ", excluded" if self.is_excluded else ""
+        return f"{self.name}, error {self.error_mm:.3f} mm, normalized residual {self.normalized_residual:.0f}{status}"
 
     @classmethod
-    def of_reading(cls, row: int, error_mm: float, normalized_residual: float, *, kind: str) -> Self:
+    def of_reading(
+        cls, row: int, error_mm: float, normalized_residual: float, *, kind: str, is_excluded: bool = False
+    ) -> Self:
         """A reading, by its row."""
-        return cls(f"reading {row + 1}", error_mm, normalized_residual, kind, row)
+        return cls(f"reading {row + 1}", error_mm, normalized_residual, kind, row, is_excluded=is_excluded)
 
     def located(self, session: Session, rows: IntArray | None = None) -> Outlier:
         """The same with its line in the file of a session; `rows` are the rows of the session that were used."""
@@ -82,7 +91,7 @@ class Outlier:
 
 
 def outliers(fit: IdentificationResult) -> list[Outlier]:
-    """Readings whose robust weight is below one half, the largest normalized residual first."""
+    """Readings whose robust weight is below one half: excluded ones first, then by their normalized residuals."""
     found = []
     for reference in fit.references:
         if reference.residuals.shape[1] == 0:
@@ -91,10 +100,16 @@ def outliers(fit: IdentificationResult) -> list[Outlier]:
         length = np.linalg.norm(reference.residuals, axis=0)
         normalized = np.sqrt((reference.residuals**2 / variance).mean(axis=0))
         found += [
-            Outlier.of_reading(int(reference.rows[i]), float(length[i]), float(normalized[i]), kind=reference.kind)
+            Outlier.of_reading(
+                int(reference.rows[i]),
+                float(length[i]),
+                float(normalized[i]),
+                kind=reference.kind,
+                is_excluded=bool(reference.robust_weight[i] == 0),
+            )
             for i in np.flatnonzero(reference.robust_weight < MIN_ROBUST_WEIGHT)
         ]
-    return sorted(found, key=lambda outlier: -outlier.normalized_residual)
+    return sorted(found, key=lambda outlier: (not outlier.is_excluded, -outlier.normalized_residual))
 
 
 class ConstraintResiduals(NamedTuple):

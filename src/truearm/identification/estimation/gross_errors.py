@@ -1,0 +1,225 @@
+"""Gross errors: readings that belong to no distribution of honest errors, found by what is held out.
+
+A reading of high leverage draws the arm to itself: its residual is small, and no weight by residuals names it. Its
+deviation from an arm identified without it is as large as its error. These deviations are described as a mixture: a
+share p of gross errors whose size is unknown by decades, and honest ones of Student's distribution with a scale and
+nu degrees of freedom. The three numbers are those of the largest posterior density; a reading is gross if it is more
+probably so than not. The limit thus follows from the readings themselves: 5.5 standard deviations where honest errors
+are Gaussian, some twenty where they have tails as those of a geared robot do.
+
+Rounds of fitting and judging decide which readings take part; a reading may come back. Sources: a share of gross
+errors, G. E. P. Box, G. C. Tiao, "A Bayesian approach to some outlier problems", Biometrika 55 (1968) 119; a mixture by
+maximum likelihood, M. Aitkin, G. T. Wilson, "Mixture models, outliers, and the EM algorithm", Technometrics 22 (1980)
+325; Student's distribution, K. L. Lange, R. J. A. Little, J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import expit, gammaln
+from scipy.stats import chi2
+from scipy.stats import f as variance_ratio
+
+from truearm.identification.estimation.identification import IdentificationResult, ReferenceFit
+from truearm.identification.estimation.residual_variance import FLOOR_MM2, LEVEL, HeldOutReadings
+from truearm.typing import BoolArray, FloatArray, IntArray
+
+# Bounds of the share of gross errors: one in a thousand is expected before anything is known; where four in ten are
+# wrong, no reading is known to be right.
+LEAST_SHARE, MOST_SHARE = 1e-3, 0.4
+# Bounds of the degrees of freedom: real arms have more than three; above a thousand the distribution is Gaussian.
+LEAST_FREEDOM, MOST_FREEDOM = 3.0, 1e3
+# Prior of the degrees of freedom, a gamma density of this shape and rate: M. A. Juarez, M. F. J. Steel, "Model-based
+# clustering of non-Gaussian panel data based on skew-t distributions", J. Bus. Econ. Stat. 28 (2010) 52.
+FREEDOM_SHAPE, FREEDOM_RATE = 2.0, 0.1
+# Gross errors begin at this many standard deviations, and have any size up to this many decades above.
+LEAST_GROSS_STDS, DECADES = 4.0, 6.0
+# With fewer held-out readings no reading is judged: their distribution is unknown.
+LEAST_READINGS = 12
+# Maximum fits to find the set of gross errors; two find it where there are any, as a rule.
+MAX_FITS = 4
+
+
+@dataclass(frozen=True)
+class ErrorDistribution:
+    """Distribution of the deviations of held-out readings.
+
+    Attributes
+    ----------
+    variance : float
+        Squared scale of the honest deviations of a coordinate, beyond their covariances [mm^2].
+    freedom : float
+        Degrees of freedom of Student's distribution of the honest deviations.
+    gross_share : float
+        Share of gross errors.
+    """
+
+    variance: float
+    freedom: float
+    gross_share: float
+
+    def gross_probability(self, held_out: HeldOutReadings) -> FloatArray:
+        """(m,) probability of each reading to be a gross error."""
+        honest, gross = _log_densities(*_along_axes(held_out), self)
+        return np.asarray(expit(gross - honest))
+
+
+def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
+    """Estimate the distribution of held-out deviations: the maximum of the posterior density of its three numbers.
+
+    Parameters
+    ----------
+    held_out : HeldOutReadings
+        Of one reading or more.
+
+    Returns
+    -------
+    ErrorDistribution
+    """
+    known, squares, freedom = _along_axes(held_out)
+    # From the median, which stands half of the readings being wrong.
+    typical = max(float(np.median(squares.sum(axis=1) / freedom[:, 0])) / float(chi2.median(3)), FLOOR_MM2)
+
+    def distribution(x: FloatArray) -> ErrorDistribution:
+        return ErrorDistribution(float(np.exp(x[0])), float(1 / x[1]), float(np.exp(x[2])))
+
+    def deviance(x: FloatArray) -> float:
+        tried = distribution(x)
+        prior = (FREEDOM_SHAPE - 1) * np.log(tried.freedom) - FREEDOM_RATE * tried.freedom
+        return float(-np.logaddexp(*_log_densities(known, squares, freedom, tried)).sum() - prior)
+
+    bounds = [
+        (np.log(FLOOR_MM2), np.log(typical) + 5),
+        (1 / MOST_FREEDOM, 1 / LEAST_FREEDOM),
+        (np.log(LEAST_SHARE), np.log(MOST_SHARE)),
+    ]
+    start = np.array([np.log(typical), 0.1, np.log(10 * LEAST_SHARE)])
+    return distribution(minimize(deviance, start, method="L-BFGS-B", bounds=bounds).x)
+
+
+def _along_axes(held_out: HeldOutReadings) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Variances (m, 3) along the principal axes of the covariances, squared deviations there, and freedom (m, 1)."""
+    known, axes = np.linalg.eigh(held_out.covariance)
+    squares = np.einsum("nij,ni->nj", axes, held_out.deviations) ** 2
+    return np.maximum(known, 0.0), squares, held_out.freedom[:, None]
+
+
+def _log_densities(
+    known: FloatArray, squares: FloatArray, freedom: FloatArray, of: ErrorDistribution
+) -> tuple[FloatArray, FloatArray]:
+    """Logarithms of share times density, honest and gross, both without the common Jacobian of the whitening."""
+    variance, nu = known + of.variance * freedom, of.freedom
+    t2 = (squares / variance).sum(axis=1)
+    half_log_det = 0.5 * np.log(variance).sum(axis=1)
+    norm = gammaln((nu + 3) / 2) - gammaln(nu / 2) - 1.5 * np.log(nu * np.pi) + np.log1p(-of.gross_share)
+    honest = norm - 0.5 * (nu + 3) * np.log1p(t2 / nu)
+    # A density 1/t of the length, between the first gross errors and the largest; smooth below these.
+    decades = np.log(4 * np.pi * DECADES * np.log(10.0))
+    gross = np.log(of.gross_share) - decades - np.log(LEAST_GROSS_STDS**3 + t2**1.5)
+    return honest - half_log_det, gross - half_log_det
+
+
+def ellipsoid_factor(level: float, *, freedom: float) -> float:
+    """Half axis, in standard uncertainties, of an ellipsoid that contains a point with probability `level`.
+
+    Residual variances are such that Gaussian ellipsoids of 95 % contain 95 % of the readings. The factor at 95 % is
+    therefore that of chi-square with three degrees of freedom; at other levels it follows the squared length of
+    Student's distribution, three times an F(3, nu).
+
+    Parameters
+    ----------
+    level : float
+        Between 0 and 1.
+    freedom : float
+        Degrees of freedom nu; infinite for a Gaussian distribution.
+    """
+    at_level = float(chi2.ppf(LEVEL, 3))
+    if np.isinf(freedom):
+        return float(np.sqrt(chi2.ppf(level, 3)))
+    ratio = variance_ratio.ppf(level, 3, freedom) / variance_ratio.ppf(LEVEL, 3, freedom)
+    return float(np.sqrt(at_level * ratio))
+
+
+def identify_without_gross_errors(
+    identify: Callable[[FloatArray], IdentificationResult],
+    cross_validate: Callable[[IdentificationResult], HeldOutReadings],
+    weights: FloatArray,
+) -> tuple[IdentificationResult, HeldOutReadings]:
+    """Identify an arm from the readings that are no gross errors of it.
+
+    Parameters
+    ----------
+    identify : callable
+        Returns the identification with weights (n,) of the readings: 0 excludes one.
+    cross_validate : callable
+        Returns the held-out readings of an identification, excluded ones among them.
+    weights : (n,) array
+        To start from, by a simpler model or all 1.
+
+    Returns
+    -------
+    fit : IdentificationResult
+        Excluded readings have a robust weight of 0.
+    held_out : HeldOutReadings
+        Of it, with the excluded readings.
+    """
+    tried: list[bytes] = []
+    while True:
+        fit = identify(weights)
+        held_out = cross_validate(fit)
+        tried.append(weights.tobytes())
+        weights = np.ones(len(weights))
+        weights[gross_readings(fit, held_out)] = 0.0
+        # A reading at the limit could come and go without end.
+        if weights.tobytes() in tried or len(tried) == MAX_FITS:
+            return fit, held_out
+
+
+def gross_readings(fit: IdentificationResult, held_out: HeldOutReadings) -> IntArray:
+    """Rows of the held-out readings that are more probably gross errors than not."""
+    judged = _about_seat_medians(held_out, fit.references)
+    informative = judged.select_informative(own_variance(fit.references, judged.rows))
+    if len(informative.rows) < LEAST_READINGS:
+        return np.zeros(0, dtype=np.intp)
+    probability = fit_error_distribution(informative).gross_probability(judged)
+    return np.asarray(judged.rows[probability > 0.5])
+
+
+def excluded_readings(fit: IdentificationResult) -> IntArray:
+    """Rows of the readings that took no part in an identification."""
+    rows = [part.rows[part.robust_weight == 0] for part in fit.references]
+    return np.asarray(np.unique(np.concatenate(rows)))
+
+
+def own_variance(references: tuple[ReferenceFit, ...], rows: IntArray) -> FloatArray:
+    """(m,) variance of a coordinate by noise and reference, of readings `rows` with points or in seats [mm^2]."""
+    own = np.zeros(1 + max([0, *(int(part.rows.max(initial=0)) for part in references)]))
+    for part in reversed(references):  # points come first, and judge where there are both
+        if part.kind in ("point", "seat"):
+            own[part.rows] = part.noise_std**2 + (part.std**2).mean(axis=0)
+    return np.asarray(own[rows])
+
+
+def select_rows(held_out: HeldOutReadings, which: BoolArray | IntArray) -> HeldOutReadings:
+    """Some of the held-out readings, by a mask (m,) or by their numbers among them."""
+    return HeldOutReadings(*(getattr(held_out, part.name)[which] for part in fields(held_out)))
+
+
+def _about_seat_medians(held_out: HeldOutReadings, references: tuple[ReferenceFit, ...]) -> HeldOutReadings:
+    """Held-out readings, those about the mean of their own seat carried to its median: a wrong one moves the mean."""
+    for part in references:
+        if part.kind != "seat":
+            continue
+        seat_of = np.full(1 + max(int(part.rows.max()), int(held_out.rows.max(initial=0))), -1)
+        seat_of[part.rows] = part.artefact
+        own = np.flatnonzero(held_out.freedom < 1 - 1e-9)
+        deviations = held_out.deviations.copy()
+        for seat in np.unique(seat_of[held_out.rows[own]]):
+            rows = own[seat_of[held_out.rows[own]] == seat]
+            deviations[rows] -= np.median(deviations[rows], axis=0)
+        held_out = replace(held_out, deviations=deviations)
+    return held_out
