@@ -8,7 +8,7 @@ if the true tip lies in the stated 95 % ellipsoid. No joint is outside the train
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -53,16 +53,25 @@ def training(virtual: VirtualArm, n: int, degC: FloatArray, *, seed: int | None 
     return virtual.measure(angles, seed=seed, temperature_degC=degC).readings
 
 
-def tested(model: IdentifiedModel, virtual: VirtualArm, degC: FloatArray, *, is_stated: bool) -> Tested:
-    """The model at poses of another day."""
-    seed = virtual.seed + ANOTHER_DAY
-    angles = measuring_poses(ARM, len(degC), seed=seed).angles
-    inside = ~model.outside_training(angles)
-    day = virtual.measure(angles, seed=seed, temperature_degC=degC, reference=False)
-    readings = day.readings.rows(inside)
-    if not is_stated:
-        readings = replace(readings, temperature_degC=None)
-    return judged(model, readings, day.true_tips[inside])
+def tested(model: IdentifiedModel, virtual: VirtualArm, days_degC: Sequence[float], *, is_stated: bool) -> Tested:
+    """The model at poses of other days, on each of which the arm has settled at one temperature."""
+    days, tips = [], []
+    for day, degC in enumerate(days_degC, 1):
+        seed = virtual.seed + ANOTHER_DAY * day
+        angles = measuring_poses(ARM, TESTED // len(days_degC), seed=seed).angles
+        measured = virtual.measure(
+            angles[~model.outside_training(angles)], seed=seed, temperature_degC=degC, reference=False
+        )
+        days.append(measured.readings)
+        tips.append(measured.true_tips)
+    return judged(model, joined(days, is_stated=is_stated), np.concatenate(tips))
+
+
+def joined(days: Sequence[Session], *, is_stated: bool) -> Session:
+    """Readings of several days, with or without their temperature."""
+    names = ("angles", "directions", *(("temperature_degC",) if is_stated else ()))
+    whole: dict[str, Any] = {name: np.concatenate([getattr(day, name) for day in days]) for name in names}
+    return Session(**whole)
 
 
 def judged(model: IdentifiedModel, readings: Session, tips: FloatArray) -> Tested:
@@ -108,7 +117,7 @@ def cooler(quick: bool) -> Iterator[Finding]:
                 virtual = virtual_arm(seed, material)
                 room = np.linspace(22 - span / 2, 22 + span / 2, n)
                 readings = training(virtual, n, room)
-                use = np.linspace(22.0, 18.0, TESTED)
+                use = np.linspace(22.0, 18.0, 8).tolist()
                 model = PhysicalModel(ARM).fit_readings(readings)
                 with_it.append(tested(model, virtual, use, is_stated=True))
                 model = PhysicalModel(ARM).fit_readings(replace(readings, temperature_degC=None))
@@ -131,7 +140,7 @@ def constant(quick: bool) -> Iterator[Finding]:
         for seed in range(3 if quick else 8):
             virtual = virtual_arm(seed, material)
             model = PhysicalModel(ARM).fit_readings(training(virtual, 100, np.full(100, 20.0)))
-            found.append(tested(model, virtual, np.full(TESTED, 28.0), is_stated=True))
+            found.append(tested(model, virtual, [28.0], is_stated=True))
         every += found
         now = f"{describe(found)}, flagged {mean(found, 'flagged'):.0%}"
         yield Finding(f"trained at 20 degC, used at 28, {material}", "all flagged", now, mean(found, "flagged") == 1)
@@ -148,7 +157,7 @@ def never_stated(quick: bool) -> Iterator[Finding]:
             virtual = virtual_arm(seed, material)
             readings = replace(training(virtual, 100, np.full(100, 20.0)), temperature_degC=None)
             model = PhysicalModel(ARM).fit_readings(readings)
-            found.append(tested(model, virtual, np.full(TESTED, 28.0), is_stated=True))
+            found.append(tested(model, virtual, [28.0], is_stated=True))
     now = f"{describe(found)}, flagged {mean(found, 'flagged'):.0%}"
     met = mean(found) >= 0.93 and mean(found, "flagged") == 1
     yield Finding("no temperature stated in training, 28 degC in use", "coverage 93 % or more, flagged", now, met)
@@ -212,7 +221,7 @@ def shared_errors(quick: bool) -> Iterator[Finding]:
         points = centre + (1 + SCALE_PPM * 1e-6 * draw.standard_normal()) * (readings.points - centre)
         more: dict[str, Any] = {"u_scale_ppm": np.full(60, SCALE_PPM)} if "u_scale_ppm" in knows else {}
         model = PhysicalModel(ARM, highest=8).fit_readings(replace(readings, points=points, **more))
-        scaled.append(tested(model, virtual, np.full(TESTED, 20.0), is_stated=True))
+        scaled.append(tested(model, virtual, [20.0], is_stated=True))
         if seed < (4 if quick else 16):
             repeated.append(_repeats(virtual, draw, {"u_common_mm": COMMON_MM} if "u_common_mm" in knows else {}))
     now = describe(scaled)
@@ -240,7 +249,7 @@ def _repeats(virtual: VirtualArm, draw: np.random.Generator, more: dict[str, flo
     position = np.repeat([f"P{i}" for i in range(40)], 12)
     stated: dict[str, Any] = {name: np.full(len(points), value) for name, value in more.items()}
     model = PhysicalModel(ARM, highest=8).fit_readings(replace(readings, points=points, position=position, **stated))
-    return tested(model, virtual, np.full(TESTED, 20.0), is_stated=True)
+    return tested(model, virtual, [20.0], is_stated=True)
 
 
 PARTS: tuple[Callable[[bool], Iterator[Finding]], ...] = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,9 @@ from truearm.workflows.record import Record, format_fixed, to_plain
 
 if TYPE_CHECKING:
     import pandas as pd
+
+# Names of joint angles among the inputs of a model.
+JOINT = re.compile(r"J\d+")
 
 
 def predict(model: ModelLike, session: SessionLike) -> Prediction:
@@ -57,17 +61,31 @@ def predict(model: ModelLike, session: SessionLike) -> Prediction:
     remarks = check_angles_fit(readings, fitted.arm)
     points, covariances = fitted.predict_readings(readings, return_cov=True)
     unstated = fitted.unstated_input_covariances(readings) if isinstance(fitted, IdentifiedModel) else {}
+    inputs_outside = fitted.inputs_outside_training(readings)
     return Prediction(
         model=fitted,
         session=readings,
         points=points,
         covariances=covariances,
-        inputs_outside=fitted.inputs_outside_training(readings),
+        inputs_outside=inputs_outside,
+        outside_u_mm=dict(_uncertainties_outside(fitted, readings, inputs_outside, covariances)),
         unstated_u_mm={
             name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in unstated.items()
         },
         remarks=remarks,
     )
+
+
+def _uncertainties_outside(
+    model: Compensator, readings: Session, inputs_outside: Mapping[str, BoolArray], covariances: FloatArray
+) -> Iterator[tuple[str, float]]:
+    """By input other than an angle, the standard uncertainty that its distance from the training adds [mm]."""
+    for name, rows in inputs_outside.items():
+        if JOINT.fullmatch(name):
+            continue
+        nearest = model.training_.with_nearest(readings, name)
+        added = covariances - model.predict_readings(nearest, return_cov=True)[1]
+        yield name, float(np.sqrt(max(np.trace(added[rows], axis1=1, axis2=2).mean() / 3, 0.0)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,7 +101,11 @@ class Prediction(Record):
     covariances : (n, 3, 3) array
         Their covariances [mm^2].
     inputs_outside : dict of str to (n,) array of bool
-        By input (J1 to Jn, temperature, a load) which readings are outside the trained range; only such inputs.
+        By input (J1 to Jn, temperature, a load, a direction) which readings are outside the trained range; only such
+        inputs.
+    outside_u_mm : dict of str to float
+        By input of these other than an angle, the standard uncertainty that its distance from the training adds at
+        these readings, root mean square [mm].
     unstated_u_mm : dict of str to float
         Standard uncertainty due to each input that the session does not state at all readings [mm].
     remarks : tuple of str
@@ -102,6 +124,7 @@ class Prediction(Record):
     points: FloatArray
     covariances: FloatArray
     inputs_outside: Mapping[str, BoolArray]
+    outside_u_mm: Mapping[str, float]
     unstated_u_mm: Mapping[str, float]
     remarks: tuple[str, ...]
 
@@ -160,6 +183,9 @@ class Prediction(Record):
             yield f"{n} readings are in no session that the model knows: their points are in the frame of {first}."
         if self.inputs_outside:
             yield f"{describe_outside(self.inputs_outside)}{self._advice()}."
+        if self.outside_u_mm:
+            sizes = ", ".join(f"{name} {format_fixed(size)} mm" for name, size in self.outside_u_mm.items())
+            yield f"There these inputs add to the standard uncertainty: {sizes}."
         yield from self.remarks
 
     def to_dict(self) -> dict[str, Any]:
@@ -173,6 +199,7 @@ class Prediction(Record):
                 "unstated_u_mm": self.unstated_u_mm,
                 "n_outside_training": int(outside.sum()),
                 "inputs_outside_training": {name: int(rows.sum()) for name, rows in self.inputs_outside.items()},
+                "outside_u_mm": self.outside_u_mm,
                 "median_u_outside_training_mm": float(np.median(self.u_mm[outside])) if outside.any() else None,
                 "n_in_unknown_session": int(self._in_unknown_session.sum()),
                 "remarks": self.remarks,

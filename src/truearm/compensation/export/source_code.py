@@ -24,10 +24,10 @@ from truearm.compensation.targets.correction import CORRECTION_STEPS, MAX_CORREC
 from truearm.compensation.targets.inverse import TOLERANCE_MM, TOLERANCE_RAD
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
-from truearm.identification.terms.thermal import link_vectors
+from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
 from truearm.readings.checks import LIMIT_TOLERANCE, MAX_ANGLE
 from truearm.readings.session import COLDEST_DEGC, LARGEST_LOAD, WARMEST_DEGC
-from truearm.readings.thermal_expansion import REFERENCE_DEGC, STEEL_PER_K
+from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 
 LINE_WIDTH = 118
@@ -105,7 +105,7 @@ def source_of(model: Compensator, manifest: Manifest, template: str, brackets: s
 def _mean(plain: PlainModel, values: ValueTables) -> dict[str, Any]:
     """Tables from which points and joints are computed."""
     training, layout = plain.training, values.layout
-    temperature, names = training.temperature_degC, sorted(training.columns)
+    temperature, names = training.temperature_range, sorted(training.columns)
     macros = macros_of(names)
     limits = np.stack([plain.lower, plain.upper], axis=1)
     moved = {run.component // 6 for run in values.runs}
@@ -123,9 +123,8 @@ def _mean(plain: PlainModel, values: ValueTables) -> dict[str, Any]:
         "limits": np.clip(limits, -NO_LIMIT, NO_LIMIT).tolist(),
         "trained": training.angle_ranges.tolist(),
         "gaps": training.angle_gaps.tolist(),
-        "temperature": None
-        if temperature is None
-        else [temperature.mean, temperature.std, temperature.lower, temperature.upper],
+        "states_temperature": training.temperature_degC is not None,
+        "temperature": [temperature.mean, temperature.std, temperature.lower, temperature.upper],
         "column_ranges": [
             [known.mean, known.std, known.lower, known.upper] for known in map(training.columns.__getitem__, names)
         ],
@@ -157,9 +156,10 @@ def _uncertainty(plain: PlainModel, covariance: ReducedCovariance) -> dict[str, 
         "residual_variance": plain.residual_std_mm**2,
         "variance_share": np.stack([share.centre, share.spread, share.slope, share.curvature], axis=1).tolist(),
         "variance_share_mean": share.mean,
-        "expands": plain.training.temperature_degC is not None and not plain.uses("temperature"),
+        "expands": not plain.uses("temperature"),
         "links": link_vectors(plain.nominal_chain).tolist(),
-        "expansion": STEEL_PER_K,
+        "expansion": UNKNOWN_MATERIAL.own_per_K,
+        "common_expansion": UNKNOWN_MATERIAL.common_per_K / UNKNOWN_MATERIAL.own_per_K,
         "rank": covariance.rank if covariance.entries.size else 0,
         "n_rows": len(covariance.entries),
         "largest_error": covariance.largest_error,

@@ -36,11 +36,10 @@ from truearm.errors import InputError
 from truearm.identification.estimation.identification import IdentificationResult, identify
 from truearm.identification.estimation.references import Reference
 from truearm.identification.terms import ArmState, Term, constants
-from truearm.identification.terms.thermal import link_vectors
+from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
 from truearm.readings.checks import MAX_SKIPPED_SHARE, check_angles, check_sessions, skip_beyond_limits
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
-from truearm.readings.thermal_expansion import STEEL_PER_K
 from truearm.typing import BoolArray, FloatArray
 
 FREE_PARTS = ("base", "tip")
@@ -279,16 +278,16 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         """Covariance of the tip from growth of the arm outside the trained temperatures, where no term describes it.
 
         Base and tip were identified with the arm as long as it is at the trained temperatures; dT beyond them each link
-        v is longer by alpha dT v. Arms are of steel (alpha 11.5e-6 / K), aluminium (23e-6 / K) or carbon fibre (1e-6 /
-        K), so the expansion of steel counts twice: as an uncorrected error that all links share (JCGM 100:2008,
-        F.2.4.5), and as the standard uncertainty of each link's coefficient. With the tip at r = sum of all v:
-        ``(alpha dT)^2 (r r^T + sum v v^T)``.
+        v is longer by alpha dT v. Its alpha has the prior of an arm of unknown material (`UNKNOWN_MATERIAL`): an
+        uncorrected error (JCGM 100:2008, F.2.4.5) of standard uncertainty m that all links share, and d of each. With
+        the tip at r = sum of all v: ``dT^2 (m^2 r r^T + d^2 sum v v^T)``. Where the training states no temperature, it
+        is assumed within `UNSTATED_U_K` of 20 degC.
 
         Returns
         -------
         (n, 3, 3) array
-            [mm^2]; zeros inside the trained temperatures, where training or session state none, and of a model that has
-            learned how the arm grows.
+            [mm^2]; zeros inside the trained temperatures, where the session states none, and of a model with terms for
+            growth.
         """
         out = np.zeros((len(readings), 3, 3))
         kelvin = self.training_.kelvin_outside(readings)
@@ -296,7 +295,8 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         if len(rows) and not self._has_thermal_terms():
             jacobian = self.nominal_.chain.tip_derivatives(readings.angles[rows]).motion_jacobian
             links = np.einsum("li,nlix->nlx", link_vectors(self.arm_.chain), jacobian[:, :-1, 3:])
-            links = np.concatenate([links, links.sum(axis=1, keepdims=True)], axis=1) * STEEL_PER_K
+            shared = UNKNOWN_MATERIAL.common_per_K * links.sum(axis=1, keepdims=True)
+            links = np.concatenate([UNKNOWN_MATERIAL.own_per_K * links, shared], axis=1)
             out[rows] = np.einsum("n,nlx,nly->nxy", kelvin[rows] ** 2, links, links)
         return out
 

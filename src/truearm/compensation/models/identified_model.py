@@ -15,6 +15,11 @@ from truearm.compensation.models.compensator import MIN_ROWS, Compensator, Train
 from truearm.compensation.models.reading_references import references_of, state_of
 from truearm.errors import InputError
 from truearm.identification.estimation.cross_validation import birge_ratio, cross_validate_by_group
+from truearm.identification.estimation.expansion_prior import (
+    at_mean_temperature,
+    with_material_prior,
+    with_unlearned_terms,
+)
 from truearm.identification.estimation.gross_errors import (
     LEAST_READINGS,
     ellipsoid_factor,
@@ -35,7 +40,7 @@ from truearm.identification.estimation.residual_variance import (
 )
 from truearm.identification.terms import ArmState, Constant, SkippedTerm, Term, candidate_terms, constants
 from truearm.identification.terms.basis import HIGHEST_ORDER, Temperature
-from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED
+from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED, unlearned_terms
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.typing import FloatArray, IntArray
@@ -130,6 +135,8 @@ class IdentifiedModel(Compensator):
         """The terms offered, with the free parts `free_`, and those that the readings cannot show."""
 
     def _fit(self, data: TrainingData, progress: Callable[[int, str], None]) -> None:
+        # Lengths are those at the mean temperature of the readings; `_with_unlearned` takes them to 20 degC.
+        data = data._replace(state=at_mean_temperature(data.state))
         self.refit_reading_ids_ = np.zeros(0)
         progress(0, "terms")
         if self._is_nominal:
@@ -145,6 +152,12 @@ class IdentifiedModel(Compensator):
         self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=int(is_excluded.sum()))
         self._estimate_residual_variance(data.session.angles)
         self.birge_ratio_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.residual_std_)
+        self.fit_ = self._with_unlearned(self.fit_, state_of(self.arm_, data.session))
+
+    def _with_unlearned(self, fit: IdentificationResult, state: ArmState) -> IdentificationResult:
+        """The result at true temperatures, with what the readings left open of the terms of this model."""
+        del state
+        return fit
 
     def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
         nominal = super()._fit_nominal(data)
@@ -436,6 +449,11 @@ class PhysicalModel(IdentifiedModel):
         weights = np.ones(len(data.session))
         weights[excluded_readings(rigid)] = 0.0
         return weights
+
+    def _with_unlearned(self, fit: IdentificationResult, state: ArmState) -> IdentificationResult:
+        if state.temperature_degC is not None:
+            fit = with_material_prior(fit, state.temperature_degC)
+        return with_unlearned_terms(fit, unlearned_terms(state))
 
     def _check_options(self) -> None:
         super()._check_options()

@@ -11,7 +11,8 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
-from truearm.readings.session import LOAD, Session
+from truearm.readings.session import DIRECTION, LOAD, Session
+from truearm.readings.thermal_expansion import REFERENCE_DEGC, UNSTATED_U_K
 from truearm.typing import BoolArray, FloatArray
 
 # An angle this near to a training angle counts as a training angle [rad; of a sliding joint as a share of its range]:
@@ -84,6 +85,9 @@ class TrainingConditions:
     angle_sample : (k, n_joints) array, optional
         Angles of training readings, at most `MAX_SAMPLE`, evenly spaced in their order [rad, or mm]; None in files of
         models that were trained before it was kept.
+    direction_ranges : (n_joints, 2) array, optional
+        Smallest and largest direction of movement of every joint; None where the readings state none, and in files of
+        models that were trained before they were kept.
     """
 
     n_readings: int
@@ -95,6 +99,7 @@ class TrainingConditions:
     fingerprint: str
     lengths_fingerprint: str
     angle_sample: FloatArray | None = None
+    direction_ranges: FloatArray | None = None
 
     def __post_init__(self) -> None:
         n_joints, gaps = len(self.angle_ranges), self.angle_gaps
@@ -109,6 +114,11 @@ class TrainingConditions:
             sample.ndim == 2 and 1 <= len(sample) <= MAX_SAMPLE and sample.shape[1] == n_joints
         ):
             raise InputError(f"expected 1 to {MAX_SAMPLE} training readings as a sample of {n_joints} angles")
+        directions = self.direction_ranges
+        if directions is not None and (
+            directions.shape != (n_joints, 2) or not (directions[:, 0] <= directions[:, 1]).all()
+        ):
+            raise InputError(f"expected ranges of {n_joints} directions of movement that begin before they end")
         if not np.isin(gaps[:, 0], np.arange(n_joints)).all():
             raise InputError(f"expected gaps of joints 0 to {n_joints - 1}")
 
@@ -126,6 +136,9 @@ class TrainingConditions:
             has_directions=session.directions is not None,
             fingerprint=fingerprint(session),
             lengths_fingerprint="" if lengths is None else fingerprint(lengths),
+            direction_ranges=None
+            if session.directions is None
+            else np.stack([session.directions.min(axis=0), session.directions.max(axis=0)], axis=1),
         )
 
     def after_transfer(self, session: Session, lengths: Lengths | None) -> TrainingConditions:
@@ -157,9 +170,10 @@ class TrainingConditions:
         Returns
         -------
         dict of str to (n,) bool array
-            By input (``J1`` to ``Jn``, ``temperature``, the name of a further column) True at the readings whose value
-            lies outside the range in training or in one of its gaps. Inputs that lie inside at all readings are not in
-            it, nor are those that training or session do not state.
+            By input (``J1`` to ``Jn``, ``temperature``, ``direction_1`` to ``direction_n``, the name of a further
+            column) True at the readings whose value lies outside the range in training or in one of its gaps. Inputs
+            that lie inside at all readings are not in it, nor are those that training or session do not state; a
+            temperature that the training does not state is assumed near 20 degC (`temperature_range`).
         """
         angles, (lower, upper) = session.angles, self.angle_ranges.T
         outside = (angles < lower) | (angles > upper)
@@ -171,13 +185,42 @@ class TrainingConditions:
         for name, known in self.columns.items():
             if name in session.columns:
                 found[name] = known.distance(session.columns[name]) > 0
+        if session.directions is not None and self.direction_ranges is not None:
+            signs, (lower, upper) = session.directions, self.direction_ranges.T
+            # A direction that is not known (0) has its own uncertainty.
+            beyond = ((signs < lower) | (signs > upper)) & (signs != 0) & (lower == upper) & (lower != 0)
+            found |= {f"{DIRECTION}{joint}": column for joint, column in enumerate(beyond.T, 1)}
         return {name: rows for name, rows in found.items() if rows.any()}
 
+    def with_nearest(self, session: Session, name: str) -> Session:
+        """The session with an input of `outside` other than an angle at the nearest value of the training."""
+        if name == "temperature":
+            assert session.temperature_degC is not None
+            known = self.temperature_range
+            return replace(session, temperature_degC=np.clip(session.temperature_degC, known.lower, known.upper))
+        if name in self.columns:
+            known = self.columns[name]
+            nearest = np.clip(session.columns[name], known.lower, known.upper)
+            return replace(session, columns={**session.columns, name: nearest})
+        assert session.directions is not None
+        assert self.direction_ranges is not None
+        directions, joint = session.directions.copy(), int(name.removeprefix(DIRECTION)) - 1
+        directions[:, joint] = np.clip(directions[:, joint], *self.direction_ranges[joint])
+        return replace(session, directions=directions)
+
+    @property
+    def temperature_range(self) -> InputRange:
+        """Temperatures of the training; without any about 20 degC, as far as a workshop may be from it."""
+        if self.temperature_degC is not None:
+            return self.temperature_degC
+        lower, upper = REFERENCE_DEGC - UNSTATED_U_K, REFERENCE_DEGC + UNSTATED_U_K
+        return InputRange(REFERENCE_DEGC, UNSTATED_U_K**2, lower, upper)
+
     def kelvin_outside(self, session: Session) -> FloatArray:
-        """(n,) distances of the session's temperatures from the trained ones [K]; 0 where either is not stated."""
-        if self.temperature_degC is None or session.temperature_degC is None:
+        """(n,) distances of the session's temperatures from `temperature_range` [K]; 0 where it states none."""
+        if session.temperature_degC is None:
             return np.zeros(len(session))
-        return self.temperature_degC.distance(session.temperature_degC)
+        return self.temperature_range.distance(session.temperature_degC)
 
 
 def find_angle_gaps(angles: FloatArray, prismatic: BoolArray) -> FloatArray:

@@ -46,7 +46,7 @@ INTERPOLATION_STD = 2e-5  # rad
 WOBBLE_ORDERS = (1, 2)
 WOBBLE_ANGLE_STD, WOBBLE_LENGTH_STD = 5e-4, 0.2  # rad, mm; at order 1
 GRAVITY_STD = 2e-5  # rad/(N m)
-GROWTH_STD = 1e-5  # 1/K: steel 1.2e-5, aluminium 2.3e-5, carbon fibre 1e-6
+GROWTH_STD = 2e-5  # 1/K: steel 1.2e-5, aluminium 2.3e-5, carbon fibre 1e-6; see `expansion_prior` for what follows
 HYSTERESIS_STD = {"revolute": 5e-5, "prismatic": 0.02}  # rad, mm
 COLUMN_STD = {"revolute": 1e-4, "prismatic": 0.05}  # rad, mm, by a column's spread
 
@@ -243,7 +243,10 @@ def gravity(chain: Chain, joint: int, *, links: LinkMasses | None = None) -> lis
 
 
 def thermal(chain: Chain) -> list[Term]:
-    """Thermal expansion of the stand and of every link along itself; the coefficient is in 1/K."""
+    """Thermal expansion of the stand and of every link along itself; the coefficient is in 1/K.
+
+    The evidence does not scale it: materials are known (`truearm.identification.estimation.expansion_prior`).
+    """
     return [
         Term(
             f"thermal expansion of {f'link {i}' if i else 'the stand'}",
@@ -252,6 +255,7 @@ def thermal(chain: Chain) -> list[Term]:
             Temperature(i),
             "thermal expansion",
             GROWTH_STD,
+            learn=False,
         )
         for i, vector in enumerate(link_vectors(chain))
         if vector.any()
@@ -328,14 +332,41 @@ def candidate_terms(
     candidates = [term for joint in range(chain.n_joints + 1) for term in gravity(chain, joint, links=state.links)]
     if state.temperature_degC is None:
         skipped.append(SkippedTerm("thermal expansion", "the readings have no temperature"))
-    else:
-        candidates += thermal(chain)
     if state.directions is None:
         skipped.append(SkippedTerm("hysteresis", "the directions of movement are not known"))
-    else:
-        candidates += [term for joint in joints for term in hysteresis(chain, joint)]
-    candidates += _loads(state, skipped)
+    candidates += _by_stated_inputs(state, skipped)
     return terms + list(_varying(candidates, state, skipped)), skipped
+
+
+def unlearned_terms(state: ArmState) -> list[tuple[Term, float]]:
+    """Terms by a temperature, direction or load that is the same at all readings, and the value of their function.
+
+    The readings show nothing of them, but they move the tip where that input differs. A direction that is nowhere
+    known is not one of them: readings from both sides show hysteresis as scatter.
+
+    Parameters
+    ----------
+    state : ArmState
+        Of the training readings.
+
+    Returns
+    -------
+    list of (Term, float)
+        Terms of one coefficient each.
+    """
+    varying = list(_varying(terms := list(_by_stated_inputs(state, [])), state, []))
+    found = [(term, float(term.basis.values(state)[0].mean())) for term in terms if term not in varying]
+    return [(term, value) for term, value in found if value or not isinstance(term.basis, Direction)]
+
+
+def _by_stated_inputs(state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:
+    """Terms by the inputs that a session states beside the angles: temperature, directions, loads."""
+    if state.temperature_degC is not None:
+        yield from thermal(state.chain)
+    if state.directions is not None:
+        for joint in range(1, state.chain.n_joints + 1):
+            yield from hysteresis(state.chain, joint)
+    yield from _loads(state, skipped)
 
 
 def place_name(chain: Chain, place: int) -> str:
@@ -381,8 +412,8 @@ def _loads(state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:
             skipped.append(SkippedTerm(name, "its name does not give a joint, as load_2_Nm does"))
             continue
         _, how = _own_motion(state.chain, joint)
-        spread = float(np.std(values)) if len(values) else 0.0
-        yield from column(state.chain, joint, name, prior_std=COLUMN_STD[how] / (spread or 1.0))
+        typical = (float(np.std(values)) or float(np.abs(values).mean())) if len(values) else 0.0
+        yield from column(state.chain, joint, name, prior_std=COLUMN_STD[how] / (typical or 1.0))
 
 
 def _varying(terms: Iterable[Term], state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:

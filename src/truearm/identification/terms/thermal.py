@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,6 +11,34 @@ from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
+
+
+class Material(NamedTuple):
+    """Prior of the thermal expansion of the links of an arm, about zero.
+
+    Attributes
+    ----------
+    name : str
+    common_per_K, own_per_K : float
+        Standard deviation of what all links have in common, and of each about it [1/K].
+    """
+
+    name: str
+    common_per_K: float
+    own_per_K: float
+
+    def covariance(self, n_links: int) -> FloatArray:
+        """Covariance (n_links, n_links) of the expansion of links [1/K^2]."""
+        return self.common_per_K**2 * np.ones((n_links, n_links)) + self.own_per_K**2 * np.eye(n_links)
+
+
+# Carbon fibre -0.5e-6 to 2e-6/K; steel 11.5e-6/K, aluminium 23e-6/K. Of arms whose material is not known each is half.
+MATERIALS = (Material("carbon fibre", 1.5e-6, 1e-6), Material("metal", 17e-6, 6e-6))
+UNKNOWN_MATERIAL = Material(
+    "unknown",
+    float(np.sqrt(np.mean([material.common_per_K**2 for material in MATERIALS]))),
+    float(np.sqrt(np.mean([material.own_per_K**2 for material in MATERIALS]))),
+)
 
 
 def link_vectors(chain: Chain) -> FloatArray:

@@ -1,0 +1,66 @@
+"""Growth of the links: a prior of materials, links behind the thermometer, and what readings did not show."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal, norm
+
+from truearm.identification.estimation.expansion_prior import _likelihood, _mixture
+from truearm.identification.terms.thermal import MATERIALS, UNKNOWN_MATERIAL, Material
+
+
+def test_without_information_growth_has_the_prior_of_an_unknown_material():
+    growth = _mixture(np.zeros((7, 7)), np.zeros(7), np.array([0.0, 0.5, 1.0]))
+    np.testing.assert_allclose(growth.expansion_covariance, UNKNOWN_MATERIAL.covariance(7), rtol=1e-12)
+    np.testing.assert_array_equal(growth.expansion, np.zeros(7))
+    assert growth.effective == pytest.approx(0.0, abs=1e-12)
+
+
+def test_links_that_did_not_follow_the_thermometer_show_nothing():
+    rng = np.random.default_rng(0)
+    matrix = rng.normal(size=(3, 3)) * 1e7
+    growth = _mixture(matrix @ matrix.T, rng.normal(size=3) * 1e9, np.zeros(4))
+    np.testing.assert_allclose(growth.expansion_covariance, UNKNOWN_MATERIAL.covariance(3), rtol=1e-12)
+    np.testing.assert_array_equal(growth.shown, np.zeros(3))
+
+
+def test_the_mixture_is_the_integral_over_the_growth_of_one_link():
+    """Against quadrature of the density of one coefficient, an observation of 8e-6 +- 5e-6 per kelvin."""
+    shown, std, shares = 8e-6, 5e-6, np.array([0.3, 0.6, 1.0])
+    found = _mixture(np.array([[std**-2]]), np.array([shown / std**2]), shares)
+    c = np.linspace(-1.5e-4, 1.5e-4, 200_001)
+    stds = [np.sqrt(material.covariance(1)[0, 0]) for material in MATERIALS]
+    density = sum(norm.pdf(c, scale=one) * norm.pdf(shown, a * c, std) for one in stds for a in shares)
+    by_share = sum(norm.pdf(c, scale=one) * a * c * norm.pdf(shown, a * c, std) for one in stds for a in shares)
+    mean = (c * density).sum() / density.sum()
+    assert found.expansion[0] == pytest.approx(mean, rel=1e-6)
+    assert found.expansion_covariance[0, 0] == pytest.approx(
+        ((c - mean) ** 2 * density).sum() / density.sum(), rel=1e-6
+    )
+    assert found.shown[0] == pytest.approx(by_share.sum() / density.sum(), rel=1e-6)
+    across = (c * by_share).sum() / density.sum() - mean * found.shown[0]
+    assert found.across[0, 0] == pytest.approx(across, rel=1e-6)
+
+
+def test_readings_weigh_the_materials_by_their_evidence():
+    """Exact readings of 11.5e-6 leave metal only, and its posterior is the reading."""
+    information = np.eye(3) / 1e-8**2
+    growth = _mixture(information, information @ np.full(3, 11.5e-6), np.array([1.0]))
+    np.testing.assert_allclose(growth.expansion, 11.5e-6, rtol=1e-4)
+    metal = multivariate_normal(cov=MATERIALS[1].covariance(3)).logpdf(growth.expansion)
+    assert metal - multivariate_normal(cov=MATERIALS[0].covariance(3)).logpdf(growth.expansion) > 15  # e^15: certain
+    np.testing.assert_allclose(np.sqrt(growth.expansion_covariance.diagonal()), 1e-8, rtol=1e-3)
+
+
+def test_the_likelihood_is_the_posterior_without_its_prior():
+    rng = np.random.default_rng(1)
+    half, std = rng.normal(size=(9, 4)) * 1e5, np.full(4, 2e-5)
+    information, right = half.T @ half, rng.normal(size=4) * 1e5
+    covariance = np.linalg.inv(information + np.diag(std**-2.0))
+    found, found_right = _likelihood(covariance, covariance @ right, std)
+    np.testing.assert_allclose(found, information, rtol=1e-8, atol=1e-8 * np.abs(information).max())
+    np.testing.assert_allclose(found_right, right, rtol=1e-8)
+
+
+def test_links_of_a_material_share_its_expansion():
+    covariance = Material("steel", 3e-6, 4e-6).covariance(2)
+    np.testing.assert_allclose(covariance, [[25e-12, 9e-12], [9e-12, 25e-12]], rtol=1e-12)
