@@ -40,6 +40,9 @@ class Arm:
         stored as a unit vector.
     serial_number : str
         Of this unit among the arms of its type; empty if it is not stated.
+    nominal_error_mm : float
+        Error of the nominal arm at the tip, if it is known to be larger than usual [mm]: a model is fitted to readings
+        that the arm misses by up to twice as much. 0 if nothing is stated.
 
     Raises
     ------
@@ -66,6 +69,7 @@ class Arm:
     masses: LinkMasses | None = None
     gravity_in_base: FloatArray | None = None
     serial_number: str = ""
+    nominal_error_mm: float = 0.0
 
     def __post_init__(self) -> None:
         n = self.chain.n_joints
@@ -93,6 +97,10 @@ class Arm:
                 f"arm {self.name!r}: the working pose of {names[int(np.argmin(inside))]} is outside its limits"
             )
 
+        if not 0 <= self.nominal_error_mm < np.inf:
+            raise InputError(
+                f"arm {self.name!r}: expected nominal_error_mm of 0 or more, got {self.nominal_error_mm!r:.30}"
+            )
         if self.masses is not None and len(self.masses.mass_kg) != n:
             raise InputError(f"arm {self.name!r} has {n} joints and needs as many masses, got {self.masses.mass_kg}")
         if self.masses is not None and not self.masses.mass_kg.any():

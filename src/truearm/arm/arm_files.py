@@ -8,6 +8,7 @@ The format::
     serial_number = "10017"            # optional: of this unit
     convention = "dh"                  # or "mdh": row i then holds alpha(i-1), a(i-1)
     tip_mm = [0.0, 0.0, 50.0]          # tip after the last row and the flange
+    nominal_error_mm = 20.0            # optional: error of an arm that is less accurate than usual
     gravity_in_base = [0, 0, -1]       # optional: direction of gravity; -z by default
 
     [base]                             # optional, before the first row
@@ -176,6 +177,7 @@ class _ArmFile(_Strict):
     base: _Frame | None = None
     flange: _Frame | None = None
     gravity_in_base: _Triple | None = None
+    nominal_error_mm: Annotated[float, Field(ge=0, le=1e4)] = 0.0
     joints: Annotated[list[_Joint], Field(min_length=1, max_length=100)]
 
 
@@ -239,6 +241,7 @@ def _arm_of(file: _ArmFile) -> Arm:
         working_pose=working,
         source=file.source,
         serial_number=file.serial_number,
+        nominal_error_mm=file.nominal_error_mm,
         masses=_masses_of(file),
         gravity_in_base=None if file.gravity_in_base is None else np.asarray(file.gravity_in_base),
     )
@@ -308,6 +311,8 @@ def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
     yield f"source = {_quoted(arm.source)}"
     if arm.serial_number:
         yield f"serial_number = {_quoted(arm.serial_number)}"
+    if arm.nominal_error_mm:
+        yield f"nominal_error_mm = {_plain(arm.nominal_error_mm)}"
     yield f'convention = "{table.convention}"'
     yield f"tip_mm = {_listed(table.tip_in_flange)}  # the tip after the last joint's row"
     if (arm.gravity_direction != [0, 0, -1]).any():

@@ -27,6 +27,8 @@ MAX_REACHES = 4.0
 # Factor by which reference points may spread more or less than the nominal tips. A tool that the arm file lacks changes
 # the spread by less, another unit (cm, inch, m, um) by more.
 MAX_SCALE = 8.0
+# Units of length that points may be in by mistake [mm].
+UNITS_MM = {"m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
 
 
 @dataclass(frozen=True)
@@ -258,13 +260,27 @@ def check_scale(session: Session, tips: FloatArray) -> None:
     spread, nominal = (float(np.sqrt(points[seen].var(axis=0).sum())) for points in (session.points, tips))
     if nominal == 0 or spread == 0 or 1 / MAX_SCALE < spread / nominal < MAX_SCALE:
         return
-    units = {"m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
-    unit, factor = min(units.items(), key=lambda item: abs(np.log(item[1] * spread / nominal)))
-    likely = abs(np.log(factor * spread / nominal)) < np.log(2)
+    unit = likely_unit(session, tips)
     raise session.error(
         f"the reference points spread over {spread:.3g} mm, the nominal tips of these readings over {nominal:.4g} mm",
-        hint=f"the points may be in {unit}: convert them to mm" if likely else "check the unit of points and angles",
+        hint=f"the points may be in {unit}: convert them to mm" if unit else "check the unit of points and angles",
     )
+
+
+def likely_unit(session: Session, tips: FloatArray) -> str | None:
+    """The unit other than mm in which reference points would spread about as far as nominal tips (n, 3) [mm].
+
+    None without three points, or if no unit explains the spread.
+    """
+    seen = session.has_point
+    if session.points is None or seen.sum() < 3:
+        return None
+    spread, nominal = (float(np.sqrt(points[seen].var(axis=0).sum())) for points in (session.points, tips))
+    if not (spread > 0 and nominal > 0):
+        return None
+    off = {unit: abs(np.log(factor * spread / nominal)) for unit, factor in UNITS_MM.items()}
+    unit = min(off, key=off.__getitem__)
+    return unit if off[unit] < min(np.log(2), abs(np.log(spread / nominal))) else None
 
 
 def check_sessions(session: Session, lengths: Lengths | None = None, *, own_frame: bool = False) -> None:

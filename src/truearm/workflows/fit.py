@@ -46,8 +46,6 @@ ModelName = Literal["auto", "nominal", "kinematic", "physical", "network"]
 
 # With fewer readings the training error of a kinematic model says little: it determines some 27 constants.
 FEW_READINGS = 50
-# Share of the reach by which the nominal arm may miss its readings before it is questioned.
-SUSPECT_NOMINAL_ERROR = 0.01
 # Groups of terms that are printed, those with most determined coefficients.
 MAX_GROUPS = 8
 
@@ -313,11 +311,10 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
         yield "No reference point and no length is known: the arm keeps its nominal size."
     if not getattr(model, "fit_", model.nominal_).converged:
         yield "The fit has not converged: more readings, or poses that differ more from each other, may help."
-    if isinstance(model, KinematicModel | PhysicalModel):
-        if len(session) < FEW_READINGS:
-            yield f"Only {len(session)} readings: the training error says little. Use some {FEW_READINGS} or more."
-        if (error := model.nominal_error()) > SUSPECT_NOMINAL_ERROR * model.arm.chain.reach:
-            yield f"The nominal arm misses the readings by {error:.1f} mm on average: is {model.arm.name} right?"
+    if (unusual := model.nominal_check_.remark()) is not None:
+        yield unusual
+    if isinstance(model, KinematicModel | PhysicalModel) and len(session) < FEW_READINGS:
+        yield f"Only {len(session)} readings: the training error says little. Use some {FEW_READINGS} or more."
 
 
 def _comparison_table(comparison: tuple[ModelScore, ...]) -> TextTable:

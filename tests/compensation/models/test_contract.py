@@ -55,7 +55,7 @@ class _AnyShape:
     def predict(self, X):
         return super().predict(X)[:, : int(np.prod(self.target_shape_))].reshape(-1, *self.target_shape_)
 
-    def _check_nominal(self, readings):
+    def _check_nominal(self, readings, data):
         """Random tables are of no arm, and the unit of their numbers is not judged."""
 
 
@@ -270,7 +270,9 @@ def test_wrong_units_and_arms_are_refused_at_fit(real, rng):
         (session.angles, session.points / 1000),
         (-session.angles, session.points),
     ):
-        with pytest.raises(InputError, match="outside its limits|misses its references by .* Try: check"):
+        with pytest.raises(
+            InputError, match="outside its limits|misses its references by .* Try: check|may be in m: convert"
+        ):
             KinematicModel(real.arm).fit(angles, points)
 
 

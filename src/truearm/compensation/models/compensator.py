@@ -16,12 +16,18 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
 from truearm.arm.arm import Arm
+from truearm.compensation.models.nominal_check import (
+    UNCHECKED,
+    check_nominal_arm,
+    refuse_implausible,
+)
 from truearm.compensation.models.reading_references import (
     check_sizes,
     references_of,
     roughly_aligned_chain,
     state_of,
     tool_terms,
+    without_sizes,
 )
 from truearm.compensation.models.session_frames import (
     covariances_to_session_frames,
@@ -43,8 +49,8 @@ from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray
 
 FREE_PARTS = ("base", "tip")
-# Share of the reach by which the nominal arm may miss its readings on average. Ten times what the kinematic model
-# expects of its constants (3 mrad, 3 mm) stays below; another arm, a wrong unit or a wrong sign does not.
+# Share of the reach by which the nominal arm may miss readings of another session on average, with base and tip where
+# they were: ten times what the kinematic model expects of its constants (3 mrad, 3 mm) stays below.
 MAX_NOMINAL_ERROR = 0.05
 # Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
 MIN_ROWS = 4
@@ -91,6 +97,9 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         The free parts that the readings determine: without reference points the base stays nominal.
     training_ : TrainingConditions
         What the training readings were: number, angles, temperature, loads, fingerprint.
+    nominal_check_ : NominalCheck
+        How far the nominal arm misses its readings, and how far nominal arms usually do; of the last `fit`, not in a
+        model file.
     session_frames_ : dict of str to (4, 4) array
         For readings of several sessions, each with its own frame: by the session's name the rough rigid motion of its
         points into the frame of the first (see `session_frames`). Empty for one session.
@@ -111,6 +120,8 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     session_frames_: dict[str, FloatArray]
     nominal_: IdentificationResult
     fit_seconds_: float
+
+    nominal_check_ = UNCHECKED
 
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None) -> Self:
         """Learn from joint angles and reference points.
@@ -190,9 +201,9 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         data = TrainingData(in_one_frame, state, references, lengths, nominal)
         if nominal is None:
             self.nominal_ = self._fit_nominal(data)
-            self._check_nominal(readings)
+            self._check_nominal(readings, data)
         else:
-            self.nominal_ = self._same_nominal(nominal)
+            self.nominal_, self.nominal_check_ = self._same_nominal(nominal), nominal.nominal_check_
         self._fit(data, progress or _no_progress)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
@@ -418,15 +429,18 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             )
         return len(readings)
 
-    def _check_nominal(self, readings: Session) -> None:
+    def _check_nominal(self, readings: Session, data: TrainingData) -> None:
         """Refuse readings that no arm of these nominal kinematics can have made: a wrong unit, sign or arm."""
-        error, reach = self.nominal_error(), self.arm_.chain.reach
-        if not error < MAX_NOMINAL_ERROR * reach:
-            raise readings.error(
-                f"the nominal arm {self.arm_.name!r} misses its references by {error:.4g} mm on average at a reach of "
-                f"{reach:.4g} mm: the readings are of another arm, or the arm is described wrongly",
-                hint="check the arm, the units, signs and zeros of the angles, the unit of the points, and --free",
-            )
+        references = [without_sizes(reference) for reference in data.references]
+        self.nominal_check_ = check_nominal_arm(
+            self.arm_,
+            self.nominal_,
+            data.state,
+            references,
+            constants(self.arm_.chain, free=self.free_),
+            partial(self._identify_terms, data, references=references),
+        )
+        refuse_implausible(self.nominal_check_, self.arm_, readings, self.nominal_.tips(data.state))
 
     def _check_inputs(self, arm: Arm, readings: Session) -> None:
         """Refuse readings of another number of joints, or mostly outside their limits."""

@@ -144,7 +144,7 @@ def check_sizes(
         If a length differs from that of the nominal arm, identified without lengths, by more than a share of
         `MAX_SIZE_ERROR` and three standard deviations.
     """
-    bare = [_without_sizes(reference) for reference in references]
+    bare = [without_sizes(reference) for reference in references]
     if all(one is reference for one, reference in zip(bare, references, strict=True)):
         return
     residuals = constraint_residuals(fit_nominal(bare), state, bare, references)
@@ -166,7 +166,7 @@ def check_sizes(
         )
 
 
-def _without_sizes(reference: Reference) -> Reference:
+def without_sizes(reference: Reference) -> Reference:
     """A reference without lengths and distances; itself if it has none."""
     if isinstance(reference, Seats) and reference.lengths:
         return replace(reference, lengths=())

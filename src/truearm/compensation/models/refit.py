@@ -14,7 +14,13 @@ from sklearn.utils.validation import check_is_fitted
 
 from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS, Compensator
 from truearm.compensation.models.identified_model import NONE_HELD_OUT, IdentifiedModel
-from truearm.compensation.models.reading_references import check_spread, references_of
+from truearm.compensation.models.nominal_check import (
+    NominalCheck,
+    refuse_implausible,
+    typical_error,
+    usual_nominal_error,
+)
+from truearm.compensation.models.reading_references import check_spread, references_of, without_sizes
 from truearm.compensation.models.session_frames import rough_session_frames, to_first_session_frame
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
@@ -135,8 +141,12 @@ def refit(
         )
 
     new.nominal_ = transfer(model.nominal_, model.nominal_.references[0].noise_std)
-    new._check_nominal(readings)
     new.fit_ = transfer(model.fit_, model.residual_std_)
+    # The identified arm explains what is unusual of the nominal one.
+    bare = [without_sizes(reference) for reference in references]
+    usual = usual_nominal_error(model.arm_, new.nominal_, state, bare, constants(model.arm_.chain, free=free))
+    new.nominal_check_ = NominalCheck(typical_error(new.fit_), usual)
+    refuse_implausible(new.nominal_check_, model.arm_, readings, new.nominal_.tips(state))
     new.residual_std_ = max(model.residual_std_, new.fit_.references[0].noise_std)
     new.free_ = free
     new.held_out_, new.held_out_errors_ = NONE_HELD_OUT, None

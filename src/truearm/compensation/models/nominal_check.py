@@ -1,0 +1,203 @@
+"""Whether readings can be of the nominal arm: a wrong sign, unit, order or zero of the joints is refused.
+
+The error of the nominal arm, with base and tip fitted, is compared with the one that errors of its constants usually
+cause (`truearm.identification.estimation.nominal_error`). The limits are evidence, `benchmarks/imperfect_diagnosis.py`:
+real arms and virtual ones, and each of them with every single wrong sign, exchanged pair of joints, zero off by a
+quarter turn and other unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from truearm.arm.arm import Arm
+from truearm.identification.estimation.cross_validation import cross_validate_by_group
+from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.nominal_error import usual_error
+from truearm.identification.estimation.references import Reference
+from truearm.identification.terms import ArmState, Term
+from truearm.readings.checks import check_scale, likely_unit
+from truearm.readings.session import Session
+from truearm.typing import FloatArray
+
+# The error is the one that three of four readings do not exceed: gross errors hardly change it.
+QUANTILE = 0.75
+# Multiple of the usual error above which the arm's constants must explain it. Real arms have 0.1 to 0.9, kits whose
+# constants err by 2 mm and 5 mrad up to 2.0; a wrong sign, order or zero that moves the tip has 2.2 or more.
+MAX_RATIO = 2.0
+# Multiple above which no identification is asked: all zeros off by 5 degrees are up to 12, another unit is above 50.
+MAX_EXPLAINED_RATIO = 20.0
+# Multiple of the usual error that identified constants may leave at readings held out. With zeros off by 5 degrees they
+# leave 0.01 to 0.8, with a wrong sign or order 1.6 or more.
+MAX_REMAINING_RATIO = 1.0
+# Prior standard deviations up to which an identified constant is credible: angles of 7 degrees, as of zeros that were
+# set by eye; lengths of 30 mm. Zeros off by a quarter turn are explained by lengths of 90 mm or more, or not at all.
+MAX_STDS = {"angle": 40.0, "length": 10.0}
+
+
+@dataclass(frozen=True)
+class NominalCheck:
+    """How far the nominal arm misses its readings, and how far nominal arms usually do.
+
+    Attributes
+    ----------
+    error_mm : float
+        Distance from the references that three of four readings do not exceed, with the free parts fitted [mm].
+    usual_mm : float
+        Root mean square distance that errors of the arm's constants usually cause [mm]; at least the nominal error
+        that the arm file states.
+    remaining_mm : float or None
+        The same at readings held out, with the constants of the arm identified; None where that is not needed.
+    constant : str
+        The identified constant that is largest compared with its prior, and its size; empty where not needed.
+    excess : float
+        Largest size of a constant over the largest credible one; 0 where not needed.
+    """
+
+    error_mm: float
+    usual_mm: float
+    remaining_mm: float | None = None
+    constant: str = ""
+    excess: float = 0.0
+
+    @property
+    def ratio(self) -> float:
+        """The error in multiples of the usual one."""
+        return self.error_mm / self.usual_mm if self.usual_mm > 0 else np.inf if self.error_mm > 0 else 0.0
+
+    @property
+    def is_usual(self) -> bool:
+        """Whether the nominal arm misses by no more than nominal arms do."""
+        return bool(self.ratio <= MAX_RATIO)
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether identified constants explain what is unusual."""
+        remains = self.remaining_mm is not None and self.remaining_mm <= MAX_REMAINING_RATIO * self.usual_mm
+        return remains and self.ratio <= MAX_EXPLAINED_RATIO and self.excess <= 1
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether the readings can be of this arm."""
+        return self.is_usual or self.is_explained
+
+    def remark(self) -> str | None:
+        """What a person must know of a plausible arm; None if nothing."""
+        if self.is_usual:
+            return None
+        return (
+            f"The nominal arm misses the readings by {self.error_mm:.3g} mm, {self.ratio:.1f} times as much as nominal "
+            f"arms usually do. Identification explains it by constants such as {self.constant}: correct the arm "
+            "file if it is wrong there."
+        )
+
+
+UNCHECKED = NominalCheck(float("nan"), float("nan"))
+
+
+def check_nominal_arm(
+    arm: Arm,
+    nominal: IdentificationResult,
+    state: ArmState,
+    references: Sequence[Reference],
+    constants: Sequence[Term],
+    identify: Callable[[Sequence[Term]], IdentificationResult],
+) -> NominalCheck:
+    """Compare the error of a nominal arm with the usual one.
+
+    Parameters
+    ----------
+    arm : Arm
+    nominal : IdentificationResult
+        Its free parts identified from the readings.
+    state : ArmState
+        Of the readings.
+    references : sequence of Reference
+        Without known lengths.
+    constants : sequence of Term
+        All constants of the arm, with those of the free parts.
+    identify : callable
+        Returns the arm with terms identified from the same references. Called only where the error is unusual.
+    """
+    usual = usual_nominal_error(arm, nominal, state, references, constants)
+    check = NominalCheck(typical_error(nominal), usual)
+    if check.is_usual or check.ratio > MAX_EXPLAINED_RATIO:
+        return check
+    fit = identify(constants)
+    held_out = cross_validate_by_group(fit, state, references, np.arange(len(state)))
+    remaining = float(np.quantile(held_out.errors_mm, QUANTILE)) if len(held_out.rows) else typical_error(fit)
+    free = {term.name for term in nominal.perturbed_chain.terms}
+    return NominalCheck(check.error_mm, usual, remaining, *_largest_constant(fit, free))
+
+
+def usual_nominal_error(
+    arm: Arm,
+    nominal: IdentificationResult,
+    state: ArmState,
+    references: Sequence[Reference],
+    constants: Sequence[Term],
+) -> float:
+    """Root mean square distance that errors of the arm's constants usually cause, or its file states [mm].
+
+    Parameters are those of `check_nominal_arm`.
+    """
+    free = {term.name for term in nominal.perturbed_chain.terms}
+    usual = usual_error(nominal, state, references, [term for term in constants if term.name not in free])
+    return max(usual, arm.nominal_error_mm)
+
+
+def typical_error(fit: IdentificationResult) -> float:
+    """Distance from the references that three of four readings do not exceed [mm]; zero without references."""
+    distances = np.concatenate([np.linalg.norm(one.residuals, axis=0) for one in fit.references])
+    return float(np.quantile(distances, QUANTILE)) if len(distances) else 0.0
+
+
+def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: FloatArray) -> None:
+    """Refuse readings that no arm of these nominal kinematics can have made.
+
+    Parameters
+    ----------
+    check : NominalCheck
+    arm : Arm
+    readings : Session
+    tips : (n, 3) array
+        Tips of the nominal arm [mm].
+
+    Raises
+    ------
+    InputError
+        With the mistakes that are likely.
+    """
+    check_scale(readings, tips)
+    if check.is_plausible:
+        return
+    why = ""
+    if check.remaining_mm is not None:
+        why = f"; with its constants fitted {check.remaining_mm:.2g} mm remain, and one is {check.constant}"
+    unit = likely_unit(readings, tips)
+    raise readings.error(
+        f"the nominal arm {arm.name!r} misses its references by {check.error_mm:.4g} mm at one reading of four, where "
+        f"arms like it miss by {check.usual_mm:.2g} mm{why}: the readings are of another arm, or the arm is described "
+        "wrongly",
+        hint=(f"the points may be in {unit}: convert them to mm; or " if unit else "")
+        + "check the arm, the units, signs, order and zeros of the angles, the unit of the points, and --free; if the "
+        f"arm is as inaccurate as that, state nominal_error_mm = {check.error_mm:.2g} in its arm file",
+    )
+
+
+def _largest_constant(fit: IdentificationResult, free: set[str]) -> tuple[str, float]:
+    """The constant that is largest compared with its prior, and the largest share of the credible size of any."""
+    found, shares, start = [(0.0, "none")], [0.0], 0
+    for term in fit.perturbed_chain.terms:
+        value = float(fit.coefficients[start])
+        start += term.n_coefficients
+        if term.name not in free:
+            is_angle = any(term.direction[:3])
+            stds = abs(value) / float(term.prior_stds[0])
+            size = f"{np.degrees(value):.3g} deg" if is_angle else f"{value:.3g} mm"
+            found.append((stds, f"{term.name} ({size})"))
+            shares.append(stds / MAX_STDS["angle" if is_angle else "length"])
+    return max(found)[1], max(shares)
