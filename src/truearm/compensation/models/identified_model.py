@@ -25,7 +25,7 @@ from truearm.identification.estimation.gross_errors import (
     ellipsoid_factor,
     excluded_readings,
     fit_error_distribution,
-    gross_readings,
+    has_gross_errors,
     identify_without_gross_errors,
     own_variance,
     select_rows,
@@ -161,13 +161,10 @@ class IdentifiedModel(Compensator):
 
     def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
         nominal = super()._fit_nominal(data)
-        gross = gross_readings(nominal, self._cross_validate(data, nominal)) if self.robust else ()
-        if not len(gross):
+        if not self.robust or not has_gross_errors(nominal, self._cross_validate(data, nominal)):
             return nominal
-        weights = np.ones(len(data.session))
-        weights[gross] = 0.0
         terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
-        return self._identify_without_gross_errors(data, terms, weights)[0]
+        return self._identify_without_gross_errors(data, terms, np.ones(len(data.session)))[0]
 
     def _start_weights(self, data: TrainingData) -> FloatArray:
         """(n,) weights to start from: 0 for the gross errors of the next simpler model."""

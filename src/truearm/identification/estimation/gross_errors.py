@@ -37,9 +37,12 @@ LEAST_FREEDOM, MOST_FREEDOM = 3.0, 1e3
 # clustering of non-Gaussian panel data based on skew-t distributions", J. Bus. Econ. Stat. 28 (2010) 52.
 FREEDOM_SHAPE, FREEDOM_RATE = 2.0, 0.1
 # Gross errors begin at this many standard deviations, and have any size up to this many decades above.
-LEAST_GROSS_STDS, DECADES = 4.0, 6.0
+LEAST_GROSS_STDS, DECADES = 4.0, 4.0
 # With fewer held-out readings no reading is judged: their distribution is unknown.
 LEAST_READINGS = 12
+# With fewer degrees of freedom many gross errors of one size may look like tails. Student's weights then move the arm to
+# the majority, once, and show them.
+HEAVY_TAILS = 3.5
 # Maximum fits to find the set of gross errors; two find it where there are any, as a rule.
 MAX_FITS = 4
 
@@ -67,6 +70,19 @@ class ErrorDistribution:
         honest, gross = _log_densities(*_along_axes(held_out), self)
         return np.asarray(expit(gross - honest))
 
+    def student_weights(self, held_out: HeldOutReadings) -> FloatArray:
+        """(m,) weights from 0 to 1 by which readings of this distribution are averaged best.
+
+        (nu + 3) / (nu + t^2) of the squared whitened length t^2, at most 1; times the probability to be honest.
+        """
+        known, squares, freedom = _along_axes(held_out)
+        t2 = (squares / (known + self.variance * freedom)).sum(axis=1)
+        weights = np.minimum((self.freedom + 3) / (self.freedom + t2), 1.0)
+        return np.asarray(weights * (1 - self.gross_probability(held_out)))
+
+
+HONEST = ErrorDistribution(1.0, MOST_FREEDOM, LEAST_SHARE)
+
 
 def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
     """Estimate the distribution of held-out deviations: the maximum of the posterior density of its three numbers.
@@ -81,8 +97,7 @@ def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
     ErrorDistribution
     """
     known, squares, freedom = _along_axes(held_out)
-    # From the median, which stands half of the readings being wrong.
-    typical = max(float(np.median(squares.sum(axis=1) / freedom[:, 0])) / float(chi2.median(3)), FLOOR_MM2)
+    typical = _typical_variance(held_out)
 
     def distribution(x: FloatArray) -> ErrorDistribution:
         return ErrorDistribution(float(np.exp(x[0])), float(1 / x[1]), float(np.exp(x[2])))
@@ -99,6 +114,12 @@ def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
     ]
     start = np.array([np.log(typical), 0.1, np.log(10 * LEAST_SHARE)])
     return distribution(minimize(deviance, start, method="L-BFGS-B", bounds=bounds).x)
+
+
+def _typical_variance(held_out: HeldOutReadings) -> float:
+    """Variance of a coordinate from the median deviation, which stands half of the readings being wrong [mm^2]."""
+    squares = (held_out.deviations**2).sum(axis=1) / held_out.freedom
+    return max(float(np.median(squares)) / float(chi2.median(3)), FLOOR_MM2)
 
 
 def _along_axes(held_out: HeldOutReadings) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -168,25 +189,42 @@ def identify_without_gross_errors(
         Of it, with the excluded readings.
     """
     tried: list[bytes] = []
+    is_softened = False
     while True:
         fit = identify(weights)
         held_out = cross_validate(fit)
         tried.append(weights.tobytes())
+        judged, distribution = _judge(fit, held_out)
+        probability = distribution.gross_probability(judged)
         weights = np.ones(len(weights))
-        weights[gross_readings(fit, held_out)] = 0.0
+        if distribution.freedom < HEAVY_TAILS and not is_softened:
+            weights[judged.rows] = distribution.student_weights(judged)
+            is_softened = True
+        else:
+            weights[judged.rows[probability > 0.5]] = 0.0
         # A reading at the limit could come and go without end.
         if weights.tobytes() in tried or len(tried) == MAX_FITS:
             return fit, held_out
 
 
-def gross_readings(fit: IdentificationResult, held_out: HeldOutReadings) -> IntArray:
-    """Rows of the held-out readings that are more probably gross errors than not."""
+def _judge(fit: IdentificationResult, held_out: HeldOutReadings) -> tuple[HeldOutReadings, ErrorDistribution]:
+    """Held-out readings as they are judged, and the distribution of their errors."""
     judged = _about_seat_medians(held_out, fit.references)
-    informative = judged.select_informative(own_variance(fit.references, judged.rows))
+    own = own_variance(fit.references, judged.rows)
+    informative = judged.select_informative(own)
     if len(informative.rows) < LEAST_READINGS:
-        return np.zeros(0, dtype=np.intp)
-    probability = fit_error_distribution(informative).gross_probability(judged)
-    return np.asarray(judged.rows[probability > 0.5])
+        return select_rows(judged, np.zeros(0, dtype=np.intp)), HONEST
+    # Where one reading in five is wrong, the noise of the fit is theirs, and its covariance is as much too large.
+    ratio = min(1.0, _typical_variance(informative) / float(np.median(own)))
+    judged, informative = (replace(one, covariance=ratio * one.covariance) for one in (judged, informative))
+    return judged, fit_error_distribution(informative)
+
+
+def has_gross_errors(fit: IdentificationResult, held_out: HeldOutReadings) -> bool:
+    """Whether some held-out reading is a gross error, or deviations scatter so widely that some may be hidden."""
+    judged, distribution = _judge(fit, held_out)
+    probability = distribution.gross_probability(judged)
+    return bool((probability > 0.5).any()) or distribution.freedom < HEAVY_TAILS
 
 
 def excluded_readings(fit: IdentificationResult) -> IntArray:
