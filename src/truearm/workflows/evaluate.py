@@ -96,10 +96,11 @@ def evaluate(
             errors[name] |= compare_errors(points, predicted.get("nominal", points), used.points)
         errors[name] |= _seat_and_length_errors(points, used, known)
     coverage: float | None = None
+    coverage_99: float | None = None
     outliers: tuple[Outlier, ...] = ()
     if used.points is not None:
         budget, far = uncertainty_budget(fitted, used)
-        coverage = budget.n_covered / budget.n_points
+        coverage, coverage_99 = budget.n_covered / budget.n_points, budget.n_covered_99 / budget.n_points
         outliers = tuple(outlier.located(given, allowed.rows[rows]) for outlier in far)
     return Evaluation(
         model=fitted,
@@ -108,6 +109,7 @@ def evaluate(
         errors=errors,
         lengths=known,
         coverage=coverage,
+        coverage_99=coverage_99,
         outliers=outliers,
         n_refit=len(allowed.rows) - len(rows),
         remarks=(*allowed.remarks, *refit_remarks, *length_remarks, *evaluation_remarks(fitted, used)),
@@ -130,8 +132,9 @@ class Evaluation(Record):
         ``max_abs_coordinate_mm`` against reference points; ``seat_mean_mm`` and others in seats; ``lengths``.
     lengths : Lengths or None
         Known lengths at the temperature of the readings.
-    coverage : float or None
-        Share of the reference points inside the 95 % ellipsoid that the model states; None without points.
+    coverage, coverage_99 : float or None
+        Share of the reference points inside the 95 % ellipsoid that the model states, and inside that of 99 %; None
+        without points.
     outliers : tuple of Outlier
         Readings farther from their reference point than eight stated standard uncertainties.
     n_refit : int
@@ -153,6 +156,7 @@ class Evaluation(Record):
     errors: Mapping[str, Mapping[str, Any]]
     lengths: Lengths | None
     coverage: float | None
+    coverage_99: float | None
     outliers: tuple[Outlier, ...]
     n_refit: int
     remarks: tuple[str, ...]
@@ -181,6 +185,8 @@ class Evaluation(Record):
                 yield _removed(own["removed_percent"])
             if self.coverage is not None:
                 yield f"{100 * self.coverage:.1f} % of the points are inside their stated 95 % ellipsoid"
+            if self.coverage_99 is not None:
+                yield f"{100 * self.coverage_99:.1f} % of the points are inside their stated 99 % ellipsoid"
         if "seats" in own:
             heading = f"{own['n_in_seats']} readings in {len(own['seats'])} seats"
             yield self._table(heading, [name for name in own if name.startswith("seat_")])
@@ -196,6 +202,7 @@ class Evaluation(Record):
             **self.errors["model"],
             "nominal": self.errors.get("nominal"),
             "coverage": self.coverage,
+            "coverage_99": self.coverage_99,
             "n_refit": self.n_refit,
             "outliers": self.outliers,
             "remarks": self.remarks,

@@ -175,6 +175,7 @@ def test_a_file_of_format_1_predicts_what_it_did(name):
     np.testing.assert_allclose(points, [tip], rtol=1e-12)
     np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), std, rtol=1e-8)
     np.testing.assert_allclose(model.predict_nominal(model.arm.working[None]), [nominal], rtol=1e-12)
+    assert model.ellipsoid_factor(0.99) == pytest.approx(np.sqrt(11.345), abs=1e-4)  # its tails were not kept
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.selection import CANDIDATES, select_model
+from truearm.compensation.models.selection import CANDIDATES, select_model, trimmed_mean
 from truearm.errors import InputError
 from truearm.readings import Session
 
@@ -41,16 +41,46 @@ def test_the_simplest_model_that_explains_the_readings_is_kept(planted, real, rn
     assert [row.name for row in table if row.kept] == [planted]
     assert {done for done, _ in told} == {0, 1, 2}
     assert told[0][1].startswith("nominal: ")
-    best = min(table, key=lambda row: row.mean_mm)
     kept = next(row for row in table if row.kept)
-    assert kept.mean_mm <= best.mean_mm + best.standard_error_mm
+    assert kept.excess_mm <= kept.excess_standard_error_mm
+    assert any(row.excess_mm == row.excess_standard_error_mm == 0 for row in table)
     for row in table[: list(CANDIDATES).index(planted)]:
-        assert row.mean_mm > best.mean_mm + best.standard_error_mm
+        assert row.excess_mm > row.excess_standard_error_mm
     for row in table:
         assert 0 < row.standard_error_mm < row.mean_mm <= row.p95_mm <= row.max_mm
         assert row.n_effective > 0
     assert kept.mean_mm == pytest.approx(NOISE * np.sqrt(8 / np.pi), rel=0.2)  # mean length of three Gaussian ones
     assert model.held_out_.mean_mm == kept.mean_mm
+
+
+@pytest.mark.parametrize("size", [1.0, 100.0])
+def test_gross_errors_do_not_change_the_choice(size, real, rng, monkeypatch):
+    """One in twenty: the constants are kept, and their errors on the other readings are stated."""
+    monkeypatch.delitem(CANDIDATES, "physical")  # quicker
+    clean = real.points(100, rng)
+    points = clean.points.copy()
+    bad = [4, 31, 50, 77, 99]
+    points[bad] += size * np.array([[2, -1, 2], [1, 2, 2], [-2, -1, 2], [2, 1, 2], [-2, 2, 1]]) / 3
+    _, table = select_model(real.arm, clean)
+    model, spoilt = select_model(real.arm, replace(clean, points=points))
+    assert isinstance(model, KinematicModel)
+    assert spoilt[0].n_excluded == spoilt[1].n_excluded == len(bad)
+    assert table[0].n_excluded == 0
+    assert set(bad).isdisjoint(model.held_out_.rows)
+    for row, other in zip(spoilt, table, strict=True):
+        assert row.kept == other.kept
+        assert row.max_mm < 1.1 * other.max_mm
+        assert row.excess_mm == pytest.approx(other.excess_mm, rel=0.1)
+
+
+def test_a_trimmed_mean_and_its_standard_error():
+    """By hand: 0, 1 .. 8, 1000 without the ends are 1 .. 8; clipped 1, 1, 2 .. 7, 8, 8, with a sum of squares of 66.5."""
+    mean, error = trimmed_mean(np.array([1000.0, *range(9)]))
+    assert mean == pytest.approx(4.5)
+    assert error == pytest.approx(np.sqrt(66.5 / (8 * 7)))
+    plain = np.array([1.0, 2.0, 6.0])  # too few to trim
+    assert trimmed_mean(plain) == pytest.approx((3.0, plain.std(ddof=1) / np.sqrt(3)))
+    assert trimmed_mean(np.array([2.0])) == (2.0, np.inf)
 
 
 def test_free_parts_and_lengths_are_passed_on(real, rng):

@@ -41,6 +41,7 @@ from truearm.compensation.models.training_conditions import fingerprint as finge
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import IdentificationResult, identify
 from truearm.identification.estimation.references import Reference
+from truearm.identification.estimation.tails import ellipsoid_factor
 from truearm.identification.terms import ArmState, Term, constants
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
 from truearm.readings.checks import MAX_SKIPPED_SHARE, check_angles, check_sessions, skip_beyond_limits
@@ -284,6 +285,13 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         return covariances_to_session_frames(of_parameters, readings, frames), covariances_to_session_frames(
             unexplained, readings, frames
         )
+
+    def ellipsoid_factor(self, level: float) -> float:
+        """Half axis, in standard uncertainties, of the ellipsoid that contains a point with probability `level`.
+
+        At 95 % it is 2.80, as for Gaussian errors.
+        """
+        return ellipsoid_factor(level, freedom=float("inf"))
 
     def expansion_covariance(self, readings: Session) -> FloatArray:
         """Covariance of the tip from growth of the arm outside the trained temperatures, where no term describes it.

@@ -22,9 +22,7 @@ from truearm.identification.estimation.expansion_prior import (
 )
 from truearm.identification.estimation.gross_errors import (
     LEAST_READINGS,
-    ellipsoid_factor,
     excluded_readings,
-    fit_error_distribution,
     has_gross_errors,
     identify_without_gross_errors,
     own_variance,
@@ -38,6 +36,7 @@ from truearm.identification.estimation.residual_variance import (
     conformal_residual_variance,
     fit_variance_function,
 )
+from truearm.identification.estimation.tails import ellipsoid_factor, tail_freedom
 from truearm.identification.terms import ArmState, Constant, SkippedTerm, Term, candidate_terms, constants
 from truearm.identification.terms.basis import HIGHEST_ORDER, Temperature
 from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED, unlearned_terms
@@ -111,8 +110,8 @@ class IdentifiedModel(Compensator):
         Factor by which standard deviations of the posterior are raised, from the readings held out (see
         `truearm.identification.estimation.cross_validation`).
     tail_freedom_ : float
-        Degrees of freedom of Student's distribution of the held-out deviations; infinite where they are Gaussian, where
-        they are too few, and of models from older files.
+        Degrees of freedom of the tails of the held-out deviations (`truearm.identification.estimation.tails`); infinite
+        where they are too few, and of models from older files.
     refit_reading_ids_ : (k,) array
         Identifiers of the readings from which base and tip were re-identified (`refit`); none by `fit`.
     """
@@ -209,18 +208,14 @@ class IdentifiedModel(Compensator):
             if len(held_out.rows) < len(self.held_out_.rows):  # few may remain, and those the best known
                 variance = max(variance, noise_variance)
             if len(held_out.rows) >= LEAST_READINGS:
-                self.tail_freedom_ = fit_error_distribution(scaled).freedom
+                self.tail_freedom_ = tail_freedom(scaled, variance)
         else:
             self.variance_function_ = VarianceFunction.flat(angles.shape[1])
             variance = noise_variance
         self.residual_std_ = float(np.sqrt(variance))
 
     def ellipsoid_factor(self, level: float) -> float:
-        """Half axis, in standard uncertainties, of the ellipsoid that contains a point with probability `level`.
-
-        At 95 % it is 2.80, as for Gaussian errors; beyond, it is as much larger as the held-out readings scatter
-        farther than Gaussian ones (see `truearm.identification.estimation.gross_errors.ellipsoid_factor`).
-        """
+        """See `Compensator.ellipsoid_factor`: beyond 95 % as much larger as the held-out readings scatter farther."""
         return ellipsoid_factor(level, freedom=self.tail_freedom_)
 
     def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:

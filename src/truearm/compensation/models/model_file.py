@@ -44,6 +44,7 @@ from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.identification.estimation.identification import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.outliers import MIN_ROBUST_WEIGHT
+from truearm.identification.estimation.tails import LEAST_FREEDOM
 from truearm.identification.terms import SkippedTerm, Term
 from truearm.typing import FloatArray
 
@@ -334,6 +335,8 @@ def _check_model(model: Compensator) -> None:
         _check_shape("variance_function_.centre", model.variance_function_.centre, (n_joints,))
         if not (0 <= model.residual_std_ < np.inf and 1 <= model.birge_ratio_ < np.inf):
             raise InputError("expected a residual standard deviation of 0 or more and a Birge ratio of 1 or more")
+        if not model.tail_freedom_ >= LEAST_FREEDOM:
+            raise InputError(f"expected {LEAST_FREEDOM:g} or more degrees of freedom of the tails")
         _check_shape("refit_reading_ids_", model.refit_reading_ids_, (len(model.refit_reading_ids_),))
     if isinstance(model, NetworkModel):
         _check_network(model, n_joints)

@@ -44,6 +44,8 @@ class UncertaintyBudget:
         Readings with reference points.
     n_covered : int
         Those that lie in their 95 % ellipsoids, the reference's own uncertainty included.
+    n_covered_99 : int
+        Those that lie in their 99 % ellipsoids, which follow the tails of the training readings.
     """
 
     of_parameters_mm: float
@@ -53,6 +55,7 @@ class UncertaintyBudget:
     is_relative: bool
     n_points: int
     n_covered: int
+    n_covered_99: int = 0
 
     @property
     def expanded_mm(self) -> float:
@@ -104,6 +107,7 @@ def uncertainty_budget(model: Compensator, readings: Session) -> tuple[Uncertain
         is_relative=is_relative,
         n_points=len(seen),
         n_covered=int((times < ELLIPSOID_FACTOR).sum()),
+        n_covered_99=int((times < model.ellipsoid_factor(0.99)).sum()),
     )
     far = [
         Outlier.of_reading(int(seen[i]), float(errors[i]), float(times[i] / np.sqrt(3)), kind="prediction")

@@ -22,10 +22,10 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit, gammaln
 from scipy.stats import chi2
-from scipy.stats import f as variance_ratio
 
 from truearm.identification.estimation.identification import IdentificationResult, ReferenceFit
-from truearm.identification.estimation.residual_variance import FLOOR_MM2, LEVEL, HeldOutReadings
+from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
+from truearm.identification.estimation.tails import FREEDOM_RATE, FREEDOM_SHAPE
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Bounds of the share of gross errors: one in a thousand is expected before anything is known; where four in ten are
@@ -33,15 +33,12 @@ from truearm.typing import BoolArray, FloatArray, IntArray
 LEAST_SHARE, MOST_SHARE = 1e-3, 0.4
 # Bounds of the degrees of freedom: real arms have more than three; above a thousand the distribution is Gaussian.
 LEAST_FREEDOM, MOST_FREEDOM = 3.0, 1e3
-# Prior of the degrees of freedom, a gamma density of this shape and rate: M. A. Juarez, M. F. J. Steel, "Model-based
-# clustering of non-Gaussian panel data based on skew-t distributions", J. Bus. Econ. Stat. 28 (2010) 52.
-FREEDOM_SHAPE, FREEDOM_RATE = 2.0, 0.1
 # Gross errors begin at this many standard deviations, and have any size up to this many decades above.
 LEAST_GROSS_STDS, DECADES = 4.0, 4.0
 # With fewer held-out readings no reading is judged: their distribution is unknown.
 LEAST_READINGS = 12
-# With fewer degrees of freedom many gross errors of one size may look like tails. Student's weights then move the arm to
-# the majority, once, and show them.
+# With fewer degrees of freedom, many gross errors of one size may look like tails. Student's weights then move the arm
+# to the majority, once, and show them.
 HEAVY_TAILS = 3.5
 # Maximum fits to find the set of gross errors; two find it where there are any, as a rule.
 MAX_FITS = 4
@@ -142,27 +139,6 @@ def _log_densities(
     decades = np.log(4 * np.pi * DECADES * np.log(10.0))
     gross = np.log(of.gross_share) - decades - np.log(LEAST_GROSS_STDS**3 + t2**1.5)
     return honest - half_log_det, gross - half_log_det
-
-
-def ellipsoid_factor(level: float, *, freedom: float) -> float:
-    """Half axis, in standard uncertainties, of an ellipsoid that contains a point with probability `level`.
-
-    Residual variances are such that Gaussian ellipsoids of 95 % contain 95 % of the readings. The factor at 95 % is
-    therefore that of chi-square with three degrees of freedom; at other levels it follows the squared length of
-    Student's distribution, three times an F(3, nu).
-
-    Parameters
-    ----------
-    level : float
-        Between 0 and 1.
-    freedom : float
-        Degrees of freedom nu; infinite for a Gaussian distribution.
-    """
-    at_level = float(chi2.ppf(LEVEL, 3))
-    if np.isinf(freedom):
-        return float(np.sqrt(chi2.ppf(level, 3)))
-    ratio = variance_ratio.ppf(level, 3, freedom) / variance_ratio.ppf(LEVEL, 3, freedom)
-    return float(np.sqrt(at_level * ratio))
 
 
 def identify_without_gross_errors(

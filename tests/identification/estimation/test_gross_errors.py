@@ -1,0 +1,212 @@
+"""Gross errors are told from honest ones by what is held out, whatever their size, and take no part."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truearm.arm import load_arm
+from truearm.compensation.models import PhysicalModel
+from truearm.errors import InputError
+from truearm.identification.estimation.cross_validation import cross_validate_by_group
+from truearm.identification.estimation.gross_errors import (
+    LEAST_FREEDOM,
+    ErrorDistribution,
+    excluded_readings,
+    fit_error_distribution,
+    identify_without_gross_errors,
+)
+from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.outliers import outliers
+from truearm.identification.estimation.references import Points, seats_of
+from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.planning.sampling import STRATEGIES
+from truearm.identification.planning.sampling.seat import seat
+from truearm.identification.terms import ArmState, constants
+from truearm.identification.virtual import VirtualArm, load_preset
+
+NOISE = 0.02  # mm
+
+
+def held_out(deviations, *, known=0.0):
+    n = len(deviations)
+    rows = np.arange(n)
+    return HeldOutReadings(rows, rows, deviations, np.tile(known * np.eye(3), (n, 1, 1)), np.ones(n))
+
+
+def gross(readings):
+    return np.flatnonzero(fit_error_distribution(readings).gross_probability(readings) > 0.5).tolist()
+
+
+def with_gross_errors(rng, n, share, least):
+    """Gaussian deviations, the first of them with an error of any size from `least` standard deviations on."""
+    deviations = NOISE * rng.normal(size=(n, 3))
+    k = int(share * n)
+    directions = rng.normal(size=(k, 3))
+    sizes = NOISE * least * 10 ** rng.uniform(0, 4, k)
+    deviations[:k] += sizes[:, None] * directions / np.linalg.norm(directions, axis=1)[:, None]
+    return deviations, list(range(k))
+
+
+@given(seed=st.integers(0, 1000), n=st.sampled_from([40, 150, 400]))
+@settings(max_examples=20, deadline=None)
+def test_gaussian_deviations_have_no_gross_errors(seed, n):
+    """Beyond 5.5 standard deviations lies one Gaussian reading in a million."""
+    assert gross(held_out(NOISE * np.random.default_rng(seed).normal(size=(n, 3)))) == []
+
+
+@given(seed=st.integers(0, 1000), n=st.sampled_from([40, 150]), share=st.sampled_from([0.03, 0.1, 0.2]))
+@settings(max_examples=20, deadline=None)
+def test_gross_errors_of_any_size_are_named_and_no_others(seed, n, share):
+    deviations, bad = with_gross_errors(np.random.default_rng(seed), n, share, least=20)
+    readings = held_out(deviations)
+    assert gross(readings) == bad
+    distribution = fit_error_distribution(readings)
+    assert distribution.variance == pytest.approx(NOISE**2, rel=0.6)  # of 32 readings or more, with tails
+    weights = distribution.student_weights(readings)
+    assert (weights[bad] < 0.1).all()
+    assert ((weights >= 0) & (weights <= 1)).all()
+
+
+def test_tails_as_of_a_geared_robot_are_honest(rng):
+    """Of Student's distribution with four degrees of freedom, some of 4000 readings lie 20 scales away."""
+    deviations = NOISE * rng.normal(size=(4000, 3)) / np.sqrt(rng.chisquare(4, 4000) / 4)[:, None]
+    readings = held_out(deviations)
+    distribution = fit_error_distribution(readings)
+    assert distribution.freedom == pytest.approx(4, rel=0.15)
+    assert len(gross(readings)) <= 2
+    assert (np.linalg.norm(deviations, axis=1) > 15 * NOISE).sum() >= 2
+
+
+@given(scale=st.floats(1e-3, 1e3), seed=st.integers(0, 100))
+@settings(max_examples=10, deadline=None)
+def test_the_unit_of_the_deviations_decides_nothing(scale, seed):
+    deviations, _ = with_gross_errors(np.random.default_rng(seed), 60, 0.1, least=5)
+    ours = fit_error_distribution(held_out(deviations, known=NOISE**2)).gross_probability(
+        held_out(deviations, known=NOISE**2)
+    )
+    other = held_out(scale * deviations, known=(scale * NOISE) ** 2)
+    np.testing.assert_allclose(fit_error_distribution(other).gross_probability(other), ours, atol=0.02)
+
+
+def test_what_the_covariance_explains_is_no_gross_error(rng):
+    """A deviation of 50 noises where the others leave 50 open is honest; the same elsewhere is not."""
+    deviations = NOISE * rng.normal(size=(60, 3))
+    deviations[[3, 4], 0] = 50 * NOISE
+    readings = held_out(deviations)
+    readings.covariance[3] = (50 * NOISE) ** 2 * np.eye(3)
+    assert gross(readings) == [4]
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9])
+def test_exact_readings_have_a_distribution(size):
+    distribution = fit_error_distribution(held_out(np.full((20, 3), size)))
+    assert isinstance(distribution, ErrorDistribution)
+    assert np.isfinite([distribution.variance, distribution.freedom]).all()
+    assert distribution.freedom >= LEAST_FREEDOM
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """A `gao2017` a little off, 60 readings with points and 40 in four seats, and its constants."""
+    rng = np.random.default_rng(5)
+    arm = load_arm("gao2017")
+    chain = arm.chain.with_motions(np.array([1e-3] * 3 + [0.5] * 3) * rng.normal(size=(arm.chain.n_places, 6)))
+    poses = seat(replace(arm, chain=chain), 40, seed=3, seats=4)
+    angles = np.concatenate([arm.working + 0.8 * rng.uniform(-1, 1, (60, 6)), poses.angles])
+    angles[60:] += rng.normal(0, 1e-5, (40, 6))  # 0.01 mm
+    points = chain.tip_in_base(angles[:60]) + rng.normal(0, NOISE, (60, 3))
+    return ArmState(arm.chain, angles), points, poses.seat, constants(arm.chain, free=("tip",))
+
+
+def without(drawn, points, rows=None, *, angles=None):
+    """The identification of points and seats without gross errors."""
+    state, _, names, terms = drawn
+    state = state if angles is None else replace(state, angles=angles)
+    references = [Points(np.arange(60), points), seats_of(np.arange(60, 100), names)]
+    weights = np.ones(100)
+    if rows is not None:
+        weights[rows] = 0.0
+
+    def identified(weights):
+        return identify(state.chain, state, terms, references, reading_weights=weights)
+
+    def cross_validated(fit):
+        return cross_validate_by_group(fit, state, references, np.arange(100))
+
+    return identify_without_gross_errors(identified, cross_validated, weights)
+
+
+def test_a_reading_of_weight_zero_is_as_if_it_were_not_there(drawn):
+    state, points, _, terms = drawn
+    state = state.rows(np.arange(60))
+    weights = np.ones(60)
+    weights[[7, 20]] = 0.0
+    wrong = points + np.where(weights[:, None] == 0, 1e3, 0.0)
+    rest = np.flatnonzero(weights)
+    ours = identify(state.chain, state, terms, [Points(np.arange(60), wrong)], reading_weights=weights)
+    other = identify(state.chain, state, terms, [Points(rest, points[rest])])
+    np.testing.assert_allclose(ours.tips(state), other.tips(state), atol=1e-9)
+    assert ours.references[0].noise_std == pytest.approx(other.references[0].noise_std, rel=1e-9)
+    assert ours.references[0].robust_weight[[7, 20]].tolist() == [0, 0]
+    assert excluded_readings(ours).tolist() == [7, 20]
+    # Held out, it is predicted by the same arm, with the covariance of its tip.
+    held = cross_validate_by_group(ours, state, [Points(np.arange(60), wrong)], np.arange(60))
+    np.testing.assert_allclose(held.deviations[[7, 20]], (ours.tips(state) - wrong)[[7, 20]], rtol=1e-6)
+    np.testing.assert_allclose(held.covariance[[7, 20]], ours.tip_covariance(state)[[7, 20]], rtol=1e-4)
+
+
+def test_gross_errors_are_excluded_and_honest_readings_come_back(drawn):
+    _, points, _, _ = drawn
+    wrong = points.copy()
+    wrong[11] += [100.0, 0, 0]
+    wrong[30] += [0, 0.6, 0]
+    clean, _ = without(drawn, points)
+    assert len(excluded_readings(clean)) == 0
+    fit, held = without(drawn, wrong, rows=[0, 1, 2])
+    assert excluded_readings(fit).tolist() == [11, 30]
+    assert len(held.rows) == 100
+    assert [(one.row, one.is_excluded) for one in outliers(fit)] == [(11, True), (30, True)]
+    assert outliers(fit)[0].error_mm == pytest.approx(100, abs=0.1)
+    assert "excluded" in str(outliers(fit)[0])
+    assert fit.references[0].noise_std == pytest.approx(clean.references[0].noise_std, rel=0.1)
+
+
+def test_a_wrong_reading_in_a_seat_is_named(drawn):
+    state, points, _, _ = drawn
+    angles = state.angles.copy()
+    angles[70, 1] += 5e-3  # some millimetres
+    fit, _ = without(drawn, points, angles=angles)
+    assert excluded_readings(fit).tolist() == [70]
+    assert outliers(fit)[0].kind == "seat"
+
+
+def test_a_wrong_reading_at_a_far_pose_is_not_swallowed():
+    """Before it was judged by what is held out, the 120 coefficients explained it and missed the others."""
+    arm = load_arm("gao2017")
+    virtual = VirtualArm.draw(arm, load_preset("shop"), seed=0)
+    session = virtual.measure(STRATEGIES["measuring"](arm, 50, seed=0).angles, seed=0).readings
+    angles = session.angles
+    far = int(np.argmax(np.linalg.norm((angles - angles.mean(axis=0)) / angles.std(axis=0), axis=1)))
+    points = session.points.copy()
+    points[far] += [3.0, 0.0, 4.0]
+    model = PhysicalModel(arm, highest=8).fit_readings(replace(session, points=points))
+    assert excluded_readings(model.fit_).tolist() == [far]
+    assert far not in model.held_out_.rows
+    assert (model.held_out_errors_.n, model.held_out_errors_.n_excluded) == (49, 1)
+    others = np.delete(np.arange(50), far)
+    rest = PhysicalModel(arm, highest=8).fit_readings(session.rows(others))
+    assert model.residual_std_ == pytest.approx(rest.residual_std_, rel=0.1)
+    plain = PhysicalModel(arm, highest=8, robust=False).fit_readings(session)
+    assert len(excluded_readings(plain.fit_)) == 0
+
+
+@pytest.mark.parametrize("weights", [np.ones(99), np.full(100, 2.0), np.full(100, -1.0), np.full(100, np.nan)])
+def test_weights_are_one_a_reading_from_0_to_1(drawn, weights):
+    state, points, _, terms = drawn
+    with pytest.raises(InputError, match="expected weights of 100 readings, from 0 to 1"):
+        identify(state.chain, state, terms, [Points(np.arange(60), points)], reading_weights=weights)
