@@ -19,7 +19,7 @@ ERROR_KEYS = {
     *("mean_mm", "rms_mm", "p95_mm", "max_mm", "mean_abs_coordinate_mm", "max_abs_coordinate_mm"),
     *("removed_percent", "n"),
 }
-EVALUATION_KEYS = ERROR_KEYS | {"summary", "nominal", "coverage", "n_refit", "outliers", "remarks"}
+EVALUATION_KEYS = ERROR_KEYS | {"summary", "nominal", "coverage", "coverage_99", "n_refit", "outliers", "remarks"}
 FIT_KEYS = {
     *("summary", "model", "arm", "file", "fit_seconds", "n_readings", "held_out", "training"),
     *("comparison", "outliers", "length_outliers", "remarks"),

@@ -74,7 +74,7 @@ def test_gross_errors_do_not_change_the_choice(size, real, rng, monkeypatch):
 
 
 def test_a_trimmed_mean_and_its_standard_error():
-    """By hand: 0, 1 .. 8, 1000 without the ends are 1 .. 8; clipped 1, 1, 2 .. 7, 8, 8, with a sum of squares of 66.5."""
+    """By hand: 0 .. 8, 1000 without the ends are 1 .. 8; clipped 1, 1, 2 .. 7, 8, 8, with a sum of squares of 66.5."""
     mean, error = trimmed_mean(np.array([1000.0, *range(9)]))
     assert mean == pytest.approx(4.5)
     assert error == pytest.approx(np.sqrt(66.5 / (8 * 7)))
