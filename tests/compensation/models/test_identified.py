@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.compensation.models import KinematicModel, NetworkModel, NominalModel, PhysicalModel
-from truearm.compensation.models.identified_model import cross_validation_groups
+from truearm.compensation.models.cross_validation_groups import cross_validation_groups
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
 from truearm.identification.terms.catalogue import thermal
@@ -33,7 +33,7 @@ def mean_error(model, real, angles):
         ({"seat": ["a", "a", "b", "b", "b", "a"]}, [0, 0, 1, 1, 1, 0]),
         ({"seat": ["a", "a", "b", "", "", "b"]}, [2, 2, 3, 0, 1, 3]),
         ({"position": ["p"] * 6}, [0, 1, 2, 3, 4, 5]),
-        ({"seat": ["a"] * 6}, [0, 0, 1, 2, 3, 4]),
+        ({"seat": ["a"] * 6}, [0, 1, 2, 3, 4, 5]),
         ({"position": ["p"] * 6, "seat": ["a", "a", "b", "b", "c", "c"]}, [0, 0, 1, 1, 2, 2]),
         ({"position": ["p", "p", "", "", "", ""], "seat": ["a", "b", "a", "a", "", "c"]}, [3, 3, 1, 1, 0, 2]),
         ({"session": ["s", "s", "t", "t", "t", "t"]}, [0, 1, 2, 3, 4, 5]),
@@ -289,12 +289,12 @@ def test_a_progress_is_told(real, rng):
 
 
 @pytest.mark.parametrize("kind", [NominalModel, KinematicModel, PhysicalModel])
-def test_one_seat_is_held_out_in_parts(kind, real, rng):
-    """Part by part, by the scatter of a part's readings about their own mean."""
+def test_one_seat_is_held_out_by_regions_of_the_joint_space(kind, real, rng):
+    """Of two readings on average, each against the position of the seat by the others."""
     held = real.held(rng)
     model = kind(real.arm, **({"highest": 2} if kind is PhysicalModel else {})).fit_readings(held.rows(np.arange(20)))
     assert sorted(model.held_out_.rows.tolist()) == list(range(20))
-    assert len(np.unique(model.held_out_.group)) == 5
+    assert 5 <= len(np.unique(model.held_out_.group)) <= 10
     assert np.isfinite(model.predict(held.angles, return_cov=True)[1]).all()
 
 

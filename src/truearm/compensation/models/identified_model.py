@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar, Self
@@ -12,6 +12,11 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.compensation.models.compensator import MIN_ROWS, Compensator, TrainingData
+from truearm.compensation.models.cross_validation_groups import (
+    cross_validation_groups,
+    is_in_one_place,
+    joint_space_regions,
+)
 from truearm.compensation.models.reading_references import references_of, state_of
 from truearm.errors import InputError
 from truearm.identification.estimation.cross_validation import birge_ratio, cross_validate_by_group
@@ -37,15 +42,19 @@ from truearm.identification.estimation.residual_variance import (
     fit_variance_function,
 )
 from truearm.identification.estimation.tails import ellipsoid_factor, tail_freedom
+from truearm.identification.planning.sampling import uniform
 from truearm.identification.terms import ArmState, Constant, SkippedTerm, Term, candidate_terms, constants
 from truearm.identification.terms.basis import HIGHEST_ORDER, Temperature
-from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED, unlearned_terms
+from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED, JOINT_COMPLIANCE, unlearned_terms
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import FloatArray
 
-# Readings of a single seat are held out in this many parts.
-PARTS_OF_A_SEAT = 5
+# Share of the error at held-out readings of one place that all terms together may leave: with three quarters of its
+# variance explained, little remains that could be different elsewhere.
+MAX_SHARE_LEFT = 0.5
+# Poses drawn within the limits of the joints for the expected error over the workspace.
+WORKSPACE_POSES = 200
 # Fits of weighted points after the first: the noise changes by some per cent in the first of them.
 WEIGHT_ROUNDS = 2
 # Standard uncertainty of a point that states none [mm]: a session states one of every point, or of none.
@@ -144,8 +153,7 @@ class IdentifiedModel(Compensator):
         else:
             terms, excluded = self._terms(data.state)
             self.excluded_terms_ = tuple(excluded)
-            weights = self._start_weights(data)
-            self.fit_, held_out = self._identify_without_gross_errors(data, terms, weights, progress)
+            self.fit_, held_out = self._identify_offered(data, terms, progress)
         is_excluded = np.isin(held_out.rows, excluded_readings(self.fit_))
         self.held_out_ = select_rows(held_out, ~is_excluded)
         self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=int(is_excluded.sum()))
@@ -157,6 +165,12 @@ class IdentifiedModel(Compensator):
         """The result at true temperatures, with what the readings left open of the terms of this model."""
         del state
         return fit
+
+    def _identify_offered(
+        self, data: TrainingData, terms: list[Term], progress: Callable[[int, str], None]
+    ) -> tuple[IdentificationResult, HeldOutReadings]:
+        """Identify the terms offered; a model may try fewer."""
+        return self._identify_without_gross_errors(data, terms, self._start_weights(data), progress)
 
     def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
         nominal = super()._fit_nominal(data)
@@ -192,7 +206,10 @@ class IdentifiedModel(Compensator):
         return identify_without_gross_errors(identify, cross_validate, weights)
 
     def _cross_validate(self, data: TrainingData, fit: IdentificationResult) -> HeldOutReadings:
-        groups = cross_validation_groups(data.session, self.session_frames_)
+        if is_in_one_place(data.session, data.state):
+            groups = joint_space_regions(data.session.angles, data.state.chain)
+        else:
+            groups = cross_validation_groups(data.session, self.session_frames_)
         return cross_validate_by_group(fit, data.state, data.references, groups)
 
     def _estimate_residual_variance(self, angles: FloatArray) -> None:
@@ -305,30 +322,19 @@ def _places_the_frame(term: Term) -> bool:
     )
 
 
-def cross_validation_groups(readings: Session, sessions: Iterable[str] = ()) -> IntArray:
-    """(n,) numbers of the groups that a fair test keeps together.
+def _typical_error(held_out: HeldOutReadings) -> float:
+    """Median error [mm], which gross errors hardly change."""
+    return float(np.median(held_out.errors_mm)) if len(held_out.rows) else float("inf")
 
-    A reading's group is its position; without one, its seat; without both, the reading alone. A column that would put
-    all readings into one group is ignored, and so is one that would put all points of one of `sessions` into one group,
-    as nothing else would determine its frame. Readings of a single seat are divided into `PARTS_OF_A_SEAT` parts, in
-    their order.
+
+def expected_square_error(fit: IdentificationResult, state: ArmState) -> float:
+    """Expected squared error of a tip, mean over the readings of a state: of the parameters, and of the noise [mm^2].
+
+    Integrated over a region it is the criterion of I-optimal plans: V. V. Fedorov, "Theory of Optimal Experiments",
+    1972, section 2.9.
     """
-    n = len(readings)
-    group = np.arange(n)
-    in_one_frame = [(readings.session == name) & readings.has_point for name in sessions]
-    for start, names in ((n, readings.seat), (2 * n, readings.position)):
-        if names is not None:
-            named = np.where(names != "", start + np.unique(names, return_inverse=True)[1], group)
-            for rows in (np.ones(n, dtype=bool), *in_one_frame):
-                if len(np.unique(named[rows])) == 1:
-                    named[rows] = group[rows]
-            group = named
-    if readings.seat is not None and not readings.has_point.any():
-        seats, counts = np.unique(readings.seat[readings.seat != ""], return_counts=True)
-        if (counts > 1).sum() == 1 and (readings.position is None or len(np.unique(readings.position)) == 1):
-            held = np.flatnonzero(readings.seat == seats[np.argmax(counts)])
-            group[held] = 3 * n + np.arange(len(held)) * PARTS_OF_A_SEAT // len(held)
-    return np.unique(group, return_inverse=True)[1].astype(np.intp)
+    of_parameters = np.trace(fit.tip_covariance(state), axis1=1, axis2=2)
+    return float(of_parameters.mean() + 3 * fit.references[0].noise_std ** 2)
 
 
 class NominalModel(IdentifiedModel):
@@ -431,6 +437,32 @@ class PhysicalModel(IdentifiedModel):
 
     def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
         return candidate_terms(state, free=self.free_, highest=int(self.highest))
+
+    def _identify_offered(
+        self, data: TrainingData, terms: list[Term], progress: Callable[[int, str], None]
+    ) -> tuple[IdentificationResult, HeldOutReadings]:
+        """All terms; from readings of one place those that are likely to hold elsewhere.
+
+        What a term explains in one place need not be its own: harmonics, wobble and bending share it in a way that fits
+        nowhere else. All are kept if they explain most of the error there. Otherwise the compliance of joints is tried
+        alone: it has few coefficients, and is the same everywhere (A. Klimchik, B. Furet, S. Caro, A. Pashkevich,
+        "Identification of the manipulator stiffness model parameters in industrial environment", Mech. Mach. Theory 90
+        (2015) 1). It is kept if the expected error over the whole workspace is smaller with it.
+        """
+        everything = super()._identify_offered(data, terms, progress)
+        if not is_in_one_place(data.session, data.state):
+            return everything
+        rigid_terms = [term for term in terms if isinstance(term.basis, Constant)]
+        elastic_terms = [*rigid_terms, *(term for term in terms if term.group == JOINT_COMPLIANCE)]
+        rigid = super()._identify_offered(data, rigid_terms, progress)
+        if _typical_error(everything[1]) <= MAX_SHARE_LEFT * _typical_error(rigid[1]):
+            return everything
+        elastic = super()._identify_offered(data, elastic_terms, progress)
+        state = ArmState.of(self.arm_, uniform(self.arm_, WORKSPACE_POSES, seed=0).angles)
+        is_better = expected_square_error(elastic[0], state) < expected_square_error(rigid[0], state)
+        what = "terms other than joint compliance" if is_better else "terms that depend on the pose"
+        self.excluded_terms_ += (SkippedTerm(what, "readings of one place do not show whether they hold elsewhere"),)
+        return elastic if is_better else rigid
 
     def _start_weights(self, data: TrainingData) -> FloatArray:
         """Those of the arm's constants alone: with all terms, some gross errors could explain each other."""

@@ -46,6 +46,7 @@ INTERPOLATION_STD = 2e-5  # rad
 WOBBLE_ORDERS = (1, 2)
 WOBBLE_ANGLE_STD, WOBBLE_LENGTH_STD = 5e-4, 0.2  # rad, mm; at order 1
 GRAVITY_STD = 2e-5  # rad/(N m)
+JOINT_COMPLIANCE = "joint compliance"  # the group
 GROWTH_STD = 2e-5  # 1/K: steel 1.2e-5, aluminium 2.3e-5, carbon fibre 1e-6; see `expansion_prior` for what follows
 HYSTERESIS_STD = {"revolute": 5e-5, "prismatic": 0.02}  # rad, mm
 COLUMN_STD = {"revolute": 1e-4, "prismatic": 0.05}  # rad, mm, by a column's spread
@@ -234,7 +235,7 @@ def gravity(chain: Chain, joint: int, *, links: LinkMasses | None = None) -> lis
             joint,
             _unit(about),
             GravityTorque(joint, axis),
-            "joint compliance" if about == axis == OWN_AXIS else "link bending",
+            JOINT_COMPLIANCE if about == axis == OWN_AXIS else "link bending",
             GRAVITY_STD,
         )
         for about in range(3)
