@@ -452,13 +452,13 @@ class PhysicalModel(IdentifiedModel):
         everything = super()._identify_offered(data, terms, progress)
         if not is_in_one_place(data.session, data.state):
             return everything
-        rigid_terms = [term for term in terms if isinstance(term.basis, Constant)]
+        rigid_terms = [term for term in terms if isinstance(term.basis, Constant | Temperature)]
         elastic_terms = [*rigid_terms, *(term for term in terms if term.group == JOINT_COMPLIANCE)]
         rigid = super()._identify_offered(data, rigid_terms, progress)
         if _typical_error(everything[1]) <= MAX_SHARE_LEFT * _typical_error(rigid[1]):
             return everything
         elastic = super()._identify_offered(data, elastic_terms, progress)
-        state = ArmState.of(self.arm_, uniform(self.arm_, WORKSPACE_POSES, seed=0).angles)
+        state = self.state(Session(uniform(self.arm_, WORKSPACE_POSES, seed=0).angles))
         is_better = expected_square_error(elastic[0], state) < expected_square_error(rigid[0], state)
         what = "terms other than joint compliance" if is_better else "terms that depend on the pose"
         self.excluded_terms_ += (SkippedTerm(what, "readings of one place do not show whether they hold elsewhere"),)
