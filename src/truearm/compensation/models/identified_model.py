@@ -20,6 +20,7 @@ from truearm.compensation.models.cross_validation_groups import (
 from truearm.compensation.models.reading_references import references_of, state_of
 from truearm.errors import InputError
 from truearm.identification.estimation.cross_validation import birge_ratio, cross_validate_by_group
+from truearm.identification.estimation.day_to_day import day_to_day_terms, on_another_day
 from truearm.identification.estimation.expansion_prior import (
     at_mean_temperature,
     with_material_prior,
@@ -39,6 +40,7 @@ from truearm.identification.estimation.residual_variance import (
     HeldOutReadings,
     VarianceFunction,
     conformal_residual_variance,
+    few_readings_factor,
     fit_variance_function,
 )
 from truearm.identification.estimation.tails import ellipsoid_factor, tail_freedom
@@ -152,6 +154,7 @@ class IdentifiedModel(Compensator):
             held_out = self._cross_validate(data, self.fit_)
         else:
             terms, excluded = self._terms(data.state)
+            terms += day_to_day_terms(self.arm_.chain, self.session_frames_)
             self.excluded_terms_ = tuple(excluded)
             self.fit_, held_out = self._identify_offered(data, terms, progress)
         is_excluded = np.isin(held_out.rows, excluded_readings(self.fit_))
@@ -159,6 +162,9 @@ class IdentifiedModel(Compensator):
         self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=int(is_excluded.sum()))
         self._estimate_residual_variance(data.session.angles)
         self.birge_ratio_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.residual_std_)
+        self._widen_for_few_readings()
+        if not self._is_nominal:
+            self.fit_ = on_another_day(self.fit_)
         self.fit_ = self._with_unlearned(self.fit_, state_of(self.arm_, data.session))
 
     def _with_unlearned(self, fit: IdentificationResult, state: ArmState) -> IdentificationResult:
@@ -171,6 +177,13 @@ class IdentifiedModel(Compensator):
     ) -> tuple[IdentificationResult, HeldOutReadings]:
         """Identify the terms offered; a model may try fewer."""
         return self._identify_without_gross_errors(data, terms, self._start_weights(data), progress)
+
+    def _widen_for_few_readings(self) -> None:
+        """Allow for a noise that few residuals determine only roughly."""
+        n_residuals = sum(len(part.residuals) * int((part.robust_weight > 0).sum()) for part in self.fit_.references)
+        factor = few_readings_factor(n_residuals - sum(group.effective for group in self.fit_.groups))
+        self.residual_std_ *= float(np.sqrt(factor))
+        self.fit_ = replace(self.fit_, covariance=factor * self.fit_.covariance)
 
     def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
         nominal = super()._fit_nominal(data)
