@@ -49,8 +49,9 @@ LEAST_EFFECTIVE = 0.1
 # residuals together by less than one standard deviation.
 INVISIBLE, INVISIBLE_IN_ALL = 0.02, 1.0
 MOST_LOG_RAISED = 1.0
-# Groups are negligible if together they move the tip by less than this share of the noise variance, at random poses.
-NEGLIGIBLE, NEGLIGIBLE_POSES = 0.01, 100
+# Groups are negligible if together they would move all residuals by less than this many standard deviations, were these
+# at so many random poses.
+NEGLIGIBLE_IN_ALL, NEGLIGIBLE_POSES = 1.0, 100
 # The last step moves tips by a smaller share of their uncertainty; the noise is calm when it changes by less.
 SETTLED_STEP = 0.05
 CALM_NOISE = 0.05
@@ -302,7 +303,9 @@ def identify(
         if converged:
             break
     prior = _with_uncertain_scales(prior, effective)
-    prior = _without_negligible(prior, perturbed_chain, state, float(np.sqrt(noise.min())))
+    prior = _without_negligible(
+        prior, perturbed_chain, state, float(np.sqrt(noise.min())), sum(residual.size for residual in residuals)
+    )
     effective = np.where(prior.scale > 0, effective, 0.0)
     x = np.where(prior.active, x, 0.0)
     # If the readings leave a motion of decimetres open, the last step may still change the linearisation by more than
@@ -505,13 +508,14 @@ def _with_uncertain_scales(prior: GroupedPrior, effective: FloatArray) -> Groupe
     1 / `LOG_SPREAD`^2; a lognormal scale of variance v has the root mean square exp(v) times its mode in the logarithm.
     """
     variance = np.minimum(1 / (2 * effective + LOG_SPREAD**-2.0), MOST_LOG_RAISED)
-    return replace(prior, scale=np.where(prior.learned, prior.scale * np.exp(variance), prior.scale))
+    raised = np.minimum(prior.scale * np.exp(variance), np.maximum(MOST_SCALE, prior.scale))
+    return replace(prior, scale=np.where(prior.learned, raised, prior.scale))
 
 
 def _without_negligible(
-    prior: GroupedPrior, perturbed_chain: PerturbedChain, state: ArmState, noise_std: float
+    prior: GroupedPrior, perturbed_chain: PerturbedChain, state: ArmState, noise_std: float, n_residuals: int
 ) -> GroupedPrior:
-    """Drop groups that cannot move the tip by a noticeable share of the noise, wherever the joints are.
+    """Drop groups that could not be seen in these many residuals, wherever the joints are.
 
     The scale of a group that the readings do not show becomes as small as they require, and what it may still do at
     other poses belongs to the uncertainty there. Only its prior size decides, not a comparison of evidence: where that
@@ -530,7 +534,7 @@ def _without_negligible(
     size[~prior.learned] = np.inf
     smallest = np.argsort(size)
     scale = prior.scale.copy()
-    scale[smallest[np.cumsum(size[smallest]) < NEGLIGIBLE]] = 0.0
+    scale[smallest[np.cumsum(size[smallest]) * n_residuals < NEGLIGIBLE_IN_ALL**2]] = 0.0
     return replace(prior, scale=scale)
 
 
