@@ -193,10 +193,11 @@ class IdentifiedModel(Compensator):
         return self._identify_without_gross_errors(data, terms, np.ones(len(data.session)))[0]
 
     def _start_weights(self, data: TrainingData) -> FloatArray:
-        """(n,) weights to start from: 0 for the gross errors of the next simpler model."""
-        simpler = data.simpler.fit_ if isinstance(data.simpler, IdentifiedModel) else self.nominal_
+        """(n,) weights to start from: 0 for the gross errors of the simpler models. Honest readings come back."""
         weights = np.ones(len(data.session))
-        weights[excluded_readings(simpler)] = 0.0
+        weights[excluded_readings(self.nominal_)] = 0.0
+        if isinstance(data.simpler, IdentifiedModel):
+            weights[excluded_readings(data.simpler.fit_)] = 0.0
         return weights
 
     def _identify_without_gross_errors(
@@ -483,7 +484,6 @@ class PhysicalModel(IdentifiedModel):
         if not self.robust or isinstance(data.simpler, KinematicModel):
             return weights
         rigid, _ = self._identify_without_gross_errors(data, constants(data.state.chain, free=self.free_), weights)
-        weights = np.ones(len(data.session))
         weights[excluded_readings(rigid)] = 0.0
         return weights
 
