@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.files.delimited import MAX_NAME, check_header, quoted_cell
+from truearm.readings.reference_uncertainty import SHARED_UNCERTAINTIES
 from truearm.readings.session import DIRECTION, LOAD, NAMED, SPHERE_DISTANCE, Session
 from truearm.typing import FloatArray, NameArray
 
@@ -46,13 +47,14 @@ class Columns:
     sphere_distance: tuple[str, ...] = ()
     temperature: tuple[str, ...] = ()
     directions: tuple[str, ...] = ()
+    shared: tuple[str, ...] = ()
     loads: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
 
     @property
     def numbers(self) -> tuple[str, ...]:
         """Names of the columns that hold numbers."""
-        return self.angles + self.optional + self.temperature + self.directions + self.loads
+        return self.angles + self.optional + self.temperature + self.directions + self.shared + self.loads
 
     @property
     def optional(self) -> tuple[str, ...]:
@@ -94,7 +96,7 @@ def recognise_columns(
             loads.append(name)
         elif name in NAMED:
             words.append(name)
-        elif name != TEMPERATURE and not name.startswith("note"):
+        elif name not in (TEMPERATURE, *SHARED_UNCERTAINTIES) and not name.startswith("note"):
             raise InputError(
                 f"unknown column {quoted_cell(name)}", file=file, line=line, column=name, hint=_meant(name)
             )
@@ -107,6 +109,7 @@ def recognise_columns(
         _together(SPHERE_DISTANCE, together, file, line),
         (TEMPERATURE,) if TEMPERATURE in names else (),
         _directions(directions, len(joints), file, line),
+        tuple(name for name in SHARED_UNCERTAINTIES if name in names),
         tuple(loads),
         tuple(words),
     )
@@ -117,7 +120,7 @@ def session_of_columns(
 ) -> Session:
     """Build the session in rad and mm from the values of `columns.numbers` and `columns.words`."""
     references = (columns.points, columns.point_std, columns.quaternion, columns.sphere_distance)
-    groups = (columns.angles, *references, columns.temperature, columns.directions)
+    groups = (columns.angles, *references, columns.temperature, columns.directions, columns.shared)
     parts = np.split(numbers, np.cumsum([len(group) for group in groups]), axis=1)
     for names, part in zip(groups[1:5], parts[1:5], strict=True):
         _check_whole(names, part, file=file, first_line=first_line)
@@ -125,7 +128,7 @@ def session_of_columns(
         angles, points, std = (
             part * [FACTOR[unit_of(name)] for name in names] for part, names in zip(parts, groups[:3], strict=False)
         )
-    quaternion, sphere_distance, temperature, directions, loads = parts[3:]
+    quaternion, sphere_distance, temperature, directions, shared, loads = parts[3:]
     return Session(
         angles,
         points if columns.points else None,
@@ -135,6 +138,7 @@ def session_of_columns(
         sphere_distance=sphere_distance if columns.sphere_distance else None,
         directions=directions if columns.directions else None,
         columns=dict(zip(columns.loads, loads.T, strict=True)),
+        **cast(Any, dict(zip(columns.shared, shared.T, strict=True))),
         file=file,
         angle_columns=columns.angles,
         numbers=None if first_line is None else np.arange(first_line, first_line + len(numbers)),
@@ -177,6 +181,7 @@ def session_columns(
         table[TEMPERATURE] = session.temperature_degC
     if session.directions is not None:
         table |= {f"{DIRECTION}{i + 1}": session.directions[:, i] for i in range(session.n_joints)}
+    table |= {name: values for name in SHARED_UNCERTAINTIES if (values := getattr(session, name)) is not None}
     table.update(session.columns)
     return table
 
@@ -349,5 +354,5 @@ def _meant(name: str) -> str:
         return f"{axis}_mm or {axis}_m: the name of a column states its unit"
     if re.match(r"t(emp.*)?(_|$)", plain):
         return f"{TEMPERATURE}: the name of a column states its unit"
-    close = difflib.get_close_matches(plain, [*NAMED, TEMPERATURE, *SPHERE_DISTANCE], n=1)
+    close = difflib.get_close_matches(plain, [*NAMED, TEMPERATURE, *SPHERE_DISTANCE, *SHARED_UNCERTAINTIES], n=1)
     return close[0] if close else "delete the column, or let its name start with 'note' if it is a remark"

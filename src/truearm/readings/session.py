@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.readings.reference_uncertainty import SHARED_UNCERTAINTIES, check_shared_uncertainties
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 if TYPE_CHECKING:
@@ -77,6 +78,10 @@ class Session:
         all readings of a sphere.
     directions : (n, n_joints) array, optional
         Sign of each joint's last movement before the reading: -1, 1, or 0 if it is not known.
+    u_scale_ppm : (n,) array, optional
+        Standard uncertainty of the scale of the reference, the same error at all its points [1e-6]; one in a session.
+    u_common_mm : (n,) array, optional
+        Standard uncertainty of a coordinate's error that all points of one position share [mm]; one in a session.
     columns : mapping of str to (n,) array, optional
         Further columns of numbers by their name, which starts with ``load_``: torque or load of a joint.
     file : Path, optional
@@ -92,6 +97,7 @@ class Session:
     ------
     InputError
         If lengths do not fit each other, a number is not finite or absurdly large, a temperature is not one of an arm,
+        uncertainties of the reference are negative or differ in a session,
         a point or a quaternion is given in part, a quaternion is not of length 1, a direction is not -1, 0 or 1, or
         distances from a sphere are not positive or differ.
 
@@ -118,6 +124,8 @@ class Session:
     line: NameArray | None = None
     sphere_distance: FloatArray | None = None
     directions: FloatArray | None = None
+    u_scale_ppm: FloatArray | None = None
+    u_common_mm: FloatArray | None = None
     columns: Mapping[str, FloatArray] = field(default_factory=dict)
     file: Path | None = None
     angle_columns: tuple[str, ...] | None = None
@@ -141,6 +149,7 @@ class Session:
             ("quaternion", (n, 4)),
             ("sphere_distance", (n, 2)),
             ("directions", angles.shape),
+            *((name, (n,)) for name in SHARED_UNCERTAINTIES),
         ):
             value = getattr(self, name)
             if value is not None:
@@ -158,6 +167,7 @@ class Session:
         self._check_numbers()
         self._check_std()
         self._check_directions()
+        check_shared_uncertainties(self)
         self._check_spheres()
         self._settle_quaternion()
         if n and not self.has_point.any():

@@ -252,6 +252,7 @@ def _outliers_only(reference: ReferenceFit) -> ReferenceFit:
         std=reference.std[:, far],
         robust_weight=reference.robust_weight[far],
         artefact=reference.artefact[far],
+        repeat_variance=None if reference.repeat_variance is None else reference.repeat_variance[far],
     )
 
 

@@ -20,6 +20,7 @@ from truearm.identification.estimation.surfaces import Lines, Planes, Spheres, l
 from truearm.identification.terms import ArmState, Term
 from truearm.identification.terms.catalogue import tool_rotation
 from truearm.readings.lengths import Lengths
+from truearm.readings.reference_uncertainty import common_variance_of_repeats
 from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import thermal_expansion_of
 from truearm.typing import FloatArray, IntArray, NameArray
@@ -78,9 +79,7 @@ def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]
     references: list[Reference] = []
     seen = np.flatnonzero(readings.has_point)
     if len(seen):
-        assert readings.points is not None
-        std = None if readings.point_std is None else readings.point_std[seen]
-        references.append(Points(seen, readings.points[seen], std))
+        references.append(_points(readings, seen))
     seat = readings.seat
     held = np.flatnonzero(seat != "") if seat is not None else np.zeros(0, dtype=np.intp)
     if len(held):
@@ -113,6 +112,17 @@ def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]
             file=readings.file,
         )
     return references
+
+
+def _points(readings: Session, seen: IntArray) -> Points:
+    """The points of readings `seen`, with the errors that repeats share."""
+    assert readings.points is not None
+    std = None if readings.point_std is None else readings.point_std[seen]
+    if readings.u_common_mm is None or not readings.u_common_mm.any():
+        return Points(seen, readings.points[seen], std)
+    variance, of_repeats = (part[seen] for part in common_variance_of_repeats(readings))
+    own = np.zeros((len(seen), 3)) if std is None else std**2
+    return Points(seen, readings.points[seen], np.sqrt(own + variance[:, None]), of_repeats)
 
 
 def check_sizes(

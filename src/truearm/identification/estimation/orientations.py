@@ -10,7 +10,7 @@ The rotation of the tracked tool on the flange is unknown: it is that of the tip
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +52,7 @@ class Orientations:
     R_reference_flange: FloatArray
     turn_std: FloatArray | None = None
     kind = "orientation"
+    repeat_variance: ClassVar[None] = None
     n_residuals = 3
     uses_orientation = True
     unknowns: tuple[str, ...] = ()

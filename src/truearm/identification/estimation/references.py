@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, Self
+from typing import ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -102,6 +102,11 @@ class Reference(Protocol):
         ...
 
     @property
+    def repeat_variance(self) -> FloatArray | None:
+        """(m,) variance by which errors common to repeats lower the weight of each [mm^2]; None without any."""
+        ...
+
+    @property
     def unknowns(self) -> tuple[str, ...]:
         """Names of the unknowns, with units."""
         ...
@@ -136,6 +141,8 @@ class Points:
         [mm].
     point_std : (m, 3) array, optional
         Standard uncertainties [mm].
+    repeat_variance : (m,) array, optional
+        ``(r - 1) u^2`` for r points with a common error of standard uncertainty u, which their mean has too [mm^2].
 
     Raises
     ------
@@ -146,6 +153,7 @@ class Points:
     rows: IntArray
     points: FloatArray
     point_std: FloatArray | None = None
+    repeat_variance: FloatArray | None = None
     kind = "point"
     n_residuals = 3
     uses_orientation = False
@@ -250,6 +258,7 @@ class Seats:
     names: tuple[str, ...]
     lengths: tuple[Length, ...] = ()
     kind = "seat"
+    repeat_variance: ClassVar[None] = None
     n_residuals = 3
     uses_orientation = False
 

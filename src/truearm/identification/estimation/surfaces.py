@@ -72,6 +72,7 @@ class Spheres:
     names: tuple[str, ...]
     radii: tuple[Radius, ...] = ()
     kind = "sphere"
+    repeat_variance: ClassVar[None] = None
     n_residuals = 1
     uses_orientation = False
     least: ClassVar[int] = 4
@@ -263,6 +264,7 @@ class Planes(_Straight):
     """
 
     kind = "plane"
+    repeat_variance: ClassVar[None] = None
     across = (2,)
     least = 3
 
@@ -290,6 +292,7 @@ class Lines(_Straight):
     """
 
     kind = "line"
+    repeat_variance: ClassVar[None] = None
     across = (0, 1)
     least = 2
 

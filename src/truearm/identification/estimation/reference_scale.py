@@ -1,0 +1,57 @@
+"""An error of the reference that all readings share, as a consider parameter: the scale of a tracker.
+
+No reading shows the error, and none of the coefficients stands for it. The arm that is identified has it: with the
+normal matrix ``Sigma^-1``, an error e of the points moves the coefficients by ``g = Sigma J^T W e``. With the standard
+uncertainty u of the error in e their covariance is ``Sigma + g g^T`` (S. F. Schmidt, Adv. Control Systems 3 (1966) 293;
+JCGM 100:2008, 5.2.2, for correlation 1). So the error of a predicted point is about that of the points around it, and
+distances have the error of the scale.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.terms.state import ArmState
+from truearm.typing import FloatArray
+
+
+def response_to_point_errors(fit: IdentificationResult, state: ArmState, errors: FloatArray) -> FloatArray:
+    """Change of the coefficients by errors of the points, to first order.
+
+    Parameters
+    ----------
+    fit : IdentificationResult
+        At the minimum, with the covariance of the readings.
+    state : ArmState
+        Of all n readings.
+    errors : (n, 3) array
+        Of the points, in the frame of the chain [mm].
+
+    Returns
+    -------
+    (n_coefficients,) array
+        Zeros if no reading has a point.
+    """
+    gradient = np.zeros(len(fit.coefficients))
+    for reference in fit.references:
+        if reference.kind == "point":
+            pulls = np.zeros((3, len(state)))
+            pulls[:, reference.rows] = reference.weights**2 * errors[reference.rows].T
+            for rows, _, columns in fit.perturbed_chain.derivatives(state, fit.coefficients):
+                gradient += np.tensordot(columns, pulls[:, rows], axes=2)
+    return np.asarray(fit.covariance @ gradient)
+
+
+def with_shared_error(fit: IdentificationResult, response: FloatArray) -> IdentificationResult:
+    """Add the covariance of an error to which the first coefficients respond by `response` for a standard uncertainty.
+
+    Terms that were added since do not respond.
+    """
+    if not response.any():
+        return fit
+    covariance = fit.covariance.copy()
+    covariance[: len(response), : len(response)] += np.outer(response, response)
+    return replace(fit, covariance=covariance)
