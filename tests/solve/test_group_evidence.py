@@ -292,7 +292,7 @@ def test_a_group_is_pruned_if_the_log_evidence_gains(seed):
     prior = prior_of(np.ones(4), [0, 0, 1, 1], scale=[1.0, 0.5], learned=[False, True])
     without = log_evidence(gram[:2, :2], right[:2], prior_of(np.ones(2)))
     gain = without - log_evidence(gram, right, prior) + 0.5 * np.log(0.5) ** 2 / 1.6**2
-    found = prune_groups(prior, posterior(gram, right, prior), log_spread=1.6)
+    found = prune_groups(prior, posterior(gram, right, prior), np.ones(2, bool), log_spread=1.6)
     assert (found.scale[1] == 0) == (gain > MIN_GAIN)
     assert found.scale[0] == 1.0
 
@@ -300,7 +300,7 @@ def test_a_group_is_pruned_if_the_log_evidence_gains(seed):
 def test_groups_that_the_data_do_not_see_are_kept():
     gram = np.diag([1e4, 1e-4])
     prior = prior_of([1, 1], [0, 1])
-    found = prune_groups(prior, posterior(gram, np.zeros(2), prior), log_spread=1.6)
+    found = prune_groups(prior, posterior(gram, np.zeros(2), prior), np.ones(2, bool), log_spread=1.6)
     assert found.scale.tolist() == [0.0, 1.0]
 
 
@@ -311,9 +311,16 @@ def test_of_two_equivalent_groups_one_remains():
     J = np.hstack([J, J, rng.normal(size=(50, 5)) * 30])
     y = 0.1 * J[:, :5] @ np.ones(5) + rng.normal(size=50)
     prior = prior_of(np.ones(15), np.repeat([0, 1, 2], 5))
-    found = prune_groups(prior, posterior(J.T @ J, J.T @ y, prior), log_spread=1.6)
+    found = prune_groups(prior, posterior(J.T @ J, J.T @ y, prior), np.ones(3, bool), log_spread=1.6)
     assert (found.scale[:2] > 0).sum() == 1
     assert found.scale[2] == 0
+
+
+def test_only_the_named_groups_are_pruned():
+    gram = np.diag([1e4, 1e4])
+    prior = prior_of([1, 1], [0, 1])
+    found = prune_groups(prior, posterior(gram, np.zeros(2), prior), np.array([False, True]), log_spread=1.6)
+    assert found.scale.tolist() == [1.0, 0.0]
 
 
 # Groups left out

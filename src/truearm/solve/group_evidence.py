@@ -222,8 +222,8 @@ def update_scales(
     return scale, effective
 
 
-def prune_groups(prior: GroupedPrior, found: Posterior, *, log_spread: float) -> GroupedPrior:
-    """Prune groups without which the evidence is larger.
+def prune_groups(prior: GroupedPrior, found: Posterior, which: BoolArray, *, log_spread: float) -> GroupedPrior:
+    """Prune those of some groups without which the evidence is larger.
 
     With x and S the posterior of a group's m parameters and P their prior covariance, pruning it changes the log
     evidence by ``(log|P| - log|S| - x^T S^-1 x) / 2`` (J. M. Dickey, Ann. Math. Stat. 42 (1971) 204), and removes the
@@ -235,6 +235,8 @@ def prune_groups(prior: GroupedPrior, found: Posterior, *, log_spread: float) ->
     prior : GroupedPrior
     found : Posterior
         Under `prior`.
+    which : (n_groups,) bool array
+        Groups that may be pruned, if the data determine their scale.
     log_spread : float
         As in `update_scales`.
 
@@ -249,7 +251,7 @@ def prune_groups(prior: GroupedPrior, found: Posterior, *, log_spread: float) ->
     x = np.divide(found.x, std, out=np.zeros(len(std)), where=std > 0)
     covariance = np.zeros_like(found.covariance)
     covariance[np.ix_(active, active)] = found.covariance[np.ix_(active, active)] / np.outer(std[active], std[active])
-    members = {int(g): np.flatnonzero(prior.group == g) for g in np.flatnonzero(prior.learned & (scale > 0))}
+    members = {int(g): np.flatnonzero(prior.group == g) for g in np.flatnonzero(which & prior.learned & (scale > 0))}
     while members:
         gains = {}
         for g, rows in members.items():

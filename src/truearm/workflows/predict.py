@@ -12,6 +12,7 @@ import numpy as np
 
 from truearm.compensation.models import Compensator, NetworkModel, PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import escape_formula
@@ -81,7 +82,7 @@ def _uncertainties_outside(
 ) -> Iterator[tuple[str, float]]:
     """By input other than an angle, the standard uncertainty that its distance from the training adds [mm]."""
     for name, rows in inputs_outside.items():
-        if JOINT.fullmatch(name):
+        if JOINT.fullmatch(name) or name == TOGETHER:
             continue
         nearest = model.training_.with_nearest(readings, name)
         added = covariances - model.predict_readings(nearest, return_cov=True)[1]

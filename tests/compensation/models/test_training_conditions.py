@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, NominalModel, PhysicalModel, load_model
 from truearm.compensation.models.refit import refit
-from truearm.compensation.models.training_conditions import InputRange, TrainingConditions, find_angle_gaps
+from truearm.compensation.models.training_conditions import TOGETHER, InputRange, TrainingConditions, find_angle_gaps
 from truearm.errors import InputError
 from truearm.readings import Session
 
@@ -20,7 +20,7 @@ TURNS = np.zeros(1, bool)
 
 
 def outside(asked, angles, prismatic=TURNS):
-    rows = TrainingConditions.of(Session(angles), prismatic).outside(Session(asked)).values()
+    rows = TrainingConditions.of(Session(angles), prismatic).outside(Session(asked), prismatic).values()
     return np.logical_or.reduce([np.zeros(len(asked), bool), *rows])
 
 
@@ -41,6 +41,27 @@ def test_training_angles_are_never_outside(n, seed):
     gaps = find_angle_gaps(angles, np.array([False, True, False]))
     assert not outside(angles, angles, np.array([False, True, False])).any()
     assert (gaps[:, 1] < gaps[:, 2]).all()
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(-3, 3), st.integers(0, 10**6))
+def test_a_joint_counted_on_by_full_turns_is_where_it_was(turns, seed):
+    rng = np.random.default_rng(seed)
+    angles, asked = rng.normal(size=(50, 2)), 1.5 * rng.normal(size=(30, 2))
+    turned = asked + [2 * np.pi * turns, 0.0]
+    slides = np.zeros(2, bool)
+    np.testing.assert_array_equal(outside(turned, angles, slides), outside(asked, angles, slides))
+    if turns:  # a sliding joint does not come round
+        assert outside(turned + [100.0 * turns, 0.0], angles, np.array([True, False])).all()
+
+
+def test_joints_that_are_inside_one_by_one_may_be_outside_together():
+    """Training along a diagonal: its other corners are in both ranges, and far from every reading."""
+    along = np.linspace(-1, 1, 100)
+    angles = np.column_stack([along, along + 0.02 * np.sin(40 * along)])
+    conditions = TrainingConditions.of(Session(angles), np.zeros(2, bool))
+    found = conditions.outside(Session(np.array([[-0.9, 0.9], [0.9, 0.9], [0.5, 0.51]])), np.zeros(2, bool))
+    assert {name: rows.tolist() for name, rows in found.items()} == {TOGETHER: [True, False, False]}
 
 
 @pytest.mark.parametrize("n", [10, 100, 2000])

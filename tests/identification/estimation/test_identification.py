@@ -114,7 +114,7 @@ def test_constants_ten_millimetres_and_two_degrees_off(arm, rng):
 # What is not there
 
 
-def test_absent_effects_are_pruned(arm, rng):
+def test_absent_effects_hardly_matter(arm, rng):
     """All terms offered to an arm of constants alone: as good as if nothing else had been, to a few per cent."""
     geometry = constants(arm.chain, free=())
     ratios, extra = [], []
@@ -131,7 +131,7 @@ def test_absent_effects_are_pruned(arm, rng):
         kept = {term.group for term in geometry}
         extra.append(sum(group.effective for group in fits[1].groups if group.name not in kept))
     assert np.mean(ratios) < 1.03
-    assert np.median(extra) < 6
+    assert np.median(extra) < 36  # of 450 numbers: slow groups remain, at sizes that the readings allow
 
 
 def test_one_effect_among_many_offered_terms_is_identified(arm, rng):
@@ -345,6 +345,21 @@ def test_one_group_that_is_not_learned_keeps_its_prior(arm, rng):
     fit = found(arm, angles, arm.chain.tip_in_base(angles) + NOISE * rng.normal(size=(20, 3)), terms)
     assert {group.scale for group in fit.groups} == {1.0}
     np.testing.assert_array_equal(fit.prior_std, np.concatenate([term.prior_stds for term in terms]))
+
+
+def test_what_no_reading_showed_is_in_the_covariance_elsewhere(arm, rng):
+    """Readings about one pose say little of bending and slow harmonics: far from it their sizes are still open."""
+    geometry = constants(arm.chain, free=())
+    x = drawn(geometry, rng, scales={term.group: 0.3 for term in geometry})
+    angles = poses(arm, 60, rng) * 0.15
+    points = seen(arm, geometry, x, angles, rng)
+    everything, _ = candidate_terms(ArmState(arm.chain, angles), free=(), highest=4)
+    fits = [found(arm, angles, points, terms) for terms in (geometry, everything)]
+    far = ArmState(arm.chain, poses(arm, 200, rng))
+    near = ArmState(arm.chain, angles)
+    spread = [[np.trace(fit.tip_covariance(at), axis1=1, axis2=2).mean() for at in (near, far)] for fit in fits]
+    assert spread[1][1] > 1.5 * spread[0][1]
+    assert spread[1][1] > 10 * spread[1][0]
 
 
 @pytest.mark.parametrize(("n", "is_kept"), [(300, False), (12000, True)])

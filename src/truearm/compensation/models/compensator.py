@@ -348,8 +348,8 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         """
         if isinstance(X, Session):
             self._check_session(X)
-            return self.training_.outside(X)
-        return self.training_.outside(Session(self._checked_angles(X)))
+            return self.training_.outside(X, self.arm_.chain.is_prismatic)
+        return self.training_.outside(Session(self._checked_angles(X)), self.arm_.chain.is_prismatic)
 
     def is_trained_on(self, readings: Session) -> bool:
         """Whether these are the readings that the model was fitted to last."""

@@ -20,6 +20,7 @@ from truearm.compensation.models.cross_validation_groups import (
 from truearm.compensation.models.reading_references import references_of, state_of
 from truearm.errors import InputError
 from truearm.identification.estimation.cross_validation import birge_ratio, cross_validate_by_group
+from truearm.identification.estimation.day_to_day import day_to_day_terms, on_another_day
 from truearm.identification.estimation.expansion_prior import (
     at_mean_temperature,
     with_material_prior,
@@ -40,6 +41,7 @@ from truearm.identification.estimation.residual_variance import (
     HeldOutReadings,
     VarianceFunction,
     conformal_residual_variance,
+    few_readings_factor,
     fit_variance_function,
 )
 from truearm.identification.estimation.tails import ellipsoid_factor, tail_freedom
@@ -154,6 +156,7 @@ class IdentifiedModel(Compensator):
             held_out = self._cross_validate(data, self.fit_)
         else:
             terms, excluded = self._terms(data.state)
+            terms += day_to_day_terms(self.arm_.chain, self.session_frames_)
             self.excluded_terms_ = tuple(excluded)
             self.fit_, held_out = self._identify_offered(data, terms, progress)
         is_excluded = np.isin(held_out.rows, excluded_readings(self.fit_))
@@ -164,6 +167,9 @@ class IdentifiedModel(Compensator):
         scale = response_to_point_errors(
             self.fit_, data.state, scale_errors(data.session, is_frame_free="base" in self.free_)
         )
+        self._widen_for_few_readings()
+        if not self._is_nominal:
+            self.fit_ = on_another_day(self.fit_)
         self.fit_ = with_shared_error(self._with_unlearned(self.fit_, state_of(self.arm_, data.session)), scale)
 
     def _with_unlearned(self, fit: IdentificationResult, state: ArmState) -> IdentificationResult:
@@ -177,6 +183,13 @@ class IdentifiedModel(Compensator):
         """Identify the terms offered; a model may try fewer."""
         return self._identify_without_gross_errors(data, terms, self._start_weights(data), progress)
 
+    def _widen_for_few_readings(self) -> None:
+        """Allow for a noise that few residuals determine only roughly."""
+        n_residuals = sum(len(part.residuals) * int((part.robust_weight > 0).sum()) for part in self.fit_.references)
+        factor = few_readings_factor(n_residuals - sum(group.effective for group in self.fit_.groups))
+        self.residual_std_ *= float(np.sqrt(factor))
+        self.fit_ = replace(self.fit_, covariance=factor * self.fit_.covariance)
+
     def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
         nominal = super()._fit_nominal(data)
         if not self.robust or not has_gross_errors(nominal, self._cross_validate(data, nominal)):
@@ -185,10 +198,11 @@ class IdentifiedModel(Compensator):
         return self._identify_without_gross_errors(data, terms, np.ones(len(data.session)))[0]
 
     def _start_weights(self, data: TrainingData) -> FloatArray:
-        """(n,) weights to start from: 0 for the gross errors of the next simpler model."""
-        simpler = data.simpler.fit_ if isinstance(data.simpler, IdentifiedModel) else self.nominal_
+        """(n,) weights to start from: 0 for the gross errors of the simpler models. Honest readings come back."""
         weights = np.ones(len(data.session))
-        weights[excluded_readings(simpler)] = 0.0
+        weights[excluded_readings(self.nominal_)] = 0.0
+        if isinstance(data.simpler, IdentifiedModel):
+            weights[excluded_readings(data.simpler.fit_)] = 0.0
         return weights
 
     def _identify_without_gross_errors(
@@ -475,7 +489,6 @@ class PhysicalModel(IdentifiedModel):
         if not self.robust or isinstance(data.simpler, KinematicModel):
             return weights
         rigid, _ = self._identify_without_gross_errors(data, constants(data.state.chain, free=self.free_), weights)
-        weights = np.ones(len(data.session))
         weights[excluded_readings(rigid)] = 0.0
         return weights
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
@@ -21,6 +22,14 @@ LEAST_TURN = float(np.radians(1.0))
 LEAST_SLIDE = 0.01
 # A temperature this far outside the trained ones is not reported [K]: thermometers on an arm agree to about this.
 TEMPERATURE_TOLERANCE_K = 1.0
+# Turns of a joint that are looked at.
+MOST_TURNS = 20
+TOGETHER = "joints together"
+"""Name of `TrainingConditions.outside` for poses whose joints are each inside but together far from all training."""
+USUAL_SHARE = 0.99
+# A sample this small has no usual distance.
+LEAST_SAMPLE = 20
+LEAST_TRAVEL_MM = 1.0
 # Training readings that are kept: ten a constant of a six-axis arm, 24 kB of a model file.
 MAX_SAMPLE = 500
 
@@ -164,23 +173,30 @@ class TrainingConditions:
             lengths_fingerprint="" if lengths is None else fingerprint(lengths),
         )
 
-    def outside(self, session: Session) -> dict[str, BoolArray]:
+    def outside(self, session: Session, prismatic: BoolArray) -> dict[str, BoolArray]:
         """Inputs of a session outside the trained range.
+
+        A revolute joint that is counted on by a full turn is where it was. Each joint may be inside its range while all
+        of them together are far from every training reading: farther than 99 of 100 of those are from each other.
+
+        Parameters
+        ----------
+        session : Session
+        prismatic : (n_joints,) bool array
+            Which joints slide.
 
         Returns
         -------
         dict of str to (n,) bool array
-            By input (``J1`` to ``Jn``, ``temperature``, ``direction_1`` to ``direction_n``, the name of a further
+            By input (``J1`` to ``Jn``, ``joints together``, ``temperature``,
+            ``direction_1`` to ``direction_n``, the name of a further
             column) True at the readings whose value lies outside the range in training or in one of its gaps. Inputs
             that lie inside at all readings are not in it, nor are those that training or session do not state; a
             temperature that the training does not state is assumed near 20 degC (`temperature_range`).
         """
-        angles, (lower, upper) = session.angles, self.angle_ranges.T
-        outside = (angles < lower) | (angles > upper)
-        for joint, begin, end in self.angle_gaps:
-            at = angles[:, int(joint)]
-            outside[:, int(joint)] |= (at > begin) & (at < end)
+        outside = ~self._inside_by_joint(session.angles, prismatic)
         found = {f"J{joint}": column for joint, column in enumerate(outside.T, 1)}
+        found[TOGETHER] = ~outside.any(axis=1) & (self._distance(session.angles, prismatic) > self._usual(prismatic))
         found["temperature"] = self.kelvin_outside(session) > TEMPERATURE_TOLERANCE_K
         for name, known in self.columns.items():
             if name in session.columns:
@@ -191,6 +207,42 @@ class TrainingConditions:
             beyond = ((signs < lower) | (signs > upper)) & (signs != 0) & (lower == upper) & (lower != 0)
             found |= {f"{DIRECTION}{joint}": column for joint, column in enumerate(beyond.T, 1)}
         return {name: rows for name, rows in found.items() if rows.any()}
+
+    def _inside_by_joint(self, angles: FloatArray, prismatic: BoolArray) -> BoolArray:
+        """(n, n_joints) whether an angle, or one some full turns from it, is in the range and in none of its gaps."""
+        inside = np.zeros(angles.shape, dtype=bool)
+        for joint, (lower, upper) in enumerate(self.angle_ranges):
+            gaps = self.angle_gaps[self.angle_gaps[:, 0] == joint, 1:]
+            at = angles[:, joint]
+            turns = [at]
+            if not prismatic[joint]:
+                first = lower + np.mod(at - lower, 2 * np.pi)
+                turns += [first + 2 * np.pi * k for k in range(min(int((upper - lower) / (2 * np.pi)), MOST_TURNS) + 1)]
+            for turned in turns:
+                in_gap = ((turned[:, None] > gaps[:, 0]) & (turned[:, None] < gaps[:, 1])).any(axis=1)
+                inside[:, joint] |= (turned >= lower) & (turned <= upper) & ~in_gap
+        return inside
+
+    def _distance(self, angles: FloatArray, prismatic: BoolArray) -> FloatArray:
+        """(n,) distances from the nearest training reading of the sample; 0 without one, and of a single joint."""
+        if self.angle_sample is None or len(self.angle_sample) < LEAST_SAMPLE or angles.shape[1] < 2:
+            return np.zeros(len(angles))
+        tree = cKDTree(self._around(self.angle_sample, prismatic))
+        return np.asarray(tree.query(self._around(angles, prismatic))[0], dtype=float)
+
+    def _usual(self, prismatic: BoolArray) -> float:
+        """The distance from the nearest other one that 99 of 100 training readings of the sample keep."""
+        if self.angle_sample is None or len(self.angle_sample) < LEAST_SAMPLE:
+            return 0.0
+        around = self._around(self.angle_sample, prismatic)
+        nearest = np.asarray(cKDTree(around).query(around, k=2)[0], dtype=float)[:, 1]
+        return float(np.quantile(nearest, USUAL_SHARE))
+
+    def _around(self, angles: FloatArray, prismatic: BoolArray) -> FloatArray:
+        """(n, ..) coordinates with distances between poses: on circles for joints that turn, 2 for the whole travel."""
+        travel = np.maximum(np.ptp(self.angle_ranges, axis=1), LEAST_TRAVEL_MM)
+        turning, sliding = angles[:, ~prismatic], 2 * (angles / travel)[:, prismatic]
+        return np.hstack([np.cos(turning), np.sin(turning), sliding])
 
     def with_nearest(self, session: Session, name: str) -> Session:
         """The session with an input of `outside` other than an angle at the nearest value of the training."""

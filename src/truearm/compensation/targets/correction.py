@@ -16,6 +16,7 @@ import numpy as np
 
 from truearm.arm.chain import Pose
 from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.compensation.targets.configuration import MAX_CONDITION, follow, keeps_configuration
 from truearm.compensation.targets.inverse import (
     MAX_STEPS,
@@ -255,8 +256,16 @@ def _judged(
     change, condition = found.joints - solved.before, found.condition
     readings = targets.session(machine)
     # A correction of some mrad does not lead out of the training: joints at the edge of the range are inside.
-    planned = model.training_.outside(targets.session(solved.before if direction == "command" else found.joints))
-    inputs = {name: rows & planned[name] for name, rows in model.training_.outside(readings).items() if name in planned}
+    # Programs go to places between the training poses: there the stated uncertainty says what is known.
+    slides = arm.chain.is_prismatic
+    planned = model.training_.outside(
+        targets.session(solved.before if direction == "command" else found.joints), slides
+    )
+    inputs = {
+        name: rows & planned[name]
+        for name, rows in model.training_.outside(readings, slides).items()
+        if name in planned and name != TOGETHER
+    }
     outside = np.logical_or.reduce([np.zeros(len(targets), dtype=bool), *inputs.values()])
     reasons = np.full(len(targets), "", dtype=object)
 

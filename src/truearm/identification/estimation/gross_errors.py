@@ -33,6 +33,8 @@ from truearm.typing import BoolArray, FloatArray, IntArray
 LEAST_SHARE, MOST_SHARE = 1e-3, 0.4
 # Bounds of the degrees of freedom: real arms have more than three; above a thousand the distribution is Gaussian.
 LEAST_FREEDOM, MOST_FREEDOM = 3.0, 1e3
+# Degrees of freedom and share to start from: a far reading may be a gross error or show a tail, and both be maxima.
+STARTS = ((30.0, 0.02), (30.0, 0.2), (5.0, LEAST_SHARE))
 # Gross errors begin at this many standard deviations, and have any size up to this many decades above.
 LEAST_GROSS_STDS, DECADES = 4.0, 4.0
 # With fewer held-out readings no reading is judged: their distribution is unknown.
@@ -101,7 +103,7 @@ def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
 
     def deviance(x: FloatArray) -> float:
         tried = distribution(x)
-        prior = (FREEDOM_SHAPE - 1) * np.log(tried.freedom) - FREEDOM_RATE * tried.freedom
+        prior = FREEDOM_SHAPE * np.log(tried.freedom) - FREEDOM_RATE * tried.freedom  # of the logarithm
         return float(-np.logaddexp(*_log_densities(known, squares, freedom, tried)).sum() - prior)
 
     bounds = [
@@ -109,8 +111,9 @@ def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
         (1 / MOST_FREEDOM, 1 / LEAST_FREEDOM),
         (np.log(LEAST_SHARE), np.log(MOST_SHARE)),
     ]
-    start = np.array([np.log(typical), 0.1, np.log(10 * LEAST_SHARE)])
-    return distribution(minimize(deviance, start, method="L-BFGS-B", bounds=bounds).x)
+    starts = [np.array([np.log(typical), 1 / freedom, np.log(share)]) for freedom, share in STARTS]
+    ends = [minimize(deviance, start, method="L-BFGS-B", bounds=bounds) for start in starts]
+    return distribution(min(ends, key=lambda end: float(end.fun)).x)
 
 
 def _typical_variance(held_out: HeldOutReadings) -> float:

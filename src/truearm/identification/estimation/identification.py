@@ -21,6 +21,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import RELATIVE, SmallMotionProblem
 from truearm.identification.estimation.references import Reference
 from truearm.identification.estimation.residual_variance import huber_weights, paule_mandel_variance
+from truearm.identification.terms.basis import Harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.solve import KnownStep, StepHalving, damped_step
@@ -35,7 +36,7 @@ from truearm.solve.group_evidence import (
 )
 from truearm.solve.square_roots import covariance_factor
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray
 
 MOST_ROUNDS = 24
 # Rounds of the evidence on one linearisation.
@@ -47,6 +48,10 @@ LEAST_EFFECTIVE = 0.1
 # A group is invisible if its prior size is a smaller share of the noise, root mean square, and if it moves all
 # residuals together by less than one standard deviation.
 INVISIBLE, INVISIBLE_IN_ALL = 0.02, 1.0
+MOST_LOG_RAISED = 1.0
+# Groups are negligible if together they would move all residuals by less than this many standard deviations, were these
+# at so many random poses.
+NEGLIGIBLE_IN_ALL, NEGLIGIBLE_POSES = 1.0, 100
 # The last step moves tips by a smaller share of their uncertainty; the noise is calm when it changes by less.
 SETTLED_STEP = 0.05
 CALM_NOISE = 0.05
@@ -266,6 +271,7 @@ def identify(
     n_coefficients = perturbed_chain.n_coefficients
     x = np.concatenate([np.zeros(n_coefficients), unknowns])
     prior, groups = grouped_prior(terms, len(x) - n_coefficients)
+    fast = _is_fast(terms, groups, state)
     per_kind = np.zeros(len(references))
     noise_before, calm = np.full(len(references), np.inf), 0
     step_before, share = np.zeros(len(x)), 1.0
@@ -282,7 +288,7 @@ def identify(
             prior = _without_invisible(prior, whole.diagonal, n_residuals)
         # While the noise still falls, groups below it must not be pruned.
         with one_blas_thread():
-            prior, solution, effective = _evidence(reduced, x, prior, prune=calm >= 2)
+            prior, solution, effective = _evidence(reduced, x, prior, fast if calm >= 2 else np.zeros_like(fast))
         if x[~prior.active].any():
             x = np.where(prior.active, x, 0.0)
             residuals = problem.residuals(x)
@@ -300,6 +306,12 @@ def identify(
         noise_before = noise
         if converged:
             break
+    prior = _with_uncertain_scales(prior, effective)
+    prior = _without_negligible(
+        prior, perturbed_chain, state, float(np.sqrt(noise.min())), sum(residual.size for residual in residuals)
+    )
+    effective = np.where(prior.scale > 0, effective, 0.0)
+    x = np.where(prior.active, x, 0.0)
     # If the readings leave a motion of decimetres open, the last step may still change the linearisation by more than
     # the noise: compute the covariance at the final parameters.
     parts, whole = linearised(problem, x, weights)
@@ -479,12 +491,65 @@ def _without_invisible(prior: GroupedPrior, diagonal: FloatArray, n_residuals: i
     return replace(prior, scale=np.where(prior.learned & hidden, 0.0, prior.scale))
 
 
+def _is_fast(terms: Sequence[Term], groups: tuple[str, ...], state: ArmState) -> BoolArray:
+    """(n_groups,) groups of which every function went through a period or more in the readings, the unknowns' too.
+
+    Only these are pruned by evidence. What they do elsewhere they do in the readings as well, where it is part of the
+    residual variance if they are pruned. Slower functions grow beyond the readings: a zero size would state there that
+    nothing is unknown.
+    """
+    fast = dict.fromkeys(groups, True)
+    for term in terms:
+        basis = term.basis
+        fast[term.group] &= isinstance(basis, Harmonics) and bool(
+            basis.orders[0] * np.ptp(state.angles[:, basis.joint - 1]) >= 2 * np.pi
+        )
+    return np.array([*fast.values(), False])
+
+
+def _with_uncertain_scales(prior: GroupedPrior, effective: FloatArray) -> GroupedPrior:
+    """Raise learned scales from the most probable value to the root mean square.
+
+    gamma coefficients determine the logarithm of their scale with the information 2 gamma, its prior adds
+    1 / `LOG_SPREAD`^2; a lognormal scale of variance v has the root mean square exp(v) times its mode in the logarithm.
+    """
+    variance = np.minimum(1 / (2 * effective + LOG_SPREAD**-2.0), MOST_LOG_RAISED)
+    raised = np.minimum(prior.scale * np.exp(variance), np.maximum(MOST_SCALE, prior.scale))
+    return replace(prior, scale=np.where(prior.learned, raised, prior.scale))
+
+
+def _without_negligible(
+    prior: GroupedPrior, perturbed_chain: PerturbedChain, state: ArmState, noise_std: float, n_residuals: int
+) -> GroupedPrior:
+    """Drop groups that could not be seen in these many residuals, wherever the joints are.
+
+    The scale of a group that the readings do not show becomes as small as they require, and what it may still do at
+    other poses belongs to the uncertainty there. Only its prior size decides, not a comparison of evidence: where that
+    is close, a small change of the readings would change the model.
+    """
+    rng, sample = np.random.default_rng(0), np.linspace(0, len(state) - 1, NEGLIGIBLE_POSES).astype(np.intp)
+    chain = perturbed_chain.chain
+    anywhere = rng.uniform(-np.pi, np.pi, (NEGLIGIBLE_POSES, chain.n_joints))
+    there = state.rows(sample)
+    there = replace(there, angles=np.where(chain.is_prismatic, there.angles, anywhere))
+    squares = np.zeros(len(prior.ratio))
+    n = perturbed_chain.n_coefficients
+    for _, _, columns in perturbed_chain.derivatives(there, np.zeros(n)):
+        squares[:n] += (columns**2).sum(axis=(1, 2)) / (3 * NEGLIGIBLE_POSES)
+    size = prior.group_sums(squares * (prior.ratio * prior.scale[prior.group]) ** 2) / noise_std**2
+    size[~prior.learned] = np.inf
+    smallest = np.argsort(size)
+    scale = prior.scale.copy()
+    scale[smallest[np.cumsum(size[smallest]) * n_residuals < NEGLIGIBLE_IN_ALL**2]] = 0.0
+    return replace(prior, scale=scale)
+
+
 def _evidence(
-    reduced: SchurComplement, x: FloatArray, prior: GroupedPrior, *, prune: bool
+    reduced: SchurComplement, x: FloatArray, prior: GroupedPrior, prunable: BoolArray
 ) -> tuple[GroupedPrior, Posterior, FloatArray]:
     """Some rounds towards the scales of maximum evidence on a linearisation, and the posterior of the kept parameters.
 
-    Pruned groups have scale 0 and remain pruned.
+    Groups that are `prunable` (n_groups,) get scale 0, and keep it, where the evidence is larger without them.
     """
     gram, right, size = reduced.gram, reduced.gram @ x[reduced.kept] - reduced.gradient, reduced.size
     of_kept = prior.subset(reduced.kept)
@@ -498,8 +563,8 @@ def _evidence(
         if change.max(initial=0.0) < SETTLED_SCALES:
             break
     solution = posterior(gram, right, of_kept, size=size)
-    if prune:
-        pruned = prune_groups(of_kept, solution, log_spread=LOG_SPREAD)
+    if prunable.any():
+        pruned = prune_groups(of_kept, solution, prunable, log_spread=LOG_SPREAD)
         if (pruned.scale < of_kept.scale).any():
             of_kept = pruned
             solution = posterior(gram, right, of_kept, size=size)

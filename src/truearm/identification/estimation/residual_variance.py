@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq, minimize
 from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
@@ -111,6 +112,8 @@ def paule_mandel_variance(
 
 
 LEVEL = 0.95
+# With fewer the factor says more of the prior of the scale than of the readings: it would exceed 2.
+LEAST_FREEDOM = 10.0
 # Readings whose prediction from the others has a variance above this multiple of their own say nothing about it.
 MAX_VARIANCE_RATIO = 100.0
 
@@ -205,6 +208,21 @@ def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEV
     if excess(lowest) <= 0:
         return FLOOR_MM2
     return float(np.exp(brentq(excess, lowest, highest, xtol=1e-6)))
+
+
+def few_readings_factor(freedom: float, *, level: float = LEVEL) -> float:
+    """Factor on a covariance whose common scale was estimated with few degrees of freedom.
+
+    With n degrees of freedom a point lies in the ellipsoid of ``3 F(level; 3, n)`` with probability `level`, where
+    ``chi2(level; 3)`` would hold it if the scale were known (H. Hotelling, Ann. Math. Stat. 2 (1931) 360; for a
+    coordinate JCGM 100:2008, G.3.3). The covariance times the ratio of both keeps the usual coverage factors.
+
+    Parameters
+    ----------
+    freedom : float
+        Number of residuals less that of the parameters that they determine; at least `LEAST_FREEDOM` are assumed.
+    """
+    return float(3 * f_distribution.ppf(level, 3, max(freedom, LEAST_FREEDOM)) / chi2.ppf(level, 3))
 
 
 # Prior standard deviation of a coefficient: start value of the evidence and its bounds. It is the relative change of

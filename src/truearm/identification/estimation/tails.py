@@ -16,8 +16,9 @@ from scipy.stats import f as variance_ratio
 
 from truearm.identification.estimation.residual_variance import LEVEL, HeldOutReadings
 
-# Prior of the degrees of freedom, a gamma density of this shape and rate: M. A. Juarez, M. F. J. Steel, "Model-based
-# clustering of non-Gaussian panel data based on skew-t distributions", J. Bus. Econ. Stat. 28 (2010) 52.
+# Prior of the degrees of freedom, a gamma density of this shape and rate, of their logarithm: M. A. Juarez, M. F. J.
+# Steel, "Model-based clustering of non-Gaussian panel data based on skew-t distributions", J. Bus. Econ. Stat. 28
+# (2010) 52.
 FREEDOM_SHAPE, FREEDOM_RATE = 2.0, 0.1
 # Bounds of the degrees of freedom: the variance is finite above two; above a thousand the distribution is Gaussian.
 LEAST_FREEDOM, MOST_FREEDOM = 2.0, 1e3

@@ -177,7 +177,10 @@ def identified_prior(
         If nothing but the base has been identified.
     """
     sizes = [term.n_coefficients for term in fit.perturbed_chain.terms]
-    kept = [term.place > 0 or not isinstance(term.basis, Constant | InSession) for term in fit.perturbed_chain.terms]
+    kept = [
+        not isinstance(term.basis, InSession) and (term.place > 0 or not isinstance(term.basis, Constant))
+        for term in fit.perturbed_chain.terms
+    ]
     columns = np.flatnonzero(np.repeat(kept, sizes))
     if not len(columns):
         raise InputError(

@@ -1,0 +1,78 @@
+"""What changes from day to day: the ball cages of the bearings start elsewhere, joints settle.
+
+An arm was identified on one day and is used on another. Between them every joint tilts and runs out a little
+differently: a variance component of its own, as in an analysis of variance by days (ISO 5725-3:1994, clause 5: the
+intermediate precision), here of small motions of the joints. To the covariance P of the constants it adds Q, as the
+prediction step of a Kalman filter does (R. E. Kalman, J. Basic Eng. 82 (1960) 35, eq. 24). Readings of one day show
+nothing of its size, which is then that of good preloaded bearings, once for the day of the readings, whose motions are
+among the constants, and once for the day of use. Several sessions show it: each has motions of its own, whose common
+size is estimated by evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from truearm.arm.chain import Chain
+from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.terms.basis import Constant, InSession
+from truearm.identification.terms.term import Term
+from truearm.typing import FloatArray
+
+# Standard deviation of a day's tilt of a joint about either normal of its axis: 0.25 arcsec. A ball cage changes the
+# tilt of a bearing by a tenth of its wobble, of 2 to 20 arcsec in machine tools and less in measuring arms.
+TILT_STD = 1.25e-6  # rad
+# And of its shift along either, as a share of the reach: 0.45 um on an arm of 1.3 m.
+SHIFT_SHARE = 3.5e-7
+GROUP = "from day to day"
+# About x and y, along x and y: the motions of a joint other than its own and the one along its axis.
+COMPONENTS = (0, 1, 3, 4)
+
+
+def day_to_day_terms(chain: Chain, sessions: Iterable[str]) -> list[Term]:
+    """Small motions of every joint in each of several sessions, with a common scale.
+
+    Parameters
+    ----------
+    chain : Chain
+    sessions : iterable of str
+        Their names; of one session or none there is nothing to compare.
+    """
+    names = list(sessions)
+    return [
+        Term(
+            f"J{joint} {'tilt about' if component < 3 else 'shift along'} {'xyz'[component % 3]}, session {name}",
+            joint,
+            tuple(float(component == i) for i in range(6)),
+            InSession(name),
+            GROUP,
+            _std(chain, component),
+        )
+        for name in (names if len(names) > 1 else [])
+        for joint in range(1, chain.n_joints + 1)
+        for component in COMPONENTS
+    ]
+
+
+def on_another_day(fit: IdentificationResult) -> IdentificationResult:
+    """The same arm with the uncertainty of its constants on another day than those of its readings."""
+    found = [group.scale for group in fit.groups if group.name == GROUP]
+    variance = found[0] ** 2 if found else 2.0
+    added = np.zeros(len(fit.coefficients))
+    start = 0
+    for term in fit.perturbed_chain.terms:
+        if isinstance(term.basis, Constant) and 1 <= term.place <= fit.perturbed_chain.chain.n_joints:
+            stds: FloatArray = np.array(
+                [_std(fit.perturbed_chain.chain, c) if c in COMPONENTS else 0.0 for c in range(6)]
+            )
+            added[start] = variance * float((stds * term.direction) @ (stds * term.direction))
+        start += term.n_coefficients
+    return replace(fit, covariance=fit.covariance + np.diag(added))
+
+
+def _std(chain: Chain, component: int) -> float:
+    """Standard deviation of a day's motion [rad, or mm]."""
+    return TILT_STD if component < 3 else SHIFT_SHARE * chain.reach

@@ -1,0 +1,85 @@
+"""What changes from day to day: its covariance, and its size from several sessions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truearm.arm import load_arm
+from truearm.compensation.models import KinematicModel, NominalModel, load_model
+from truearm.identification.estimation.day_to_day import (
+    COMPONENTS,
+    GROUP,
+    SHIFT_SHARE,
+    TILT_STD,
+    day_to_day_terms,
+    on_another_day,
+)
+from truearm.identification.planning.sampling.measuring import measuring_poses
+from truearm.identification.terms import Constant
+from truearm.readings import Session
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return load_arm("gao2017")
+
+
+def days(arm, *, size: float, n_days: int, n: int = 60, seed: int = 0) -> Session:
+    """Readings of several sessions in one frame, with joints that tilt anew in each by `size` usual days."""
+    rng = np.random.default_rng(seed)
+    angles = measuring_poses(arm, n * n_days, seed=seed).angles
+    points = np.empty((n * n_days, 3))
+    for day in range(n_days):
+        motions = np.zeros((arm.chain.n_places, 6))
+        stds = [TILT_STD if c < 3 else SHIFT_SHARE * arm.chain.reach for c in COMPONENTS]
+        motions[1:-1, list(COMPONENTS)] = size * np.array(stds) * rng.standard_normal((arm.n_joints, 4))
+        rows = slice(day * n, (day + 1) * n)
+        points[rows] = arm.chain.with_motions(motions).tip_in_base(angles[rows])
+    points += 0.002 * rng.standard_normal(points.shape)
+    return Session(angles, points, session=np.repeat([f"day {i}" for i in range(n_days)], n))
+
+
+def test_one_session_has_nothing_to_compare(arm):
+    assert day_to_day_terms(arm.chain, []) == []
+    assert day_to_day_terms(arm.chain, ["Monday"]) == []
+    assert len(day_to_day_terms(arm.chain, ["Monday", "Friday"])) == 2 * arm.n_joints * len(COMPONENTS)
+
+
+def test_readings_of_one_day_state_the_days_of_reading_and_of_use(arm):
+    """To the variance of a tilt or a shift twice that of a day; nothing to the others."""
+    readings = replace(days(arm, size=1.0, n_days=1), session=None)
+    fit = KinematicModel(arm).fit_readings(readings).fit_
+    added = (on_another_day(fit).covariance - fit.covariance).diagonal()
+    for term, got in zip(fit.perturbed_chain.terms, added, strict=True):  # constants have one coefficient each
+        component = int(np.argmax(term.direction))
+        std = TILT_STD if component < 3 else SHIFT_SHARE * arm.chain.reach
+        moves = 1 <= term.place <= arm.n_joints and component in COMPONENTS
+        assert got == pytest.approx(2 * std**2 if moves else 0.0, rel=1e-6, abs=1e-22)
+
+
+def test_several_sessions_show_the_size_of_a_day(arm):
+    """The common scale follows the planted one: 24 motions of each of four days determine it to a factor of two."""
+    for size in (1.0, 8.0):
+        model = KinematicModel(arm).fit_readings(days(arm, size=size, n_days=4))
+        (scale,) = (group.scale for group in model.fit_.groups if group.name == GROUP)
+        assert size / 2 < scale < 2 * size
+
+
+def test_the_nominal_model_has_no_days(arm):
+    model = NominalModel(arm).fit_readings(days(arm, size=1.0, n_days=2))
+    assert all(group.name != GROUP for group in model.fit_.groups)
+
+
+def test_a_model_of_several_days_predicts_another_one_and_is_read_again(arm, tmp_path):
+    readings = days(arm, size=8.0, n_days=3)
+    model = KinematicModel(arm).fit_readings(readings)
+    model.save(tmp_path / "model.truearm")
+    read = load_model(tmp_path / "model.truearm")
+    points, covariance = model.predict(readings.angles[:5], return_cov=True)
+    again, covariance_again = read.predict(readings.angles[:5], return_cov=True)
+    np.testing.assert_array_equal(again, points)
+    np.testing.assert_array_equal(covariance_again, covariance)
+    assert any(isinstance(term.basis, Constant) for term in read.fit_.perturbed_chain.terms)
