@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from truearm.compensation.models import MODELS, Compensator, KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import save_model
@@ -20,6 +22,7 @@ from truearm.compensation.models.selection import ModelScore, select_model
 from truearm.compensation.models.session_frames import to_first_session_frame
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import identifiability
+from truearm.identification.estimation.gross_errors import excluded_readings
 from truearm.identification.estimation.outliers import Outlier, length_outliers, outliers
 from truearm.readings import Lengths, Session, compare_errors, seat_errors
 from truearm.typing import IntArray
@@ -151,7 +154,8 @@ class FitResult(Record):
     session : Session
         The training readings that were used.
     training : dict or None
-        Errors on them: of points, or of the scatter in seats; None without points and seats.
+        Errors on them, without those excluded as gross errors: of points, or of the scatter in seats; None without
+        points and seats.
     nominal : NominalModel
         The nominal arm with base and tip fitted to the same readings.
     outliers : tuple of Outlier
@@ -272,6 +276,9 @@ class FitResult(Record):
 
 
 def _training_errors(model: Compensator, session: Session) -> Mapping[str, Any] | None:
+    """Errors of the readings that took part."""
+    if isinstance(model, IdentifiedModel) and len(excluded := excluded_readings(model.fit_)):
+        session = session.rows(np.setdiff1d(np.arange(len(session)), excluded))
     predicted = model.predict_readings(session)
     if session.points is not None:
         return compare_errors(predicted, model.predict_nominal_readings(session), session.points)

@@ -74,6 +74,9 @@ def test_nothing_is_said_of_points_or_groups_that_there_are_not():
     assert not [row for row in section.rows if "held out" in row.label]
     alone = uncertainty_section(made_up_budget(), HeldOutErrors(5, 1, 0.1, np.inf, 0.2, 0.2))
     assert alone.rows[-3].uncertainty is None
+    assert "gross" not in alone.rows[-3].label
+    without = uncertainty_section(made_up_budget(), HeldOutErrors(5, 1, 0.1, np.inf, 0.2, 0.2, n_excluded=2))
+    assert without.rows[-3].label == "mean error of 5 readings held out in 1 group, without 2 gross errors"
 
 
 def test_terms_have_a_row_each_and_those_not_needed_are_named():

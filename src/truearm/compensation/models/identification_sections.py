@@ -115,6 +115,8 @@ def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | Non
     ]
     if held_out is not None:
         held = f"{format_count(held_out.n, 'reading')} held out in {format_count(held_out.n_groups, 'group')}"
+        if held_out.n_excluded:
+            held += f", without {format_count(held_out.n_excluded, 'gross error')}"
         known = held_out.standard_error_mm if np.isfinite(held_out.standard_error_mm) else None
         rows += [
             LabelledValue(f"mean error of {held}", held_out.mean_mm, "mm", known),
