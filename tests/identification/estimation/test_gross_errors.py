@@ -210,3 +210,15 @@ def test_weights_are_one_a_reading_from_0_to_1(drawn, weights):
     state, points, _, terms = drawn
     with pytest.raises(InputError, match="expected weights of 100 readings, from 0 to 1"):
         identify(state.chain, state, terms, [Points(np.arange(60), points)], reading_weights=weights)
+
+
+def test_a_reading_with_point_and_seat_is_excluded_as_a_whole_and_named_once(drawn):
+    state, points, names, terms = drawn
+    tips = identify(state.chain, state, terms, [Points(np.arange(60), points)]).tips(state)
+    both = np.concatenate([points, tips[60:]])
+    both[64] += 3.0
+    references = [Points(np.arange(100), both), seats_of(np.arange(60, 100), names)]
+    weights = np.ones(100)
+    weights[64] = 0.0
+    fit = identify(state.chain, state, terms, references, reading_weights=weights)
+    assert [(one.row, one.kind) for one in outliers(fit) if one.is_excluded] == [(64, "point")]

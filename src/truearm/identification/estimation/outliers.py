@@ -109,7 +109,10 @@ def outliers(fit: IdentificationResult) -> list[Outlier]:
             )
             for i in np.flatnonzero(reference.robust_weight < MIN_ROBUST_WEIGHT)
         ]
-    return sorted(found, key=lambda outlier: (not outlier.is_excluded, -outlier.normalized_residual))
+    found.sort(key=lambda outlier: (not outlier.is_excluded, -outlier.normalized_residual))
+    # A reading is excluded as a whole: where it has a point and a seat, the one that contradicts most is named.
+    named = {outlier.row: outlier for outlier in reversed(found) if outlier.is_excluded}
+    return [outlier for outlier in found if not outlier.is_excluded or named[outlier.row] is outlier]
 
 
 class ConstraintResiduals(NamedTuple):
