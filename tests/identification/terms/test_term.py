@@ -90,12 +90,13 @@ def test_a_link_of_no_length_does_not_grow():
 def test_constants_have_the_priors_of_the_kinematic_model(make_chain, free):
     chain = make_chain()
     wanted = np.full((chain.n_places, 6), 3e-3)
-    wanted[:, 3:] = 3.0
+    size = chain.reach / 1500.0  # lengths are those of an arm of 1.5 m
+    wanted[:, 3:] = 3.0 * size
     wanted[-1, :3] = 0
     if "base" in free:
-        wanted[0] = FREE_BASE
+        wanted[0] = np.array(FREE_BASE) * [1, 1, 1, size, size, size]
     if "tip" in free:
-        wanted[-1, 3:] = FREE_TIP
+        wanted[-1, 3:] = FREE_TIP * size
     terms, got = constants(chain, free=free), np.zeros_like(wanted)
     for term in terms:
         got[term.place, np.argmax(term.direction)] = term.prior_std
@@ -148,10 +149,11 @@ def test_angle_error_orders_form_bands_with_one_scale_each(make_chain):
 
 
 def test_wobble_is_every_motion_but_the_joints_own(make_chain):
-    terms = catalogue.wobble(make_chain(), 4)
+    chain = make_chain()
+    terms, size = catalogue.wobble(chain, 4), chain.reach / 1500.0  # lengths are those of an arm of 1.5 m
     assert [int(np.argmax(t.direction)) for t in terms] == [0, 1, 3, 4, 5]
     assert terms[0].prior_std == (5e-4, 5e-4, 2.5e-4, 2.5e-4)
-    assert terms[2].prior_std == (0.2, 0.2, 0.1, 0.1)
+    assert terms[2].prior_std == (0.2 * size, 0.2 * size, 0.1 * size, 0.1 * size)
     assert terms[0].labels[2] == "J4 wobble, rotation about x: cos 2 J4"
     assert {t.group for t in terms} == {"wobble, rotations", "wobble, translations"}
 

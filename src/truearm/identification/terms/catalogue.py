@@ -30,6 +30,10 @@ from truearm.identification.terms.term import Term
 from truearm.identification.terms.thermal import link_vectors
 from truearm.typing import FloatArray
 
+# Standard deviations in mm are those of an arm of this reach; others in proportion, so that an arm is identified alike
+# whatever its size, and the unit of its lengths.
+TYPICAL_REACH_MM = 1500.0
+ANGLE_STD, LENGTH_STD = 3e-3, 3.0  # rad, mm: constants of an arm
 # Free parts have a prior too, wider than any workshop: on an arm with few joints a translation of the base may be
 # equivalent to one of the tip, and then the prior decides.
 FREE_BASE = (1.0, 1.0, 1.0, 1e4, 1e4, 1e4)  # rad, mm
@@ -45,14 +49,14 @@ INTERPOLATION_ORDERS = (128, 256, 512)
 INTERPOLATION_STD = 2e-5  # rad
 WOBBLE_ORDERS = (1, 2)
 WOBBLE_ANGLE_STD, WOBBLE_LENGTH_STD = 5e-4, 0.2  # rad, mm; at order 1
-GRAVITY_STD = 2e-5  # rad/(N m)
+GRAVITY_STD = 2e-5  # rad/(N m); torques of assumed masses grow with the square of the reach, and this falls with it
 JOINT_COMPLIANCE = "joint compliance"  # the group
 GROWTH_STD = 2e-5  # 1/K: steel 1.2e-5, aluminium 2.3e-5, carbon fibre 1e-6; see `expansion_prior` for what follows
 HYSTERESIS_STD = {"revolute": 5e-5, "prismatic": 0.02}  # rad, mm
 COLUMN_STD = {"revolute": 1e-4, "prismatic": 0.05}  # rad, mm, by a column's spread
 
-# Cosine of the angle between a component and a joint's axis above which the two are treated as parallel.
-AS_GOOD_AS_ALONG = 0.99
+# Cosines nearer to 1 are those of parallel axes.
+ROUNDING = 1e-12
 
 # A joint that moved by less than a quarter of a harmonic's period shows at most its slope.
 LEAST_PHASE = np.pi / 2
@@ -73,7 +77,11 @@ class SkippedTerm(NamedTuple):
 
 
 def constants(
-    chain: Chain, *, free: tuple[str, ...] = ("base", "tip"), angle_std: float = 3e-3, length_std: float = 3.0
+    chain: Chain,
+    *,
+    free: tuple[str, ...] = ("base", "tip"),
+    angle_std: float = ANGLE_STD,
+    length_std: float | None = None,
 ) -> list[Term]:
     """Constant motions of all places: link lengths, link offsets, twists and joint offsets, base and tip.
 
@@ -87,7 +95,8 @@ def constants(
     free : tuple of str
         Which of ``"base"`` and ``"tip"`` are unknown: their priors are wide and are not scaled.
     angle_std, length_std : float
-        Prior standard deviation of the other rotations [rad] and translations [mm]; 0 omits them.
+        Prior standard deviation of the other rotations [rad] and translations [mm]; 0 omits them. By default the
+        translations have 3 mm times `relative_size`.
 
     Raises
     ------
@@ -97,35 +106,59 @@ def constants(
     unknown = set(free) - {"base", "tip"}
     if unknown:
         raise InputError(f"expected free parts among ['base', 'tip'], got {sorted(unknown)}")
+    size = relative_size(chain)
+    length_std = LENGTH_STD * size if length_std is None else length_std
     terms = []
     for place in range(chain.n_places):
         part = place_name(chain, place)
         for component in range(3 if part == "tip" else 0, 6):  # a rotation about the tip does not move it
             turns = component < 3
+            name, direction = f"{part} {_component_name(component)}", _unit(component)
             if part in free:
-                std, group = FREE_BASE[component] if part == "base" else FREE_TIP, part
+                wide = FREE_BASE[component] if part == "base" else FREE_TIP
+                std, group = wide if turns else wide * size, part
             else:
                 std = angle_std if turns else length_std
                 group = (
                     "joint offsets" if component == OWN_AXIS else "axis directions" if turns else "lengths and offsets"
                 )
-                for other in free:
-                    if (place, component) in _equivalent_constants(chain, other):
-                        group = f"equivalent to a free {other}"
+                if "base" in free and place == 1 and component in (OWN_AXIS, OWN_AXIS + 3):
+                    group = "equivalent to a free base"
+                if "tip" in free and not turns and place == chain.n_joints:
+                    group = "equivalent to a free tip"
+                if "tip" in free and not turns and 1 < place == chain.n_joints - 1:
+                    name, direction, is_along = _along_last_axis(chain, component)
+                    group = "equivalent to a free tip" if is_along else group
             if std != 0:
-                name = f"{part} {_component_name(component)}"
                 learn = group in ("joint offsets", "axis directions", "lengths and offsets")
-                terms.append(Term(name, place, _unit(component), Constant(), group, std, learn=learn))
+                terms.append(Term(name, place, direction, Constant(), group, std, learn=learn))
     return terms
 
 
-def _equivalent_constants(chain: Chain, part: str) -> set[tuple[int, int]]:
-    """Constants (place, component) that are equivalent to a motion of base or tip."""
-    if part == "base":
-        return {(1, OWN_AXIS), (1, OWN_AXIS + 3)}
-    n = chain.n_joints
-    along_last = np.abs(chain.fixed[n - 1, :3, 2]) > AS_GOOD_AS_ALONG
-    return {(n, c) for c in range(3, 6)} | {(n - 1, 3 + int(c)) for c in np.flatnonzero(along_last) if n > 1}
+def _along_last_axis(chain: Chain, component: int) -> tuple[str, tuple[float, ...], bool]:
+    """Name and direction of a translation at the last joint but one, and whether it is along the last joint's axis.
+
+    The three axes of the place, turned the shortest way until one is along that axis: where the zero of a joint turns
+    the place, they do not turn with it.
+    """
+    last = chain.n_joints
+    axis = chain.fixed[last - 1, :3, 2]
+    nearest = int(np.abs(axis).argmax())
+    target = axis * np.sign(axis[nearest])
+    cosine, sine = target[nearest], np.cross(np.eye(3)[nearest], target)
+    cross = np.cross(np.eye(3), sine)  # rows are e x sine
+    turn = np.eye(3) - cross + cross @ cross / (1 + cosine)  # e_nearest becomes the target (Rodrigues)
+    is_along = component - 3 == nearest
+    if cosine > 1 - ROUNDING:
+        return f"J{last - 1} {_component_name(component)}", _unit(component), is_along
+    name = f"J{last - 1} translation {'along' if is_along else 'across'} the axis of J{last}"
+    name += "" if is_along else f", nearest {AXES[component - 3]}"
+    return name, (0.0, 0.0, 0.0, *turn[component - 3].tolist()), is_along
+
+
+def relative_size(chain: Chain) -> float:
+    """Reach of an arm over `TYPICAL_REACH_MM`; 1 for a chain without any length."""
+    return chain.reach / TYPICAL_REACH_MM or 1.0
 
 
 def base_terms(chain: Chain) -> list[Term]:
@@ -200,7 +233,7 @@ def wobble(chain: Chain, joint: int, orders: tuple[int, ...] = WOBBLE_ORDERS) ->
     for component in range(6):
         if component != OWN_AXIS:
             turns = component < 3
-            std = WOBBLE_ANGLE_STD if turns else WOBBLE_LENGTH_STD
+            std = WOBBLE_ANGLE_STD if turns else WOBBLE_LENGTH_STD * relative_size(chain)
             terms.append(
                 Term(
                     f"J{joint} wobble, {_component_name(component)}",
@@ -229,6 +262,7 @@ def gravity(chain: Chain, joint: int, *, links: LinkMasses | None = None) -> lis
     if joint:
         _is_revolute(chain, joint)
     guess = "" if links is not None else " (uniform link masses assumed)"
+    std = GRAVITY_STD if links is not None else GRAVITY_STD / relative_size(chain) ** 2
     return [
         Term(
             f"{place_name(chain, joint)} {_component_name(about)} by the gravity torque about {AXES[axis]}{guess}",
@@ -236,7 +270,7 @@ def gravity(chain: Chain, joint: int, *, links: LinkMasses | None = None) -> lis
             _unit(about),
             GravityTorque(joint, axis),
             JOINT_COMPLIANCE if about == axis == OWN_AXIS else "link bending",
-            GRAVITY_STD,
+            std,
         )
         for about in range(3)
         for axis in range(3)
@@ -267,7 +301,8 @@ def hysteresis(chain: Chain, joint: int) -> list[Term]:
     """Hysteresis: motion about, or along, a joint's own axis by its direction of movement (backlash, friction)."""
     component, how = _own_motion(chain, joint)
     name, group = f"J{joint} hysteresis", f"hysteresis, {how} joints"
-    return [Term(name, joint, _unit(component), Direction(joint), group, HYSTERESIS_STD[how])]
+    std = HYSTERESIS_STD[how] * (relative_size(chain) if how == "prismatic" else 1.0)
+    return [Term(name, joint, _unit(component), Direction(joint), group, std)]
 
 
 def column(chain: Chain, joint: int, name: str, *, prior_std: float) -> list[Term]:
@@ -377,15 +412,12 @@ def place_name(chain: Chain, place: int) -> str:
 
 def _determined_orders(joint: int, angles: FloatArray, highest: int) -> tuple[set[int], list[SkippedTerm]]:
     """Orders of harmonics that the angles of a joint can determine, and the skipped ones."""
-    moved = float(np.ptp(angles)) if len(angles) else 0.0
-    if moved >= 2 * np.pi:
-        angles = np.mod(angles, 2 * np.pi)
-    n_angles = _count_apart(angles, LEAST_PHASE / 2 / highest)
+    moved, n_angles = _on_the_circle(angles, LEAST_PHASE / 2 / highest)
     # Half a period between neighbours, less rounding: above it a harmonic is indistinguishable from a lower order.
     widest = 0.999 * np.pi * (n_angles - 1)
     orders = range(1, highest + 1)
     slow = [k for k in orders if k * moved < LEAST_PHASE]
-    fast = [k for k in orders if k not in slow and k * min(moved, 2 * np.pi) > widest]
+    fast = [k for k in orders if k not in slow and k * moved > widest]
     lost = [
         SkippedTerm(f"J{joint} {_orders_name(orders)}", reason)
         for orders, reason in (
@@ -397,9 +429,23 @@ def _determined_orders(joint: int, angles: FloatArray, highest: int) -> tuple[se
     return set(orders) - {*slow, *fast}, lost
 
 
+def _on_the_circle(angles: FloatArray, apart: float) -> tuple[float, int]:
+    """The arc on which all angles lie [rad], and how many there are: those closer than `apart` to one count with it.
+
+    Harmonics know neither turns nor zeros of a joint, so the count begins behind the widest gap.
+    """
+    if not len(angles):
+        return 0.0, 0
+    ordered = np.sort(np.mod(angles, 2 * np.pi))
+    gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
+    widest = int(gaps.argmax())
+    along = np.concatenate([[0.0], np.cumsum(np.roll(gaps, -widest - 1)[:-1])])
+    return 2 * np.pi - float(gaps[widest]), _count_apart(along, apart)
+
+
 def _count_apart(values: FloatArray, apart: float) -> int:
-    """Count values; values closer than `apart` to the first of them count as one."""
-    values, n, at = np.sort(values), 0, 0
+    """Count sorted values; values closer than `apart` to the first of them count as one."""
+    n = at = 0
     while at < len(values):
         n, at = n + 1, int(np.searchsorted(values, values[at] + apart, side="right"))
     return n
@@ -414,7 +460,8 @@ def _loads(state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:
             continue
         _, how = _own_motion(state.chain, joint)
         typical = (float(np.std(values)) or float(np.abs(values).mean())) if len(values) else 0.0
-        yield from column(state.chain, joint, name, prior_std=COLUMN_STD[how] / (typical or 1.0))
+        std = COLUMN_STD[how] * (relative_size(state.chain) if how == "prismatic" else 1.0)
+        yield from column(state.chain, joint, name, prior_std=std / (typical or 1.0))
 
 
 def _varying(terms: Iterable[Term], state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:
