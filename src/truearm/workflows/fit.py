@@ -20,12 +20,14 @@ from truearm.compensation.models.reading_references import (
 )
 from truearm.compensation.models.selection import ModelScore, select_model
 from truearm.compensation.models.session_frames import to_first_session_frame
+from truearm.compensation.models.stated_uncertainty import describe_stated_uncertainty
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.estimation.gross_errors import excluded_readings
 from truearm.identification.estimation.outliers import Outlier, length_outliers, outliers
 from truearm.readings import Lengths, Session, compare_errors, seat_errors
 from truearm.typing import IntArray
+from truearm.workflows.frame_changes import SessionChange, frame_changes
 from truearm.workflows.inputs import (
     ArmLike,
     LengthsLike,
@@ -128,7 +130,8 @@ def fit(
         fitted = nominal
     else:
         fitted = chosen.fit_readings(used, lengths=known, progress=progress, nominal=nominal)
-    remarks = (*checked.remarks, *length_remarks, *_remarks(fitted, used, known))
+    changes = frame_changes(fitted, used)
+    said = *_remarks(fitted, used, known), *(str(change) for change in changes)
     return FitResult(
         model=fitted,
         comparison=comparison,
@@ -137,7 +140,8 @@ def fit(
         nominal=nominal,
         outliers=_outliers(fitted, given, checked.rows),
         length_outliers=_length_outliers(fitted, used, known),
-        remarks=remarks,
+        frame_changes=changes,
+        remarks=(*checked.remarks, *length_remarks, *said),
     )
 
 
@@ -162,6 +166,8 @@ class FitResult(Record):
         Training readings whose residual is too large, the largest first.
     length_outliers : tuple of Outlier
         Known lengths that contradict the other data.
+    frame_changes : tuple of SessionChange
+        Where the base or the reference moved during a session.
     remarks : tuple of str
         What was skipped or ignored, and warnings.
 
@@ -180,6 +186,7 @@ class FitResult(Record):
     nominal: NominalModel
     outliers: tuple[Outlier, ...]
     length_outliers: tuple[Outlier, ...]
+    frame_changes: tuple[SessionChange, ...]
     remarks: tuple[str, ...]
 
     @property
@@ -249,6 +256,7 @@ class FitResult(Record):
             "comparison": [asdict(score) for score in self.comparison],
             "outliers": [asdict(outlier) for outlier in self.outliers],
             "length_outliers": [asdict(outlier) for outlier in self.length_outliers],
+            "frame_changes": [asdict(change) for change in self.frame_changes],
             "remarks": list(self.remarks),
         }
         if self.held_out_mm is not None:
@@ -318,6 +326,8 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
         yield "No reference point and no length is known: the arm keeps its nominal size."
     if not getattr(model, "fit_", model.nominal_).converged:
         yield "The fit has not converged: more readings, or poses that differ more from each other, may help."
+    if isinstance(model, IdentifiedModel) and (stated := describe_stated_uncertainty(model.fit_)) is not None:
+        yield stated
     if (unusual := model.nominal_check_.remark()) is not None:
         yield unusual
     if isinstance(model, KinematicModel | PhysicalModel) and len(session) < FEW_READINGS:

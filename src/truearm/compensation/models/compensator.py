@@ -36,6 +36,7 @@ from truearm.compensation.models.session_frames import (
     session_frame_terms,
     to_first_session_frame,
 )
+from truearm.compensation.models.stated_uncertainty import check_stated_uncertainty
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.compensation.models.training_conditions import fingerprint as fingerprint
 from truearm.errors import InputError
@@ -439,16 +440,18 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
 
     def _check_nominal(self, readings: Session, data: TrainingData) -> None:
         """Refuse readings that no arm of these nominal kinematics can have made: a wrong unit, sign or arm."""
+        every = constants(self.arm_.chain, free=self.free_)
         references = [without_sizes(reference) for reference in data.references]
         self.nominal_check_ = check_nominal_arm(
             self.arm_,
             self.nominal_,
             data.state,
             references,
-            constants(self.arm_.chain, free=self.free_),
+            every,
             partial(self._identify_terms, data, references=references),
         )
         refuse_implausible(self.nominal_check_, self.arm_, readings, self.nominal_.tips(data.state))
+        check_stated_uncertainty(readings, self.nominal_, references, partial(self._identify_terms, data, every))
 
     def _check_inputs(self, arm: Arm, readings: Session) -> None:
         """Refuse readings of another number of joints, or mostly outside their limits."""

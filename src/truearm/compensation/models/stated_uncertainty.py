@@ -1,0 +1,112 @@
+"""Whether stated uncertainties of reference points agree with their scatter about the identified arm.
+
+The ratio of both is one over the root of the reduced chi-square (the Birge ratio, R. T. Birge, Phys. Rev. 40 (1932)
+207), computed from the median of the residuals' lengths, so that outliers do not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.references import Points, Reference
+from truearm.readings.session import Session
+from truearm.typing import FloatArray
+
+# Stated uncertainties that are as many times the scatter are refused: weights and selection then mean nothing.
+MAX_RATIO = 100.0
+# Ratio from which a person is asked. Scatter contains all of u: a ratio above 1 is a stated u that is too large.
+SUSPECT_RATIO = 3.0
+# Scatter in multiples of the stated uncertainty from which a unit is suspected: arms that move scatter by up to some
+# fifty times the uncertainty of a laser tracker.
+MOST_SCATTER = 200.0
+# An identification without stated uncertainties is tried where the nominal arm already misses by less than this
+# multiple of them: it never does where they are right, unless there is nothing to identify.
+SUSPECT_NOMINAL = 2.0
+# What ratios near these mean: the scatter also contains what the arm does, so that they may differ by a factor.
+MISTAKES = {1e3: ", as if micrometres were entered as mm", 1e-3: ", as if it were entered in metres"}
+NEAR = 5.0
+
+
+def stated_ratio(fit: IdentificationResult) -> float | None:
+    """Stated standard uncertainty of a coordinate over its scatter; None without stated uncertainties of points."""
+    for part in fit.references:
+        if part.kind == "point" and part.residuals.size and (part.std > 0).all():
+            scatter = _scatter(part.residuals / part.std, sum(group.effective for group in fit.groups))
+            return 1 / scatter if scatter > 0 else np.inf
+    return None
+
+
+def check_stated_uncertainty(
+    readings: Session,
+    nominal: IdentificationResult,
+    references: Sequence[Reference],
+    identify: Callable[[Sequence[Reference]], IdentificationResult],
+) -> None:
+    """Refuse stated uncertainties that are far larger than the scatter of the points.
+
+    Parameters
+    ----------
+    readings : Session
+    nominal : IdentificationResult
+        The nominal arm.
+    references : sequence of Reference
+    identify : callable
+        Returns the arm with its constants identified from references. Called only where that is in question.
+
+    Raises
+    ------
+    InputError
+        If they are `MAX_RATIO` times as large or more, with the likely mistake.
+    """
+    ratio = stated_ratio(nominal)
+    if ratio is None or ratio * SUSPECT_NOMINAL < 1:
+        return
+    bare = [replace(one, point_std=None) if isinstance(one, Points) else one for one in references]
+    fit = identify(bare)
+    stated = replace(
+        fit,
+        references=tuple(
+            replace(part, std=reference.std) for part, reference in zip(fit.references, references, strict=True)
+        ),
+    )
+    ratio = stated_ratio(stated)
+    if ratio is not None and ratio >= MAX_RATIO:
+        raise readings.error(
+            f"the stated uncertainty of the reference points is {ratio:.0f} times their scatter about the identified "
+            f"arm{_mistake(ratio)}",
+            column="sx_mm",
+            hint="check the unit of the stated uncertainty, or omit its columns",
+        )
+
+
+def describe_stated_uncertainty(fit: IdentificationResult) -> str | None:
+    """What a person must know of the stated uncertainties of the points; None if they may be right."""
+    ratio = stated_ratio(fit)
+    if ratio is None or 1 / MOST_SCATTER < ratio < SUSPECT_RATIO:
+        return None
+    if ratio > 1:
+        return (
+            f"The stated uncertainty of the reference points is {ratio:.0f} times their scatter{_mistake(ratio)}. "
+            "Check its unit: readings with an overstated uncertainty determine fewer constants."
+        )
+    return (
+        f"The reference points scatter {1 / ratio:.0f} times as much as their stated uncertainty"
+        f"{_mistake(ratio)}. Check its unit; if it is right, nearly all of the scatter is the arm's."
+    )
+
+
+def _mistake(ratio: float) -> str:
+    """The exchange of units that would explain a ratio, as the end of a sentence; empty if there is none."""
+    return next((text for factor, text in MISTAKES.items() if 1 / NEAR < ratio / factor < NEAR), "")
+
+
+def _scatter(residuals: FloatArray, n_effective: float) -> float:
+    """Standard deviation of whitened residuals (k, m) by the median of their lengths."""
+    k, m = residuals.shape
+    freedom = max(k * m - n_effective, 0.1 * k * m)
+    return float(np.sqrt(np.median((residuals**2).sum(axis=0)) / chi2.median(k) * k * m / freedom))

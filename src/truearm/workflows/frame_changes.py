@@ -1,0 +1,84 @@
+"""Changes of the frame during a session, as a fit reports them: the line, the size, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.session_frames import to_first_session_frame
+from truearm.identification.estimation.change_point import FrameChange, frame_change
+from truearm.readings.session import Session
+
+
+@dataclass(frozen=True)
+class SessionChange:
+    """A change of the frame of the reference in a session.
+
+    Attributes
+    ----------
+    session : str
+        Name of the session; empty if the readings name none.
+    change : FrameChange
+        Its rows are those of the readings that were used.
+    last_before, first_after : str
+        The readings on both sides of a step, as ``line 152`` and ``line 153``; of a drift the first and the last.
+    first, last : str
+        The readings between which the step was, at 95 % confidence.
+    """
+
+    session: str
+    change: FrameChange
+    last_before: str
+    first_after: str
+    first: str
+    last: str
+
+    def __str__(self) -> str:
+        change, where = self.change, f" in session {self.session}" if self.session else ""
+        if change.kind == "drift":
+            return (
+                f"The base or the reference drifts{where}, by {change.shift_mm:.3f} mm or more from {self.last_before} "
+                f"to {self.first_after}. Let both warm up and settle, or divide the readings into sessions of an hour "
+                "by names in the column session."
+            )
+        return (
+            f"The base or the reference moved{where} between {self.last_before} and {self.first_after}, by "
+            f"{change.shift_mm:.3f} mm or more (95 % interval: {self.first} to {self.last}). Enter one name up to "
+            f"{self.last_before} and another from {self.first_after} in the column session, and fit again."
+        )
+
+
+def frame_changes(model: Compensator, session: Session) -> tuple[SessionChange, ...]:
+    """Test every session of the training readings of a model for a change of its frame.
+
+    Parameters
+    ----------
+    model : Compensator
+        Of a network, which has no residuals of a rigid frame, nothing is tested.
+    session : Session
+        Its training readings, in the order in which they were measured.
+    """
+    if not isinstance(model, IdentifiedModel) or not session.has_point.any():
+        return ()
+    return tuple(_changes(model, session))
+
+
+def _changes(model: IdentifiedModel, session: Session) -> Iterator[SessionChange]:
+    part = next(one for one in model.fit_.references if one.kind == "point")
+    points = to_first_session_frame(session, model.session_frames_).points
+    assert points is not None
+    names = np.full(len(session), "") if session.session is None else session.session
+    order = np.argsort(part.rows)
+    for name in np.unique(names[part.rows]):
+        own = order[names[part.rows[order]] == name]
+        rows = part.rows[own]
+        change = frame_change(session.angles[rows], points[rows], part.residuals.T[own], part.weights.T[own] ** 2, rows)
+        if change is not None:
+            at = int(np.searchsorted(rows, change.row))
+            sides = (rows[0], rows[-1]) if change.kind == "drift" else (rows[at - 1], rows[at])
+            ends = change.first_row, change.last_row
+            yield SessionChange(str(name), change, *(session.called(int(row)) for row in (*sides, *ends)))

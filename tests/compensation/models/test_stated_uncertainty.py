@@ -1,0 +1,62 @@
+"""A stated uncertainty in another unit is refused or said; a right one, or one off by a factor of two, is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import truearm as ta
+from truearm.arm import load_arm
+from truearm.compensation.models import KinematicModel, PhysicalModel
+from truearm.compensation.models.stated_uncertainty import describe_stated_uncertainty, stated_ratio
+from truearm.errors import InputError
+from truearm.readings import Session
+
+ARM = load_arm("gao2017")
+
+
+@pytest.fixture(scope="module", params=["shop", "research"])
+def session(request) -> Session:
+    found = ta.simulate("gao2017", poses=60, strategy="measuring", preset=request.param, seed=3).session
+    return Session(found.angles, found.points, point_std=found.point_std)
+
+
+def stating(session: Session, factor: float) -> Session:
+    return replace(session, point_std=session.point_std * factor)
+
+
+def test_micrometres_entered_as_millimetres_are_refused_at_every_door(session):
+    wrong = stating(session, 1000.0)
+    says = r"is \d+ times their scatter about the identified arm, as if micrometres were entered as mm"
+    for fit in (
+        lambda: PhysicalModel(ARM).fit_readings(wrong),
+        lambda: ta.fit(ARM, wrong),
+        lambda: ta.fit(ARM, wrong, model="nominal"),
+    ):
+        with pytest.raises(InputError, match=says):
+            fit()
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_a_right_one_is_not_questioned(session, factor):
+    model = KinematicModel(ARM).fit_readings(stating(session, factor))
+    assert describe_stated_uncertainty(model.fit_) is None
+    # What the arm does is part of the scatter.
+    assert 0.1 * factor < stated_ratio(model.fit_) < 1.3 * factor
+
+
+def test_one_that_is_tens_of_times_too_large_is_said(session):
+    result = ta.fit(ARM, stating(session, 30.0), model="kinematic")
+    assert any("times their scatter. Check its unit" in remark for remark in result.remarks)
+
+
+def test_one_in_metres_is_said(session):
+    result = ta.fit(ARM, stating(session, 1e-3), model="kinematic")
+    assert any("as if it were entered in metres" in remark for remark in result.remarks)
+
+
+def test_without_a_stated_uncertainty_nothing_is_judged(session):
+    model = KinematicModel(ARM).fit_readings(replace(session, point_std=None))
+    assert stated_ratio(model.fit_) is None
+    assert describe_stated_uncertainty(model.fit_) is None
