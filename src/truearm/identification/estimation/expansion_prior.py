@@ -10,8 +10,8 @@ known of arms, and states what remains uncertain:
   2013, chapter 22). The mean is zero, so that an arm whose readings do not show its growth is not corrected for it.
 - *Lag.* Links follow the air within minutes, so in training they changed by only a share of what the thermometer says.
   With temperatures of standard deviation s about their mean, and links up to `LAG_K` behind, the share lies anywhere
-  between ``1 - LAG_K / s`` and 1. Where s is below `LAG_K` it may be 0, and no growth is learned: within some tenths of
-  a kelvin, other drifts imitate growth of hundreds of 1e-6/K. The mean temperature of the links is uncertain likewise.
+  between ``1 - LAG_K / s`` and 1, and shares below 0 are 0: what readings within a tenth of a kelvin show says nothing
+  about the growth by ten. The mean temperature of the links differs from that of the thermometer likewise.
 
 Lengths are those at the mean temperature of the training, which readings determine; from there they grow. To have the
 constants of the chain at 20 degC, each link has, beside its growth ``c (T - 20 degC)``, a constant
@@ -34,10 +34,12 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.basis import Constant, Temperature
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.identification.terms.thermal import LAG_K, MATERIALS, UNKNOWN_MATERIAL
+from truearm.identification.terms.thermal import MATERIALS, UNKNOWN_MATERIAL
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray, IntArray
 
+# By how much links may be behind the thermometer, root mean square over a session [K].
+LAG_K = 1.0
 # Lags between none and that which are summed over.
 N_LAGS = 12
 # Values of functions in training that count as zero, in their unit.

@@ -27,7 +27,7 @@ from truearm.identification.terms.basis import (
 )
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.identification.terms.thermal import LAG_K, link_vectors
+from truearm.identification.terms.thermal import link_vectors
 from truearm.typing import FloatArray
 
 # Standard deviations in mm are those of an arm of this reach; others in proportion, so that an arm is identified alike
@@ -375,11 +375,10 @@ def candidate_terms(
 
 
 def unlearned_terms(state: ArmState) -> list[tuple[Term, float]]:
-    """Terms by a temperature, direction or load that is the same at all readings, and the mean of their function.
+    """Terms by a temperature, direction or load that is the same at all readings, and the value of their function.
 
-    So is a temperature that scatters by less than `LAG_K`. The readings show nothing of them, but they move the tip
-    where that input differs. A direction that is nowhere known is not one of them: readings from both sides show
-    hysteresis as scatter.
+    The readings show nothing of them, but they move the tip where that input differs. A direction that is nowhere
+    known is not one of them: readings from both sides show hysteresis as scatter.
 
     Parameters
     ----------
@@ -466,19 +465,15 @@ def _loads(state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:
 
 
 def _varying(terms: Iterable[Term], state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:
-    """The terms whose function changes from reading to reading; temperatures by more than links lag behind them."""
+    """The terms whose function changes from reading to reading."""
     varies: dict[Basis, bool] = {}
     for term in terms:
         if term.basis not in varies:
             values = term.basis.values(state)
             size = max(1.0, float(np.abs(values).max(initial=0.0)))
             varies[term.basis] = values.size > 0 and bool(np.ptp(values) > 1e-9 * size)  # more than rounding
-            reason = "it is constant in these readings"
-            if varies[term.basis] and isinstance(term.basis, Temperature) and values.std() < LAG_K:
-                varies[term.basis] = False
-                reason = f"it scatters by {values.std():.2g} K in these readings, less than links lag behind it"
             if not varies[term.basis]:
-                skipped.append(SkippedTerm(term.basis.labels()[0], reason))
+                skipped.append(SkippedTerm(term.basis.labels()[0], "it is constant in these readings"))
         if varies[term.basis]:
             yield term
 

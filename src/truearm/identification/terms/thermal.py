@@ -12,9 +12,6 @@ from truearm.errors import InputError
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 
-# By how much links may be behind the thermometer, root mean square over a session [K].
-LAG_K = 1.0
-
 
 class Material(NamedTuple):
     """Prior of the thermal expansion of the links of an arm, about zero.
