@@ -102,7 +102,7 @@ def test_a_direction_and_a_load_that_were_constant_are_in_the_covariance_and_nam
 def test_a_temperature_that_only_the_prediction_states_is_far_from_20_degC(real, readings):
     bare = replace(readings, temperature_degC=None)
     model = PhysicalModel(real.arm, highest=1).fit_readings(bare)
-    near, far = (replace(readings, temperature_degC=np.full(N, degC)) for degC in (22.5, 28.0))
+    near, far = (replace(readings, temperature_degC=np.full(N, degC)) for degC in (21.5, 28.0))
     assert model.inputs_outside_training(near) == {}
     assert model.inputs_outside_training(far)["temperature"].all()
     std = [np.sqrt(np.trace(model.predict_readings(one, return_cov=True)[1], axis1=1, axis2=2)) for one in (near, far)]

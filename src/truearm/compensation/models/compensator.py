@@ -301,7 +301,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         v is longer by alpha dT v. Its alpha has the prior of an arm of unknown material (`UNKNOWN_MATERIAL`): an
         uncorrected error (JCGM 100:2008, F.2.4.5) of standard uncertainty m that all links share, and d of each. With
         the tip at r = sum of all v: ``dT^2 (m^2 r r^T + d^2 sum v v^T)``. Where the training states no temperature, it
-        is assumed within `UNSTATED_U_K` of 20 degC.
+        is assumed to be 20 degC.
 
         Returns
         -------

@@ -262,10 +262,10 @@ class TrainingConditions:
 
     @property
     def temperature_range(self) -> InputRange:
-        """Temperatures of the training; without any about 20 degC, as far as a workshop may be from it."""
+        """Temperatures of the training; without any 20 degC, as far as thermometers agree."""
         if self.temperature_degC is not None:
             return self.temperature_degC
-        lower, upper = REFERENCE_DEGC - UNSTATED_U_K, REFERENCE_DEGC + UNSTATED_U_K
+        lower, upper = REFERENCE_DEGC - TEMPERATURE_TOLERANCE_K, REFERENCE_DEGC + TEMPERATURE_TOLERANCE_K
         return InputRange(REFERENCE_DEGC, UNSTATED_U_K**2, lower, upper)
 
     def kelvin_outside(self, session: Session) -> FloatArray:

@@ -10,8 +10,8 @@ known of arms, and states what remains uncertain:
   2013, chapter 22). The mean is zero, so that an arm whose readings do not show its growth is not corrected for it.
 - *Lag.* Links follow the air within minutes, so in training they changed by only a share of what the thermometer says.
   With temperatures of standard deviation s about their mean, and links up to `LAG_K` behind, the share lies anywhere
-  between ``1 - LAG_K / s`` and 1, and shares below 0 are 0: what readings within a tenth of a kelvin show says nothing
-  about the growth by ten. The mean temperature of the links differs from that of the thermometer likewise.
+  between ``1 - LAG_K / s`` and 1, and shares below `LEAST_SHARE` count as 0: what readings within a tenth of a kelvin
+  show says nothing about the growth by ten. The mean temperature of the links is uncertain likewise.
 
 Lengths are those at the mean temperature of the training, which readings determine; from there they grow. To have the
 constants of the chain at 20 degC, each link has, beside its growth ``c (T - 20 degC)``, a constant
@@ -40,6 +40,8 @@ from truearm.typing import FloatArray, IntArray
 
 # By how much links may be behind the thermometer, root mean square over a session [K].
 LAG_K = 1.0
+# Where links may have changed by less than this share, what readings show is as well another drift: nothing of growth.
+LEAST_SHARE = 0.5
 # Lags between none and that which are summed over.
 N_LAGS = 12
 # Values of functions in training that count as zero, in their unit.
@@ -88,7 +90,8 @@ def with_material_prior(fit: IdentificationResult, temperature_degC: FloatArray)
     of_growth = fit.covariance[np.ix_(grows, grows)]
     information, right = _likelihood(of_growth, fit.coefficients[grows], fit.prior_std[grows])
     lags_K = LAG_K * (np.arange(N_LAGS) + 0.5) / N_LAGS
-    new = _mixture(information, right, np.maximum(1 - lags_K / spread, 0.0))
+    shares = 1 - lags_K / spread
+    new = _mixture(information, right, np.where(shares < LEAST_SHARE, 0.0, shares))
     gain = np.linalg.solve(of_growth, fit.covariance[np.ix_(grows, others)]).T
     x, covariance, prior_std = fit.coefficients.copy(), fit.covariance.copy(), fit.prior_std.copy()
     x[others] += gain @ (new.shown - fit.coefficients[grows])
