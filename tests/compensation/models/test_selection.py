@@ -50,7 +50,7 @@ def test_the_simplest_model_that_explains_the_readings_is_kept(planted, real, rn
         assert 0 < row.standard_error_mm < row.mean_mm <= row.p95_mm <= row.max_mm
         assert row.n_effective > 0
     assert kept.mean_mm == pytest.approx(NOISE * np.sqrt(8 / np.pi), rel=0.2)  # mean length of three Gaussian ones
-    assert model.held_out_.mean_mm == kept.mean_mm
+    assert model.held_out_.mean_mm == pytest.approx(kept.mean_mm, rel=1e-12)  # sorted rows are summed in another order
 
 
 @pytest.mark.parametrize("size", [1.0, 100.0])
@@ -108,7 +108,7 @@ def test_a_group_beside_a_single_reading_still_has_a_standard_error(real, rng):
 def test_the_nominal_arm_is_fitted_once_for_all(real, rng, monkeypatch):
     readings = real.points(40, rng)
     nominal = NominalModel(real.arm).fit_readings(readings)
-    assert nominal.fit_ is nominal.nominal_
+    np.testing.assert_array_equal(nominal.fit_.coefficients, nominal.nominal_.coefficients)
     plain = KinematicModel(real.arm).fit_readings(readings)
 
     def again(*_):

@@ -1,4 +1,4 @@
-"""Gross errors are told from honest ones by what is held out, whatever their size, and take no part."""
+"""Gross errors are distinguished from honest ones by what is held out, whatever their size, and take no part."""
 
 from __future__ import annotations
 
