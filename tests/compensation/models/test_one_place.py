@@ -18,8 +18,9 @@ from truearm.compensation.models.cross_validation_groups import (
     is_in_one_place,
     joint_space_regions,
 )
-from truearm.compensation.models.identified_model import MAX_SHARE_LEFT, _typical_error, expected_square_error
+from truearm.compensation.models.identified_model import MAX_SHARE_LEFT, _typical_error
 from truearm.compensation.models.reading_references import state_of
+from truearm.identification.estimation.expected_error import expected_square_error
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.planning.sampling.seat import seat
 from truearm.identification.terms.basis import Constant

@@ -73,8 +73,8 @@ def test_a_seats_point_is_a_parameter_or_eliminated_all_the_same(perturbed_chain
     # Of a tip known to some millimetres, a seat known to ten metres tells less than a millionth.
     assert shared.variance(range(6)) == pytest.approx(whole.variance([0]), rel=1e-6)
     assert shared.variance(range(12)) == pytest.approx(whole.variance([0, 1]), rel=1e-6)
-    # One pose in a seat tells nothing; before it the tip is known to a metre, a hundredth of the seat in square.
-    assert shared.variance([0]) == pytest.approx(shared.variance([]), rel=0.01)
+    # One pose in a seat tells nothing; before it the tip is known to 1.2 m, a share of 0.015 of the seat in square.
+    assert shared.variance([0]) == pytest.approx(shared.variance([]), rel=0.02)
 
 
 def test_a_bar_is_two_seats_and_a_length(perturbed_chain, volume):
