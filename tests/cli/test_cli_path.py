@@ -22,7 +22,7 @@ ERROR_KEYS = {
 EVALUATION_KEYS = ERROR_KEYS | {"summary", "nominal", "coverage", "coverage_99", "n_refit", "outliers", "remarks"}
 FIT_KEYS = {
     *("summary", "model", "arm", "file", "fit_seconds", "n_readings", "held_out", "training"),
-    *("comparison", "outliers", "length_outliers", "remarks"),
+    *("comparison", "outliers", "length_outliers", "frame_changes", "remarks"),
 }
 MODELS = ("nominal", "kinematic", "network")
 
