@@ -25,7 +25,8 @@ import numpy as np
 
 from machine import Target, Times, arguments_of, print_json, say_machine, say_targets, times_of
 from truearm.arm import Chain, chain_from_mdh
-from truearm.identification.estimation.identification import IdentificationResult, identify
+from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.references import Points
 from truearm.identification.terms import ArmState, Constant, Term
 

@@ -32,7 +32,8 @@ from scipy.stats import chi2
 
 from machine import Target, arguments_of, print_json, print_table, say_machine, say_targets, times_of_each
 from truearm.arm import Chain, load_arm
-from truearm.identification.estimation.identification import IdentificationResult, identify
+from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.orientations import LEVER_MM, Orientations
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem

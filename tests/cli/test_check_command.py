@@ -15,8 +15,8 @@ import pytest
 from made_up_check import ARM, LENGTHS, session, virtual, write_days, write_model
 
 from truearm.compensation.models import KinematicModel
-from truearm.compensation.models.compensator import fingerprint
 from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.training_conditions import fingerprint
 from truearm.readings import Session, read_lengths, read_session, write_session
 from truearm.verification.monitor import history as truearm_history
 from truearm.verification.monitor.assessment import RecalibrationAdvice, assess

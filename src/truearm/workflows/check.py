@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.compensator import fingerprint
 from truearm.compensation.models.model_file import save_model
+from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session, check_sessions
 from truearm.verification.monitor.assessment import Assessment, RecalibrationAdvice, Trend, describe_assessment

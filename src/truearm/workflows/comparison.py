@@ -8,8 +8,8 @@ import numpy as np
 
 from truearm.compensation.models import Compensator, NominalModel
 from truearm.compensation.models.comparison_page import ModelComparison
-from truearm.compensation.models.compensator import fingerprint
 from truearm.compensation.models.seat_page import SeatComparison
+from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session, check_sessions, compare_errors, length_errors
 from truearm.workflows.outputs import version_row

@@ -15,8 +15,9 @@ import numpy as np
 
 from truearm.arm import Arm, load_arm
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.compensator import FREE_PARTS, MAX_NOMINAL_ERROR, MIN_ROWS
+from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS
 from truearm.compensation.models.model_file import load_model
+from truearm.compensation.models.nominal_check import MAX_NOMINAL_ERROR
 from truearm.compensation.models.refit import used_in_refit
 from truearm.errors import InputError
 from truearm.readings import (

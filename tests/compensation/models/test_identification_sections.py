@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from html_outline import Outline
+from truearm.compensation.models.held_out_errors import HeldOutErrors
 from truearm.compensation.models.identification_sections import (
-    HeldOutErrors,
     joint_errors_section,
     outlier_section,
     terms_section,

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from truearm.arm import load_arm
 from truearm.identification.estimation import cross_validation
 from truearm.identification.estimation.cross_validation import covariance_factor, cross_validate_by_group
-from truearm.identification.estimation.identification import IdentificationResult, identify, initial_problem
+from truearm.identification.estimation.identification import identify, initial_problem
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.orientations import Orientations
 from truearm.identification.estimation.references import Length, Points, Seats, seats_of
 from truearm.identification.planning.sampling.seat import seat

@@ -7,7 +7,7 @@ import pytest
 from test_problem import random_chain, random_state
 
 from truearm.identification.estimation.diagnostics import effects
-from truearm.identification.estimation.identification import IdentificationResult, TermGroupResult
+from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import Constant, Term, constants
 from truearm.identification.terms.catalogue import own_axis, wobble

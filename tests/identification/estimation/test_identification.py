@@ -14,7 +14,9 @@ from scipy.stats import binom
 from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
-from truearm.identification.estimation.identification import MOST_SCALE, IdentificationResult, identify
+from truearm.identification.estimation.group_scales import MOST_SCALE
+from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.outliers import outliers
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.references import Points, Seats, seats_of

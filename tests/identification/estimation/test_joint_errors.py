@@ -10,7 +10,7 @@ from test_problem import random_chain, random_state
 
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import joint_error
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import constants
 from truearm.identification.terms.catalogue import own_axis, wobble

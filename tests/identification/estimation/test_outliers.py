@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
-from truearm.identification.estimation.identification import ReferenceFit, identify
+from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification_result import ReferenceFit
 from truearm.identification.estimation.outliers import outliers
 from truearm.identification.estimation.references import Points
 from truearm.identification.terms import ArmState, constants

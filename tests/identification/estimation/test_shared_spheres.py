@@ -7,7 +7,8 @@ import pytest
 from mixed_session import reached, unit
 
 from truearm.arm import load_arm
-from truearm.identification.estimation.identification import IdentificationResult, identify
+from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.surfaces import EQUAL_SHARE, Radius, Spheres, spheres_of
 from truearm.identification.terms import ArmState, constants

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self, overload
+from typing import Any, Literal, Self, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,6 @@ from truearm.compensation.models.nominal_check import (
 )
 from truearm.compensation.models.reading_references import (
     check_sizes,
-    references_of,
     roughly_aligned_chain,
     state_of,
     tool_terms,
@@ -34,55 +33,25 @@ from truearm.compensation.models.session_frames import (
     points_to_session_frames,
     rough_session_frames,
     session_frame_terms,
-    to_first_session_frame,
 )
 from truearm.compensation.models.stated_uncertainty import check_stated_uncertainty
 from truearm.compensation.models.training_conditions import TrainingConditions
-from truearm.compensation.models.training_conditions import fingerprint as fingerprint
+from truearm.compensation.models.training_data import TrainingData
 from truearm.errors import InputError
-from truearm.identification.estimation.identification import IdentificationResult, identify
+from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.references import Reference
 from truearm.identification.estimation.tails import ellipsoid_factor
-from truearm.identification.terms import ArmState, Term, constants
+from truearm.identification.terms import Term, constants
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
-from truearm.readings.checks import MAX_SKIPPED_SHARE, check_angles, check_sessions, skip_beyond_limits
+from truearm.readings.checks import check_angles, check_sessions, skip_beyond_limits
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray
 
 FREE_PARTS = ("base", "tip")
-# Share of the reach by which the nominal arm may miss readings of another session on average, with base and tip where
-# they were: ten times what the kinematic model expects of its constants (3 mrad, 3 mm) stays below.
-MAX_NOMINAL_ERROR = 0.05
 # Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
 MIN_ROWS = 4
-# Angles of joints without limits may be this far outside the trained ones [rad]: ten turns. Degrees read as radians are
-# more, from 63 degrees on.
-MAX_FURTHER_ANGLE = 20 * np.pi
-
-
-class TrainingData(NamedTuple):
-    """A session prepared once for all identifications of a fit.
-
-    Attributes
-    ----------
-    session : Session
-        All readings in one frame.
-    state : ArmState
-        State of the arm at them.
-    references : list of Reference
-        Of the readings and the lengths.
-    lengths : Lengths or None
-        Known lengths between their seats.
-    simpler : Compensator, optional
-        A simpler model that is already fitted to the same readings.
-    """
-
-    session: Session
-    state: ArmState
-    references: list[Reference]
-    lengths: Lengths | None
-    simpler: Compensator | None = None
 
 
 class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
@@ -197,10 +166,8 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         has_points = readings.has_point.any()
         self.free_ = self.free if has_points else tuple(part for part in self.free if part != "base")
         self.session_frames_ = rough_session_frames(arm, readings, self.free_)
-        in_one_frame = to_first_session_frame(readings, self.session_frames_)
         self.training_ = TrainingConditions.of(readings, arm.chain.is_prismatic, lengths)
-        state, references = state_of(arm, in_one_frame), references_of(in_one_frame, lengths)
-        data = TrainingData(in_one_frame, state, references, lengths, nominal)
+        data = TrainingData.of(arm, readings, lengths, frames=self.session_frames_, simpler=nominal)
         if nominal is None:
             self.nominal_ = self._fit_nominal(data)
             self._check_nominal(readings, data)
@@ -354,7 +321,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
 
     def is_trained_on(self, readings: Session) -> bool:
         """Whether these are the readings that the model was fitted to last."""
-        return self.data_fingerprint_ == fingerprint(readings)
+        return self.training_.is_of(readings)
 
     def save(self, path: str | Path) -> None:
         """Write the fitted model to one file; `truearm.compensation.models.load_model` reads it.
@@ -465,16 +432,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
     def _check_session(self, readings: Session) -> None:
         check_is_fitted(self)
         self._check_inputs(self.arm_, readings)
-        excess = np.abs(readings.angles) - np.abs(self.training_.angle_ranges).max(axis=1)
-        far = (excess > MAX_FURTHER_ANGLE) & ~self.arm_.chain.is_prismatic
-        if far.any(axis=1).mean() > MAX_SKIPPED_SHARE:
-            row, joint = (int(i) for i in np.argwhere(far)[0])
-            raise readings.error(
-                f"J{joint + 1} is at {readings.angles[row, joint]:.4g} rad, ten turns outside the trained range",
-                row,
-                column=None if readings.angle_columns is None else readings.angle_columns[joint],
-                hint="check the unit of the angles: radians, not degrees",
-            )
+        self.training_.refuse_far(readings, self.arm_.chain.is_prismatic)
 
     def _checked_arm(self) -> Arm:
         if not isinstance(self.arm, Arm):

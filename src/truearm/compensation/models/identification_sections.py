@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import HeldOutErrors, IdentifiedModel, NominalModel
+from truearm.compensation.models.held_out_errors import HeldOutErrors
+from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
 from truearm.compensation.models.joint_error_figure import ARCSEC, joint_error_figure
 from truearm.compensation.models.uncertainty import (
     COVERAGE_FACTOR,

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import MIN_ROWS, Compensator, TrainingData
+from truearm.compensation.models.compensator import MIN_ROWS, Compensator
 from truearm.compensation.models.cross_validation_groups import (
     cross_validation_groups,
     is_in_one_place,
     joint_space_regions,
 )
+from truearm.compensation.models.held_out_errors import NONE_HELD_OUT, HeldOutErrors
 from truearm.compensation.models.reading_references import references_of, state_of
+from truearm.compensation.models.training_data import TrainingData
 from truearm.errors import InputError
 from truearm.identification.estimation.cross_validation import birge_ratio, cross_validate_by_group
 from truearm.identification.estimation.day_to_day import day_to_day_terms, on_another_day
@@ -35,7 +37,7 @@ from truearm.identification.estimation.gross_errors import (
     own_variance,
     select_rows,
 )
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
 from truearm.identification.estimation.reference_scale import response_to_point_errors, with_shared_error
 from truearm.identification.estimation.residual_variance import (
@@ -67,42 +69,6 @@ WORKSPACE_POSES = 200
 WEIGHT_ROUNDS = 2
 # Standard uncertainty of a point that states none [mm]: a session states one of every point, or of none.
 LEAST_STD_MM = 1e-6
-NONE_HELD_OUT = HeldOutReadings(
-    np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0)
-)
-
-
-@dataclass(frozen=True)
-class HeldOutErrors:
-    """Errors of the training readings that were held out of the identification, in short.
-
-    Attributes
-    ----------
-    n, n_groups : int
-        Readings, and the positions or seats that were held out together.
-    n_excluded : int
-        Readings that are gross errors, and not among these.
-    mean_mm, standard_error_mm : float
-        Mean error and its standard error; infinite where one reading was held out.
-    p95_mm, max_mm : float
-    """
-
-    n: int
-    n_groups: int
-    mean_mm: float
-    standard_error_mm: float
-    p95_mm: float
-    max_mm: float
-    n_excluded: int = 0
-
-    @classmethod
-    def of(cls, held_out: HeldOutReadings, *, n_excluded: int = 0) -> Self | None:
-        """Of readings held out; None if there are none."""
-        if not len(held_out.rows):
-            return None
-        errors, n_groups = held_out.errors_mm, len(np.unique(held_out.group))
-        p95, largest = float(np.quantile(errors, 0.95)), float(errors.max())
-        return cls(len(errors), n_groups, held_out.mean_mm, held_out.standard_error_mm, p95, largest, n_excluded)
 
 
 class IdentifiedModel(Compensator):

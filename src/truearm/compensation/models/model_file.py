@@ -42,7 +42,7 @@ from truearm.compensation.nets.training import TrainingRecord
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
-from truearm.identification.estimation.identification import IdentificationResult, ReferenceFit
+from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.outliers import MIN_ROBUST_WEIGHT
 from truearm.identification.estimation.tails import LEAST_FREEDOM
 from truearm.identification.terms import SkippedTerm, Term

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import MIN_ROWS, Compensator, TrainingData
+from truearm.compensation.models.compensator import MIN_ROWS, Compensator
+from truearm.compensation.models.training_data import TrainingData
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron

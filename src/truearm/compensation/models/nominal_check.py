@@ -15,7 +15,7 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.identification.estimation.cross_validation import cross_validate_by_group
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.nominal_error import usual_error
 from truearm.identification.estimation.references import Reference
 from truearm.identification.terms import ArmState, Term
@@ -36,6 +36,9 @@ MAX_REMAINING_RATIO = 1.0
 # Prior standard deviations up to which an identified constant is credible: angles of 7 degrees, as of zeros that were
 # set by eye; lengths of 30 mm. Zeros off by a quarter turn are explained by lengths of 90 mm or more, or not at all.
 MAX_STDS = {"angle": 40.0, "length": 10.0}
+# Share of the reach by which the nominal arm may miss readings of another session on average, with base and tip where
+# they were: ten times what the kinematic model expects of its constants (3 mrad, 3 mm) stays below.
+MAX_NOMINAL_ERROR = 0.05
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import place_base_coarsely, rms_distance_from_line
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.orientations import Orientations, orient_flange_coarsely
 from truearm.identification.estimation.outliers import constraint_residuals
 from truearm.identification.estimation.references import Points, Reference, Seats, StatedLength, seats_of

@@ -13,7 +13,8 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS, Compensator
-from truearm.compensation.models.identified_model import NONE_HELD_OUT, IdentifiedModel
+from truearm.compensation.models.held_out_errors import NONE_HELD_OUT
+from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.nominal_check import (
     NominalCheck,
     refuse_implausible,
@@ -25,7 +26,7 @@ from truearm.compensation.models.session_frames import rough_session_frames, to_
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
 from truearm.identification.estimation.consider_parameters import consider_update
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms import constants
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths

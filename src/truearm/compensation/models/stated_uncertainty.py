@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.references import Points, Reference
 from truearm.readings.session import Session
 from truearm.typing import FloatArray

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from truearm.errors import InputError
+from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import DIRECTION, LOAD, Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC, UNSTATED_U_K
@@ -30,6 +31,9 @@ USUAL_SHARE = 0.99
 # A sample this small has no usual distance.
 LEAST_SAMPLE = 20
 LEAST_TRAVEL_MM = 1.0
+# Angles of joints without limits may be this far outside the trained ones [rad]: ten turns. Degrees read as radians are
+# more, from 63 degrees on.
+MAX_FURTHER_ANGLE = 20 * np.pi
 # Training readings that are kept: ten a constant of a six-axis arm, 24 kB of a model file.
 MAX_SAMPLE = 500
 
@@ -207,6 +211,28 @@ class TrainingConditions:
             beyond = ((signs < lower) | (signs > upper)) & (signs != 0) & (lower == upper) & (lower != 0)
             found |= {f"{DIRECTION}{joint}": column for joint, column in enumerate(beyond.T, 1)}
         return {name: rows for name, rows in found.items() if rows.any()}
+
+    def is_of(self, readings: Session) -> bool:
+        """Whether these are the readings that the model was fitted to last."""
+        return self.fingerprint == fingerprint(readings)
+
+    def refuse_far(self, readings: Session, prismatic: BoolArray) -> None:
+        """Refuse a session of which many joints are ten turns or more outside the trained range: degrees, as a rule.
+
+        Raises
+        ------
+        InputError
+        """
+        excess = np.abs(readings.angles) - np.abs(self.angle_ranges).max(axis=1)
+        far = (excess > MAX_FURTHER_ANGLE) & ~prismatic
+        if far.any(axis=1).mean() > MAX_SKIPPED_SHARE:
+            row, joint = (int(i) for i in np.argwhere(far)[0])
+            raise readings.error(
+                f"J{joint + 1} is at {readings.angles[row, joint]:.4g} rad, ten turns outside the trained range",
+                row,
+                column=None if readings.angle_columns is None else readings.angle_columns[joint],
+                hint="check the unit of the angles: radians, not degrees",
+            )
 
     def _inside_by_joint(self, angles: FloatArray, prismatic: BoolArray) -> BoolArray:
         """(n, n_joints) whether an angle, or one some full turns from it, is in the range and in none of its gaps."""

@@ -17,7 +17,7 @@ from truearm.arm.chain import CHUNK, Chain, Pose
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import ArmState, Term
 from truearm.readings.session import Session

@@ -29,14 +29,8 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from truearm.arm.chain import Chain
-from truearm.identification.estimation.identification import (
-    UNKNOWN_STD,
-    IdentificationResult,
-    TermGroupResult,
-    eliminate_unknowns,
-    reference_fits,
-    take_step,
-)
+from truearm.identification.estimation.identification import UNKNOWN_STD, eliminate_unknowns, reference_fits, take_step
+from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.propagation import direction_effects

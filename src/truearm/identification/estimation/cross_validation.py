@@ -31,13 +31,8 @@ import numpy.typing as npt
 from scipy.linalg import eigh
 from scipy.sparse import csr_array, hstack, vstack
 
-from truearm.identification.estimation.identification import (
-    UNKNOWN_STD,
-    IdentificationResult,
-    ReferenceFit,
-    eliminate_unknowns,
-    initial_problem,
-)
+from truearm.identification.estimation.identification import UNKNOWN_STD, eliminate_unknowns, initial_problem
+from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.references import LinearisedResiduals, Reference
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings

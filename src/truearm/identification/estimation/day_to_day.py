@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from truearm.arm.chain import Chain
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms.basis import Constant, InSession
 from truearm.identification.terms.term import Term
 from truearm.typing import FloatArray

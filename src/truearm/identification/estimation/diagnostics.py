@@ -25,7 +25,7 @@ from scipy.linalg import qr
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.basis import Constant, Harmonics
 from truearm.identification.terms.state import ArmState

@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from truearm.identification.estimation.identification import IdentificationResult, TermGroupResult
+from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.basis import Constant, Temperature
 from truearm.identification.terms.state import ArmState

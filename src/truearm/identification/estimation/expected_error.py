@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms.state import ArmState
 
 

@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 from scipy.special import expit, gammaln
 from scipy.stats import chi2
 
-from truearm.identification.estimation.identification import IdentificationResult, ReferenceFit
+from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
 from truearm.identification.estimation.tails import FREEDOM_RATE, FREEDOM_SHAPE
 from truearm.typing import BoolArray, FloatArray, IntArray

@@ -9,19 +9,29 @@ parameters from it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
+from truearm.identification.estimation.group_scales import (
+    is_fast,
+    weigh_evidence,
+    with_uncertain_scales,
+    without_invisible,
+    without_negligible,
+)
+from truearm.identification.estimation.identification_result import (
+    IdentificationResult,
+    ReferenceFit,
+    TermGroupResult,
+)
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import RELATIVE, SmallMotionProblem
 from truearm.identification.estimation.references import Reference
 from truearm.identification.estimation.residual_variance import huber_weights, paule_mandel_variance
-from truearm.identification.terms.basis import Harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.solve import KnownStep, StepHalving, damped_step
@@ -29,169 +39,22 @@ from truearm.solve.arrowhead import Arrowhead, SchurComplement
 from truearm.solve.group_evidence import (
     GroupedPrior,
     Posterior,
-    marginal_posterior,
     posterior,
-    prune_groups,
-    update_scales,
 )
-from truearm.solve.square_roots import covariance_factor
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import BoolArray, FloatArray
+from truearm.typing import FloatArray
 
 MOST_ROUNDS = 24
-# Rounds of the evidence on one linearisation.
-SCALE_ROUNDS = 2
-# Scales have converged when none changes by a larger share; a scale is known to some tens of per cent at best.
-SETTLED_SCALES = 1e-2
-# Groups of fewer effective parameters are not considered for that.
-LEAST_EFFECTIVE = 0.1
-# A group is invisible if its prior size is a smaller share of the noise, root mean square, and if it moves all
-# residuals together by less than one standard deviation.
-INVISIBLE, INVISIBLE_IN_ALL = 0.02, 1.0
-MOST_LOG_RAISED = 1.0
-# Groups are negligible if together they would move all residuals by less than this many standard deviations, were these
-# at so many random poses.
-NEGLIGIBLE_IN_ALL, NEGLIGIBLE_POSES = 1.0, 100
 # The last step moves tips by a smaller share of their uncertainty; the noise is calm when it changes by less.
 SETTLED_STEP = 0.05
 CALM_NOISE = 0.05
 # Maximum halvings of a step until the cost does not rise by more than this share, its rounding.
 MAX_HALVINGS = 7
 COST_ROUNDING = 1e-9
-# The prior of a group's scale has a spread of a factor of five, as arms differ by as much, and a maximum of ten: larger
-# terms imitate missing ones. Harmonics up to 16 alone would explain some higher ones of a UR10 by radians that nearly
-# cancel at the readings, and miss others by 20 mm.
-LOG_SPREAD = float(np.log(5.0))
-LEAST_SCALE, MOST_SCALE = 1e-4, 10.0
 # If no reference determines the size of the arm, it stays nominal, to this share.
 SIZE_STD = 1e-6
 # The prior of an artefact's unknowns is wider than any workshop [mm, or 1].
 UNKNOWN_STD = 1e6
-
-
-@dataclass(frozen=True)
-class TermGroupResult:
-    """Outcome for a group of terms.
-
-    Attributes
-    ----------
-    name : str
-    n_coefficients : int
-        Number of coefficients offered.
-    effective : float
-        How many of them the readings determine.
-    scale : float
-        Scale of the prior, relative to the start value; 0 if the evidence pruned the group.
-    """
-
-    name: str
-    n_coefficients: int
-    effective: float
-    scale: float
-
-
-@dataclass(frozen=True, eq=False)
-class ReferenceFit:
-    """Residuals and noise of a reference under the identified terms.
-
-    Attributes
-    ----------
-    kind : str
-        Kind of reference: point, seat, ...
-    rows : (m,) int array
-        Rows of its readings.
-    residuals : (k, m) array
-        [mm].
-    std : (k, m) array
-        Stated standard uncertainties [mm].
-    noise_std : float
-        Standard deviation of a residual beyond the stated uncertainty [mm].
-    robust_weight : (m,) array
-        Robust weight of every reading, 1 unless it is an outlier.
-    artefact : (m,) int array
-        Index of the seat or sphere of each reading; zeros for points.
-    unknowns : dict of str to float
-        Identified unknowns of the artefacts by name; the names state units.
-    repeat_variance : (m,) array, optional
-        Variance by which errors common to repeats lower the weight of each [mm^2].
-    """
-
-    kind: str
-    rows: npt.NDArray[np.intp]
-    residuals: FloatArray
-    std: FloatArray
-    noise_std: float
-    robust_weight: FloatArray
-    artefact: npt.NDArray[np.intp]
-    unknowns: dict[str, float]
-    repeat_variance: FloatArray | None = None
-
-    @property
-    def weights(self) -> FloatArray:
-        """(k, m) weights of the residuals: square roots of robust weight over variance [1/mm]."""
-        of_repeats = 0.0 if self.repeat_variance is None else self.repeat_variance
-        return np.asarray(np.sqrt(self.robust_weight / (self.std**2 + self.noise_std**2 + of_repeats)))
-
-
-@dataclass(frozen=True, eq=False)
-class IdentificationResult:
-    """Result of an identification.
-
-    Attributes
-    ----------
-    perturbed_chain : PerturbedChain
-        The nominal chain, placed, with its terms; pruned groups are not among them.
-    coefficients : (n_coefficients,) array
-        Coefficients of the terms [rad or mm per unit of the basis].
-    covariance : (n_coefficients, n_coefficients) array
-        Their posterior covariance.
-    prior_std : (n_coefficients,) array
-        Their prior standard deviations as scaled by the evidence.
-    groups : tuple of TermGroupResult
-        All groups that were offered.
-    references : tuple of ReferenceFit
-    converged : bool
-    rounds : int
-    """
-
-    perturbed_chain: PerturbedChain
-    coefficients: FloatArray
-    covariance: FloatArray
-    prior_std: FloatArray
-    groups: tuple[TermGroupResult, ...]
-    references: tuple[ReferenceFit, ...]
-    converged: bool
-    rounds: int
-
-    @property
-    def chain(self) -> Chain:
-        """The chain with the constant terms composed, without those that depend on the state of the arm."""
-        return self.perturbed_chain.with_constants(self.coefficients)
-
-    @property
-    def parameters(self) -> FloatArray:
-        """The coefficients, then the unknowns of the references: the parameters of `SmallMotionProblem`."""
-        return np.concatenate([self.coefficients, *(list(part.unknowns.values()) for part in self.references)])
-
-    def tips(self, state: ArmState) -> FloatArray:
-        """(n, 3) tips [mm] at the readings of a state."""
-        return self.perturbed_chain.tips(state, self.coefficients)
-
-    def tip_covariance(self, state: ArmState) -> FloatArray:
-        """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
-        out = np.empty((len(state), 3, 3))
-        uncertain, root = self._root
-        for rows, _, columns in self.perturbed_chain.derivatives(state, self.coefficients):
-            # A sum of squares by the root: otherwise variances of an arm known to rounding may be negative.
-            spread = np.tensordot(root, columns[uncertain], axes=1)
-            out[rows] = np.einsum("pin,pjn->nij", spread, spread)
-        return out
-
-    @cached_property
-    def _root(self) -> tuple[npt.NDArray[np.intp], FloatArray]:
-        """The (k,) coefficients that are uncertain, and F (k, k) with ``F^T F`` their covariance."""
-        uncertain = np.flatnonzero(self.covariance.diagonal() > 0)
-        return uncertain, covariance_factor(self.covariance[np.ix_(uncertain, uncertain)])
 
 
 def grouped_prior(terms: Sequence[Term], n_unknowns: int) -> tuple[GroupedPrior, tuple[str, ...]]:
@@ -271,7 +134,7 @@ def identify(
     n_coefficients = perturbed_chain.n_coefficients
     x = np.concatenate([np.zeros(n_coefficients), unknowns])
     prior, groups = grouped_prior(terms, len(x) - n_coefficients)
-    fast = _is_fast(terms, groups, state)
+    fast = is_fast(terms, groups, state)
     per_kind = np.zeros(len(references))
     noise_before, calm = np.full(len(references), np.inf), 0
     step_before, share = np.zeros(len(x)), 1.0
@@ -285,10 +148,10 @@ def identify(
         reduced = eliminate_unknowns(parts, whole, x)
         calm = calm + 1 if np.all(np.abs(noise - noise_before) < CALM_NOISE * noise) else 0
         if calm == 1:
-            prior = _without_invisible(prior, whole.diagonal, n_residuals)
+            prior = without_invisible(prior, whole.diagonal, n_residuals)
         # While the noise still falls, groups below it must not be pruned.
         with one_blas_thread():
-            prior, solution, effective = _evidence(reduced, x, prior, fast if calm >= 2 else np.zeros_like(fast))
+            prior, solution, effective = weigh_evidence(reduced, x, prior, fast if calm >= 2 else np.zeros_like(fast))
         if x[~prior.active].any():
             x = np.where(prior.active, x, 0.0)
             residuals = problem.residuals(x)
@@ -306,8 +169,8 @@ def identify(
         noise_before = noise
         if converged:
             break
-    prior = _with_uncertain_scales(prior, effective)
-    prior = _without_negligible(
+    prior = with_uncertain_scales(prior, effective)
+    prior = without_negligible(
         prior, perturbed_chain, state, float(np.sqrt(noise.min())), sum(residual.size for residual in residuals)
     )
     effective = np.where(prior.scale > 0, effective, 0.0)
@@ -479,97 +342,6 @@ def _weights(
         weights.append(np.sqrt(robust_weights / (variance.T + of_repeats)))
         robust_weightss.append(robust_weights)
     return noise, weights, robust_weightss
-
-
-def _without_invisible(prior: GroupedPrior, diagonal: FloatArray, n_residuals: int) -> GroupedPrior:
-    """Prune groups that are invisible at their prior size, for example harmonics of a joint whose axis meets the tip.
-
-    The evidence would scale them up without limit, until they are visible.
-    """
-    in_all = np.sqrt(prior.group_sums(prior.ratio**2 * diagonal))
-    hidden = (in_all < INVISIBLE * np.sqrt(n_residuals)) & (in_all < INVISIBLE_IN_ALL)
-    return replace(prior, scale=np.where(prior.learned & hidden, 0.0, prior.scale))
-
-
-def _is_fast(terms: Sequence[Term], groups: tuple[str, ...], state: ArmState) -> BoolArray:
-    """(n_groups,) groups of which every function went through a period or more in the readings, the unknowns' too.
-
-    Only these are pruned by evidence. What they do elsewhere they do in the readings as well, where it is part of the
-    residual variance if they are pruned. Slower functions grow beyond the readings: a zero size would state there that
-    nothing is unknown.
-    """
-    fast = dict.fromkeys(groups, True)
-    for term in terms:
-        basis = term.basis
-        fast[term.group] &= isinstance(basis, Harmonics) and bool(
-            basis.orders[0] * np.ptp(state.angles[:, basis.joint - 1]) >= 2 * np.pi
-        )
-    return np.array([*fast.values(), False])
-
-
-def _with_uncertain_scales(prior: GroupedPrior, effective: FloatArray) -> GroupedPrior:
-    """Raise learned scales from the most probable value to the root mean square.
-
-    gamma coefficients determine the logarithm of their scale with the information 2 gamma, its prior adds
-    1 / `LOG_SPREAD`^2; a lognormal scale of variance v has the root mean square exp(v) times its mode in the logarithm.
-    """
-    variance = np.minimum(1 / (2 * effective + LOG_SPREAD**-2.0), MOST_LOG_RAISED)
-    raised = np.minimum(prior.scale * np.exp(variance), np.maximum(MOST_SCALE, prior.scale))
-    return replace(prior, scale=np.where(prior.learned, raised, prior.scale))
-
-
-def _without_negligible(
-    prior: GroupedPrior, perturbed_chain: PerturbedChain, state: ArmState, noise_std: float, n_residuals: int
-) -> GroupedPrior:
-    """Drop groups that could not be seen in these many residuals, wherever the joints are.
-
-    The scale of a group that the readings do not show becomes as small as they require, and what it may still do at
-    other poses belongs to the uncertainty there. Only its prior size decides, not a comparison of evidence: where that
-    is close, a small change of the readings would change the model.
-    """
-    rng, sample = np.random.default_rng(0), np.linspace(0, len(state) - 1, NEGLIGIBLE_POSES).astype(np.intp)
-    chain = perturbed_chain.chain
-    anywhere = rng.uniform(-np.pi, np.pi, (NEGLIGIBLE_POSES, chain.n_joints))
-    there = state.rows(sample)
-    there = replace(there, angles=np.where(chain.is_prismatic, there.angles, anywhere))
-    squares = np.zeros(len(prior.ratio))
-    n = perturbed_chain.n_coefficients
-    for _, _, columns in perturbed_chain.derivatives(there, np.zeros(n)):
-        squares[:n] += (columns**2).sum(axis=(1, 2)) / (3 * NEGLIGIBLE_POSES)
-    size = prior.group_sums(squares * (prior.ratio * prior.scale[prior.group]) ** 2) / noise_std**2
-    size[~prior.learned] = np.inf
-    smallest = np.argsort(size)
-    scale = prior.scale.copy()
-    scale[smallest[np.cumsum(size[smallest]) * n_residuals < NEGLIGIBLE_IN_ALL**2]] = 0.0
-    return replace(prior, scale=scale)
-
-
-def _evidence(
-    reduced: SchurComplement, x: FloatArray, prior: GroupedPrior, prunable: BoolArray
-) -> tuple[GroupedPrior, Posterior, FloatArray]:
-    """Some rounds towards the scales of maximum evidence on a linearisation, and the posterior of the kept parameters.
-
-    Groups that are `prunable` (n_groups,) get scale 0, and keep it, where the evidence is larger without them.
-    """
-    gram, right, size = reduced.gram, reduced.gram @ x[reduced.kept] - reduced.gradient, reduced.size
-    of_kept = prior.subset(reduced.kept)
-    effective = np.zeros(len(prior.scale))
-    for _ in range(SCALE_ROUNDS):
-        known = marginal_posterior(gram, right, of_kept, size=size)
-        scale, effective = update_scales(of_kept, known, log_spread=LOG_SPREAD, least=LEAST_SCALE, most=MOST_SCALE)
-        counted = effective > LEAST_EFFECTIVE
-        change = np.abs(scale - of_kept.scale)[counted] / of_kept.scale[counted]
-        of_kept = replace(of_kept, scale=scale)
-        if change.max(initial=0.0) < SETTLED_SCALES:
-            break
-    solution = posterior(gram, right, of_kept, size=size)
-    if prunable.any():
-        pruned = prune_groups(of_kept, solution, prunable, log_spread=LOG_SPREAD)
-        if (pruned.scale < of_kept.scale).any():
-            of_kept = pruned
-            solution = posterior(gram, right, of_kept, size=size)
-            effective = np.where(of_kept.scale > 0, effective, 0.0)
-    return replace(prior, scale=of_kept.scale), solution, effective
 
 
 def _cost(

@@ -13,12 +13,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from truearm.identification.estimation.identification import (
-    IdentificationResult,
-    eliminate_unknowns,
-    initial_problem,
-    linearised,
-)
+from truearm.identification.estimation.identification import eliminate_unknowns, initial_problem, linearised
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.references import Reference
 from truearm.identification.terms.state import ArmState

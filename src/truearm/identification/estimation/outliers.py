@@ -19,11 +19,11 @@ import numpy as np
 
 from truearm.identification.estimation.identification import (
     UNKNOWN_STD,
-    IdentificationResult,
     eliminate_unknowns,
     initial_problem,
     linearised,
 )
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.references import Reference
 from truearm.identification.terms.state import ArmState
 from truearm.readings.session import Session

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from truearm.identification.estimation.alignment import rigid_motions
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms.basis import Constant, GravityTorque, Harmonics, InSession
 from truearm.identification.terms.state import ArmState
 from truearm.solve.square_roots import covariance_factor

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms.state import ArmState
 from truearm.typing import FloatArray
 

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.limitations import limitations
 from truearm.identification.planning.prior import Prior, Terms, identified_prior, nominal_prior

@@ -12,7 +12,7 @@ from truearm.arm.arm import Arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import rigid_motions
-from truearm.identification.estimation.identification import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.exchange import project_out
 from truearm.identification.planning.information import tip_jacobian

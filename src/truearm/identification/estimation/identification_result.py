@@ -1,0 +1,140 @@
+"""Result of an identification: terms with covariance, groups with their scales, references with their noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.chain import Chain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.terms.state import ArmState
+from truearm.solve.square_roots import covariance_factor
+from truearm.typing import FloatArray
+
+
+@dataclass(frozen=True)
+class TermGroupResult:
+    """Outcome for a group of terms.
+
+    Attributes
+    ----------
+    name : str
+    n_coefficients : int
+        Number of coefficients offered.
+    effective : float
+        How many of them the readings determine.
+    scale : float
+        Scale of the prior, relative to the start value; 0 if the evidence pruned the group.
+    """
+
+    name: str
+    n_coefficients: int
+    effective: float
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceFit:
+    """Residuals and noise of a reference under the identified terms.
+
+    Attributes
+    ----------
+    kind : str
+        Kind of reference: point, seat, ...
+    rows : (m,) int array
+        Rows of its readings.
+    residuals : (k, m) array
+        [mm].
+    std : (k, m) array
+        Stated standard uncertainties [mm].
+    noise_std : float
+        Standard deviation of a residual beyond the stated uncertainty [mm].
+    robust_weight : (m,) array
+        Robust weight of every reading, 1 unless it is an outlier.
+    artefact : (m,) int array
+        Index of the seat or sphere of each reading; zeros for points.
+    unknowns : dict of str to float
+        Identified unknowns of the artefacts by name; the names state units.
+    repeat_variance : (m,) array, optional
+        Variance by which errors common to repeats lower the weight of each [mm^2].
+    """
+
+    kind: str
+    rows: npt.NDArray[np.intp]
+    residuals: FloatArray
+    std: FloatArray
+    noise_std: float
+    robust_weight: FloatArray
+    artefact: npt.NDArray[np.intp]
+    unknowns: dict[str, float]
+    repeat_variance: FloatArray | None = None
+
+    @property
+    def weights(self) -> FloatArray:
+        """(k, m) weights of the residuals: square roots of robust weight over variance [1/mm]."""
+        of_repeats = 0.0 if self.repeat_variance is None else self.repeat_variance
+        return np.asarray(np.sqrt(self.robust_weight / (self.std**2 + self.noise_std**2 + of_repeats)))
+
+
+@dataclass(frozen=True, eq=False)
+class IdentificationResult:
+    """Result of an identification.
+
+    Attributes
+    ----------
+    perturbed_chain : PerturbedChain
+        The nominal chain, placed, with its terms; pruned groups are not among them.
+    coefficients : (n_coefficients,) array
+        Coefficients of the terms [rad or mm per unit of the basis].
+    covariance : (n_coefficients, n_coefficients) array
+        Their posterior covariance.
+    prior_std : (n_coefficients,) array
+        Their prior standard deviations as scaled by the evidence.
+    groups : tuple of TermGroupResult
+        All groups that were offered.
+    references : tuple of ReferenceFit
+    converged : bool
+    rounds : int
+    """
+
+    perturbed_chain: PerturbedChain
+    coefficients: FloatArray
+    covariance: FloatArray
+    prior_std: FloatArray
+    groups: tuple[TermGroupResult, ...]
+    references: tuple[ReferenceFit, ...]
+    converged: bool
+    rounds: int
+
+    @property
+    def chain(self) -> Chain:
+        """The chain with the constant terms composed, without those that depend on the state of the arm."""
+        return self.perturbed_chain.with_constants(self.coefficients)
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The coefficients, then the unknowns of the references: the parameters of `SmallMotionProblem`."""
+        return np.concatenate([self.coefficients, *(list(part.unknowns.values()) for part in self.references)])
+
+    def tips(self, state: ArmState) -> FloatArray:
+        """(n, 3) tips [mm] at the readings of a state."""
+        return self.perturbed_chain.tips(state, self.coefficients)
+
+    def tip_covariance(self, state: ArmState) -> FloatArray:
+        """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
+        out = np.empty((len(state), 3, 3))
+        uncertain, root = self._root
+        for rows, _, columns in self.perturbed_chain.derivatives(state, self.coefficients):
+            # A sum of squares by the root: otherwise variances of an arm known to rounding may be negative.
+            spread = np.tensordot(root, columns[uncertain], axes=1)
+            out[rows] = np.einsum("pin,pjn->nij", spread, spread)
+        return out
+
+    @cached_property
+    def _root(self) -> tuple[npt.NDArray[np.intp], FloatArray]:
+        """The (k,) coefficients that are uncertain, and F (k, k) with ``F^T F`` their covariance."""
+        uncertain = np.flatnonzero(self.covariance.diagonal() > 0)
+        return uncertain, covariance_factor(self.covariance[np.ix_(uncertain, uncertain)])
