@@ -176,7 +176,7 @@ class FitResult(Record):
     >>> import truearm as ta
     >>> result = ta.fit("ur10", ta.simulate("ur10", poses=40, seed=1).session, model="nominal")
     >>> sorted(result.to_dict())[:4]
-    ['arm', 'comparison', 'fit_seconds', 'groups']
+    ['arm', 'comparison', 'fit_seconds', 'frame_changes']
     """
 
     model: Compensator

@@ -96,6 +96,14 @@ def empty_models(arm: Arm) -> list[ta.NominalModel | ta.KinematicModel]:
     angles = angles_of(arm, 200)
     points = arm.chain.tip_in_base(angles) + np.random.default_rng(3).normal(0, 0.05, (200, 3))
     models = [ta.NominalModel(arm, free=()).fit(angles, points), ta.KinematicModel(arm, free=()).fit(angles, points)]
+    for model in models:
+        model.fit_ = replace(
+            model.fit_,
+            perturbed_chain=PerturbedChain(arm.chain, ()),
+            coefficients=np.zeros(0),
+            covariance=np.zeros((0, 0)),
+            prior_std=np.zeros(0),
+        )
     assert not any(len(model.fit_.coefficients) for model in models)
     return models
 

@@ -96,8 +96,10 @@ def test_without_a_temperature_or_load_its_training_variance_counts(tmp_path):
         lacking = Session(angles, **{name: value for name, value in known.items() if name not in missing})
         assert len(model.unstated_input_covariances(lacking)) == len(missing)
         size, share = judged(model, lacking, true)
-        assert size == pytest.approx(1.0, abs=0.15)  # standard deviations of 200 and of 300: 6 %
-        assert 0.91 < share < 0.99
+        # Standard deviations of 200 and of 300: 6 %. The uncertainty allows for links behind the thermometer, which
+        # these are not: a growth larger by up to a third, of a temperature whose scatter is 3 K.
+        assert 0.6 < size < 1.15
+        assert share > 0.91
         for name, part in model.unstated_input_covariances(lacking).items():
             np.testing.assert_array_equal(again.unstated_input_covariances(lacking)[name], part)
 
