@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
-from truearm.compensation.models import KinematicModel, NominalModel, load_model
+from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel, load_model
 from truearm.identification.estimation.day_to_day import (
     COMPONENTS,
     GROUP,
@@ -19,6 +19,7 @@ from truearm.identification.estimation.day_to_day import (
 )
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.terms import Constant
+from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.readings import Session
 
 
@@ -82,4 +83,22 @@ def test_a_model_of_several_days_predicts_another_one_and_is_read_again(arm, tmp
     again, covariance_again = read.predict(readings.angles[:5], return_cov=True)
     np.testing.assert_array_equal(again, points)
     np.testing.assert_array_equal(covariance_again, covariance)
-    assert any(isinstance(term.basis, Constant) for term in read.fit_.perturbed_chain.terms)
+    assert all(isinstance(term.basis, Constant) or term.place == 0 for term in read.fit_.perturbed_chain.terms)
+
+
+def test_sessions_that_show_no_difference_leave_the_usual_one(arm):
+    """Noise of 0.5 mm hides a day of 2 um: not seen is not none."""
+    readings = days(arm, size=0.0, n_days=2)
+    noisy = replace(readings, points=readings.points + 0.5 * np.random.default_rng(5).standard_normal((120, 3)))
+    fit = KinematicModel(arm).fit_readings(noisy).fit_
+    hidden = replace(fit, groups=tuple(replace(group, scale=0.0) for group in fit.groups))
+    added = (on_another_day(hidden).covariance - hidden.covariance).diagonal()
+    assert added.max() >= 2 * TILT_STD**2 * 0.99
+
+
+def test_very_few_readings_leave_the_constants_alone(arm):
+    """Twelve readings have 36 coordinates; terms that pass through all of them would state a noise of nothing."""
+    session = VirtualArm.draw(arm, load_preset("shop"), seed=1).measure(measuring_poses(arm, 12, seed=1).angles, seed=1)
+    model = PhysicalModel(arm).fit_readings(session.readings)
+    assert any(term.reason == "there are too few readings" for term in model.excluded_terms_)
+    assert model.residual_std_ > 5e-4  # mm

@@ -41,6 +41,7 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
 from truearm.identification.estimation.reference_scale import response_to_point_errors, with_shared_error
 from truearm.identification.estimation.residual_variance import (
+    LEAST_FREEDOM,
     HeldOutReadings,
     VarianceFunction,
     conformal_residual_variance,
@@ -49,7 +50,7 @@ from truearm.identification.estimation.residual_variance import (
 )
 from truearm.identification.estimation.tails import ellipsoid_factor, tail_freedom
 from truearm.identification.planning.sampling import uniform
-from truearm.identification.terms import ArmState, Constant, SkippedTerm, Term, candidate_terms, constants
+from truearm.identification.terms import ArmState, Constant, InSession, SkippedTerm, Term, candidate_terms, constants
 from truearm.identification.terms.basis import HIGHEST_ORDER, Temperature
 from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED, JOINT_COMPLIANCE, unlearned_terms
 from truearm.readings.lengths import Lengths
@@ -155,8 +156,7 @@ class IdentifiedModel(Compensator):
 
     def _widen_for_few_readings(self) -> None:
         """Allow for a noise that few residuals determine only roughly."""
-        n_residuals = sum(len(part.residuals) * int((part.robust_weight > 0).sum()) for part in self.fit_.references)
-        factor = few_readings_factor(n_residuals - sum(group.effective for group in self.fit_.groups))
+        factor = few_readings_factor(residual_freedom(self.fit_))
         self.residual_std_ *= float(np.sqrt(factor))
         self.fit_ = replace(self.fit_, covariance=factor * self.fit_.covariance)
 
@@ -316,6 +316,12 @@ def _typical_error(held_out: HeldOutReadings) -> float:
     return float(np.median(held_out.errors_mm)) if len(held_out.rows) else float("inf")
 
 
+def residual_freedom(fit: IdentificationResult) -> float:
+    """Number of residuals less that of the parameters that they determine."""
+    n_residuals = sum(len(part.residuals) * int((part.robust_weight > 0).sum()) for part in fit.references)
+    return n_residuals - sum(group.effective for group in fit.groups)
+
+
 class NominalModel(IdentifiedModel):
     """The nominal kinematics; only base and tip are identified, as far as they are free.
 
@@ -429,9 +435,13 @@ class PhysicalModel(IdentifiedModel):
         (2015) 1). It is kept if the expected error over the whole workspace is smaller with it.
         """
         everything = super()._identify_offered(data, terms, progress)
+        rigid_terms = [term for term in terms if isinstance(term.basis, Constant | InSession | Temperature)]
+        if residual_freedom(everything[0]) < LEAST_FREEDOM:
+            # The terms pass through the readings: neither their sizes nor the noise mean anything.
+            self.excluded_terms_ += (SkippedTerm("terms that depend on the pose", "there are too few readings"),)
+            return super()._identify_offered(data, rigid_terms, progress)
         if not is_in_one_place(data.session, data.state):
             return everything
-        rigid_terms = [term for term in terms if isinstance(term.basis, Constant | Temperature)]
         elastic_terms = [*rigid_terms, *(term for term in terms if term.group == JOINT_COMPLIANCE)]
         rigid = super()._identify_offered(data, rigid_terms, progress)
         if _typical_error(everything[1]) <= MAX_SHARE_LEFT * _typical_error(rigid[1]):

@@ -18,6 +18,7 @@ import numpy as np
 
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.basis import Constant, InSession
 from truearm.identification.terms.term import Term
 from truearm.typing import FloatArray
@@ -58,19 +59,30 @@ def day_to_day_terms(chain: Chain, sessions: Iterable[str]) -> list[Term]:
 
 
 def on_another_day(fit: IdentificationResult) -> IdentificationResult:
-    """The same arm with the uncertainty of its constants on another day than those of its readings."""
-    found = [group.scale for group in fit.groups if group.name == GROUP]
-    variance = found[0] ** 2 if found else 2.0
-    added = np.zeros(len(fit.coefficients))
-    start = 0
-    for term in fit.perturbed_chain.terms:
-        if isinstance(term.basis, Constant) and 1 <= term.place <= fit.perturbed_chain.chain.n_joints:
-            stds: FloatArray = np.array(
-                [_std(fit.perturbed_chain.chain, c) if c in COMPONENTS else 0.0 for c in range(6)]
-            )
-            added[start] = variance * float((stds * term.direction) @ (stds * term.direction))
-        start += term.n_coefficients
-    return replace(fit, covariance=fit.covariance + np.diag(added))
+    """The same arm with the uncertainty of its constants on another day than those of its readings.
+
+    The motions of the sessions have served: those of their days are not those of another.
+    """
+    chain, terms = fit.perturbed_chain.chain, fit.perturbed_chain.terms
+    shown = [group.scale for group in fit.groups if group.name == GROUP and group.scale > 0]
+    variance = shown[0] ** 2 if shown else 2.0
+    sizes = [term.n_coefficients for term in terms]
+    stays = np.repeat([term.group != GROUP for term in terms], sizes).astype(bool)
+    stds: FloatArray = np.array([_std(chain, c) if c in COMPONENTS else 0.0 for c in range(6)])
+    added = [
+        variance * float(((stds * term.direction) ** 2).sum())
+        if isinstance(term.basis, Constant) and 1 <= term.place <= chain.n_joints
+        else 0.0
+        for term in terms
+    ]
+    covariance = (fit.covariance + np.diag(np.repeat(added, sizes)))[np.ix_(stays, stays)]
+    return replace(
+        fit,
+        perturbed_chain=PerturbedChain(chain, tuple(term for term in terms if term.group != GROUP)),
+        coefficients=fit.coefficients[stays],
+        covariance=covariance,
+        prior_std=fit.prior_std[stays],
+    )
 
 
 def _std(chain: Chain, component: int) -> float:

@@ -170,9 +170,7 @@ def identify(
         if converged:
             break
     prior = with_uncertain_scales(prior, effective)
-    prior = without_negligible(
-        prior, perturbed_chain, state, float(np.sqrt(noise.min())), sum(residual.size for residual in residuals)
-    )
+    prior = without_negligible(prior, perturbed_chain, state, float(np.sqrt(noise.min())), n_residuals)
     effective = np.where(prior.scale > 0, effective, 0.0)
     x = np.where(prior.active, x, 0.0)
     # If the readings leave a motion of decimetres open, the last step may still change the linearisation by more than
