@@ -118,6 +118,23 @@ def test_gross_errors_do_not_condemn_an_arm(session):
     assert KinematicModel(ARM).fit(session.angles, points).nominal_check_.is_usual
 
 
+@pytest.mark.parametrize("size", [1.0, 100.0, 1000.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_fifth_of_gross_errors_leaves_the_arm_as_without_them(seed, size):
+    """All in one direction, as of a target that was moved: Huber's weights alone take them for honest."""
+    angles = STRATEGIES["uniform"](ARM, 40, seed=seed).angles
+    readings = VirtualArm.draw(ARM, "shop", seed=seed).measure(angles, seed=seed).readings
+    bad = np.random.default_rng(seed).permutation(40)[:8]
+    points, rest = readings.points.copy(), np.delete(np.arange(40), bad)
+    points[bad] += size / np.sqrt(3)
+    for kind in (NominalModel, KinematicModel):
+        model, without = kind(ARM).fit(angles, points), kind(ARM).fit(angles[rest], readings.points[rest])
+        assert model.nominal_check_.is_usual
+        expected, covariance = without.predict(angles, return_cov=True)
+        off = (model.predict(angles) - expected) ** 2
+        assert (off.sum(axis=1) / np.trace(covariance, axis1=1, axis2=2)).mean() < 0.2**2  # of the uncertainty
+
+
 def test_an_arm_may_state_that_it_is_inaccurate(session, tmp_path):
     """The way for who knows better: the same statement serves the arm file and both doors, and is kept."""
     wrong = with_zero(session, 4, 20.0)

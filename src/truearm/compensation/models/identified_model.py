@@ -34,6 +34,8 @@ from truearm.identification.estimation.gross_errors import (
     excluded_readings,
     has_gross_errors,
     identify_without_gross_errors,
+    median_distance,
+    nearer_half,
     own_variance,
     select_rows,
 )
@@ -66,6 +68,9 @@ MAX_SHARE_LEFT = 0.5
 MAX_EXPECTED_SHARE = 0.9
 # Poses drawn within the limits of the joints for the expected error over the workspace.
 WORKSPACE_POSES = 200
+# Share of the median distance of the nominal arm below which that of a fit to the nearer half shows that gross errors
+# drew the arm to themselves.
+MAX_TRIMMED_SHARE = 0.5
 # Fits of weighted points after the first: the noise changes by some per cent in the first of them.
 WEIGHT_ROUNDS = 2
 # Standard uncertainty of a point that states none [mm]: a session states one of every point, or of none.
@@ -162,10 +167,20 @@ class IdentifiedModel(Compensator):
 
     def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
         nominal = super()._fit_nominal(data)
-        if not self.robust or not has_gross_errors(nominal, self._cross_validate(data, nominal)):
+        if not self.robust:
             return nominal
         terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
-        return self._identify_without_gross_errors(data, terms, np.ones(len(data.session)))[0]
+        weights = nearer_half(nominal, len(data.session))
+        trimmed = nominal
+        if not weights.all():
+            trimmed = self._identify_terms(data, terms, data.references, reading_weights=weights)
+        if median_distance(trimmed) < MAX_TRIMMED_SHARE * median_distance(nominal):
+            weights = nearer_half(trimmed, len(data.session))
+        elif has_gross_errors(nominal, self._cross_validate(data, nominal)):
+            weights = np.ones(len(data.session))
+        else:
+            return nominal
+        return self._identify_without_gross_errors(data, terms, weights)[0]
 
     def _start_weights(self, data: TrainingData) -> FloatArray:
         """(n,) weights to start from: 0 for the gross errors of the simpler models. Honest readings come back."""

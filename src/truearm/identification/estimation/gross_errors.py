@@ -206,6 +206,28 @@ def has_gross_errors(fit: IdentificationResult, held_out: HeldOutReadings) -> bo
     return bool((probability > 0.5).any()) or distribution.freedom < HEAVY_TAILS
 
 
+def nearer_half(fit: IdentificationResult, n: int) -> FloatArray:
+    """(n,) weights of the readings for a fit to the half of the points that is nearest to an arm: 1 or 0.
+
+    With more than one gross error in six, their residuals raise the noise until Huber's weights take all for honest. A
+    concentration step of least trimmed squares stands nearly half (P. J. Rousseeuw, K. Van Driessen, "Computing LTS
+    regression for large data sets", Data Min. Knowl. Discov. 12 (2006) 29). Of fewer than `LEAST_READINGS` points, all
+    have weight 1.
+    """
+    weights = np.ones(n)
+    for part in fit.references:
+        if part.kind == "point" and len(part.rows) >= LEAST_READINGS:
+            distances = np.linalg.norm(part.residuals, axis=0)
+            weights[part.rows[distances > np.median(distances)]] = 0.0
+    return weights
+
+
+def median_distance(fit: IdentificationResult) -> float:
+    """Median distance of the points from an arm [mm], excluded ones among them; infinite without points."""
+    distances = [np.linalg.norm(part.residuals, axis=0) for part in fit.references if part.kind == "point"]
+    return float(np.median(distances[0])) if distances else float("inf")
+
+
 def excluded_readings(fit: IdentificationResult) -> IntArray:
     """Rows of the readings that took no part in an identification."""
     rows = [part.rows[part.robust_weight == 0] for part in fit.references]
