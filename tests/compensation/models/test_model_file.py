@@ -475,6 +475,9 @@ HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
         (edit_array("fit_.references.0.residuals", np.ravel), "of shape"),
         (edit_array("fit_.references.0.std", np.negative), "uncertainties of 0 or more"),
         (edit_array("fit_.references.0.robust_weight", first_number(-0.1)), "robust weights from 0 to 1"),
+        (edit_array("fit_.references.0.repeat_variance", first_number(-1e-9)), "variances of repeats of 0 or more"),
+        (edit_array("fit_.references.0.repeat_variance", lambda a: np.ones((3, 7))), "of shape"),
+        (edit_array("fit_.references.0.repeat_variance", first_number(np.nan)), "not finite"),
         (edit_array("refit_reading_ids_", lambda a: np.ones((2, 2))), "refit_reading_ids_ of shape"),
         (edit_json("learned", "excluded_terms_", value=[["J1"]]), "does not describe a model of its kind"),
         (edit_json("learned", "excluded_terms_", value=["J1"]), "expected a list"),
@@ -486,7 +489,8 @@ HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
     ],
 )
 def test_a_physical_model_that_is_not_sound_is_refused(change, message, mixed, tmp_path):
-    outlier = replace(mixed[0].fit_.references[0], robust_weight=np.r_[0.1, np.ones(59)])
+    weights = np.r_[0.1, np.ones(59)]
+    outlier = replace(mixed[0].fit_.references[0], robust_weight=weights, repeat_variance=1e-4 * weights)
     model = copy(mixed[0])
     model.fit_ = replace(model.fit_, references=(outlier, *model.fit_.references[1:]))
     model.save(tmp_path / "m")

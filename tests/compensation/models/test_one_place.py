@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from sklearn.metrics import adjusted_rand_score
 
 from truearm.arm import load_arm
+from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.compensation.models import PhysicalModel
+from truearm.compensation.models import PhysicalModel, identified_model
 from truearm.compensation.models.cross_validation_groups import (
     REGIONS,
     is_in_one_place,
@@ -121,6 +122,32 @@ def test_the_expected_square_error_is_that_of_the_tip_covariance_and_the_noise(r
     noise = rough.fit_.references[0].noise_std
     expected = np.trace(rough.fit_.tip_covariance(state)[0]) + 3 * noise**2
     assert expected_square_error(rough.fit_, state) == pytest.approx(expected, rel=1e-12)
+
+
+def test_terms_are_chosen_over_the_trained_travel_of_an_open_slide_at_the_mean_temperature(monkeypatch):
+    """A SCARA with upright axes, read in two seats 30 mm above each other at 26 degC."""
+    fixed = np.tile(np.eye(4), (5, 1, 1))
+    fixed[1, :3, 3], fixed[2, :3, 3] = (300, 0, 100), (250, 0, 0)
+    chain = Chain(fixed, np.array([60.0, 0, 10]), np.array([False, False, True, False]))
+    arm = Arm("scara", chain, title="Open slide", source="made for a test")
+    rng = np.random.default_rng(5)
+    n = 24
+    heading, is_upper = rng.uniform(-3, 3, n), np.arange(n) % 2
+    wrist = np.array([400.0, 50.0]) - 60 * np.column_stack([np.cos(heading), np.sin(heading)])
+    far = np.hypot(*wrist.T)
+    elbow = rng.choice([-1, 1], n) * np.arccos((far**2 - 300**2 - 250**2) / (2 * 300 * 250))
+    shoulder = np.arctan2(*wrist.T[::-1]) - np.arctan2(250 * np.sin(elbow), 300 + 250 * np.cos(elbow))
+    angles = np.column_stack([shoulder, elbow, 20.0 + 30 * is_upper, heading - shoulder - elbow])
+    angles += rng.normal(0, 3e-4, (n, 4)) * [1, 1, 300, 1]
+    seen = []
+    monkeypatch.setattr(identified_model, "expected_square_error", lambda fit, state: seen.append(state) or 1.0)
+    session = Session(angles, seat=np.array(["a", "b"])[is_upper], temperature_degC=rng.normal(26, 0.2, n))
+    PhysicalModel(arm, highest=1).fit_readings(session)
+    assert len(seen) == 2
+    for state in seen:
+        np.testing.assert_allclose(state.temperature_degC, 20.0, atol=1e-12)
+        assert angles[:, 2].min() <= state.angles[:, 2].min()
+        assert state.angles[:, 2].max() <= angles[:, 2].max()
 
 
 def test_without_readings_held_out_nothing_is_explained():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,21 @@ def test_it_counts_the_points_that_lie_in_their_ellipsoids(model, others):
         inside += off @ np.linalg.inv(spread + np.diag(std**2)) @ off < ELLIPSOID_FACTOR**2
     assert budget.n_covered == inside
     assert budget.n_covered / 300 > 0.9
+    assert far == ()
+
+
+def test_uncertainties_that_the_references_of_the_test_share_count(model, others):
+    """A common one counts as each point's own would; the scale is about the origin, as the frame is kept."""
+    shifted = replace(others, points=others.points + np.random.default_rng(4).normal(0, 0.05, (300, 3)))
+    stated = replace(shifted, u_common_mm=np.full(300, 0.05))
+    own = replace(shifted, point_std=np.hypot(others.point_std, 0.05))
+    budget, far = uncertainty_budget(model, stated)
+    assert budget.n_covered > uncertainty_budget(model, shifted)[0].n_covered
+    assert (budget, far) == uncertainty_budget(model, own)
+    larger = replace(others, points=others.points * (1 + 300e-6))
+    assert uncertainty_budget(model, larger)[0].n_covered < 200
+    budget, far = uncertainty_budget(model, replace(larger, u_scale_ppm=np.full(300, 300.0)))
+    assert budget.n_covered > 280
     assert far == ()
 
 

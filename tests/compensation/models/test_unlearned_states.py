@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from truearm.compensation.models import KinematicModel, PhysicalModel, load_model
-from truearm.identification.terms import link_vectors
+from truearm.compensation.models.reading_references import state_of
+from truearm.identification.terms import candidate_terms, link_vectors
 from truearm.identification.terms.basis import Temperature
-from truearm.identification.terms.catalogue import COLUMN_STD, HYSTERESIS_STD
+from truearm.identification.terms.catalogue import COLUMN_STD, HYSTERESIS_STD, unlearned_terms
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL
 from truearm.readings import Session
 from truearm.workflows.predict import predict
@@ -97,6 +98,27 @@ def test_a_direction_and_a_load_that_were_constant_are_in_the_covariance_and_nam
         size = np.sqrt(np.trace(expected, axis1=1, axis2=2).mean() / 3)
         assert found.outside_u_mm == {name: pytest.approx(size, rel=0.02)}
         assert name in "\n".join(found.blocks())
+
+
+@pytest.mark.parametrize("load", [0.1, 1.7, -2.3, 1e-3])
+def test_the_prior_of_a_constant_load_is_by_its_size_and_not_by_rounding(real, readings, load):
+    state = state_of(real.arm, replace(readings, columns={"load_2_Nm": np.full(N, load)}))
+    ((term, value),) = [one for one in unlearned_terms(state) if one[0].group == "load_2_Nm"]
+    assert value == pytest.approx(load, rel=1e-12)
+    assert float(term.prior_stds[0]) == pytest.approx(COLUMN_STD["revolute"] / abs(load), rel=1e-12)
+
+
+def test_a_load_of_zero_throughout_is_no_term_and_is_named(real, readings):
+    """Else the uncertainty with a load would depend on the load's unit."""
+    bare = replace(readings, temperature_degC=None, directions=None, columns={"load_2_Nm": np.zeros(N)})
+    state = state_of(real.arm, bare)
+    terms, skipped = candidate_terms(state, highest=1)
+    assert "load_2_Nm" not in {term.group for term in [*terms, *(term for term, _ in unlearned_terms(state))]}
+    assert "load_2_Nm" in [one.name for one in skipped]
+    model = PhysicalModel(real.arm, highest=1).fit_readings(bare)
+    found = predict(model, loaded := replace(bare, columns={"load_2_Nm": np.full(N, 5.0)}))
+    assert model.inputs_outside_training(loaded).keys() == {"load_2_Nm"}
+    assert "load_2_Nm" in "\n".join(found.blocks())
 
 
 def test_a_temperature_that_only_the_prediction_states_is_far_from_20_degC(real, readings):

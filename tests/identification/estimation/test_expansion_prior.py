@@ -1,10 +1,17 @@
 """Growth of the links: a prior of materials, links behind the thermometer, and what readings did not show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from truearm.identification.estimation.expansion_prior import _likelihood, _mixture
+from truearm.arm import load_arm
+from truearm.identification.estimation.expansion_prior import _likelihood, _mixture, with_material_prior
+from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.terms import Constant, Term
+from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.thermal import MATERIALS, UNKNOWN_MATERIAL, Material
 
 
@@ -59,6 +66,34 @@ def test_the_likelihood_is_the_posterior_without_its_prior():
     found, found_right = _likelihood(covariance, covariance @ right, std)
     np.testing.assert_allclose(found, information, rtol=1e-8, atol=1e-8 * np.abs(information).max())
     np.testing.assert_allclose(found_right, right, rtol=1e-8)
+
+
+def test_a_widened_covariance_moves_no_estimate():
+    """Growth of two links and a base beside it: the estimates are the same, and no variance is smaller or twofold."""
+    thermal = [Term(f"link {i}", i, (0, 0, 0, 1.0, 0, 0), Temperature(i), "growth", 2e-5) for i in (1, 2)]
+    base = Term("base", 0, (0, 0, 0, 1.0, 0, 0), Constant(), "base", 1.0)
+    half = np.array([[2e5, 1e5, 1.0], [0.0, 1.5e5, -1.0], [5e4, 0.0, 2.0]])
+    std = np.array([2e-5, 2e-5, 1.0])
+    covariance = np.linalg.inv(half.T @ half + np.diag(std**-2.0))
+    fit = IdentificationResult(
+        PerturbedChain(load_arm("gao2017").chain, (*thermal, base)),
+        np.array([8e-6, 1e-5, 0.1]),
+        covariance,
+        std,
+        (TermGroupResult("growth", 2, 2.0, 1.0),),
+        (),
+        True,
+        1,
+    )
+    degC = np.linspace(17, 27, 11)
+    found = with_material_prior(fit, degC)
+    wide = with_material_prior(replace(fit, covariance=1.4 * covariance), degC, widened=1.4)
+    np.testing.assert_allclose(wide.coefficients, found.coefficients, rtol=1e-12)
+    assert wide.groups == found.groups
+    share = wide.covariance.diagonal() / found.covariance.diagonal()
+    assert (share > 1).all()
+    assert (share < 1.4).all()
+    assert np.linalg.eigvalsh(wide.covariance)[0] > -1e-12
 
 
 def test_links_of_a_material_share_its_expansion():

@@ -37,6 +37,14 @@ def test_the_factor_grows_with_level_and_tails():
     assert inside == sorted(inside)
 
 
+@pytest.mark.parametrize("level", [95, 1.0, 0.0, -0.5, float("nan")])
+@pytest.mark.parametrize("freedom", [4.0, np.inf])
+def test_a_level_is_a_share(level, freedom):
+    with pytest.raises(InputError, match="level between 0 and 1") as caught:
+        ellipsoid_factor(level, freedom=freedom)
+    assert "0.95" in caught.value.hint
+
+
 @pytest.mark.parametrize("freedom", [4.0, 8.0, 1e6])
 def test_ellipsoids_of_99_percent_contain_as_much(freedom):
     """Of 20000 new readings with a standard error of 0.07 %; 1000 held-out ones determine the tails to some 0.4 %."""

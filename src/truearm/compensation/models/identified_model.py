@@ -143,14 +143,15 @@ class IdentifiedModel(Compensator):
         scale = response_to_point_errors(
             self.fit_, data.state, scale_errors(data.session, is_frame_free="base" in self.free_)
         )
-        self._widen_for_few_readings()
+        widened = self._widen_for_few_readings()
         if not self._is_nominal:
             self.fit_ = on_another_day(self.fit_)
-        self.fit_ = with_shared_error(self._with_unlearned(self.fit_, state_of(self.arm_, data.session)), scale)
+        state = state_of(self.arm_, data.session)
+        self.fit_ = with_shared_error(self._with_unlearned(self.fit_, state, widened), scale)
 
-    def _with_unlearned(self, fit: IdentificationResult, state: ArmState) -> IdentificationResult:
+    def _with_unlearned(self, fit: IdentificationResult, state: ArmState, widened: float) -> IdentificationResult:
         """The result at true temperatures, with what the readings left open of the terms of this model."""
-        del state
+        del state, widened
         return fit
 
     def _identify_offered(
@@ -159,11 +160,12 @@ class IdentifiedModel(Compensator):
         """Identify the terms offered; a model may try fewer."""
         return self._identify_without_gross_errors(data, terms, self._start_weights(data), progress)
 
-    def _widen_for_few_readings(self) -> None:
-        """Allow for a noise that few residuals determine only roughly."""
+    def _widen_for_few_readings(self) -> float:
+        """Allow for a noise that few residuals determine only roughly; the factor of the covariance."""
         factor = few_readings_factor(residual_freedom(self.fit_))
         self.residual_std_ *= float(np.sqrt(factor))
         self.fit_ = replace(self.fit_, covariance=factor * self.fit_.covariance)
+        return factor
 
     def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
         nominal = super()._fit_nominal(data)
@@ -462,7 +464,8 @@ class PhysicalModel(IdentifiedModel):
         if _typical_error(everything[1]) <= MAX_SHARE_LEFT * _typical_error(rigid[1]):
             return everything
         elastic = super()._identify_offered(data, elastic_terms, progress)
-        state = self.state(Session(uniform(self.arm_, WORKSPACE_POSES, seed=0).angles))
+        poses = uniform(self.arm_, WORKSPACE_POSES, seed=0, slides=self.training_.angle_ranges)
+        state = at_mean_temperature(self.state(Session(poses.angles)))
         least = MAX_EXPECTED_SHARE * expected_square_error(rigid[0], state)
         is_better = expected_square_error(elastic[0], state) < least
         what = "terms other than joint compliance" if is_better else "terms that depend on the pose"
@@ -478,9 +481,9 @@ class PhysicalModel(IdentifiedModel):
         weights[excluded_readings(rigid)] = 0.0
         return weights
 
-    def _with_unlearned(self, fit: IdentificationResult, state: ArmState) -> IdentificationResult:
+    def _with_unlearned(self, fit: IdentificationResult, state: ArmState, widened: float) -> IdentificationResult:
         if state.temperature_degC is not None:
-            fit = with_material_prior(fit, state.temperature_degC)
+            fit = with_material_prior(fit, state.temperature_degC, widened=widened)
         return with_unlearned_terms(fit, unlearned_terms(state))
 
     def _check_options(self) -> None:

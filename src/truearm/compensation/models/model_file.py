@@ -371,6 +371,10 @@ def _check_identification(name: str, fit: IdentificationResult, n_joints: int) -
             ("artefact", (m,)),
         ):
             _check_shape(f"{name}.references.{i}.{part}", getattr(reference, part), expected)
+        if (of_repeats := reference.repeat_variance) is not None:
+            _check_shape(f"{name}.references.{i}.repeat_variance", of_repeats, (m,))
+            if (of_repeats < 0).any():
+                raise InputError(f"expected variances of repeats of 0 or more in {name}")
         weight = reference.robust_weight
         if not ((weight >= 0) & (weight <= 1)).all() or (reference.std < 0).any():
             raise InputError(f"expected robust weights from 0 to 1 and uncertainties of 0 or more in {name}")

@@ -11,6 +11,7 @@ from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.identification.estimation.outliers import Outlier
 from truearm.identification.estimation.propagation import relative_covariance
+from truearm.readings.reference_uncertainty import common_variance_of_repeats, scale_errors
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
@@ -43,7 +44,8 @@ class UncertaintyBudget:
     n_points : int
         Readings with reference points.
     n_covered : int
-        Those that lie in their 95 % ellipsoids, the reference's own uncertainty included.
+        Those that lie in their 95 % ellipsoids, the uncertainty of the reference included, with the one that its points
+        share.
     n_covered_99 : int
         Those that lie in their 99 % ellipsoids, which follow the tails of the training readings.
     """
@@ -94,9 +96,7 @@ def uncertainty_budget(model: Compensator, readings: Session) -> tuple[Uncertain
     if len(seen):
         assert readings.points is not None
         deviations = model.predict_readings(readings)[seen] - readings.points[seen]
-        spread = combined[seen]
-        if readings.point_std is not None:
-            spread = spread + readings.point_std[seen, :, None] ** 2 * np.eye(3)
+        spread = combined[seen] + _reference_covariance(readings, is_frame_free="base" in model.free_)[seen]
         times = np.sqrt((deviations[:, None] @ np.linalg.solve(spread, deviations[:, :, None]))[:, 0, 0])
         errors = np.linalg.norm(deviations, axis=1)
     budget = UncertaintyBudget(
@@ -120,6 +120,14 @@ def uncertainty_budget(model: Compensator, readings: Session) -> tuple[Uncertain
 def _frame_is_arbitrary(model: IdentifiedModel) -> bool:
     """Whether no reference in training determined the place of the arm's frame."""
     return not {"point", "orientation"} & {reference.kind for reference in model.fit_.references}
+
+
+def _reference_covariance(readings: Session, *, is_frame_free: bool) -> FloatArray:
+    """Covariance of the reference points, (n, 3, 3) [mm^2]: their own, that of their position, that of the scale."""
+    own = np.zeros((len(readings), 3)) if readings.point_std is None else readings.point_std**2
+    common = common_variance_of_repeats(readings)[0]
+    scale = scale_errors(readings, is_frame_free=is_frame_free)
+    return (own + common[:, None])[:, :, None] * np.eye(3) + scale[:, :, None] * scale[:, None]
 
 
 def _rms_std(covariance: FloatArray) -> float:

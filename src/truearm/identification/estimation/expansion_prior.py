@@ -67,8 +67,13 @@ def at_mean_temperature(state: ArmState) -> ArmState:
     return state if degC is None else replace(state, temperature_degC=degC - degC.mean() + REFERENCE_DEGC)
 
 
-def with_material_prior(fit: IdentificationResult, temperature_degC: FloatArray) -> IdentificationResult:
+def with_material_prior(
+    fit: IdentificationResult, temperature_degC: FloatArray, *, widened: float = 1.0
+) -> IdentificationResult:
     """Exchange the prior of the thermal expansion.
+
+    A covariance that was widened widens what the readings say of the growth, and not its prior; the estimates are those
+    before.
 
     Parameters
     ----------
@@ -76,6 +81,8 @@ def with_material_prior(fit: IdentificationResult, temperature_degC: FloatArray)
         Identified from the state of `at_mean_temperature`.
     temperature_degC : (n,) array
         True temperatures of the readings [degC].
+    widened : float
+        Factor by which the covariance of `fit` was widened.
 
     Returns
     -------
@@ -88,18 +95,19 @@ def with_material_prior(fit: IdentificationResult, temperature_degC: FloatArray)
     mean, spread = float(temperature_degC.mean()), float(temperature_degC.std())
     others = np.setdiff1d(np.arange(len(fit.coefficients)), grows)
     of_growth = fit.covariance[np.ix_(grows, grows)]
-    information, right = _likelihood(of_growth, fit.coefficients[grows], fit.prior_std[grows])
+    information, right = _likelihood(of_growth / widened, fit.coefficients[grows], fit.prior_std[grows])
     lags_K = LAG_K * (np.arange(N_LAGS) + 0.5) / N_LAGS
     shares = 1 - lags_K / spread
-    new = _mixture(information, right, np.where(shares < LEAST_SHARE, 0.0, shares))
+    shares = np.where(shares < LEAST_SHARE, 0.0, shares)
+    new, wide = _mixture(information, right, shares), _mixture(information / widened, right / widened, shares)
     gain = np.linalg.solve(of_growth, fit.covariance[np.ix_(grows, others)]).T
     x, covariance, prior_std = fit.coefficients.copy(), fit.covariance.copy(), fit.prior_std.copy()
     x[others] += gain @ (new.shown - fit.coefficients[grows])
     x[grows] = new.expansion
-    covariance[np.ix_(others, others)] += gain @ (new.shown_covariance - of_growth) @ gain.T
-    covariance[np.ix_(others, grows)] = gain @ new.across
+    covariance[np.ix_(others, others)] += gain @ (wide.shown_covariance - of_growth) @ gain.T
+    covariance[np.ix_(others, grows)] = gain @ wide.across
     covariance[np.ix_(grows, others)] = covariance[np.ix_(others, grows)].T
-    covariance[np.ix_(grows, grows)] = new.expansion_covariance
+    covariance[np.ix_(grows, grows)] = wide.expansion_covariance
     prior_std[grows] = np.sqrt(UNKNOWN_MATERIAL.covariance(len(grows)).diagonal())
     groups = tuple(
         replace(group, effective=new.effective) if group.name == terms[0].group else group for group in fit.groups

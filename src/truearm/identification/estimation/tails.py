@@ -14,6 +14,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 from scipy.stats import f as variance_ratio
 
+from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import LEVEL, HeldOutReadings
 
 # Prior of the degrees of freedom, a gamma density of this shape and rate, of their logarithm: M. A. Juarez, M. F. J.
@@ -66,7 +67,14 @@ def ellipsoid_factor(level: float, *, freedom: float) -> float:
         Between 0 and 1.
     freedom : float
         Degrees of freedom of the tails; infinite for Gaussian errors.
+
+    Raises
+    ------
+    InputError
+        If the level is not between 0 and 1.
     """
+    if not 0 < level < 1:
+        raise InputError(f"expected a level between 0 and 1, got {level}", hint="95 % is 0.95")
     if np.isinf(freedom):
         return float(np.sqrt(chi2.ppf(level, 3)))
     return float(np.sqrt(_squared_unit(freedom) * variance_ratio.ppf(level, 3, freedom)))

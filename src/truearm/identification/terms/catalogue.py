@@ -55,6 +55,8 @@ GROWTH_STD = 2e-5  # 1/K: steel 1.2e-5, aluminium 2.3e-5, carbon fibre 1e-6; see
 HYSTERESIS_STD = {"revolute": 5e-5, "prismatic": 0.02}  # rad, mm
 COLUMN_STD = {"revolute": 1e-4, "prismatic": 0.05}  # rad, mm, by a column's spread
 
+# Values of a function that differ by less, or by this share of the largest, are the same.
+SAME_SHARE = 1e-9
 # Cosines nearer to 1 are those of parallel axes.
 ROUNDING = 1e-12
 
@@ -459,9 +461,12 @@ def _loads(state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:
             skipped.append(SkippedTerm(name, "its name does not give a joint, as load_2_Nm does"))
             continue
         _, how = _own_motion(state.chain, joint)
-        typical = (float(np.std(values)) or float(np.abs(values).mean())) if len(values) else 0.0
+        typical = float(np.std(values) if _varies(values) else np.abs(values).max(initial=0.0))
+        if typical <= SAME_SHARE:  # zero throughout: nothing says how large a load is in this unit
+            skipped.append(SkippedTerm(name, "it is zero in these readings"))
+            continue
         std = COLUMN_STD[how] * (relative_size(state.chain) if how == "prismatic" else 1.0)
-        yield from column(state.chain, joint, name, prior_std=std / (typical or 1.0))
+        yield from column(state.chain, joint, name, prior_std=std / typical)
 
 
 def _varying(terms: Iterable[Term], state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:
@@ -469,13 +474,16 @@ def _varying(terms: Iterable[Term], state: ArmState, skipped: list[SkippedTerm])
     varies: dict[Basis, bool] = {}
     for term in terms:
         if term.basis not in varies:
-            values = term.basis.values(state)
-            size = max(1.0, float(np.abs(values).max(initial=0.0)))
-            varies[term.basis] = values.size > 0 and bool(np.ptp(values) > 1e-9 * size)  # more than rounding
+            varies[term.basis] = _varies(term.basis.values(state))
             if not varies[term.basis]:
                 skipped.append(SkippedTerm(term.basis.labels()[0], "it is constant in these readings"))
         if varies[term.basis]:
             yield term
+
+
+def _varies(values: FloatArray) -> bool:
+    """Whether values differ by more than rounding."""
+    return values.size > 0 and bool(np.ptp(values) > SAME_SHARE * max(1.0, float(np.abs(values).max())))
 
 
 def _own_axis_band(joint: int, orders: tuple[int, ...], band: tuple[int, ...]) -> Term:

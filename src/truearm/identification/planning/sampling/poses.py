@@ -51,19 +51,27 @@ def checked_seed(seed: int) -> int:
     return seed
 
 
-def joint_travel_limits(arm: Arm) -> tuple[FloatArray, FloatArray]:
+def joint_travel_limits(arm: Arm, *, slides: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Lower and upper ends of the joint ranges [rad, or mm].
 
     A rotary joint without limits gets one full turn about its working pose; with one limit, a full turn from it.
 
+    Parameters
+    ----------
+    arm : Arm
+    slides : (n_joints, 2) array, optional
+        Lower and upper ends of prismatic joints without limits [mm].
+
     Raises
     ------
     InputError
-        If a prismatic joint has no limits.
+        If a prismatic joint has no limits, and none are stated.
     """
     lower, upper = arm.limits.T.copy()
     open_slide = arm.chain.is_prismatic & ~(np.isfinite(lower) & np.isfinite(upper))
-    if open_slide.any():
+    if slides is not None:
+        lower[open_slide], upper[open_slide] = slides[open_slide].T
+    elif open_slide.any():
         joint = int(np.argmax(open_slide)) + 1
         raise InputError(
             f"prismatic joint J{joint} of arm {arm.name!r} has no limits",

@@ -47,7 +47,7 @@ def box(arm: Arm, n: int, *, seed: int, half_width: npt.ArrayLike = HALF_WIDTH_R
     )
 
 
-def uniform(arm: Arm, n: int, *, seed: int, sobol: bool = False) -> Poses:
+def uniform(arm: Arm, n: int, *, seed: int, sobol: bool = False, slides: FloatArray | None = None) -> Poses:
     """Poses uniform over the ranges of all joints; joints without limits over one full turn.
 
     Parameters
@@ -58,13 +58,15 @@ def uniform(arm: Arm, n: int, *, seed: int, sobol: bool = False) -> Poses:
     seed : int
     sobol : bool
         Scrambled Sobol points, which cover the ranges more evenly, instead of independent ones.
+    slides : (n_joints, 2) array, optional
+        Lower and upper ends of prismatic joints without limits [mm].
 
     Raises
     ------
     InputError
-        If a number is out of bounds, or a prismatic joint has no limits.
+        If a number is out of bounds, or a prismatic joint has no limits and none are stated.
     """
-    return Poses(_between(*joint_travel_limits(arm), n, seed=seed, sobol=sobol))
+    return Poses(_between(*joint_travel_limits(arm, slides=slides), n, seed=seed, sobol=sobol))
 
 
 def _between(lower: FloatArray, upper: FloatArray, n: int, *, seed: int, sobol: bool) -> FloatArray:
