@@ -159,6 +159,27 @@ def test_c_gives_the_points_uncertainties_and_codes_of_the_model(written):
     np.testing.assert_allclose(uncertainty(cov), uncertainty(covariances), rtol=0.2)
 
 
+def test_a_joint_counted_on_by_full_turns_is_where_it_was(written):
+    model, rng = written.model, np.random.default_rng(7)
+    slides = model.arm_.chain.is_prismatic
+    inside = sample_trained_region(model, 8, rng).angles
+    inside[0] -= np.where(np.arange(len(slides)) == np.flatnonzero(~slides)[-1], 2 * np.pi, 0.0)
+    turns = np.where(slides, 0, rng.integers(-3, 4, (2, *inside.shape)))
+    far = np.where(rng.random(inside.shape) < 0.3, 1.5 * inside, inside)
+    angles = np.concatenate([inside, inside + 2 * np.pi * turns[0], far + 2 * np.pi * turns[1]])
+    found = model.training_.outside(Session(angles), slides)
+    outside = np.zeros(len(angles), dtype=bool)
+    for name, rows in found.items():
+        outside |= rows & (name != TOGETHER)
+    assert not outside[:16].any()
+    assert outside.any()
+    codes = written.predict(Session(angles))[2]
+    np.testing.assert_array_equal(codes == 1, outside)
+    if shutil.which("node"):
+        rows = es_module.run_module(written.js, "predict", [[q.tolist()] for q in angles])
+        assert [row["outside"] for row in rows] == outside.tolist()
+
+
 def test_c_gives_the_uncertainties_in_the_trained_region(written):
     model, rng = written.model, np.random.default_rng(11)
     state = sample_trained_region(model, 300, rng)

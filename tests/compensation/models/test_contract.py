@@ -234,6 +234,16 @@ def test_weights_are_one_over_the_variance(rng):
     )
 
 
+def test_weights_of_any_size_are_no_stated_uncertainty(rng):
+    """Where four readings in a hundred count, the others scatter by far less than their weights say."""
+    arm = zigzag(3)
+    angles = rng.uniform(-1, 1, (100, 3))
+    points = arm.chain.tip_in_base(angles) + rng.normal(0, 0.01, (100, 3))
+    weight = np.r_[np.ones(4), np.full(96, 1e-7)]
+    model = KinematicModel(arm).fit(angles, points, sample_weight=weight)
+    assert np.isfinite(model.predict(angles)).all()
+
+
 def test_weight_zero_is_no_reading(readings):
     arm, angles, points = readings
     weight = np.r_[np.zeros(20), np.ones(40)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.arm import load_arm
+from truearm.arm import Arm, Chain, load_arm
 from truearm.arm.arm_files import read_arm, write_arm
 from truearm.compensation.models import KinematicModel, NominalModel, load_model
 from truearm.compensation.models.nominal_check import MAX_RATIO
@@ -110,6 +110,27 @@ def test_zeros_off_by_five_degrees_are_identified_and_named(session):
     assert "times as much as nominal arms usually do" in said
     assert "J4 rotation about z (-" in said, said
     assert result.model.held_out_.mean_mm < 0.05
+
+
+def test_where_base_and_tip_absorb_every_constant_nothing_is_judged(rng):
+    """One joint: noise alone remains. With the base as stated its constants count."""
+    fixed = np.tile(np.eye(4), (2, 1, 1))
+    fixed[1, :3, 3] = [20, 0, 100]
+    arm = Arm("wheel", Chain(fixed, np.array([200.0, 0, 50.0])))
+    angles = rng.uniform(-2, 2, (40, 1))
+    points = arm.chain.tip_in_base(angles) + rng.normal(0, 0.01, (40, 3))
+    model = KinematicModel(arm).fit(angles, points)
+    assert model.nominal_check_.usual_mm == np.inf
+    assert model.nominal_check_.is_plausible
+    assert 0 < KinematicModel(arm, free=()).fit(angles, points).nominal_check_.usual_mm < np.inf
+
+
+def test_the_stated_uncertainty_is_part_of_the_usual_error(session):
+    bare, stated = (
+        NominalModel(ARM).fit_readings(replace(session, point_std=std)).nominal_check_.usual_mm
+        for std in (None, np.full(session.points.shape, 0.3))
+    )
+    assert stated == pytest.approx(np.hypot(bare, 0.3 * np.sqrt(3)), rel=1e-3)
 
 
 def test_gross_errors_do_not_condemn_an_arm(session):

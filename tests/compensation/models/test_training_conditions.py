@@ -64,6 +64,26 @@ def test_joints_that_are_inside_one_by_one_may_be_outside_together():
     assert {name: rows.tolist() for name, rows in found.items()} == {TOGETHER: [True, False, False]}
 
 
+@pytest.mark.parametrize("n", [15, 60])
+def test_poses_that_are_read_several_times_count_once(n, rng):
+    """The nearest other pose is no repeat: a pose a hundredth of a degree from its training pose is inside."""
+    poses, slides = rng.uniform(-1, 1, (n, 3)), np.zeros(3, bool)
+    repeated = np.repeat(poses, 5, axis=0) + rng.normal(0, 1e-6, (5 * n, 3))
+    asked = Session(np.vstack([0.99 * poses, poses + np.radians([0.01, 0, 0]), rng.uniform(-1, 1, (200, 3))]))
+    ours, other = (
+        TrainingConditions.of(Session(angles), slides).outside(asked, slides) for angles in (repeated, poses)
+    )
+    never = np.zeros(len(asked), bool)
+    np.testing.assert_array_equal(ours.get(TOGETHER, never), other.get(TOGETHER, never))
+    assert not ours.get(TOGETHER, never)[: 2 * n].any()
+
+
+def test_a_degree_from_a_training_pose_is_inside_however_near_these_are():
+    along = np.linspace(0, 0.01, 100)
+    conditions = TrainingConditions.of(Session(np.column_stack([along, along])), np.zeros(2, bool))
+    assert not conditions.outside(Session(np.array([[0.0, 0.01]])), np.zeros(2, bool))
+
+
 @pytest.mark.parametrize("n", [10, 100, 2000])
 def test_angles_spread_at_random_have_no_gaps(n):
     """The law's chance of a gap is 1/n^2 a joint: among 30 joints one in a thousand or less, but for n = 10."""

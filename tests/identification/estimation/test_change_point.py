@@ -101,6 +101,24 @@ def test_errors_of_the_pose_are_no_change_though_poses_are_ordered():
     assert abs(examined(angles, points, residuals).row - 100) <= 3
 
 
+@pytest.mark.parametrize("repeats", [3, 12])
+def test_poses_that_are_read_several_times_count_once(repeats):
+    """Compared with its own repeats no reading shows a step, and what the model misses at a pose is no step."""
+    angles, points, noise = session(60 * repeats, 0)
+    poses = np.repeat(np.arange(60), repeats)
+    angles, points = angles[poses] + 1e-4 * np.hstack([noise, noise]), points[poses]
+    missed = STD * np.random.default_rng(1).standard_normal((60, 3))[poses]
+    assert examined(angles, points, noise + missed) is None
+    step = 30 * repeats
+    noise[step:] -= [0.05, 0.0, 0.0]
+    found = examined(angles, points, noise + missed)
+    assert found.kind == "step"
+    assert found.first_row <= step <= found.last_row
+    assert abs(found.row - step) <= repeats
+    ramp = noise - np.linspace(0, 1, len(noise))[:, None] * [0.3, 0.0, 0.0]
+    assert examined(angles, points, ramp).last_row == 60 * repeats - 1
+
+
 def test_too_few_readings_say_nothing():
     angles, points, residuals = session(16, 0)
     residuals[8:] += 1.0

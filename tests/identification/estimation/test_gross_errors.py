@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,12 +16,14 @@ from truearm.errors import InputError
 from truearm.identification.estimation.cross_validation import cross_validate_by_group
 from truearm.identification.estimation.gross_errors import (
     LEAST_FREEDOM,
+    MAX_FITS,
     ErrorDistribution,
     excluded_readings,
     fit_error_distribution,
     identify_without_gross_errors,
 )
 from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification_result import ReferenceFit
 from truearm.identification.estimation.outliers import outliers
 from truearm.identification.estimation.references import Points, seats_of
 from truearm.identification.estimation.residual_variance import HeldOutReadings
@@ -174,6 +177,38 @@ def test_gross_errors_are_excluded_and_honest_readings_come_back(drawn):
     assert outliers(fit)[0].error_mm == pytest.approx(100, abs=0.1)
     assert "excluded" in str(outliers(fit)[0])
     assert fit.references[0].noise_std == pytest.approx(clean.references[0].noise_std, rel=0.1)
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_student_weights_only_show_what_to_exclude(late):
+    """However the rounds end, a reading takes part or does not."""
+    rng, n = np.random.default_rng(0), 150
+    heavy = 0.05 * rng.standard_normal((n, 3)) / np.sqrt(rng.chisquare(2.6, n) / 2.6)[:, None]
+    heavy *= np.minimum(1, 1.2 / np.linalg.norm(heavy, axis=1))[:, None]
+    heavy[:3] = [[9, 0, 0], [0, 6, 0], [0, 0, 7]]
+    start = np.where(np.arange(n) < 3, 0.0, 1.0)  # a simpler model has found them
+    light, seen = NOISE * rng.standard_normal((n, 3)), []
+
+    def identified(weights):
+        seen.append(weights)
+        return SimpleNamespace(
+            references=(
+                ReferenceFit(
+                    "point", np.arange(n), heavy.T, np.full((3, n), 0.01), NOISE, weights, np.zeros(n, int), {}
+                ),
+            )
+        )
+
+    def cross_validated(fit):
+        # Readings that come and go delay the heavy tails to the last round.
+        one = light.copy()
+        one[len(seen)] = 5.0
+        return held_out(one if late and len(seen) < MAX_FITS - 1 else heavy, known=1e-6)
+
+    fit, _ = identify_without_gross_errors(identified, cross_validated, start)
+    assert np.flatnonzero(fit.references[0].robust_weight == 0).tolist() == [0, 1, 2]
+    assert (fit.references[0].robust_weight[3:] == 1).all()
+    assert len(seen) <= MAX_FITS + 1
 
 
 def test_a_wrong_reading_in_a_seat_is_named(drawn):

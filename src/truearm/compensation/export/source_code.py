@@ -18,7 +18,7 @@ from truearm.compensation.export.reduced_covariance import ReducedCovariance, re
 from truearm.compensation.export.value_tables import ValueTables
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.training_conditions import TEMPERATURE_TOLERANCE_K
+from truearm.compensation.models.training_conditions import MOST_TURNS, TEMPERATURE_TOLERANCE_K
 from truearm.compensation.targets.configuration import MAX_CONDITION
 from truearm.compensation.targets.correction import CORRECTION_STEPS, MAX_CORRECTION, usual_change
 from truearm.compensation.targets.inverse import TOLERANCE_MM, TOLERANCE_RAD
@@ -38,6 +38,8 @@ _PLAIN = frozenset(string.ascii_letters + string.digits + " _-.,:;()%")
 # Numbers of the rules by which targets are corrected, by their names in the code.
 RULES = {
     "max_joint": MAX_ANGLE,
+    "full_turn": 2 * np.pi,
+    "most_turns": MOST_TURNS,
     "max_load": LARGEST_LOAD,
     "max_correction": MAX_CORRECTION,
     "max_condition": MAX_CONDITION,

@@ -161,19 +161,13 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         if n_known < MIN_ROWS:
             raise readings.error(f"expected {MIN_ROWS} or more readings with a reference, got {n_known}")
         begun = time.perf_counter()
-        self.arm_ = arm
-        self.n_features_in_ = readings.n_joints
-        has_points = readings.has_point.any()
-        self.free_ = self.free if has_points else tuple(part for part in self.free if part != "base")
-        self.session_frames_ = rough_session_frames(arm, readings, self.free_)
-        self.training_ = TrainingConditions.of(readings, arm.chain.is_prismatic, lengths)
-        data = TrainingData.of(arm, readings, lengths, frames=self.session_frames_, simpler=nominal)
+        data = self._prepare(arm, readings, lengths, nominal)
         if nominal is None:
             self.nominal_ = self._fit_nominal(data)
             self._check_nominal(readings, data)
         else:
             self.nominal_, self.nominal_check_ = self._same_nominal(nominal), nominal.nominal_check_
-        self._fit(data, progress or _no_progress)
+        self._fit(data, progress or no_progress)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
@@ -420,6 +414,18 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         refuse_implausible(self.nominal_check_, self.arm_, readings, self.nominal_.tips(data.state))
         check_stated_uncertainty(readings, self.nominal_, references, partial(self._identify_terms, data, every))
 
+    def _prepare(
+        self, arm: Arm, readings: Session, lengths: Lengths | None = None, nominal: Compensator | None = None
+    ) -> TrainingData:
+        """What checked readings say before anything is identified from them."""
+        self.arm_ = arm
+        self.n_features_in_ = readings.n_joints
+        has_points = readings.has_point.any()
+        self.free_ = self.free if has_points else tuple(part for part in self.free if part != "base")
+        self.session_frames_ = rough_session_frames(arm, readings, self.free_)
+        self.training_ = TrainingConditions.of(readings, arm.chain.is_prismatic, lengths)
+        return TrainingData.of(arm, readings, lengths, frames=self.session_frames_, simpler=nominal)
+
     def _check_inputs(self, arm: Arm, readings: Session) -> None:
         """Refuse readings of another number of joints, or mostly outside their limits."""
         if readings.n_joints != arm.n_joints:
@@ -486,5 +492,5 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         return other.nominal_
 
 
-def _no_progress(done: int, note: str) -> None:
+def no_progress(done: int, note: str) -> None:
     """Report nothing."""

@@ -11,7 +11,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import MIN_ROWS, Compensator
+from truearm.compensation.models.compensator import MIN_ROWS, Compensator, no_progress
 from truearm.compensation.models.cross_validation_groups import (
     cross_validation_groups,
     is_in_one_place,
@@ -254,7 +254,10 @@ class IdentifiedModel(Compensator):
             used = self.fit_.references[0].robust_weight > 0
             noise = np.sqrt((self.fit_.references[0].residuals ** 2 / (1 + excess))[:, used].mean())
             std = np.maximum(noise * np.sqrt(excess), LEAST_STD_MM)
-            self.fit_readings(replace(readings, point_std=np.repeat(std[:, None], 3, axis=1)))
+            # Checked before: these uncertainties are stated by no person, and may exceed the scatter by far.
+            data = self._prepare(self.arm_, replace(readings, point_std=np.repeat(std[:, None], 3, axis=1)))
+            self.nominal_ = self._fit_nominal(data)
+            self._fit(data, no_progress)
         return self
 
     def state(self, readings: Session) -> ArmState:

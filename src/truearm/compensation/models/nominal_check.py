@@ -51,7 +51,8 @@ class NominalCheck:
         Distance from the references that three of four readings do not exceed, with the free parts fitted [mm].
     usual_mm : float
         Root mean square distance that errors of the arm's constants usually cause [mm]; at least the nominal error
-        that the arm file states.
+        that the arm file states. It includes the stated uncertainty of the references, and is infinite where the free
+        parts absorb every error of the constants: then nothing can be judged.
     remaining_mm : float or None
         The same at readings held out, with the constants of the arm identified; None where that is not needed.
     constant : str
@@ -145,11 +146,15 @@ def usual_nominal_error(
 ) -> float:
     """Root mean square distance that errors of the arm's constants usually cause, or its file states [mm].
 
-    Parameters are those of `check_nominal_arm`.
+    See `NominalCheck.usual_mm`. Parameters are those of `check_nominal_arm`.
     """
     free = {term.name for term in nominal.perturbed_chain.terms}
     usual = usual_error(nominal, state, references, [term for term in constants if term.name not in free])
-    return max(usual, arm.nominal_error_mm)
+    if usual == 0:
+        return np.inf
+    squares = np.concatenate([(one.std**2).sum(axis=0) for one in nominal.references])
+    stated = float(np.median(squares)) if len(squares) else 0.0
+    return float(np.hypot(max(usual, arm.nominal_error_mm), np.sqrt(stated)))
 
 
 def typical_error(fit: IdentificationResult) -> float:

@@ -181,7 +181,8 @@ class TrainingConditions:
         """Inputs of a session outside the trained range.
 
         A revolute joint that is counted on by a full turn is where it was. Each joint may be inside its range while all
-        of them together are far from every training reading: farther than 99 of 100 of those are from each other.
+        of them together are far from every training reading: farther than 99 of 100 poses of those are from each
+        other, and than a degree.
 
         Parameters
         ----------
@@ -257,12 +258,16 @@ class TrainingConditions:
         return np.asarray(tree.query(self._around(angles, prismatic))[0], dtype=float)
 
     def _usual(self, prismatic: BoolArray) -> float:
-        """The distance from the nearest other one that 99 of 100 training readings of the sample keep."""
-        if self.angle_sample is None or len(self.angle_sample) < LEAST_SAMPLE:
-            return 0.0
+        """The distance from the nearest other one that 99 of 100 training poses of the sample keep; infinite of few."""
+        if self.angle_sample is None:
+            return np.inf
         around = self._around(self.angle_sample, prismatic)
-        nearest = np.asarray(cKDTree(around).query(around, k=2)[0], dtype=float)[:, 1]
-        return float(np.quantile(nearest, USUAL_SHARE))
+        # A pose that was read several times is one: its nearest other pose is no repeat.
+        poses = around[np.unique(np.round(around / LEAST_TURN), axis=0, return_index=True)[1]]
+        if len(poses) < LEAST_SAMPLE:
+            return np.inf
+        nearest = np.asarray(cKDTree(poses).query(poses, k=2)[0], dtype=float)[:, 1]
+        return max(float(np.quantile(nearest, USUAL_SHARE)), LEAST_TURN)
 
     def _around(self, angles: FloatArray, prismatic: BoolArray) -> FloatArray:
         """(n, ..) coordinates with distances between poses: on circles for joints that turn, 2 for the whole travel."""

@@ -9,9 +9,10 @@ nothing changed is that over random orders of the same scores: no normality is a
 
 What a model does not explain depends on the pose, and poses are often measured region by region. From each score the
 mean of those at the most similar poses is therefore subtracted: a change counts only where poses before and after it
-are alike. It must also be there in residuals less a cubic function of each joint. Consecutive readings of like poses
-have like residuals; the statistic is divided by the ratio of long-run and plain variance (W. K. Newey, K. D. West,
-Econometrica 55 (1987) 703) of the scores without the step.
+are alike. Readings that repeat a pose one after the other count as one, their mean: compared with each other they would
+hide every change between poses. It must also be there in residuals less a cubic function of each joint. Consecutive
+readings of like poses have like residuals; the statistic is divided by the ratio of long-run and plain variance (W. K.
+Newey, K. D. West, Econometrica 55 (1987) 703) of the scores without the step.
 
 A step that explains less than a motion proportional to the row is a drift. The confidence interval of the row is that
 of J. Bai, "Estimation of a change point in multiple regression models", Rev. Econ. Stat. 79 (1997) 551.
@@ -19,7 +20,7 @@ of J. Bai, "Estimation of a change point in multiple regression models", Rev. Ec
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -39,6 +40,8 @@ LEAST_READINGS, LEAST_SHARE = 8, 0.05
 READINGS_PER_FUNCTION = 4
 # Similar poses that a reading is compared with.
 NEIGHBOURS = 8
+# Consecutive readings are of one pose if no joint differs by more: as a share of its scatter, or in rad and mm.
+SAME_SHARE, SAME_ANGLE = 0.01, 1e-3
 # Half width of a 95 % interval of the row, by the step's squared signal-to-noise ratio of one reading (Bai 1997).
 HALF_WIDTH = 11.0
 
@@ -99,6 +102,8 @@ def frame_change(
     FrameChange or None
         None if the order of the residuals is what chance gives.
     """
+    last_row = rows[-1] if len(rows) else 0
+    angles, points, residuals, weights, rows = _less_repeats(angles, points, residuals, weights, rows)
     n = len(points)
     margin = max(LEAST_READINGS, int(np.ceil(LEAST_SHARE * n)))
     if n < 2 * margin + 1:
@@ -113,7 +118,28 @@ def frame_change(
             return None
         found.append(outcome)
     step, p_value = max(found, key=lambda outcome: outcome[1])
-    return _describe(motions, weights, residuals, rows, step, p_value)
+    change = _describe(motions, weights, residuals, rows, step, p_value)
+    return replace(change, last_row=int(last_row)) if change.kind == "drift" else change
+
+
+def _less_repeats(
+    angles: FloatArray, points: FloatArray, residuals: FloatArray, weights: FloatArray, rows: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
+    """The same arrays with the mean of readings that repeat a pose one after the other, and the first row of each."""
+    near = np.maximum(SAME_SHARE * angles.std(axis=0), SAME_ANGLE) if len(angles) else np.zeros(0)
+    starts: list[int] = []
+    for row, at in enumerate(angles):
+        if not starts or (np.abs(at - angles[starts[-1]]) > near).any():
+            starts.append(row)
+    if len(starts) == len(angles):
+        return angles, points, residuals, weights, rows
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.asarray(np.add.reduceat(values, starts) / np.diff([*starts, len(angles)])[:, None])
+
+    weight = mean(weights)
+    weighted = np.divide(mean(weights * residuals), weight, out=np.zeros_like(weight), where=weight > 0)
+    return mean(angles), mean(points), weighted, weight, rows[starts]
 
 
 def _step(white: FloatArray, margin: int, seed: int) -> tuple[int, float] | None:

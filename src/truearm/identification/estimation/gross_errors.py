@@ -42,7 +42,7 @@ LEAST_READINGS = 12
 # With fewer degrees of freedom, many gross errors of one size may look like tails. Student's weights then move the arm
 # to the majority, once, and show them.
 HEAVY_TAILS = 3.5
-# Maximum fits to find the set of gross errors; two find it where there are any, as a rule.
+# Maximum fits to find the set of gross errors, beside the one with Student's weights; two find it, as a rule.
 MAX_FITS = 4
 
 
@@ -167,23 +167,28 @@ def identify_without_gross_errors(
     held_out : HeldOutReadings
         Of it, with the excluded readings.
     """
-    tried: list[bytes] = []
-    is_softened = False
+    tried: dict[bytes, tuple[IdentificationResult, HeldOutReadings]] = {}
+    is_soft = is_softened = False
     while True:
         fit = identify(weights)
         held_out = cross_validate(fit)
-        tried.append(weights.tobytes())
+        # The fit with Student's weights only shows which readings to exclude: it excludes none itself.
+        if not is_soft:
+            tried[weights.tobytes()] = fit, held_out
+            if len(tried) == MAX_FITS:
+                return fit, held_out
         judged, distribution = _judge(fit, held_out)
         probability = distribution.gross_probability(judged)
         weights = np.ones(len(weights))
-        if distribution.freedom < HEAVY_TAILS and not is_softened:
+        is_soft = distribution.freedom < HEAVY_TAILS and not is_softened
+        if is_soft:
             weights[judged.rows] = distribution.student_weights(judged)
             is_softened = True
-        else:
-            weights[judged.rows[probability > 0.5]] = 0.0
+            continue
+        weights[judged.rows[probability > 0.5]] = 0.0
         # A reading at the limit could come and go without end.
-        if weights.tobytes() in tried or len(tried) == MAX_FITS:
-            return fit, held_out
+        if weights.tobytes() in tried:
+            return tried[weights.tobytes()]
 
 
 def _judge(fit: IdentificationResult, held_out: HeldOutReadings) -> tuple[HeldOutReadings, ErrorDistribution]:

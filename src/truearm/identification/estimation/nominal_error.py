@@ -44,7 +44,7 @@ def usual_error(
     Returns
     -------
     float
-        [mm].
+        [mm]; zero if the free terms absorb all that errors of the constants cause, as those of an arm with one joint.
     """
     free = fit.perturbed_chain.terms
     chain = PerturbedChain(fit.chain, (*free, *constants))
@@ -62,5 +62,7 @@ def usual_error(
         inverse = np.linalg.pinv(scale[:, None] * G_ff * scale, rcond=LEAST_EIGENVALUE, hermitian=True)
         absorbed = np.einsum("if,fg,ig->i", G_cf * scale, inverse, G_cf * scale)
     std = np.concatenate([np.zeros(0), *(term.prior_stds for term in constants)])
-    squares = np.maximum(G.diagonal()[is_constant] - absorbed, 0.0) * std**2
+    whole_squares = G.diagonal()[is_constant]
+    remains = whole_squares - absorbed
+    squares = np.where(remains > LEAST_EIGENVALUE * whole_squares, remains, 0.0) * std**2
     return float(np.sqrt(squares.sum() / sum(len(one.rows) for one in references)))
