@@ -581,10 +581,12 @@ def test_a_column_without_training_is_refused(tmp_path, nominal):
 @needs_node
 def test_an_arm_without_coefficients_is_written(tmp_path):
     for model in empty_models(ta.load_arm("ur10")):
-        c, js = tmp_path / "arm.c", tmp_path / "arm.mjs"
+        folder = tmp_path / type(model).__name__  # a library of the same path would be the one loaded before
+        folder.mkdir()
+        c, js = folder / "arm.c", folder / "arm.mjs"
         c_source.write(model, Manifest.of(model, "c"), c)
         es_module.write(model, Manifest.of(model, "js"), js)
-        library = ctypes.CDLL(str(c_source.compile_library(c, tmp_path, *STRICT)))
+        library = ctypes.CDLL(str(c_source.compile_library(c, folder, *STRICT)))
         written, readings = Written(model, c, js, library), Session(angles_of(model.arm_, 5, 1))
         expected, covariances = model.predict_readings(readings, return_cov=True)
         points, cov, _ = written.predict(readings)
