@@ -37,7 +37,6 @@ from truearm.identification.estimation.gross_errors import (
     median_distance,
     nearer_half,
     own_variance,
-    select_rows,
 )
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
@@ -136,7 +135,7 @@ class IdentifiedModel(Compensator):
             self.excluded_terms_ = tuple(excluded)
             self.fit_, held_out = self._identify_offered(data, terms, progress)
         is_excluded = np.isin(held_out.rows, excluded_readings(self.fit_))
-        self.held_out_ = select_rows(held_out, ~is_excluded)
+        self.held_out_ = held_out.select(~is_excluded)
         self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=int(is_excluded.sum()))
         self._estimate_residual_variance(data.session.angles)
         self.birge_ratio_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.residual_std_)

@@ -21,7 +21,7 @@ from truearm.compensation.models.identified_model import (
     PhysicalModel,
 )
 from truearm.errors import InputError
-from truearm.identification.estimation.gross_errors import excluded_readings, select_rows
+from truearm.identification.estimation.gross_errors import excluded_readings
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
@@ -160,7 +160,7 @@ def _common_readings(models: dict[str, IdentifiedModel]) -> tuple[dict[str, Held
     found = {}
     for name, model in models.items():
         order = np.argsort(model.held_out_.rows)
-        found[name] = select_rows(model.held_out_, order[np.isin(model.held_out_.rows[order], common)])
+        found[name] = model.held_out_.select(order[np.isin(model.held_out_.rows[order], common)])
     return found, len(np.unique(np.concatenate([*rows, *map(_excluded, models.values())]))) - len(common)
 
 

@@ -193,11 +193,10 @@ class TrainingConditions:
         Returns
         -------
         dict of str to (n,) bool array
-            By input (``J1`` to ``Jn``, ``joints together``, ``temperature``,
-            ``direction_1`` to ``direction_n``, the name of a further
-            column) True at the readings whose value lies outside the range in training or in one of its gaps. Inputs
-            that lie inside at all readings are not in it, nor are those that training or session do not state; a
-            temperature that the training does not state is assumed near 20 degC (`temperature_range`).
+            By input (``J1`` to ``Jn``, ``joints together``, ``temperature``, ``direction_1`` to ``direction_n``, the
+            name of a further column) True at the readings whose value lies outside the range in training or in one of
+            its gaps. Inputs that lie inside at all readings are not in it, nor are those that training or session do
+            not state; a temperature that the training does not state is assumed near 20 degC (`temperature_range`).
         """
         outside = ~self._inside_by_joint(session.angles, prismatic)
         found = {f"J{joint}": column for joint, column in enumerate(outside.T, 1)}

@@ -19,7 +19,7 @@ import numpy as np
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.terms.basis import Constant, InSession
+from truearm.identification.terms.basis import AXES, Constant, InSession
 from truearm.identification.terms.term import Term
 from truearm.typing import FloatArray
 
@@ -45,7 +45,7 @@ def day_to_day_terms(chain: Chain, sessions: Iterable[str]) -> list[Term]:
     names = list(sessions)
     return [
         Term(
-            f"J{joint} {'tilt about' if component < 3 else 'shift along'} {'xyz'[component % 3]}, session {name}",
+            f"J{joint} {'tilt about' if component < 3 else 'shift along'} {AXES[component % 3]}, session {name}",
             joint,
             tuple(float(component == i) for i in range(6)),
             InSession(name),

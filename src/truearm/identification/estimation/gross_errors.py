@@ -16,7 +16,7 @@ maximum likelihood, M. Aitkin, G. T. Wilson, "Mixture models, outliers, and the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -26,7 +26,7 @@ from scipy.stats import chi2
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
 from truearm.identification.estimation.tails import FREEDOM_RATE, FREEDOM_SHAPE
-from truearm.typing import BoolArray, FloatArray, IntArray
+from truearm.typing import FloatArray, IntArray
 
 # Bounds of the share of gross errors: one in a thousand is expected before anything is known; where four in ten are
 # wrong, no reading is known to be right.
@@ -197,7 +197,7 @@ def _judge(fit: IdentificationResult, held_out: HeldOutReadings) -> tuple[HeldOu
     own = own_variance(fit.references, judged.rows)
     informative = judged.select_informative(own)
     if len(informative.rows) < LEAST_READINGS:
-        return select_rows(judged, np.zeros(0, dtype=np.intp)), HONEST
+        return judged.select(np.zeros(0, dtype=np.intp)), HONEST
     # Where one reading in five is wrong, the noise of the fit is theirs, and its covariance is as much too large.
     ratio = min(1.0, _typical_variance(informative) / float(np.median(own)))
     judged, informative = (replace(one, covariance=ratio * one.covariance) for one in (judged, informative))
@@ -246,11 +246,6 @@ def own_variance(references: tuple[ReferenceFit, ...], rows: IntArray) -> FloatA
         if part.kind in ("point", "seat"):
             own[part.rows] = part.noise_std**2 + (part.std**2).mean(axis=0)
     return np.asarray(own[rows])
-
-
-def select_rows(held_out: HeldOutReadings, which: BoolArray | IntArray) -> HeldOutReadings:
-    """Some of the held-out readings, by a mask (m,) or by their numbers among them."""
-    return HeldOutReadings(*(getattr(held_out, part.name)[which] for part in fields(held_out)))
 
 
 def _about_seat_medians(held_out: HeldOutReadings, references: tuple[ReferenceFit, ...]) -> HeldOutReadings:

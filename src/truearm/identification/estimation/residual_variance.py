@@ -26,7 +26,7 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from truearm.errors import InputError
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Residual vectors longer than this many standard deviations get less weight: one Gaussian vector in 900.
 HUBER_STDS = 4.0
@@ -155,7 +155,11 @@ class HeldOutReadings:
             Approximate variance of a coordinate of each reading [mm^2].
         """
         informative = np.linalg.eigvalsh(self.covariance)[:, -1] <= MAX_VARIANCE_RATIO * own_mm2
-        return HeldOutReadings(*(getattr(self, part.name)[informative] for part in fields(self)))
+        return self.select(informative)
+
+    def select(self, which: BoolArray | IntArray) -> HeldOutReadings:
+        """Some of the readings, by a mask (m,) or by their numbers among them."""
+        return HeldOutReadings(*(getattr(self, part.name)[which] for part in fields(self)))
 
     @property
     def errors_mm(self) -> FloatArray:
