@@ -1,24 +1,54 @@
-"""Threads: truearm runs its own over samples, each with one BLAS thread."""
+"""Threads: truearm runs its own over samples, each with one BLAS thread.
+
+The rule: every public function and method that calculates (the verbs of `truearm.workflows`, fit and prediction of a
+model, `load_model`) runs in `one_blas_thread`, as a decorator. What it calls does not need to. The setting of the
+caller is back when the call returns.
+"""
 
 from __future__ import annotations
 
 import os
-from contextlib import AbstractContextManager
+import sys
+from contextlib import ContextDecorator
 from functools import cache
+from threading import local
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
 
-def one_blas_thread() -> AbstractContextManager[Any]:
-    """Keep the BLAS to one thread while the block runs.
+class OneBlasThread(ContextDecorator, local):
+    """One BLAS thread until the outermost of nested blocks ends; `threadpoolctl` minds blocks of other threads."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+        self._limits: list[Any] = []
+        self._seen: tuple[bool, ...] = ()
+
+    def __enter__(self) -> None:
+        loaded = _loaded()
+        if self._depth == 0 or loaded != self._seen:  # a library loaded within a block starts with all threads
+            self._limits.append(_libraries(loaded).limit(limits=1, user_api="blas"))
+            self._seen = loaded
+        self._depth += 1
+
+    def __exit__(self, *error: object) -> None:
+        self._depth -= 1
+        while self._depth == 0 and self._limits:
+            self._limits.pop().restore_original_limits()
+
+
+_ONE = OneBlasThread()
+
+
+def one_blas_thread() -> OneBlasThread:
+    """Keep the BLAS to one thread while a block or, as a decorator, a function runs; blocks may be nested.
 
     Idle BLAS threads spin: they occupy a core between products, and on a busy machine a product waits for all of them.
-    An epoch of training 6-30-30-3 on two cores then takes 1.5 to 3 times as long. Fitting 11911 readings with several
-    BLAS threads took 2.9 s in some runs on a shared machine, 0.7 s in others.
+    An epoch of training 6-30-30-3 on two cores then takes 1.5 to 3 times as long. Planning 50 poses took 67 s with two
+    BLAS threads on a shared machine, 4 s with one.
     """
-    context: AbstractContextManager[Any] = _libraries().limit(limits=1, user_api="blas")
-    return context
+    return _ONE
 
 
 def cores() -> int:
@@ -26,7 +56,13 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def _loaded() -> tuple[bool, ...]:
+    """Which of the packages with a BLAS of their own are loaded."""
+    return tuple(name in sys.modules for name in ("numpy.linalg", "scipy.linalg", "torch"))
+
+
 @cache
-def _libraries() -> ThreadpoolController:
-    """The loaded BLAS libraries; the search takes milliseconds."""
+def _libraries(loaded: tuple[bool, ...]) -> ThreadpoolController:
+    """The BLAS libraries of the packages that are loaded; the search takes milliseconds."""
+    del loaded
     return ThreadpoolController()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.solve.threads import one_blas_thread
 from truearm.verification.certificate.administrative_data import AdministrativeData, read_administrative_data
 from truearm.verification.certificate.certificate import (
     Certificate,
@@ -105,6 +106,7 @@ class CertificateResult(PageRecord):
         return {"number": self.number, **self.verification.to_dict()}
 
 
+@one_blas_thread()
 def certificate(verification: VerificationResult, about: AdministrativeDataLike) -> CertificateResult:
     """State a verification as a calibration certificate.
 

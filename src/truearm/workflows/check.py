@@ -19,6 +19,7 @@ from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session, check_sessions
+from truearm.solve.threads import one_blas_thread
 from truearm.verification.monitor.assessment import Assessment, RecalibrationAdvice, Trend, describe_assessment
 from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS
 from truearm.verification.monitor.history import History, OtherModel
@@ -160,6 +161,7 @@ class CheckResult(PageRecord):
         }
 
 
+@one_blas_thread()
 def check(
     model: ModelLike,
     session: SessionLike,

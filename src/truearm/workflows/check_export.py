@@ -20,6 +20,7 @@ from truearm.compensation.targets.manifest import EXACT_MM, Manifest, TargetsMan
 from truearm.compensation.targets.pose_models import with_tool
 from truearm.errors import InputError, MissingTool
 from truearm.identification.estimation.alignment import align
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.export import FORMATS
 from truearm.workflows.inputs import ModelLike, to_model
@@ -53,6 +54,7 @@ class Finding:
     detail: str
 
 
+@one_blas_thread()
 def check_export(model: ModelLike, file: str | Path) -> ExportCheck:
     """Compare an exported file with the model.
 

@@ -27,6 +27,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import escape_formula
 from truearm.readings.columns import FACTOR, unit_of
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 from truearm.workflows.inputs import ModelLike, is_model_file, to_model
 from truearm.workflows.predict import check_table_path
@@ -44,6 +45,7 @@ MEANING = {
 }
 
 
+@one_blas_thread()
 def correct(
     model: ModelLike,
     targets: TargetsLike,

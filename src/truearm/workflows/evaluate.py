@@ -19,6 +19,7 @@ from truearm.readings import (
     length_errors,
     seat_errors,
 )
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.inputs import (
     LengthsLike,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
 
 
+@one_blas_thread()
 def evaluate(
     model: ModelLike, session: SessionLike, *, lengths: LengthsLike | None = None, limits: Limits = "skip"
 ) -> Evaluation:

@@ -12,6 +12,7 @@ from truearm.compensation.models import Compensator
 from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_writable
+from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ModelLike, SessionLike, to_model, to_session
 from truearm.workflows.outputs import check_output_is_not_input, input_files
 from truearm.workflows.record import Record, format_fixed, to_plain
@@ -65,6 +66,7 @@ FORMATS: dict[str, FormatSpec] = {
 BY_SUFFIX = {".urdf": "urdf", ".c": "c", ".mjs": "js", ".js": "js", ".onnx": "onnx", ".json": "json"}
 
 
+@one_blas_thread()
 def export(
     model: ModelLike,
     out: str | Path,

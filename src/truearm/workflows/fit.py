@@ -26,6 +26,7 @@ from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.estimation.gross_errors import excluded_readings
 from truearm.identification.estimation.outliers import Outlier, length_outliers, outliers
 from truearm.readings import Lengths, Session, compare_errors, seat_errors
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import IntArray
 from truearm.workflows.frame_changes import SessionChange, frame_changes
 from truearm.workflows.inputs import (
@@ -55,6 +56,7 @@ FEW_READINGS = 50
 MAX_GROUPS = 8
 
 
+@one_blas_thread()
 def fit(
     arm: ArmLike,
     session: SessionLike,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from truearm.solve.threads import one_blas_thread
 from truearm.verification.standards.artefacts import example_artefacts
 from truearm.verification.standards.layout import lay_out_tests
 from truearm.verification.standards.positions import SHOULDER_SHARE
@@ -85,6 +86,7 @@ class OperatorSheetResult(PageRecord):
         }
 
 
+@one_blas_thread()
 def operator_sheet(
     plan: PlanLike,
     *,

@@ -85,6 +85,8 @@ class PageRecord(Record):
             If the name has another ending, is that of an input file, or cannot be written.
         """
         from truearm.pages.html import write_page
+        from truearm.solve.threads import one_blas_thread
 
         check_page_path(path, *self.input_files)
-        write_page(self.page(), path)
+        with one_blas_thread():
+            write_page(self.page(), path)

@@ -21,6 +21,7 @@ from truearm.identification.planning.proposal import LENGTH_U_MM, Artefact, Cali
 from truearm.identification.planning.sampling import Sector
 from truearm.identification.planning.sampling.workspace import stance
 from truearm.identification.planning.template import check_template_path, write_bar_lengths, write_template
+from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import SessionLike, to_arm, to_session, within_limits
 from truearm.workflows.outputs import PageRecord, input_files, version_row
 from truearm.workflows.record import TextTable
@@ -162,6 +163,7 @@ class PlanResult(PageRecord):
         ]
 
 
+@one_blas_thread()
 def plan(
     arm: Arm | Compensator | str | Path,
     artefact: ArtefactKind,

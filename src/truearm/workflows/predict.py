@@ -18,6 +18,7 @@ from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import escape_formula
 from truearm.readings import Session
 from truearm.readings.session import NAMED
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 from truearm.workflows.inputs import ModelLike, SessionLike, check_angles_fit, describe_outside, to_model_and_session
 from truearm.workflows.record import Record, format_fixed, to_plain
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 JOINT = re.compile(r"J\d+")
 
 
+@one_blas_thread()
 def predict(model: ModelLike, session: SessionLike) -> Prediction:
     """Compensate: corrected coordinates of the tip from joint angles.
 

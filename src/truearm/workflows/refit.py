@@ -15,6 +15,7 @@ from truearm.compensation.models.refit import refit as refit_model
 from truearm.errors import InputError
 from truearm.identification.estimation.outliers import Outlier, outliers
 from truearm.readings import Session, stratified_rows
+from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import (
     LengthsLike,
     Limits,
@@ -30,6 +31,7 @@ from truearm.workflows.record import Record, format_fixed, to_plain
 from truearm.workflows.sentences import format_mm, listed
 
 
+@one_blas_thread()
 def refit(
     model: ModelLike,
     session: SessionLike,

@@ -18,6 +18,7 @@ from truearm.compensation.models.seat_page import seats_page
 from truearm.errors import InputError
 from truearm.pages.page import Page, Section
 from truearm.readings import Lengths, Session, seat_errors
+from truearm.solve.threads import one_blas_thread
 from truearm.workflows.comparison import compare_in_seats, compare_models, one_arm, page_facts
 from truearm.workflows.inputs import (
     LengthsLike,
@@ -142,6 +143,7 @@ def _constants_sections(models: Mapping[str, Compensator]) -> list[Section]:
     return sections
 
 
+@one_blas_thread()
 def report(
     models: ModelLike | Sequence[ModelLike] | Mapping[str, ModelLike],
     session: SessionLike,

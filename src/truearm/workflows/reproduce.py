@@ -13,6 +13,7 @@ from truearm.files.atomic_write import atomic_file, check_writable
 from truearm.papers.gao2017.reproduction import reproduce as run_trainings
 from truearm.papers.gao2017.results import FinalTestResult, Reproduction, RowResult
 from truearm.papers.gao2017.training_plan import PARTS
+from truearm.solve.threads import one_blas_thread
 from truearm.workflows.outputs import PageRecord
 from truearm.workflows.record import TextTable, to_plain
 
@@ -104,6 +105,7 @@ class ReproductionResult(PageRecord):
         return numbers
 
 
+@one_blas_thread()
 def reproduce(
     paper: Literal["gao2017"] = "gao2017",
     *,

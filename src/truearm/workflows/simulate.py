@@ -20,6 +20,7 @@ from truearm.identification.planning.sampling import STRATEGIES, Poses, seat
 from truearm.identification.planning.sampling.measuring import describe_rejections
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
 from truearm.readings import Lengths, PointErrors, Session, write_lengths, write_session
+from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ArmLike, to_arm
 from truearm.workflows.record import Record, to_plain
 
@@ -27,6 +28,7 @@ from truearm.workflows.record import Record, to_plain
 BAR_U_MM = 0.005
 
 
+@one_blas_thread()
 def simulate(
     arm: ArmLike,
     *,

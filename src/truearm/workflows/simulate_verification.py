@@ -14,6 +14,7 @@ from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import check_five_rotary_joints
 from truearm.identification.planning.sampling.workspace import stance
 from truearm.identification.virtual.presets import Preset
+from truearm.solve.threads import one_blas_thread
 from truearm.verification.standards.artefacts import Artefacts, example_artefacts
 from truearm.verification.standards.decision import DecisionRule, Verdict
 from truearm.verification.standards.layout import lay_out_tests
@@ -160,6 +161,7 @@ class SimulatedVerification(Record):
         }
 
 
+@one_blas_thread()
 def simulate_verification(
     source: Compensator | Preset | str | Path,
     *,

@@ -17,6 +17,7 @@ from truearm.compensation.models import Compensator
 from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError
 from truearm.identification.virtual.presets import PRESETS, Preset, load_preset
+from truearm.solve.threads import one_blas_thread
 from truearm.verification.standards.specification import Specification, read_specification
 from truearm.verification.tasks import features
 from truearm.verification.tasks.estimate import Estimate
@@ -131,6 +132,7 @@ class TaskResult(PageRecord):
         return {"source": self.source, **self.assessment.to_dict()}
 
 
+@one_blas_thread()
 def task(
     source: ArmSource,
     feature: FeatureKind | Feature = "length",

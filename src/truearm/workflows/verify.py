@@ -9,6 +9,7 @@ from math import isinf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from truearm.solve.threads import one_blas_thread
 from truearm.verification.standards.artefacts import Artefacts, read_artefacts
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, ConformityResult, DecisionRule, Verdict
 from truearm.verification.standards.measured_points import MeasuredPoints, read_points
@@ -113,6 +114,7 @@ class VerificationResult(PageRecord):
         }
 
 
+@one_blas_thread()
 def verify(
     points: PointsLike,
     *,

@@ -47,6 +47,7 @@ from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
 from truearm.readings.checks import check_angles, check_sessions, skip_beyond_limits
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 
 FREE_PARTS = ("base", "tip")
@@ -94,6 +95,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
 
     nominal_check_ = UNCHECKED
 
+    @one_blas_thread()
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None) -> Self:
         """Learn from joint angles and reference points.
 
@@ -122,6 +124,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             return self.fit_readings(session)
         return self._fit_weighted(session, _check_sample_weight(sample_weight, X, ensure_non_negative=True))
 
+    @one_blas_thread()
     def fit_readings(
         self,
         readings: Session,
@@ -213,6 +216,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         self, readings: Session, *, return_cov: bool
     ) -> FloatArray | tuple[FloatArray, FloatArray]: ...
 
+    @one_blas_thread()
     def predict_readings(
         self, readings: Session, *, return_cov: bool = False
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
@@ -229,6 +233,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         of_parameters, unexplained = self.covariance_parts(readings)
         return points, of_parameters + unexplained
 
+    @one_blas_thread()
     def covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
         """Covariance of predicted points in its two parts.
 
@@ -285,6 +290,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         """(n, 3) tips of the nominal arm, its free parts identified from the same training readings [mm]."""
         return self.predict_nominal_readings(Session(self._checked_angles(angles)))
 
+    @one_blas_thread()
     def predict_nominal_readings(self, readings: Session) -> FloatArray:
         """(n, 3) the same at the readings of a session, in the frames of `predict_readings` [mm]."""
         self._check_session(readings)

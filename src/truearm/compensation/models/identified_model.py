@@ -57,6 +57,7 @@ from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED, JOINT_
 from truearm.readings.lengths import Lengths
 from truearm.readings.reference_uncertainty import scale_errors
 from truearm.readings.session import Session
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
 # Share of the error at held-out readings of one place that all terms together may leave: with three quarters of its
@@ -287,6 +288,7 @@ class IdentifiedModel(Compensator):
             self.unstated_input_covariances(readings).values(), unexplained[:, None, None] * np.eye(3)
         )
 
+    @one_blas_thread()
     def unstated_input_covariances(self, readings: Session) -> dict[str, FloatArray]:
         """Tip covariance from inputs of the terms that the readings do not state.
 

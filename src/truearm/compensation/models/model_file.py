@@ -46,6 +46,8 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.outliers import MIN_ROBUST_WEIGHT
 from truearm.identification.estimation.tails import LEAST_FREEDOM
 from truearm.identification.terms import SkippedTerm, Term
+from truearm.solve.arrays import add_to_diagonal, cholesky_solver
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
 MODELS: dict[str, type[Compensator]] = {
@@ -62,6 +64,9 @@ MAX_HEADER_BYTES = 16 * 2**20
 MAX_ARRAYS = 10_000
 # Arrays in which numbers may be missing or infinite, by the ends of their names.
 NOT_FINITE = (".lower", ".upper", *(f".{field.name}" for field in fields(TrainingRecord)))
+# Of a covariance scaled to a unit diagonal, beyond rounding.
+MAX_ASYMMETRY = 1e-6
+LEAST_EIGENVALUE = -1e-6
 WRITE_HINT = "write it again: truearm fit ... --out MODEL, or model.save(MODEL)"
 
 Array = npt.NDArray[Any]
@@ -144,6 +149,7 @@ def model_bytes(model: Compensator) -> bytes:
     return content_of_file.getvalue()
 
 
+@one_blas_thread()
 def load_model(path: str | Path) -> Compensator:
     """Read a model file.
 
@@ -416,7 +422,9 @@ def _check_covariance(name: str, array: FloatArray, n: int) -> None:
         scale = np.sqrt(np.abs(array.diagonal()))
         scale[scale == 0] = 1
         whitened = array / np.outer(scale, scale)
-        if np.abs(whitened - whitened.T).max() > 1e-6 or np.linalg.eigvalsh(whitened)[0] < -1e-6:
+        is_symmetric = np.abs(whitened - whitened.T).max() <= MAX_ASYMMETRY
+        add_to_diagonal(whitened, -LEAST_EIGENVALUE)  # the factor exists if no eigenvalue is below it
+        if not is_symmetric or cholesky_solver(whitened) is None:
             raise InputError(f"the array {name} is not a covariance")
 
 

@@ -1,0 +1,85 @@
+"""Laws of `one_blas_thread`: one thread inside, the caller's setting after, and every public verb runs in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import truearm as ta
+from truearm.compensation.models import Compensator
+from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.model_file import load_model
+from truearm.solve.threads import one_blas_thread
+
+# It downloads, and calculates nothing.
+NOT_CALCULATING = {"fetch"}
+VERBS = [
+    name
+    for module, names in ta._HOMES.items()
+    for name in names
+    if module.startswith("truearm.workflows") and name.islower() and name not in NOT_CALCULATING
+]
+
+
+def blas_threads() -> set[int]:
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+@pytest.fixture(autouse=True)
+def two_threads() -> Iterator[None]:
+    with threadpool_limits(2, user_api="blas"):
+        if blas_threads() != {2}:
+            pytest.skip("this BLAS has one thread anyway")
+        yield
+
+
+def test_one_thread_inside_and_the_setting_of_the_caller_after_nested_blocks():
+    with one_blas_thread():
+        with one_blas_thread():
+            assert blas_threads() == {1}
+        assert blas_threads() == {1}
+    assert blas_threads() == {2}
+
+
+def test_the_setting_returns_after_an_error():
+    with pytest.raises(ZeroDivisionError), one_blas_thread():
+        1 / 0  # noqa: B018
+    assert blas_threads() == {2}
+
+
+@pytest.mark.parametrize(
+    "door",
+    [
+        *(pytest.param(getattr(ta, name), id=name) for name in VERBS),
+        load_model,
+        Compensator.fit,
+        Compensator.fit_readings,
+        Compensator.predict_readings,
+        Compensator.covariance_parts,
+        Compensator.predict_nominal_readings,
+        IdentifiedModel.unstated_input_covariances,
+    ],
+)
+def test_every_public_door_runs_in_one_thread(door):
+    """`ContextDecorator` keeps the function it decorates."""
+    assert door.__code__ is one_blas_thread()(lambda: None).__code__
+    assert door.__wrapped__.__name__ == door.__name__
+
+
+def test_a_model_fits_and_predicts_with_one_thread_and_leaves_the_setting(monkeypatch):
+    seen = []
+    tips = IdentifiedModel._tips
+
+    def watched(self: IdentifiedModel, readings: ta.Session) -> np.ndarray:
+        seen.append(blas_threads())
+        return tips(self, readings)
+
+    monkeypatch.setattr(IdentifiedModel, "_tips", watched)
+    session = ta.simulate("ur10", poses=20).session
+    model = ta.NominalModel(ta.load_arm("ur10")).fit_readings(session)
+    model.predict(session.angles)
+    assert seen == [{1}]
+    assert blas_threads() == {2}
