@@ -8,8 +8,10 @@ from dataclasses import replace
 
 import pytest
 
+from truearm.compensation.models import KinematicModel
 from truearm.papers.gao2017 import training_plan as gao2017_training_plan
 from truearm.papers.gao2017.tables import TABLES
+from truearm.workflows.reproduce import reproduce
 
 
 @pytest.fixture
@@ -26,6 +28,9 @@ def small(monkeypatch):
         starts_by_row={},
     )
     monkeypatch.setattr(gao2017_training_plan, "FULL_EFFORT", effort)
+    monkeypatch.setattr("truearm.papers.gao2017.final_test.N_OUTSIDE", 20)
+    # Its fit takes seconds, and what it does is tested elsewhere.
+    monkeypatch.setattr("truearm.papers.gao2017.final_test.PhysicalModel", KinematicModel)
     monkeypatch.setattr(gao2017_training_plan, "QUICK_EFFORT", replace(effort, quick=True, starts=((1e-9, 1),)))
 
 
@@ -60,6 +65,19 @@ def test_a_second_run_prints_the_same_and_trains_nothing(truearm, small, tmp_pat
     said = first.out
     assert "Final test: 200 further poses" in said
     assert said.count("kinematic") == 1
+
+
+def test_what_the_time_limit_cuts_is_marked_until_a_run_without_it(truearm, small, tmp_path):
+    arguments = ["reproduce", "gao2017", "--table", 4, "--out", tmp_path]
+    cut = truearm(*arguments, "--time-limit", "1e-9").out
+    assert "The time limit ended 2 starts before a stop of their own" in cut
+    assert cut.count("(cut)") == 1 + 2 + 2  # the sentence, both trainers in Table 4 and in the final test
+    page = (tmp_path / "table-4.html").read_text()
+    assert "starts cut by our time limit" in page
+    assert "error removed on 200 further poses, trainlm (cut)" in page
+    whole = str(reproduce("gao2017", table=4, folder=tmp_path, time_limit=math.inf))
+    assert "(cut)" not in whole
+    assert "ended" not in whole
 
 
 def test_json_is_what_the_file_holds(truearm, small, tmp_path):
@@ -117,6 +135,8 @@ def test_an_interrupted_reproduction_resumes(truearm, small, tmp_path, monkeypat
         (["--table", 2, "--all"], "expected one of --table, --figure and --all"),
         (["--table", 2, "--figure", 1], "expected one of --table, --figure and --all"),
         (["--table", "two"], "--table"),
+        (["--table", 4, "--time-limit", 0], "expected a time limit above 0 s, got 0.0"),
+        (["--table", 4, "--time-limit", "nan"], "expected a time limit above 0 s, got nan"),
     ],
 )
 def test_what_cannot_be_reproduced_is_refused_in_one_line(truearm, tmp_path, snapshot, arguments, said):

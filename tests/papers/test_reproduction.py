@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
+from truearm.compensation.models import KinematicModel
 from truearm.errors import InputError
 from truearm.papers.gao2017.final_test import poses_outside
 from truearm.papers.gao2017.reproduction import GOAL_MET, _reason, arm_pose, reproduce, verdict
@@ -56,6 +57,8 @@ def small_tables():
         for table, numbers in ROWS.items():
             rows = [row for row in TABLES[table] if row.row in numbers]
             patch.setitem(TABLES, table, tuple(smaller(row) for row in rows))
+        # Its fit takes seconds, and what it does is tested elsewhere.
+        patch.setattr("truearm.papers.gao2017.final_test.PhysicalModel", KinematicModel)
         yield
 
 
@@ -213,7 +216,7 @@ def test_the_estimated_times_are_those_that_the_help_states(effort, monkeypatch)
     for table, rows in PAPERS_TABLES.items():
         monkeypatch.setitem(TABLES, table, rows)
     seconds = sum(training.estimated_seconds for training in plan_trainings(PARTS, effort)[0])
-    assert seconds < (200 if effort.quick else 4000)
+    assert seconds < (200 if effort.quick else 4500)
 
 
 def test_a_time_limit_that_stopped_a_training_is_recorded(tmp_path):
@@ -221,6 +224,26 @@ def test_a_time_limit_that_stopped_a_training_is_recorded(tmp_path):
     one = row_of(results, 4, 4).results["trainlm"]
     assert one.time_limit_s == 1e-9
     assert one.runs[0].stop == "Maximum time elapsed."
+    assert one.n_cut == len(one.runs) == 2
+    assert results.final_test.n_cut("trainlm") == 2
+    assert results.final_test.n_cut("kinematic") == 0
+    assert results.claims.outside.n_cut == 2
+
+
+def test_a_training_that_a_lower_limit_cut_runs_again_and_a_complete_one_does_not(tmp_path):
+    def run(limit_s):
+        training = training_of(2, TABLES[2][0], "varpro", replace(EFFORT, time_limit_s=limit_s), seed=0)
+        return run_training(training, tmp_path, lambda share, note: None)
+
+    cut = run(1e-9)
+    assert (cut.was_cut, cut.epochs) == (True, 0)
+    assert run(1e-9).ended == cut.ended
+    whole = run(None)
+    assert (whole.was_cut, whole.epochs) == (False, 3)
+    for limit_s in (1e-9, 1e9):  # it took what it took
+        again = run(limit_s)
+        assert (again.epochs, again.ended, again.limit_s) == (3, whole.ended, None)
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 # The final test and the claims ----------------------------------------------------------------------------------------
@@ -410,7 +433,7 @@ def test_half_a_file_and_one_that_is_too_large_are_refused(tmp_path, monkeypatch
 def test_a_training_of_another_recipe_is_another_training(monkeypatch):
     training = training_of(2, TABLES[2][0], "varpro", EFFORT, seed=0)
     name = training.name
-    monkeypatch.setattr("truearm.papers.gao2017.training.RECIPE", 2)
+    monkeypatch.setattr("truearm.papers.gao2017.training.RECIPE", 0)
     assert training.name != name
 
 
@@ -441,7 +464,7 @@ def test_evaluation_on_further_poses_is_not_training_time(tmp_path, monkeypatch)
     def progress(share, note):
         clock[0] += 100
 
-    monkeypatch.setattr("truearm.papers.gao2017.training.perf_counter", lambda: clock[0])
+    monkeypatch.setattr("truearm.papers.gao2017.training.process_time", lambda: clock[0])
     monkeypatch.setitem(TRAINERS, "varpro", trainer)
     # Levels that are reached at once, and never.
     training = replace(training_of(2, TABLES[2][0], "varpro", EFFORT, seed=0), levels_mm=(1e-9, 1e9))

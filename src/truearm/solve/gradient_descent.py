@@ -73,6 +73,7 @@ def gradient_descent(
     rate: LearningRate,
     stops: Sequence[StopCriterion],
     callback: Callable[[DescentState], None] | None = None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> DescentState:
     """Follow the gradient down.
 
@@ -94,6 +95,8 @@ def gradient_descent(
         Evaluated in this order at the start and after every epoch.
     callback : callable, optional
         Called with the state at the start and after every epoch, once the stops were evaluated.
+    clock : callable
+        Returns the time [s] that the states count.
 
     Returns
     -------
@@ -105,7 +108,7 @@ def gradient_descent(
     TruearmError
         If the cost at the start is not a finite number.
     """
-    begun = time.perf_counter()
+    begun = clock()
     x = np.array(start, dtype=float)
     cost, gradient = problem.gradient(x)
     if not np.isfinite(cost):
@@ -119,7 +122,7 @@ def gradient_descent(
             cost=cost,
             previous_cost=previous_cost,
             gradient_norm=float(np.linalg.norm(gradient)),
-            seconds=time.perf_counter() - begun,
+            seconds=clock() - begun,
             rate=now,
             step=step,
             **more,

@@ -209,6 +209,7 @@ def minimise(
     stops: Sequence[StopCriterion] = DEFAULT_STOPS,
     callback: Callable[[OptimizerState], None] | None = None,
     update_problem: Callable[[FloatArray, NormalEquations], tuple[Problem, NormalEquations]] | None = None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> LeastSquaresResult:
     """Minimise half a sum of squares.
 
@@ -230,6 +231,8 @@ def minimise(
     update_problem : callable, optional
         Given the parameters (p,) and their equations after every epoch that moved, returns the problem to continue with
         and its equations there: weights that follow the data.
+    clock : callable
+        Returns the time [s] that the states count: passed time, or `time.process_time`.
 
     Returns
     -------
@@ -241,7 +244,7 @@ def minimise(
     TruearmError
         If the cost at the start is not a finite number.
     """
-    begun = time.perf_counter()
+    begun = clock()
     x: Any = start
     equations = problem.normal_equations(x)
     if not np.isfinite(equations.cost):
@@ -255,7 +258,7 @@ def minimise(
             cost=equations.cost,
             previous_cost=previous_cost,
             gradient_norm=float(np.linalg.norm(equations.gradient)),
-            seconds=time.perf_counter() - begun,
+            seconds=clock() - begun,
             damping=damping,
             **more,
         )

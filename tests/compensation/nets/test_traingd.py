@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import time
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ def test_defaults_are_matlabs():
         return {p.name: p.default for p in parameters if p.default is not p.empty and p.default is not None}
 
     common = {"epochs": 1000, "goal": 0, "lr": 0.01, "max_fail": 6, "min_grad": 1e-5, "time": float("inf")}
+    common |= {"clock": time.perf_counter}
     assert defaults(traingd) == common
     assert defaults(traingdx) == common | {"lr_inc": 1.05, "lr_dec": 0.7, "max_perf_inc": 1.04, "mc": 0.9}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from time import perf_counter
 
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
@@ -23,6 +24,7 @@ def train_varpro(
     goal: float = 0.0,
     max_fail: int = 10,
     time: float = float("inf"),
+    clock: Callable[[], float] = perf_counter,
     callback: Callable[[Epoch], None] | None = None,
 ) -> tuple[FloatArray, TrainingRecord]:
     """Train a network whose output layer is linear: far fewer epochs than `trainlm` for the same error.
@@ -41,7 +43,7 @@ def train_varpro(
         The same network on different samples; without `validation` there is no validation stop.
     weights : (n_weights,) array
         Where to start; the output layer's share is not used.
-    epochs, goal, max_fail, time, callback
+    epochs, goal, max_fail, time, clock, callback
         As in `trainlm`.
 
     Returns
@@ -76,6 +78,7 @@ def train_varpro(
             stops=[CostGoal(goal * log.half), MaxEpochs(epochs), MaxSeconds(time), CostConverged(1e-8), *log.stops],
             callback=log.record_lm_epoch,
             acceleration=problem.second_directional_derivative,
+            clock=clock,
         )
     with one_blas_thread():
         return log.best_weights(), log.record(TrainingRecord)

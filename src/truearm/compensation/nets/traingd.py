@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from time import perf_counter
 
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
@@ -39,6 +40,7 @@ def traingd(
     max_fail: int = 6,
     min_grad: float = 1e-5,
     time: float = float("inf"),
+    clock: Callable[[], float] = perf_counter,
     callback: Callable[[Epoch], None] | None = None,
 ) -> tuple[FloatArray, TrainingRecord]:
     """Train a network's weights by ``weights - lr * gradient of the mean squared error``.
@@ -58,7 +60,7 @@ def traingd(
     epochs, goal, lr, max_fail, min_grad, time
         As in MATLAB. `goal` is a mean squared error of scaled outputs, `min_grad` a norm of its gradient, `lr` the
         step for a unit of it, `time` is in seconds.
-    callback
+    clock, callback
         As in `trainlm`.
 
     Returns
@@ -95,5 +97,6 @@ def traingd(
             rate=LearningRate(lr),
             stops=[CostGoal(goal), MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), *log.stops],
             callback=keep,
+            clock=clock,
         )
     return log.best_weights(), log.record(TrainingRecord)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from time import perf_counter
 
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.traingd import MeanSquareProblem
@@ -44,6 +45,7 @@ def traingdx(
     max_fail: int = 6,
     min_grad: float = 1e-5,
     time: float = float("inf"),
+    clock: Callable[[], float] = perf_counter,
     callback: Callable[[Epoch], None] | None = None,
 ) -> tuple[FloatArray, AdaptiveRecord]:
     """Train a network's weights by gradient descent with momentum and an adaptive rate.
@@ -64,7 +66,7 @@ def traingdx(
         Where to start.
     epochs, goal, lr, lr_inc, lr_dec, max_perf_inc, mc, max_fail, min_grad, time
         As in MATLAB; see `traingd`.
-    callback
+    clock, callback
         As in `trainlm`.
 
     Returns
@@ -105,5 +107,6 @@ def traingdx(
             rate=LearningRate(lr, mc, lr_inc, lr_dec, max_perf_inc),
             stops=[CostGoal(goal), MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), *log.stops],
             callback=keep,
+            clock=clock,
         )
     return log.best_weights(), log.record(AdaptiveRecord)

@@ -70,8 +70,17 @@ class TrainingLog:
         """Epochs done."""
         return len(self._rows) - 1
 
-    def keep(self, state: OptimizerState, *, perf: float, gradient: float, extra: tuple[float, ...] = ()) -> None:
-        """Record the state after an epoch, once the stops were asked."""
+    def keep(
+        self,
+        state: OptimizerState,
+        *,
+        perf: float,
+        gradient: float,
+        mu: float | None = None,
+        extra: tuple[float, ...] = (),
+    ) -> None:
+        """Record the state after an epoch, once the stops were asked; `mu` where the trainer counts it otherwise."""
+        mu = state.mu if mu is None else mu
         if self._watch is None:
             vperf, val_fail = np.nan, 0
             best = self._best
@@ -83,13 +92,13 @@ class TrainingLog:
         tperf = np.nan if self._test is None else self._test.mean_square(self._weights_at(state.x))
         if self._callback is not None:
             weights = partial(self._all_weights, state.x)
-            self._callback(Epoch(state.epoch, perf, vperf, state.mu, gradient, val_fail, state.seconds, weights))
-        self._rows.append((perf, vperf, tperf, state.mu, gradient, val_fail, state.seconds, *extra))
+            self._callback(Epoch(state.epoch, perf, vperf, mu, gradient, val_fail, state.seconds, weights))
+        self._rows.append((perf, vperf, tperf, mu, gradient, val_fail, state.seconds, *extra))
         self._stop = "" if state.reason is None else state.reason.text
 
-    def record_lm_epoch(self, state: OptimizerState) -> None:
+    def record_lm_epoch(self, state: OptimizerState, *, mu: float | None = None) -> None:
         """Record a state of Levenberg-Marquardt on the errors alone."""
-        self.keep(state, perf=state.cost / self.half, gradient=state.gradient_norm / self.half)
+        self.keep(state, perf=state.cost / self.half, gradient=state.gradient_norm / self.half, mu=mu)
 
     def best_weights(self) -> FloatArray:
         """All weights (n_weights,) of the best epoch by the validation error, or by `perf` without validation data."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from time import perf_counter
 
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
@@ -14,6 +15,7 @@ from truearm.solve import (
     MaxEpochs,
     MaxSeconds,
     MinGradient,
+    OptimizerState,
     levenberg_marquardt,
 )
 from truearm.solve.threads import one_blas_thread
@@ -35,6 +37,7 @@ def trainlm(
     mu_inc: float = 10.0,
     mu_max: float = 1e10,
     time: float = float("inf"),
+    clock: Callable[[], float] = perf_counter,
     callback: Callable[[Epoch], None] | None = None,
 ) -> tuple[FloatArray, TrainingRecord]:
     """Train a network's weights.
@@ -51,7 +54,9 @@ def trainlm(
         Where to start.
     epochs, goal, max_fail, min_grad, mu, mu_dec, mu_inc, mu_max, time
         As in MATLAB. `goal` is a mean squared error of scaled outputs, `min_grad` a norm of its gradient, `time` is
-        in seconds. The damping `mu` is added to ``J^T J`` of the scaled errors, summed over samples and outputs.
+        in seconds. The damping `mu` is added to ``J^T J / n`` of the n scaled errors, as MATLAB's is for ``mse``.
+    clock : callable
+        Returns the seconds that `time` and the record count: passed time, or `time.process_time`.
     callback : callable, optional
         Called after every epoch, and at the start.
 
@@ -68,7 +73,9 @@ def trainlm(
     """
     start = checked_start(training, weights, validation, test)
     check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad, max_fail=max_fail)
-    damping = MarquardtDamping(mu, mu_dec, mu_inc, mu_max)
+    # (J^T J / n + mu I) step = -J^T e / n, multiplied by n.
+    n = training.n_errors
+    damping = MarquardtDamping(n * mu, mu_dec, mu_inc, n * mu_max)
     log = TrainingLog(
         training,
         validation,
@@ -76,6 +83,9 @@ def trainlm(
         max_fail=max_fail,
         callback=callback,
     )
+
+    def keep(state: OptimizerState) -> None:
+        log.record_lm_epoch(state, mu=state.mu / n)
 
     with one_blas_thread():
         levenberg_marquardt(
@@ -90,6 +100,7 @@ def trainlm(
                 DampingLimit(),
                 *log.stops,
             ],
-            callback=log.record_lm_epoch,
+            callback=keep,
+            clock=clock,
         )
     return log.best_weights(), log.record(TrainingRecord)

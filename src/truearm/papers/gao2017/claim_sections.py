@@ -29,12 +29,21 @@ from truearm.papers.gao2017.phrases import (
     SHARES_NOTE,
     MissingPart,
     as_count,
+    cut_note,
     format_degrees,
     format_row_numbers,
+    mark_cut,
     range_cell,
     with_figure_number,
 )
-from truearm.papers.gao2017.results import FITTED_BOX, FinalTestResult, ModelErrors, Reproduction, RowResult
+from truearm.papers.gao2017.results import (
+    FITTED_BOX,
+    METHODS,
+    FinalTestResult,
+    ModelErrors,
+    Reproduction,
+    RowResult,
+)
 from truearm.typing import FloatArray
 
 # The final test ------------------------------------------------------------------------------------------------------
@@ -57,12 +66,16 @@ def final_test_section(results: Reproduction, *, styles: Mapping[str, Style]) ->
     if test is None:
         no_test = MissingPart("The final test", "--table 4")
         return Section(title, "\n\n".join([str(no_test), *missing]), figures=tuple(figures)) if figures else no_test
-    removed = join_phrases(f"{name} {format_percent(share / 100)}" for name, share in removed_percent(test).items())
+    removed = join_phrases(
+        f"{mark_cut(name, test.n_cut(name))} {format_percent(share / 100)}"
+        for name, share in removed_percent(test).items()
+    )
+    n_cut = sum(test.n_cut(name) for name in METHODS)
     text = (
         f"Share of the nominal error that is removed, median on {format_count(len(test.runs), 'virtual arm')}: "
         f"{removed or 'no model was fitted'}. The paper reports "
         f"{format_percent(test.paper['network'].removed_percent / 100)}. The test has {test.poses} further poses; an "
-        f"error is the absolute error of one coordinate, of {3 * test.poses} in all. {SHARES_NOTE}"
+        f"error is the absolute error of one coordinate, of {3 * test.poses} in all. {SHARES_NOTE}{cut_note(n_cut)}"
     )
     return Section(title, "\n\n".join([text, *missing]), tables=(_final_table(test),), figures=tuple(figures))
 
@@ -90,7 +103,7 @@ def _final_table(test: FinalTestResult) -> Table:
         line("paper, nominal", [test.paper["nominal"]], compensated=False),
         line("paper, network", [test.paper["network"]]),
         line("nominal", test.of("nominal"), compensated=False),
-        *(line(name, errors) for name, errors in test.models().items()),
+        *(line(mark_cut(name, test.n_cut(name)), errors) for name, errors in test.models().items()),
         ("noise floor", *spread([run.noise_floor_mm for run in test.runs]), *[None] * 6),
     ]
     return Table(
@@ -127,6 +140,7 @@ def share_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Sect
         f"{format_mm(nominal / 10)}, the same remaining {format_mm(remaining)} would be "
         f"{format_percent(1 - remaining / (nominal / 10))} removed. In use, the remaining error counts, and where it "
         f"applies: inside the box of joint angles in which the network was trained. {SHARES_NOTE}"
+        f"{cut_note(sum(test.n_cut(name) for name in METHODS))}"
     )
     drawn = {"nominal": nominal, "paper": test.paper["network"].mean_mm, **errors, "noise floor": floor}
     return Section(
@@ -150,7 +164,7 @@ def learning_rate_section(results: Reproduction, *, styles: Mapping[str, Style])
         f"trainlm has no learning rate. The paper's {format_row_numbers(claim.rows)}, with the rates {rates}, "
         f"are one training. Here its mean error is {format_mm(claim.mean_mm)}, the median of its starts; "
         f"the paper's values range from {format_mm(min(claim.paper_mean_mm))} to "
-        f"{format_mm(max(claim.paper_mean_mm))}."
+        f"{format_mm(max(claim.paper_mean_mm))}.{cut_note(claim.n_cut)}"
     )
     return Section("The learning rate", text, figures=(learning_rate_figure(claim, style=styles["trainlm"]),))
 
@@ -169,6 +183,7 @@ def scatter_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Se
         f"{format_percent(claim.paper_relative_spread)}; the paper attributes this to other goals and learning rates. "
         "Only the spreads are comparable: the level depends on the box. On 2000 poses the same starts range from "
         f"{format_mm(min(many))} to {format_mm(max(many))}; the choice of ten test poses causes the rest."
+        f"{cut_note(claim.n_cut)}"
     )
     return Section("The scatter of starts", text, figures=(scatter_figure(claim, style=styles["trainlm"]),))
 
@@ -195,6 +210,8 @@ def joint_ranges_section(results: Reproduction, *, styles: Mapping[str, Style]) 
             + (f"in a box of {places}." if places else "in none of the boxes tried.")
             + _nearby_errors(claim.half_width_deg, errors, boxes.simulation_deg)
         )
+    if claim.n_cut:
+        text.append(cut_note(claim.n_cut).strip())
     picture = box_figure(claim, chosen=boxes.simulation_deg, styles=styles)
     return Section(title, "\n\n".join(text), figures=(picture,))
 
@@ -246,6 +263,7 @@ def outside_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Se
             if worse
             else ""
         )
+        + cut_note(claim.n_cut)
     )
     return Section("Outside the box", text, figures=(outside_figure(claim, styles=styles),))
 

@@ -27,6 +27,7 @@ def learning_rate(networks: Sequence[TrainingResult]) -> LearningRate | None:
         rows=tuple(row.row for row in rows),
         mean_mm=median(_mean_error(one) for one in networks),
         paper_mean_mm=tuple(row.mean_mm for row in rows),
+        n_cut=sum(one.was_cut for one in networks),
     )
 
 
@@ -44,6 +45,7 @@ def scatter(networks: Sequence[TrainingResult]) -> Scatter | None:
         paper_rows=tuple(row.row for row in rows),
         paper_rows_mean_mm=tuple(row.mean_mm for row in rows),
         paper_relative_spread=relative_spread([row.mean_mm for row in rows]),
+        n_cut=sum(one.was_cut for one in networks),
     )
 
 
@@ -55,13 +57,12 @@ def relative_spread(values: Sequence[float]) -> float:
 def box_study(effort: Effort, results: Mapping[Training, TrainingResult]) -> BoxStudy:
     """Rows 1 and 15 of Table 2 in boxes of several half-widths, one start each."""
     widths = effort.half_widths_deg
+    by_row = {row.row: [results[box_training(row, width, effort)] for width in widths] for row in box_rows()}
     return BoxStudy(
         half_width_deg=widths,
-        mean_mm={
-            row.row: tuple(_mean_error(results[box_training(row, width, effort)]) for width in widths)
-            for row in box_rows()
-        },
+        mean_mm={number: tuple(map(_mean_error, networks)) for number, networks in by_row.items()},
         paper_mean_mm={row.row: row.mean_mm for row in box_rows()},
+        n_cut=sum(one.was_cut for networks in by_row.values() for one in networks),
     )
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from time import process_time
 
 import numpy as np
 
 from truearm.arm import load_arm
-from truearm.compensation.models import KinematicModel
+from truearm.compensation.models import Compensator, KinematicModel, PhysicalModel
 from truearm.papers.gao2017.results import (
     METHODS,
+    MODELS,
     FinalTestResult,
     FinalTestRun,
     Method,
@@ -44,9 +46,20 @@ def networks_by_seed(effort: Effort, results: Results, method: Method) -> dict[i
 
 
 @lru_cache(maxsize=16)
-def _kinematic_model(n: int, seed: int) -> KinematicModel:
+def _models(n: int, seed: int) -> dict[str, tuple[Compensator, float]]:
+    """The models of the arm, identified from the readings of the networks, each with the CPU time of its fit [s]."""
     readings = EXPERIMENT.measurement(n, seed=seed, stream=TRAINING_STREAM).readings
-    return KinematicModel(load_arm(ARM), free=()).fit_readings(readings)
+    arm = load_arm(ARM)
+    models: dict[str, Compensator] = {
+        "kinematic": KinematicModel(arm, free=()),
+        "physical": PhysicalModel(arm, free=()),
+    }
+    fitted: dict[str, tuple[Compensator, float]] = {}
+    for name in MODELS:
+        begun = process_time()
+        models[name].fit_readings(readings)
+        fitted[name] = models[name], process_time() - begun
+    return fitted
 
 
 def final_test(effort: Effort, results: Results) -> FinalTestResult | None:
@@ -72,10 +85,10 @@ def _final_test_run(seed: int, networks: Mapping[Method, TrainingResult]) -> Fin
     measurement = EXPERIMENT.measurement(FINAL_TEST.poses, seed=seed, stream=FINAL_TEST_STREAM)
     angles, points = measurement.readings.angles, measurement.readings.points
     assert points is not None  # a virtual reference measures every pose
-    kinematic = _kinematic_model(TABLES[4][-1].n_train, seed)
+    models = _models(TABLES[4][-1].n_train, seed)
     nominal = float(np.abs(load_arm(ARM).chain.tip_in_base(angles) - points).mean())
 
-    def errors(predicted: FloatArray, seconds: float | None = None) -> ModelErrors:
+    def errors(predicted: FloatArray, seconds: float | None = None, *, was_cut: bool = False) -> ModelErrors:
         errors = np.abs(predicted - points)
         return ModelErrors(
             float(errors.mean()),
@@ -83,14 +96,21 @@ def _final_test_run(seed: int, networks: Mapping[Method, TrainingResult]) -> Fin
             {level: int((errors > level).sum()) for level in FINAL_TEST.over_mm},
             100 * (1 - float(errors.mean()) / nominal),
             seconds,
+            was_cut,
         )
 
     return FinalTestRun(
         seed,
         {
             "nominal": errors(load_arm(ARM).chain.tip_in_base(angles)),
-            **{method: errors(network.predict(angles), network.seconds) for method, network in networks.items()},
-            "kinematic": errors(kinematic.predict(angles), kinematic.fit_seconds_),
+            **{
+                method: errors(network.predict(angles), network.seconds, was_cut=network.was_cut)
+                for method, network in networks.items()
+            },
+            **{
+                name: errors(model.predict_readings(measurement.readings), seconds)
+                for name, (model, seconds) in models.items()
+            },
         },
         virtual_arm(seed).noise_floor(measurement)["mean_abs_coordinate_mm"],
     )
@@ -125,9 +145,9 @@ def errors_outside_box(effort: Effort, results: Results) -> OutsideErrors | None
     networks = networks_by_seed(effort, results, "varpro")
     if not networks:
         return None
-    errors: dict[str, list[FloatArray]] = {"varpro": [], "nominal": [], "kinematic": []}
+    errors: dict[str, list[FloatArray]] = {name: [] for name in ("varpro", "nominal", *MODELS)}
     for seed, network in networks.items():
-        kinematic, arm = _kinematic_model(TABLES[4][-1].n_train, seed), virtual_arm(seed)
+        models, arm = _models(TABLES[4][-1].n_train, seed), virtual_arm(seed)
         for distance in DISTANCES_DEG:
             poses = poses_outside(N_OUTSIDE, half_width_deg=EXPERIMENT.half_width_deg, distance_deg=distance, seed=seed)
             readings = arm.measure(poses, seed=stream_seed(seed, OUTSIDE_STREAM)).readings
@@ -135,7 +155,7 @@ def errors_outside_box(effort: Effort, results: Results) -> OutsideErrors | None
             predicted = {
                 "varpro": network.predict(readings.angles),
                 "nominal": arm.nominal.chain.tip_in_base(readings.angles),
-                "kinematic": kinematic.predict(readings.angles),
+                **{name: model.predict_readings(readings) for name, (model, _) in models.items()},
             }
             for name, points in predicted.items():
                 errors[name].append(np.abs(points - readings.points))
@@ -149,4 +169,5 @@ def errors_outside_box(effort: Effort, results: Results) -> OutsideErrors | None
         DISTANCES_DEG,
         {name: tuple(np.median(values, axis=1).tolist()) for name, values in by_distance.items()},
         tuple(np.percentile(by_distance["varpro"], 95, axis=1).tolist()),
+        n_cut=sum(network.was_cut for network in networks.values()),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from truearm.pages.number_format import format_in_text, format_number
+from truearm.pages.number_format import format_count, format_in_text, format_number
 from truearm.pages.page import Cell
 from truearm.pages.plotting import Figure
 
@@ -25,6 +25,25 @@ class MissingPart:
 
     def __str__(self) -> str:
         return f"{self.what} is not part of this run. To make it: {COMMAND} {self.option}"
+
+
+CUT = "cut"
+"""Marks a result with a training that the time limit ended."""
+
+
+def mark_cut(text: str, n_cut: int | bool) -> str:
+    """A label, marked if the time limit ended a training that its number comes from."""
+    return f"{text} ({CUT})" if n_cut else text
+
+
+def cut_note(n_cut: int, what: str = "training") -> str:
+    """A sentence on trainings that the time limit ended; empty without any."""
+    if not n_cut:
+        return ""
+    return (
+        f" The time limit ended {format_count(n_cut, what)} of these before a stop of its own: what it would have "
+        "reached is not known."
+    )
 
 
 def format_row_numbers(numbers: Iterable[int]) -> str:

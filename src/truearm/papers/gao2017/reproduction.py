@@ -15,6 +15,7 @@ from truearm.papers.gao2017.final_test import errors_outside_box, final_test, fi
 from truearm.papers.gao2017.results import (
     CUT_SHORT,
     FITTED_BOX,
+    GOAL_MET,
     METHODS,
     SKIPPED,
     ArmPose,
@@ -73,7 +74,6 @@ RULE = (
     "judged are rows that were used to fit the box, which agree by construction; rows stopped by the time limit; and "
     "rows that repeat the training of another row, which have no verdict"
 )
-GOAL_MET, TIME_OVER = "Performance goal met.", "Maximum time elapsed."
 
 Results = Mapping[Training, TrainingResult]
 
@@ -176,7 +176,7 @@ def _trainer_result(
         return None
     level = None if row.trainer in GRADIENT_TRAINERS else row.mean_mm
     runs = [_run(results[one], N_TEST[table], level) for one in wanted]
-    limited = any(run.stop == TIME_OVER for run in runs)
+    limited = any(run.was_cut for run in runs)
     return TrainerResult.of(wanted[0].trainer, runs, time_limit_s=wanted[0].time_limit_s if limited else None)
 
 

@@ -22,10 +22,10 @@ from truearm.papers.gao2017.claim_sections import (
     share_section,
 )
 from truearm.papers.gao2017.network_drawing import network_layers
-from truearm.papers.gao2017.phrases import COMMAND, MissingPart, as_count, format_degrees, with_figure_number
-from truearm.papers.gao2017.results import METHODS, ArmPose, Reproduction
+from truearm.papers.gao2017.phrases import COMMAND, MissingPart, as_count, format_degrees, mark_cut, with_figure_number
+from truearm.papers.gao2017.results import METHODS, MODELS, ArmPose, Reproduction
 from truearm.papers.gao2017.table_figure import PAPER_STYLE
-from truearm.papers.gao2017.table_sections import count_verdicts, describe_accuracy, speedups, table_section
+from truearm.papers.gao2017.table_sections import count_cut, count_verdicts, describe_accuracy, speedups, table_section
 from truearm.papers.gao2017.tables import TABLE_1
 
 TITLE = "Gao et al. 2017, reproduced"
@@ -40,7 +40,7 @@ _PURPOSE = (
     "is the trainer of truearm: it solves the output layer exactly at every step, with the damping of Nielsen's rule."
 )
 _STYLES: dict[str, Style] = {
-    **styles_of((*METHODS, "kinematic", "noise floor", "nominal")),
+    **styles_of((*METHODS, *MODELS, "noise floor", "nominal")),
     "paper": PAPER_STYLE,
     **styles_of(("row 1", "row 15")),
 }
@@ -91,7 +91,11 @@ def _summary(results: Reproduction) -> tuple[LabelledValue, ...]:
         if verdicts:
             good = verdicts["reproduced"] + verdicts["better"]
             value = f"{good} of {good + verdicts['not reached']}"
-            rows.append(LabelledValue(f"table rows reproduced or better, {method}", value))
+            label = f"table rows reproduced or better, {method}"
+            judged = [
+                row for row in results.rows() if row.verdicts.get(method) in ("reproduced", "better", "not reached")
+            ]
+            rows.append(LabelledValue(mark_cut(label, count_cut(judged, method)), value))
     times = speedups(results.rows())
     if times:
         label = "speed-up of varpro over trainlm to the paper's mean error, median of rows"
@@ -99,8 +103,8 @@ def _summary(results: Reproduction) -> tuple[LabelledValue, ...]:
     test = results.final_test
     if test is not None:
         for name, share in removed_percent(test).items():
-            if name != "kinematic":
-                rows.append(LabelledValue(f"error removed on {test.poses} further poses, {name}", share, "%"))
+            label = mark_cut(f"error removed on {test.poses} further poses, {name}", test.n_cut(name))
+            rows.append(LabelledValue(label, share, "%"))
     return tuple(rows)
 
 

@@ -17,8 +17,13 @@ Method = Literal["trainlm", "varpro"]
 METHODS: tuple[Method, Method] = ("trainlm", "varpro")
 """The paper's own trainings by MATLAB's rules (gradient descent in two rows of Table 3), and truearm's trainer."""
 
+MODELS = ("kinematic", "physical")
+"""Models of the arm that are identified from the readings of the networks."""
+
 SKIPPED, FITTED_BOX, CUT_SHORT = "skipped", "used to fit the box", "stopped by the time limit"
 """Verdicts that are no judgement of a row."""
+GOAL_MET, TIME_OVER = "Performance goal met.", "Maximum time elapsed."
+"""Stops of a training, in MATLAB's words; the time limit is ours."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,7 @@ class Run:
     ----------
     seed, epochs : int
     seconds : float
+        CPU time.
     stop : str
         Why it ended, in MATLAB's words.
     mean_mm, max_mm : float
@@ -49,6 +55,11 @@ class Run:
     max_many_mm: float
     seconds_to_paper: float | None
     epochs_to_paper: int | None
+
+    @property
+    def was_cut(self) -> bool:
+        """Whether the time limit ended it."""
+        return self.stop == TIME_OVER
 
 
 @dataclass(frozen=True)
@@ -80,6 +91,11 @@ class TrainerResult:
         many = [run.mean_many_mm for run in runs]
         medians = {key: float(median(getattr(run, key) for run in runs)) for key in keys}
         return cls(trainer, tuple(runs), medians, (min(many), max(many)), time_limit_s)
+
+    @property
+    def n_cut(self) -> int:
+        """Number of starts that the time limit ended."""
+        return sum(run.was_cut for run in self.runs)
 
     @property
     def seconds_to_paper(self) -> list[float]:
@@ -143,7 +159,9 @@ class ModelErrors:
     removed_percent : float
         Share of the nominal mean error that the model removes.
     seconds : float or None
-        Of the fit.
+        CPU time of the fit.
+    was_cut : bool
+        Whether the time limit ended the training of the network.
     """
 
     mean_mm: float
@@ -151,11 +169,12 @@ class ModelErrors:
     over_mm: dict[float, int]
     removed_percent: float
     seconds: float | None = None
+    was_cut: bool = False
 
 
 @dataclass(frozen=True)
 class FinalTestRun:
-    """The final test on one virtual arm: errors of nominal, kinematic and the two networks, and the noise floor."""
+    """The final test on one virtual arm: errors of the nominal arm, networks and models, and the noise floor."""
 
     seed: int
     errors: dict[str, ModelErrors]
@@ -174,19 +193,27 @@ class FinalTestResult:
         """Errors of a model on every virtual arm that it was fitted to."""
         return [run.errors[model] for run in self.runs if model in run.errors]
 
+    def n_cut(self, model: str) -> int:
+        """Number of arms on which the time limit ended the training of a network."""
+        return sum(one.was_cut for one in self.of(model))
+
     def models(self) -> dict[str, list[ModelErrors]]:
         """Errors of the fitted models that were run."""
-        return {name: errors for name in (*METHODS, "kinematic") if (errors := self.of(name))}
+        return {name: errors for name in (*METHODS, *MODELS) if (errors := self.of(name))}
 
 
 @dataclass(frozen=True)
 class LearningRate:
-    """Rows of the paper that differ in the learning rate only, and the one training that they share."""
+    """Rows of the paper that differ in the learning rate only, and the one training that they share.
+
+    `n_cut` of its starts were ended by the time limit; so in the other claims.
+    """
 
     rates: tuple[float, ...]
     rows: tuple[int, ...]
     mean_mm: float
     paper_mean_mm: tuple[float, ...]
+    n_cut: int = 0
 
 
 @dataclass(frozen=True)
@@ -200,6 +227,7 @@ class Scatter:
     paper_rows: tuple[int, ...]
     paper_rows_mean_mm: tuple[float, ...]
     paper_relative_spread: float
+    n_cut: int = 0
 
 
 @dataclass(frozen=True)
@@ -209,6 +237,7 @@ class BoxStudy:
     half_width_deg: tuple[float, ...]
     mean_mm: dict[int, tuple[float, ...]]
     paper_mean_mm: dict[int, float]
+    n_cut: int = 0
 
 
 @dataclass(frozen=True)
@@ -218,6 +247,7 @@ class OutsideErrors:
     distance_deg: tuple[float, ...]
     median_mm: dict[str, tuple[float, ...]]
     varpro_p95_mm: tuple[float, ...]
+    n_cut: int = 0
 
 
 @dataclass(frozen=True)

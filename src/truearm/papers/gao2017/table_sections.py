@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from truearm.pages.number_format import capitalize, format_count, format_exact, format_in_text, format_number
 from truearm.pages.page import Cell, Column, Section, Table
-from truearm.pages.plotting import Style, join_phrases
-from truearm.papers.gao2017.phrases import SHARES_NOTE, MissingPart, format_row_numbers, range_cell
-from truearm.papers.gao2017.results import FITTED_BOX, METHODS, Method, RowResult, TrainerResult, trained
+from truearm.pages.plotting import Figure, Style, join_phrases
+from truearm.papers.gao2017.phrases import SHARES_NOTE, MissingPart, format_row_numbers, mark_cut, range_cell
+from truearm.papers.gao2017.results import CUT_SHORT, FITTED_BOX, METHODS, Method, RowResult, TrainerResult, trained
 from truearm.papers.gao2017.table_figure import TableFigureRow, table_figure
 
 _SUBJECT = {
@@ -51,8 +52,15 @@ def table_section(
         title,
         "\n\n".join(part for part in parts if part),
         tables=(_accuracy(number, rows), _effort(number, rows)),
-        figures=(table_figure([_figure_row(row) for row in rows], headings=("row", "poses", "units"), styles=styles),),
+        figures=(_figure(rows, styles=styles),),
     )
+
+
+def _figure(rows: Sequence[RowResult], *, styles: Mapping[str, Style]) -> Figure:
+    figure = table_figure([_figure_row(row) for row in rows], headings=("row", "poses", "units"), styles=styles)
+    if not any(count_cut(rows, name) for name in METHODS):
+        return figure
+    return replace(figure, caption=f"{figure.caption} * Our time limit ended a training of this row.")
 
 
 def _accuracy(number: int, rows: Sequence[RowResult]) -> Table:
@@ -73,9 +81,7 @@ def _accuracy(number: int, rows: Sequence[RowResult]) -> Table:
     for name in METHODS:
         columns[Column(name, group="mean / paper's", digits=2)] = [row.ratio[name] for row in rows]
     for name in METHODS:
-        columns[Column(name, group="verdict")] = [
-            row.verdict[name] or (f"as row {row.same_training_as}" if name == "trainlm" else None) for row in rows
-        ]
+        columns[Column(name, group="verdict")] = [_verdict(row, name) for row in rows]
     one_size = len({row.paper.n_train for row in rows}) == 1
     if one_size:
         del columns[Column("poses")]
@@ -86,6 +92,12 @@ def _accuracy(number: int, rows: Sequence[RowResult]) -> Table:
         "median and range of the starts. Largest error: on as many poses as the paper tested, median of the starts. "
         f"{SHARES_NOTE.rstrip('.')}",
     )
+
+
+def _verdict(row: RowResult, name: Method) -> str | None:
+    text = row.verdict[name] or (f"as row {row.same_training_as}" if name == "trainlm" else None)
+    result = row.results[name]
+    return mark_cut(text, result.n_cut) if text and result is not None and text != CUT_SHORT else text
 
 
 def _effort(number: int, rows: Sequence[RowResult]) -> Table:
@@ -114,6 +126,10 @@ def _effort(number: int, rows: Sequence[RowResult]) -> Table:
         )
         columns[Column(f"{name}, starts", "s", group=group)] = _cells(
             rows, name, lambda one: f"{len(one.seconds_to_paper)}/{len(one.runs)}", only=timed
+        )
+    for name in METHODS:
+        columns[Column(name, group="starts cut by our time limit")] = _cells(
+            rows, name, lambda one: f"{one.n_cut}/{len(one.runs)}" if one.n_cut else None
         )
     columns[Column("trainlm stopped by")] = _cells(rows, "trainlm", _stops)
     return _table(
@@ -158,7 +174,7 @@ def _units(row: RowResult) -> str:
 def _figure_row(row: RowResult) -> TableFigureRow:
     results = {name: result for name, result in row.results.items() if result is not None}
     return TableFigureRow(
-        (str(row.paper.row), str(row.paper.n_train), _units(row)),
+        (f"{row.paper.row}{'*' * any(one.n_cut for one in results.values())}", str(row.paper.n_train), _units(row)),
         row.paper.mean_mm,
         row.paper.seconds,
         {name: [run.mean_many_mm for run in one.runs] for name, one in results.items()},
@@ -242,7 +258,15 @@ def describe_accuracy(rows: Sequence[RowResult]) -> str:
     parts = [f"in {good} of {format_count(run, 'row')} with {name}" for name, (good, run) in counts.items() if run]
     if not parts:
         return ""
+    cut = {name: count_cut(rows, name) for name in METHODS}
+    cuts = " and ".join(f"of {format_count(n, 'row')} with {name}" for name, n in cut.items() if n)
     return (
         f"Half of the starts or more reach the paper's mean error {' and '.join(parts)}; rows that were used to fit "
-        f"the box, and repeated rows, are not counted. {SHARES_NOTE}"
+        f"the box, and repeated rows, are not counted. {f'Our time limit cut trainings {cuts}. ' if cuts else ''}"
+        f"{SHARES_NOTE}"
     )
+
+
+def count_cut(rows: Iterable[RowResult], name: Method) -> int:
+    """The number of rows with a training that the time limit ended, each training once."""
+    return sum(result.n_cut > 0 for row, result in trained(list(rows), name) if name in row.verdicts)

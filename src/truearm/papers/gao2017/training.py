@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Annotated, Any
 
 import numpy as np
@@ -33,6 +33,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.identification.planning.sampling import box
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
+from truearm.papers.gao2017.results import TIME_OVER
 from truearm.solve.threads import cores
 from truearm.typing import FloatArray
 
@@ -44,7 +45,7 @@ N_EVALUATION_POSES = 2000
 """Further poses on which an error is evaluated, in addition to the few of the paper's test."""
 TRAINING_STREAM, TEST_STREAM, EVALUATION_STREAM, OUTSIDE_STREAM, FINAL_TEST_STREAM = 0, 1, 3, 4, 5
 """Random streams of poses and noise of one seed; `truearm.workflows.demo` has 0 to 2."""
-RECIPE = 1
+RECIPE = 2
 """Raised whenever the course of a training changes, so that no result of an older course is used for it."""
 LARGEST_FILE = 20_000_000  # bytes: a network of the paper takes less than one
 
@@ -124,7 +125,7 @@ class Training:
     validation_share : float
         Share of the poses for the validation stop; as many again are test data, as in MATLAB.
     time_limit_s : float or None
-        MATLAB's ``time``.
+        Limit of the CPU time, which does not depend on what else the machine does as the passed time would.
     seed : int
         Of the poses, the division and the start weights.
     levels_mm : tuple of float
@@ -153,8 +154,8 @@ class Training:
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of the program's version, the recipe and all settings that determine the result."""
-        settings = asdict(self) | {"expected_epochs": None}
+        """SHA-256 of the program's version, the recipe and all settings that determine a complete training."""
+        settings = asdict(self) | {"expected_epochs": None, "time_limit_s": None}
         return hashlib.sha256(json.dumps([__version__, RECIPE, settings]).encode()).hexdigest()
 
     @property
@@ -166,14 +167,17 @@ class Training:
 
     @property
     def estimated_seconds(self) -> float:
-        """Estimated time on two cores of a current machine [s]: 6e10 products a second, and the work for each pose."""
+        """Estimated time on two cores of a current machine [s]: 6e10 products a second, and the work for each pose.
+
+        The limit is one of CPU time, of which two cores spend two seconds in a second.
+        """
         fitted, weights = self.n_train * (1 - 2 * self.validation_share), self.network.n_weights
         if self.trainer in GRADIENT_TRAINERS:
             epoch = 1e-3 + 6 * fitted * weights / 1e10
         else:
             epoch = 1e-3 + 1.5e-6 * fitted + fitted * weights**2 / 6e10 + weights**3 / 1e11
         epochs = min(self.epochs, self.expected_epochs or self.epochs)
-        return min(epochs * epoch, self.time_limit_s or math.inf)
+        return min(epochs * epoch, (self.time_limit_s or math.inf) / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +190,7 @@ class TrainingResult:
     epochs : int
         Done.
     seconds : float
-        Without the evaluation on further poses.
+        CPU time of all threads, without the evaluation on further poses.
     stop : str
         Why it ended, in MATLAB's words.
     machine : dict
@@ -195,6 +199,8 @@ class TrainingResult:
         Date and time, UTC.
     reached : dict of float to (int, float)
         For each level that was reached, the first epoch and time [s].
+    limit_s : float or None
+        The time limit that it ran under.
     weights : (n_weights,) array
     angle_scale, point_scale : MinMaxScaler
         Angles [rad] and points [mm] onto [-1, 1].
@@ -207,9 +213,15 @@ class TrainingResult:
     machine: dict[str, Any]
     ended: str
     reached: dict[float, tuple[int, float]]
+    limit_s: float | None
     weights: FloatArray
     angle_scale: MinMaxScaler
     point_scale: MinMaxScaler
+
+    @property
+    def was_cut(self) -> bool:
+        """Whether the time limit ended it before a stop of its own."""
+        return self.stop == TIME_OVER
 
     def predict(self, angles: FloatArray) -> FloatArray:
         """Points (n, 3) [mm] at angles (n, 6) [rad]."""
@@ -225,7 +237,7 @@ class TrainingResult:
 def run_training(training: Training, folder: Path, progress: ProgressCallback) -> TrainingResult:
     """Train, or read the result of a training that has finished before: ``NAME.json`` in `folder`.
 
-    An interrupted training starts again; its time limit bounds the loss.
+    A result that a lower time limit cut is replaced. An interrupted training starts again.
 
     Raises
     ------
@@ -234,7 +246,9 @@ def run_training(training: Training, folder: Path, progress: ProgressCallback) -
     """
     file = folder / f"{training.name}.json"
     if file.exists():
-        return _TrainingFile.read(file, training)
+        found = _TrainingFile.read(file, training)
+        if not found.was_cut or (found.limit_s or math.inf) >= (training.time_limit_s or math.inf):
+            return found
     result = _train(training, progress)
     with atomic_file(file) as beside:
         beside.write_text(_TrainingFile.of(result).model_dump_json() + "\n", encoding="utf-8", newline="\n")
@@ -270,7 +284,7 @@ def _train(training: Training, progress: ProgressCallback) -> TrainingResult:
     def evaluate(epoch: Epoch) -> None:
         # The evaluation is no part of the training, but the trainer's clock includes all evaluations before this one.
         nonlocal evaluation_seconds
-        begun, seconds = perf_counter(), epoch.seconds - evaluation_seconds
+        begun, seconds = process_time(), epoch.seconds - evaluation_seconds
         missing = [level for level in training.levels_mm if level not in reached]
         if missing:
             predicted = point_scale.unscale(network.outputs(epoch.weights(), many_inputs)).T
@@ -279,7 +293,7 @@ def _train(training: Training, progress: ProgressCallback) -> TrainingResult:
         limit = training.time_limit_s or math.inf
         rms = math.sqrt(epoch.perf * float(np.mean(point_scale.half_range**2)))
         progress(max(epoch.epoch / training.epochs, epoch.seconds / limit), f"epoch {epoch.epoch}, {rms:.4f} mm rms")
-        evaluation_seconds += perf_counter() - begun
+        evaluation_seconds += process_time() - begun
 
     weights, record = TRAINERS[training.trainer](
         fit,
@@ -288,6 +302,7 @@ def _train(training: Training, progress: ProgressCallback) -> TrainingResult:
         epochs=training.epochs,
         goal=training.goal,
         time=training.time_limit_s or math.inf,
+        clock=process_time,
         callback=evaluate,
     )
     return TrainingResult(
@@ -298,6 +313,7 @@ def _train(training: Training, progress: ProgressCallback) -> TrainingResult:
         machine=machine_data(),
         ended=datetime.now(UTC).isoformat(timespec="seconds"),
         reached=reached,
+        limit_s=training.time_limit_s,
         weights=weights,
         angle_scale=angle_scale,
         point_scale=point_scale,
@@ -336,6 +352,7 @@ class _TrainingFile(_Schema):
     reached: Annotated[list[tuple[_Number, _Count, _Seconds]], Field(max_length=100)]
     angle_range: tuple[_Ends, _Ends]
     point_range: tuple[_Ends, _Ends]
+    limit_s: _Seconds | None = None
     weights: Annotated[list[_Number], Field(max_length=1_000_000)]
 
     @classmethod
@@ -350,6 +367,7 @@ class _TrainingFile(_Schema):
             reached=[(level, *when) for level, when in sorted(result.reached.items())],
             angle_range=(result.angle_scale.lower.tolist(), result.angle_scale.upper.tolist()),
             point_range=(result.point_scale.lower.tolist(), result.point_scale.upper.tolist()),
+            limit_s=result.limit_s,
             weights=result.weights.tolist(),
         )
 
@@ -392,6 +410,7 @@ class _TrainingFile(_Schema):
             machine=kept.machine.model_dump(),
             ended=kept.ended,
             reached={level: (epoch, seconds) for level, epoch, seconds in kept.reached},
+            limit_s=kept.limit_s,
             weights=np.array(kept.weights),
             angle_scale=angle_scale,
             point_scale=point_scale,
