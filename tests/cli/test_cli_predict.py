@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -54,3 +56,16 @@ def test_figures_for_machines_are_those_of_the_table(truearm, hysteretic, tmp_pa
     assert told["median_u_mm"] == pytest.approx(np.median(std), abs=1e-6)  # mm, the table's digits
     assert told["unstated_u_mm"].keys() == {"directions of movement"}
     assert f"({told['unstated_u_mm']['directions of movement']:.4f} mm)" in truearm(*asked).out
+
+
+def test_a_prediction_loads_no_package_that_it_does_not_need(hysteretic, tmp_path):
+    """A short command is over in the time in which scikit-learn alone would be imported."""
+    asked = ["predict", str(hysteretic / "m.truearm"), str(hysteretic / "none.csv"), "--out", str(tmp_path / "p.csv")]
+    listed = (
+        "import sys, truearm.cli.main as m\n"
+        "try:\n m.run(sys.argv[1:])\nexcept SystemExit as end:\n assert not end.code\n"
+        "print('loaded', *sys.modules)"
+    )
+    ran = subprocess.run([sys.executable, "-c", listed, *asked], capture_output=True, text=True, check=True)
+    loaded = ran.stdout.rpartition("loaded")[2].split()
+    assert not {"sklearn", "pandas", "scipy.stats", "scipy.optimize", "matplotlib", "jinja2", "rich"} & set(loaded)

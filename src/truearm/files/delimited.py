@@ -19,7 +19,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
-from truearm.typing import BoolArray, FloatArray, NameArray
+from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 # Characters in a name of a seat, position or session: an array of names reserves the longest for each of them.
 MAX_NAME = 200
@@ -235,8 +235,13 @@ def read_columns(
     return np.concatenate(parts), [np.concatenate(text) for text in texts]
 
 
-def write_columns(path: Path, columns: Mapping[str, FloatArray | NameArray]) -> None:
-    """Write columns of one length as CSV: numbers with as many digits as they need, what is missing (NaN) empty.
+def write_columns(
+    path: Path, columns: Mapping[str, FloatArray | IntArray | NameArray], *, decimals: int | None = None
+) -> None:
+    """Write columns of one length as CSV, what is missing (NaN) empty.
+
+    Numbers have as many digits as they need to come back the same, or a number of `decimals`; whole numbers (an array
+    of integers) have none.
 
     A name that a spreadsheet would run as a formula gets an apostrophe in front; `read_columns` removes it.
     """
@@ -245,7 +250,7 @@ def write_columns(path: Path, columns: Mapping[str, FloatArray | NameArray]) -> 
         writer.writerow(columns)
         for start in range(0, len(next(iter(columns.values()))), _CHUNK):
             # Python's floats write themselves with the fewest digits that come back the same.
-            writer.writerows(zip(*(_cells(v[start : start + _CHUNK]) for v in columns.values()), strict=True))
+            writer.writerows(zip(*(_cells(v[start : start + _CHUNK], decimals) for v in columns.values()), strict=True))
 
 
 def escape_formula(cell: str) -> str:
@@ -259,8 +264,12 @@ def quoted_cell(cell: object) -> str:
     return text if len(text) <= 40 else f"{text[:36]}...{text[0]}"
 
 
-def _cells(values: FloatArray | NameArray) -> list[Any]:
+def _cells(values: FloatArray | IntArray | NameArray, decimals: int | None) -> list[Any]:
     cells: list[Any] = values.tolist()
+    if values.dtype.kind == "i":
+        return cells
+    if values.dtype.kind == "f" and decimals is not None:
+        return ["" if cell != cell else f"{cell:.{decimals}f}" for cell in cells]
     if values.dtype.kind == "f":
         return ["" if cell != cell else cell for cell in cells] if np.isnan(values).any() else cells
     return [escape_formula(cell) for cell in cells]

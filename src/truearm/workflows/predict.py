@@ -15,11 +15,11 @@ from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.files.delimited import escape_formula
+from truearm.files.delimited import write_columns
 from truearm.readings import Session
 from truearm.readings.session import NAMED
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import BoolArray, FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 from truearm.workflows.inputs import ModelLike, SessionLike, check_angles_fit, describe_outside, to_model_and_session
 from truearm.workflows.record import Record, format_fixed, to_plain
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 # Names of joint angles among the inputs of a model.
 JOINT = re.compile(r"J\d+")
+# Of millimetres in the table of points: nanometres.
+DECIMALS = 6
 
 
 @one_blas_thread()
@@ -147,11 +149,7 @@ class Prediction(Record):
         """A DataFrame: x_mm, y_mm, z_mm, their standard uncertainties sx_mm .. sz_mm, outside_training, names."""
         import pandas as pd
 
-        columns: dict[str, object] = {f"{axis}_mm": self.points[:, i] for i, axis in enumerate("xyz")}
-        columns |= {f"s{axis}_mm": self.u_mm[:, i] for i, axis in enumerate("xyz")}
-        columns["outside_training"] = self.outside_training.astype(int)
-        columns |= {name: names for name in NAMED if (names := getattr(self.session, name)) is not None}
-        return pd.DataFrame(columns)
+        return pd.DataFrame({n: v.tolist() if v.dtype.kind == "U" else v for n, v in self._columns().items()})
 
     def save(self, path: str | Path) -> None:
         """Write the table of `to_frame` as CSV, to the nanometre.
@@ -163,10 +161,15 @@ class Prediction(Record):
         """
         check_table_path(path)
         with atomic_file(path) as beside:
-            frame = self.to_frame()
-            for name in frame.columns.intersection(list(NAMED)):
-                frame[name] = frame[name].map(escape_formula)
-            frame.to_csv(beside, index=False, float_format="%.6f", lineterminator="\n")
+            write_columns(beside, self._columns(), decimals=DECIMALS)
+
+    def _columns(self) -> dict[str, FloatArray | IntArray | NameArray]:
+        """The columns of `to_frame`."""
+        columns: dict[str, FloatArray | IntArray | NameArray]
+        columns = {f"{axis}_mm": self.points[:, i] for i, axis in enumerate("xyz")}
+        columns |= {f"s{axis}_mm": self.u_mm[:, i] for i, axis in enumerate("xyz")}
+        columns["outside_training"] = self.outside_training.astype(np.int64)
+        return columns | {name: names for name in NAMED if (names := getattr(self.session, name)) is not None}
 
     def summary(self) -> str:
         """The answer in one sentence: the number of points and their uncertainty."""

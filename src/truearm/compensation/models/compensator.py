@@ -12,15 +12,10 @@ from typing import Any, Literal, Self, overload
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.base import BaseEstimator, RegressorMixin
-from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.nominal_check import (
-    UNCHECKED,
-    check_nominal_arm,
-    refuse_implausible,
-)
+from truearm.compensation.models.estimator import Regressor
+from truearm.compensation.models.nominal_check import UNCHECKED, check_nominal_arm, refuse_implausible
 from truearm.compensation.models.reading_references import (
     check_sizes,
     roughly_aligned_chain,
@@ -55,7 +50,7 @@ FREE_PARTS = ("base", "tip")
 MIN_ROWS = 4
 
 
-class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
+class Compensator(Regressor, ABC):
     """Base of the models: from joint angles to coordinates of the tip.
 
     A subclass defines how it learns (`_fit`), predicts (`_tips`) and how uncertain that is (`_covariance_parts`).
@@ -114,6 +109,8 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
             If shapes do not fit the arm, numbers are not finite, readings are too few, or the unit of angles or points
             cannot be right.
         """
+        from sklearn.utils.validation import _check_sample_weight, validate_data
+
         angles, points = validate_data(
             self, X, y, multi_output=True, y_numeric=True, dtype=np.float64, ensure_min_samples=MIN_ROWS
         )
@@ -442,7 +439,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         skip_beyond_limits(readings, arm.limits, prismatic=arm.chain.prismatic)
 
     def _check_session(self, readings: Session) -> None:
-        check_is_fitted(self)
+        self._check_fitted()
         self._check_inputs(self.arm_, readings)
         self.training_.refuse_far(readings, self.arm_.chain.is_prismatic)
 
@@ -453,8 +450,8 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
         return self.arm
 
     def _checked_angles(self, angles: npt.ArrayLike) -> FloatArray:
-        check_is_fitted(self)
-        return np.asarray(validate_data(self, angles, reset=False, dtype=np.float64))
+        self._check_fitted()
+        return self._checked_table(angles)
 
     def _with_known_sessions(self, readings: Session) -> Session:
         """Readings without the names of their sessions, if the model was trained on one."""
@@ -488,7 +485,7 @@ class Compensator(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]
 
     def _same_nominal(self, other: Compensator) -> IdentificationResult:
         """The nominal fit of another model of the same readings with the same options."""
-        check_is_fitted(other)
+        other._check_fitted()
         names = ("arm_", "free_", "robust", "data_fingerprint_", "lengths_fingerprint_")
         if different := [name for name in names if getattr(self, name) != getattr(other, name)]:
             raise InputError(

@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
 from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS, Compensator
 from truearm.compensation.models.held_out_errors import NONE_HELD_OUT
@@ -79,7 +78,7 @@ def refit(
         If the model is a network, the readings do not fit the arm or are too few, or the base is kept and points are of
         a session that the model was not trained on.
     """
-    check_is_fitted(model)
+    model._check_fitted()
     if not isinstance(model, IdentifiedModel):
         raise InputError(
             "a network has no base and no tip that could be re-identified",

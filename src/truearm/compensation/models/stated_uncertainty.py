@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.references import Points, Reference
 from truearm.readings.session import Session
+from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray
 
 # Stated uncertainties that are as many times the scatter are refused: weights and selection then mean nothing.
@@ -109,4 +109,4 @@ def _scatter(residuals: FloatArray, n_effective: float) -> float:
     """Standard deviation of whitened residuals (k, m) by the median of their lengths."""
     k, m = residuals.shape
     freedom = max(k * m - n_effective, 0.1 * k * m)
-    return float(np.sqrt(np.median((residuals**2).sum(axis=0)) / chi2.median(k) * k * m / freedom))
+    return float(np.sqrt(np.median((residuals**2).sum(axis=0)) / chi2_quantile(0.5, k) * k * m / freedom))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
@@ -13,13 +12,14 @@ from truearm.identification.estimation.outliers import Outlier
 from truearm.identification.estimation.propagation import relative_covariance
 from truearm.readings.reference_uncertainty import common_variance_of_repeats, scale_errors
 from truearm.readings.session import Session
+from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray
 
 # U = k u with k = 2 has a coverage probability of about 95 % for a coordinate (JCGM 100:2008, 6.3.3).
 COVERAGE_FACTOR = 2.0
 LEVEL = 0.95
 # Half axes, in standard uncertainties, of an ellipsoid with that coverage probability for a point.
-ELLIPSOID_FACTOR = float(np.sqrt(chi2.ppf(LEVEL, 3)))
+ELLIPSOID_FACTOR = float(np.sqrt(chi2_quantile(LEVEL, 3)))
 # Whitened length from which a reading is far off: of Gaussian ones, one in 10^13 is.
 FAR_STDS = 8.0
 
@@ -88,8 +88,9 @@ def uncertainty_budget(model: Compensator, readings: Session) -> tuple[Uncertain
     """
     of_parameters, unexplained = model.covariance_parts(readings)
     seen = np.flatnonzero(readings.has_point)
-    is_relative = isinstance(model, IdentifiedModel) and not len(seen) and _frame_is_arbitrary(model)
-    if is_relative:
+    is_relative = False
+    if isinstance(model, IdentifiedModel) and not len(seen) and _frame_is_arbitrary(model):
+        is_relative = True
         of_parameters = relative_covariance(model.fit_, model.state(readings)) + model.expansion_covariance(readings)
     combined = of_parameters + unexplained
     times, errors = np.zeros(0), np.zeros(0)

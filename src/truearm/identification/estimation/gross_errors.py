@@ -19,13 +19,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.special import expit, gammaln
-from scipy.stats import chi2
 
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
 from truearm.identification.estimation.tails import FREEDOM_RATE, FREEDOM_SHAPE
+from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray, IntArray
 
 # Bounds of the share of gross errors: one in a thousand is expected before anything is known; where four in ten are
@@ -95,6 +94,8 @@ def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
     -------
     ErrorDistribution
     """
+    from scipy.optimize import minimize
+
     known, squares, freedom = _along_axes(held_out)
     typical = _typical_variance(held_out)
 
@@ -119,7 +120,7 @@ def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
 def _typical_variance(held_out: HeldOutReadings) -> float:
     """Variance of a coordinate from the median deviation, which stands half of the readings being wrong [mm^2]."""
     squares = (held_out.deviations**2).sum(axis=1) / held_out.freedom
-    return max(float(np.median(squares)) / float(chi2.median(3)), FLOOR_MM2)
+    return max(float(np.median(squares)) / chi2_quantile(0.5, 3), FLOOR_MM2)
 
 
 def _along_axes(held_out: HeldOutReadings) -> tuple[FloatArray, FloatArray, FloatArray]:

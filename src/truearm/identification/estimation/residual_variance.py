@@ -21,17 +21,21 @@ from typing import Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq, minimize
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
 from truearm.errors import InputError
+from truearm.solve.distributions import (
+    chi2_probability,
+    chi2_probability_beyond,
+    chi2_quantile,
+    chi2_quantile_beyond,
+    f_quantile,
+)
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Residual vectors longer than this many standard deviations get less weight: one Gaussian vector in 900.
 HUBER_STDS = 4.0
 # The same share of Gaussian readings gets less weight, whatever their number of residuals.
-SHARE_BEYOND = float(chi2.sf(HUBER_STDS**2, 3))
+SHARE_BEYOND = chi2_probability_beyond(HUBER_STDS**2, 3)
 # A nanometre squared; it keeps weights finite where the data are exact.
 FLOOR_MM2 = 1e-12
 
@@ -39,14 +43,14 @@ FLOOR_MM2 = 1e-12
 @cache
 def huber_threshold_squared(k: int) -> float:
     """Squared whitened length of k residuals above which a reading gets less weight."""
-    return float(chi2.isf(SHARE_BEYOND, k))
+    return chi2_quantile_beyond(SHARE_BEYOND, k)
 
 
 @cache
 def expected_clipped_square(k: int) -> float:
     """Mean squared length of k Gaussian residuals, clipped at that threshold: slightly below k."""
     cut = huber_threshold_squared(k)
-    return float(k * chi2.cdf(cut, k + 2) + cut * chi2.sf(cut, k))
+    return k * chi2_probability(cut, k + 2) + cut * chi2_probability_beyond(cut, k)
 
 
 def huber_weights(residuals: FloatArray, variance: FloatArray) -> FloatArray:
@@ -94,6 +98,8 @@ def paule_mandel_variance(
     float
         [mm^2]; a nanometre squared where the uncertainties of the references explain the residuals.
     """
+    from scipy.optimize import brentq
+
     n, k = residuals.shape
     squares = residuals**2
     per_reading = expected_clipped_square(k) if robust else float(k)
@@ -197,11 +203,13 @@ def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEV
     float
         [mm^2].
     """
+    from scipy.optimize import brentq
+
     m = len(held_out.rows)
     values, vectors = np.linalg.eigh(held_out.covariance)
     squares = np.einsum("nij,ni->nj", vectors, held_out.deviations) ** 2
     rank = min(int(np.ceil((m + 1) * level)), m) - 1
-    radius = float(chi2.ppf(level, 3))
+    radius = chi2_quantile(level, 3)
 
     def excess(log_v: float) -> float:
         variance = np.maximum(values, 0.0) + np.exp(log_v) * held_out.freedom[:, None]
@@ -226,7 +234,7 @@ def few_readings_factor(freedom: float, *, level: float = LEVEL) -> float:
     freedom : float
         Number of residuals less that of the parameters that they determine; at least `LEAST_FREEDOM` are assumed.
     """
-    return float(3 * f_distribution.ppf(level, 3, max(freedom, LEAST_FREEDOM)) / chi2.ppf(level, 3))
+    return 3 * f_quantile(level, 3, max(freedom, LEAST_FREEDOM)) / chi2_quantile(level, 3)
 
 
 # Prior standard deviation of a coefficient: start value of the evidence and its bounds. It is the relative change of
@@ -309,6 +317,8 @@ def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> Vari
     VarianceFunction
         Flat if too few groups were held out.
     """
+    from scipy.optimize import minimize
+
     n_joints = angles.shape[1]
     if len(np.unique(held_out.group)) < LEAST_GROUPS * 2 * n_joints:
         return VarianceFunction.flat(n_joints)

@@ -10,12 +10,10 @@ would outvote the tail (the peaks over a threshold of J. Pickands, Ann. Stat. 3 
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
-from scipy.stats import f as variance_ratio
 
 from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import LEVEL, HeldOutReadings
+from truearm.solve.distributions import chi2_quantile, f_log_density, f_quantile
 
 # Prior of the degrees of freedom, a gamma density of this shape and rate, of their logarithm: M. A. Juarez, M. F. J.
 # Steel, "Model-based clustering of non-Gaussian panel data based on skew-t distributions", J. Bus. Econ. Stat. 28
@@ -23,7 +21,7 @@ from truearm.identification.estimation.residual_variance import LEVEL, HeldOutRe
 FREEDOM_SHAPE, FREEDOM_RATE = 2.0, 0.1
 # Bounds of the degrees of freedom: the variance is finite above two; above a thousand the distribution is Gaussian.
 LEAST_FREEDOM, MOST_FREEDOM = 2.0, 1e3
-AT_LEVEL = float(chi2.ppf(LEVEL, 3))
+AT_LEVEL = chi2_quantile(LEVEL, 3)
 
 
 def tail_freedom(held_out: HeldOutReadings, variance: float) -> float:
@@ -41,6 +39,8 @@ def tail_freedom(held_out: HeldOutReadings, variance: float) -> float:
     float
         Twenty where no deviation shows the tails.
     """
+    from scipy.optimize import minimize_scalar
+
     spread = held_out.covariance + (variance * held_out.freedom)[:, None, None] * np.eye(3)
     whitened = np.linalg.solve(spread, held_out.deviations[:, :, None])[:, :, 0]
     squares = np.einsum("ni,ni->n", held_out.deviations, whitened)
@@ -50,7 +50,7 @@ def tail_freedom(held_out: HeldOutReadings, variance: float) -> float:
         freedom = float(np.exp(log_freedom))
         unit = _squared_unit(freedom)
         prior = FREEDOM_SHAPE * log_freedom - FREEDOM_RATE * freedom
-        return float(-(variance_ratio.logpdf(beyond / unit, 3, freedom) - np.log(unit)).sum() - prior)
+        return float(-(f_log_density(beyond / unit, 3, freedom) - np.log(unit)).sum() - prior)
 
     bounds = (float(np.log(LEAST_FREEDOM)), float(np.log(MOST_FREEDOM)))
     return float(np.exp(minimize_scalar(deviance, bounds=bounds, method="bounded").x))
@@ -76,10 +76,10 @@ def ellipsoid_factor(level: float, *, freedom: float) -> float:
     if not 0 < level < 1:
         raise InputError(f"expected a level between 0 and 1, got {level}", hint="95 % is 0.95")
     if np.isinf(freedom):
-        return float(np.sqrt(chi2.ppf(level, 3)))
-    return float(np.sqrt(_squared_unit(freedom) * variance_ratio.ppf(level, 3, freedom)))
+        return float(np.sqrt(chi2_quantile(level, 3)))
+    return float(np.sqrt(_squared_unit(freedom) * f_quantile(level, 3, freedom)))
 
 
 def _squared_unit(freedom: float) -> float:
     """Squared whitened length of an F of 1: at the level of 95 % both lengths are equal."""
-    return float(AT_LEVEL / variance_ratio.ppf(LEVEL, 3, freedom))
+    return float(AT_LEVEL / f_quantile(LEVEL, 3, freedom))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import qmc
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
@@ -79,5 +78,7 @@ def _between(lower: FloatArray, upper: FloatArray, n: int, *, seed: int, sobol: 
 
 def _sobol(n: int, dimensions: int, rng: np.random.Generator) -> FloatArray:
     """Sobol points are balanced for powers of two: make the next power and return the first n."""
+    from scipy.stats import qmc
+
     points: FloatArray = qmc.Sobol(dimensions, scramble=True, rng=rng).random_base2(int(np.ceil(np.log2(n))))[:n]
     return points
