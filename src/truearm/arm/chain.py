@@ -36,6 +36,7 @@ from truearm.typing import FloatArray
 # Poses that are evaluated together: 4096 doubles a component keep the working set of one pass
 # (about 60 components) inside a 2 MiB cache.
 CHUNK = 4096
+FEW = 64  # poses up to which the number of array operations counts, not their length
 # A hundred kilometres: longer lengths have a wrong unit, or were made to overflow.
 MAX_LENGTH_MM = 1e8
 
@@ -348,10 +349,19 @@ class Chain:
     # carries the frames' axes. Everything above is one or both of them. Arrays are laid out by component, poses last.
 
     def _outward(
-        self, q: FloatArray, turns: tuple[FloatArray, FloatArray], motions: FloatArray | None
+        self,
+        q: FloatArray,
+        turns: tuple[FloatArray, FloatArray],
+        motions: FloatArray | None,
+        turned_by: FloatArray | None = None,
     ) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (place, tip in that place's frame) from the last joint to the base (0), then (-1, tip in base)."""
+        """Yield (place, tip in that place's frame) from the last joint to the base (0), then (-1, tip in base).
+
+        `turned_by` (n_places, 3, 3, m) are the rotations of the motions, if the caller has them.
+        """
         cos, sin = turns
+        if motions is not None and turned_by is None and q.shape[1] <= FEW:
+            turned_by = _turned_by(motions)[0]  # of all places in one pass
         v = np.empty((3, q.shape[1]))
         v[:] = self.tip_in_flange[:, None]
         if motions is not None:
@@ -360,11 +370,11 @@ class Chain:
             v = np.matmul(self.fixed[i, :3, :3], v)
             v += self.fixed[i, :3, 3, None]
             if motions is not None:
-                v = apply_motions(v, motions[i])
+                v = _moved(v, motions[i], None if turned_by is None else turned_by[i])
             yield i, v
             v = self._joint(i, q, cos, sin, v)
         if motions is not None:
-            v = apply_motions(v, motions[0])
+            v = _moved(v, motions[0], None if turned_by is None else turned_by[0])
         yield 0, v
         v = np.matmul(self.fixed[0, :3, :3], v)
         v += self.fixed[0, :3, 3, None]
@@ -429,10 +439,10 @@ class Chain:
     ) -> tuple[FloatArray, FloatArray]:
         """Tips and derivatives; `finite` are the rotations of the motions, if the caller has them."""
         turns = cos_sin(q)
-        tip_in_place = dict(self._outward(q, turns, motions))
         turned_by, jacobians = None, None
         if motions is not None:
             turned_by, jacobians = finite or _turned_by(motions)
+        tip_in_place = dict(self._outward(q, turns, motions, turned_by))
         for place, R in self._inward(turns, turned_by):
             x, y, z = tip_in_place[place] if motions is None else tip_in_place[place] - motions[place, 3:]
             axes = R.transpose(1, 0, 2)  # (3 axes, 3 components, m)
@@ -467,9 +477,25 @@ class Chain:
 
 def _turned_by(motions: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations of motions (n_places, 6, m) and their left Jacobians, (n_places, 3, 3, m) each."""
+    n_places, _, m = motions.shape
+    if m <= FEW:  # all places in one pass
+        vectors = motions[:, :3].transpose(1, 0, 2).reshape(3, -1)
+        R, J = (part.reshape(3, 3, n_places, m).transpose(2, 0, 1, 3) for part in rotations_and_jacobians(vectors))
+        return R, J
     both = [rotations_and_jacobians(motion[:3]) for motion in motions]
     turned_by, jacobians = (np.stack(arrays) for arrays in zip(*both, strict=True))
     return turned_by, jacobians
+
+
+def _moved(v: FloatArray, motion: FloatArray, R: FloatArray | None) -> FloatArray:
+    """Vectors (3, m) after finite motions (6, m), whose rotations (3, 3, m) may be known."""
+    if R is None:
+        return apply_motions(v, motion)
+    moved: FloatArray = R[:, 0] * v[0]
+    moved += R[:, 1] * v[1]
+    moved += R[:, 2] * v[2]
+    moved += motion[3:]
+    return moved
 
 
 def _last(places: Iterator[tuple[int, FloatArray]]) -> FloatArray:

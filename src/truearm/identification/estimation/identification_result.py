@@ -109,7 +109,7 @@ class IdentificationResult:
     converged: bool
     rounds: int
 
-    @property
+    @cached_property
     def chain(self) -> Chain:
         """The chain with the constant terms composed, without those that depend on the state of the arm."""
         return self.perturbed_chain.with_constants(self.coefficients)
@@ -121,6 +121,8 @@ class IdentificationResult:
 
     def tips(self, state: ArmState) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""
+        if self.perturbed_chain.is_constant:
+            return self.chain.tip_in_base(state.angles)
         return self.perturbed_chain.tips(state, self.coefficients)
 
     def tip_covariance(self, state: ArmState) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -16,6 +16,7 @@ from truearm.identification.terms.term import Term
 from truearm.typing import FloatArray, IntArray
 
 CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays in the cache of a core
+FEW = 64  # readings up to which the number of array operations counts, not their length
 POSE_CHUNK = 4096  # poses have no wide Jacobian: fewer calls are worth more
 
 
@@ -59,6 +60,11 @@ class PerturbedChain:
         return sum(term.n_coefficients for term in self.terms)
 
     @cached_property
+    def is_constant(self) -> bool:
+        """Whether the motions are the same at every reading."""
+        return all(isinstance(term.basis, Constant) for term in self.terms)
+
+    @cached_property
     def sites(self) -> list[Site]:
         """Terms grouped by place and direction."""
         grouped: dict[tuple[int, tuple[float, ...]], list[tuple[IntArray, IntArray]]] = {}
@@ -73,6 +79,10 @@ class PerturbedChain:
 
     def values(self, state: ArmState) -> FloatArray:
         """(n_functions, m) values of the distinct basis functions of every place, place by place."""
+        if len(state) <= FEW:
+            evaluators, rows = self._evaluators
+            if len(rows):
+                return np.concatenate([evaluate(state) for evaluate in evaluators])[rows]
         values = {basis: basis.values(state) for basis in dict.fromkeys(basis for _, basis in self._functions)}
         return np.concatenate([np.empty((0, len(state))), *(values[basis] for _, basis in self._functions)])
 
@@ -83,7 +93,7 @@ class PerturbedChain:
     def motions(self, x: FloatArray, values: FloatArray) -> FloatArray:
         """(n_places, 6, m) motions [rad, mm] with coefficients `x`; (n_places, 6, 1) if they are constant."""
         by_function = self._by_function(x, len(values))
-        m = 1 if all(isinstance(term.basis, Constant) for term in self.terms) else values.shape[1]
+        m = 1 if self.is_constant else values.shape[1]
         out = np.empty((self.chain.n_places, 6, m))
         for place, rows in enumerate(self._of_place):
             np.matmul(by_function[rows].T, values[rows, :m], out=out[place])
@@ -144,6 +154,8 @@ class PerturbedChain:
 
     def tips(self, state: ArmState, x: FloatArray) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""
+        if len(state) <= CHUNK:
+            return self.tips_from_values(state.angles, self.values(state), x)
         out = np.empty((len(state), 3))
         for rows in chunks(len(state)):
             piece = state.rows(rows)
@@ -153,8 +165,9 @@ class PerturbedChain:
     def tips_from_values(self, angles: FloatArray, values: FloatArray, x: FloatArray) -> FloatArray:
         """(n, 3) tips [mm] at angles (n, n_joints), with values of the basis functions at the same readings."""
         motions = self.motions(x, values)
-        wide = np.broadcast_to(motions, (*motions.shape[:2], len(angles)))
-        return self.chain.tip_in_base(angles, wide.transpose(2, 0, 1))
+        if self.is_constant:
+            return self.chain.with_motions(motions[:, :, 0]).tip_in_base(angles)
+        return self.chain.tip_in_base(angles, motions.transpose(2, 0, 1))
 
     def derivatives(self, state: ArmState, x: FloatArray) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
         """Yield tips (3, m) [mm] and their derivatives (n_coefficients, 3, m) by chunks of readings."""
@@ -186,6 +199,20 @@ class PerturbedChain:
         distinct = sorted(dict.fromkeys((term.place, term.basis) for term in self.terms), key=lambda both: both[0])
         starts = np.cumsum([0, *(basis.n_functions for _, basis in distinct)])
         return {both: np.arange(first, stop) for both, (first, stop) in zip(distinct, pairwise(starts), strict=True)}
+
+    @cached_property
+    def _evaluators(self) -> tuple[list[Callable[[ArmState], FloatArray]], IntArray]:
+        """The distinct bases by kind, see `Basis.together`, and the row of each value among theirs."""
+        kinds: dict[type[Basis], list[Basis]] = {}
+        for basis in dict.fromkeys(basis for _, basis in self._functions):
+            kinds.setdefault(type(basis), []).append(basis)
+        order = [basis for bases in kinds.values() for basis in bases]
+        starts = np.cumsum([0, *(basis.n_functions for basis in order)])
+        rows = {basis: np.arange(first, stop) for basis, (first, stop) in zip(order, pairwise(starts), strict=True)}
+        of_values = [rows[basis] for _, basis in self._functions]
+        return [kind.together(bases) for kind, bases in kinds.items()], np.concatenate(
+            [np.zeros(0, dtype=np.intp), *of_values]
+        )
 
     @cached_property
     def _of_place(self) -> list[slice]:

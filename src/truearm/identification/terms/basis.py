@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -53,6 +53,14 @@ class Basis(ABC):
         InputError
             If the state lacks a quantity that they depend on.
         """
+
+    @classmethod
+    def together(cls, bases: Sequence[Self]) -> Callable[[ArmState], FloatArray]:
+        """Prepare the functions of several bases of this kind, one below the other, for many states of few readings.
+
+        The values are those of `values`. A kind of many functions may evaluate them in fewer array operations.
+        """
+        return lambda state: np.concatenate([basis.values(state) for basis in bases])
 
     def joint_slope(self, weights: FloatArray) -> tuple[int, FloatArray] | None:
         """Derivative by a joint's angle of a weighted sum of the functions, as a weighted sum of the same functions.
@@ -197,6 +205,23 @@ class Harmonics(Basis):
                 done *= 2
         return out
 
+    @classmethod
+    def together(cls, bases: Sequence[Self]) -> Callable[[ArmState], FloatArray]:
+        """One cosine and sine of every joint and order; for many readings the addition theorems are faster."""
+        pairs = [(basis.joint - 1, order) for basis in bases for order in basis.orders]
+        distinct = list(dict.fromkeys(pairs))
+        rows = np.array([distinct.index(pair) for pair in pairs], dtype=np.intp)
+        joints, orders = np.array(distinct, dtype=np.intp).T
+        last, multiples = int(joints.max()) + 1, orders[:, None].astype(float)
+
+        def values(state: ArmState) -> FloatArray:
+            if last > state.angles.shape[1]:
+                _of_joint(state.angles, last)  # which refuses it
+            found = np.stack(cos_sin(multiples * state.angles.T[joints]), axis=1)
+            return found[rows].reshape(-1, len(state))
+
+        return values
+
     @property
     def _runs(self) -> list[tuple[int, int]]:
         """First and last place (exclusive) of consecutive orders."""
@@ -235,6 +260,23 @@ class GravityTorque(Basis):
     def labels(self) -> tuple[str, ...]:
         """One function."""
         return (f"gravity torque about {AXES[self.axis]} of {f'J{self.joint}' if self.joint else 'the base'}",)
+
+    @classmethod
+    def together(cls, bases: Sequence[Self]) -> Callable[[ArmState], FloatArray]:
+        """Torques of all joints from the loads at once."""
+        places = np.array([3 * (basis.joint - 1) + basis.axis for basis in bases], dtype=np.intp)
+        on_base = [(row, basis) for row, basis in enumerate(bases) if basis.joint == 0]
+        last = max(basis.joint for basis in bases)
+
+        def values(state: ArmState) -> FloatArray:
+            if last > state.angles.shape[1]:
+                _of_joint(state.angles, last)  # which refuses it
+            found: FloatArray = state.gravity_torques.reshape(len(state), -1).T[places]
+            for row, basis in on_base:
+                found[row] = basis.values(state)[0]
+            return found
+
+        return values
 
     def values(self, state: ArmState) -> FloatArray:
         """(1, n) torques [N m]."""

@@ -94,27 +94,33 @@ def gravity_loads(
     slides = chain.is_prismatic[:, None]
     turn, shift = np.where(slides, 0.0, q), np.where(slides, q, 0.0)
     cos, sin = cos_sin(turn)
-    torque, force = np.empty((2, *q.shape[:1], 3, *q.shape[1:]))
+    force = np.empty((len(q), 3, q.shape[1]))
     # From the base to the last joint: gravity along the axes of each place.
     along = np.broadcast_to((gravity @ chain.fixed[0, :3, :3])[:, None], (3, q.shape[1]))
     for i in range(chain.n_joints):
-        along = _about_z(along if i == 0 else chain.fixed[i, :3, :3].T @ along, cos[i], -sin[i])
-        force[i] = along
+        along = _about_z_into(force[i], along if i == 0 else chain.fixed[i, :3, :3].T @ along, cos[i], -sin[i])
     # And back: the sum of m (c - o_i) over the links outward, along the same axes [kg mm].
-    vectors = link_vectors(chain)
-    mass_outward, first_moment = 0.0, np.zeros((3, q.shape[1]))
+    vectors, mass_outward = link_vectors(chain), np.cumsum(links.mass_kg[::-1])[::-1]
+    # The load at the far end of each link and the link itself: one vector fixed in place i + 1.
+    local = (mass_outward - links.mass_kg)[:, None] * vectors[1:] + links.mass_kg[:, None] * links.centre_in_joint_mm
+    first_moments, first_moment = np.empty_like(force), np.zeros((3, q.shape[1]))
+    turned = np.empty_like(first_moment)
     for i in reversed(range(chain.n_joints)):
-        # The load at the far end of the link and the link itself: one vector fixed in place i + 1.
-        local = mass_outward * vectors[i + 1] + links.mass_kg[i] * links.centre_in_joint_mm[i]
-        first_moment += local[:, None]
-        mass_outward += float(links.mass_kg[i])
-        torque[i] = 1e-3 * cross(first_moment, force[i])  # mm to m
-        force[i] *= mass_outward
-        first_moment[2] += mass_outward * shift[i]  # a prismatic joint has moved its place off the end of the link
-        first_moment = chain.fixed[i, :3, :3] @ _about_z(first_moment, cos[i], sin[i])
+        first_moment += local[i, :, None]
+        first_moments[i] = first_moment
+        first_moment[2] += mass_outward[i] * shift[i]  # a prismatic joint has moved its place off the end of the link
+        first_moment = chain.fixed[i, :3, :3] @ _about_z_into(turned, first_moment, cos[i], sin[i])
+    torque = np.moveaxis(cross(np.moveaxis(first_moments, 1, 0), np.moveaxis(force, 1, 0)), 0, 1)
+    torque *= 1e-3  # mm to m
+    force *= mass_outward[:, None, None]
     return GravityLoads(torque.transpose(2, 0, 1), force.transpose(2, 0, 1))
 
 
-def _about_z(v: FloatArray, cos: FloatArray, sin: FloatArray) -> FloatArray:
-    """Vectors (3, n), turned about z."""
-    return np.stack([cos * v[0] - sin * v[1], sin * v[0] + cos * v[1], v[2]])
+def _about_z_into(out: FloatArray, v: FloatArray, cos: FloatArray, sin: FloatArray) -> FloatArray:
+    """Turn vectors (3, n) about z into `out`, which is returned."""
+    np.multiply(cos, v[0], out=out[0])
+    out[0] -= sin * v[1]
+    np.multiply(sin, v[0], out=out[1])
+    out[1] += cos * v[1]
+    out[2] = v[2]
+    return out
