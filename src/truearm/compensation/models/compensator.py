@@ -455,7 +455,7 @@ class Compensator(Regressor, ABC):
 
     def _with_known_sessions(self, readings: Session) -> Session:
         """Readings without the names of their sessions, if the model was trained on one."""
-        return readings if self.session_frames_ else replace(readings, session=None)
+        return readings if self.session_frames_ or readings.session is None else replace(readings, session=None)
 
     def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
         """The nominal chain, its free parts identified from the readings."""

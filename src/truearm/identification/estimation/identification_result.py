@@ -11,7 +11,7 @@ import numpy.typing as npt
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.state import ArmState
-from truearm.solve.square_roots import covariance_factor
+from truearm.solve.square_roots import CovarianceFactor
 from truearm.typing import FloatArray
 
 
@@ -129,14 +129,21 @@ class IdentificationResult:
         """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
         out = np.empty((len(state), 3, 3))
         uncertain, root = self._root
+        is_every = len(uncertain) == len(self.covariance)
         for rows, _, columns in self.perturbed_chain.derivatives(state, self.coefficients):
             # A sum of squares by the root: otherwise variances of an arm known to rounding may be negative.
-            spread = np.tensordot(root, columns[uncertain], axes=1)
+            if not is_every:
+                columns = columns[uncertain]
+            p, _, m = columns.shape
+            spread = root.times(columns.reshape(p, 3 * m)).reshape(p, 3, m)
             out[rows] = np.einsum("pin,pjn->nij", spread, spread)
         return out
 
     @cached_property
-    def _root(self) -> tuple[npt.NDArray[np.intp], FloatArray]:
+    def _root(self) -> tuple[npt.NDArray[np.intp], CovarianceFactor]:
         """The (k,) coefficients that are uncertain, and F (k, k) with ``F^T F`` their covariance."""
         uncertain = np.flatnonzero(self.covariance.diagonal() > 0)
-        return uncertain, covariance_factor(self.covariance[np.ix_(uncertain, uncertain)])
+        is_every = len(uncertain) == len(self.covariance)
+        return uncertain, CovarianceFactor.of(
+            self.covariance if is_every else self.covariance[np.ix_(uncertain, uncertain)]
+        )

@@ -10,11 +10,13 @@ from itertools import pairwise
 import numpy as np
 
 from truearm.arm.chain import Chain, Pose
-from truearm.identification.terms.basis import Basis, Constant
+from truearm.identification.terms.basis import Basis, Constant, GravityTorque, Harmonics, InSession
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.typing import FloatArray, IntArray
 
+# Bases that depend only on quantities that every reading states.
+OF_ANGLES = (Constant, GravityTorque, Harmonics, InSession)
 CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays in the cache of a core
 FEW = 64  # readings up to which the number of array operations counts, not their length
 POSE_CHUNK = 4096  # poses have no wide Jacobian: fewer calls are worth more
@@ -172,9 +174,14 @@ class PerturbedChain:
     def derivatives(self, state: ArmState, x: FloatArray) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
         """Yield tips (3, m) [mm] and their derivatives (n_coefficients, 3, m) by chunks of readings."""
         for rows in chunks(len(state)):
-            piece = state.rows(rows)
+            piece = state if len(state) <= CHUNK else state.rows(rows)
             values = self.values(piece)
             tips, motion_jacobian = moved_chain(self.chain, piece, self.motions(x, values))
+            if len(piece) <= FEW:
+                directions, places, site_of, row_of = self._of_coefficient
+                of_sites = np.einsum("sd,sdcm->scm", directions, motion_jacobian[places])
+                yield rows, tips, of_sites[site_of] * values[row_of][:, None, :]
+                continue
             columns = np.empty((self.n_coefficients, 3, len(piece)))
             for site, value in zip(self.sites, self.by_site(values), strict=True):
                 by_site = np.tensordot(site.direction, motion_jacobian[site.place], axes=1)
@@ -213,6 +220,21 @@ class PerturbedChain:
         return [kind.together(bases) for kind, bases in kinds.items()], np.concatenate(
             [np.zeros(0, dtype=np.intp), *of_values]
         )
+
+    @cached_property
+    def _of_coefficient(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        """Directions (n_sites, 6), places (n_sites,) of the sites; site and row of the values of each coefficient."""
+        site_of, row_of = np.empty((2, self.n_coefficients), dtype=np.intp)
+        for number, site in enumerate(self.sites):
+            site_of[site.columns], row_of[site.columns] = number, np.arange(self._of_place[-1].stop)[site.rows]
+        directions = np.array([site.direction for site in self.sites]).reshape(-1, 6)
+        return directions, np.array([site.place for site in self.sites], dtype=np.intp), site_of, row_of
+
+    @cached_property
+    def input_bases(self) -> tuple[Basis, ...]:
+        """The distinct bases that depend on more than what every reading states: joint angles, and its session."""
+        bases = dict.fromkeys(basis for _, basis in self._functions)
+        return tuple(basis for basis in bases if not isinstance(basis, OF_ANGLES))
 
     @cached_property
     def _of_place(self) -> list[slice]:

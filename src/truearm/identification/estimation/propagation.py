@@ -19,19 +19,14 @@ import numpy as np
 
 from truearm.identification.estimation.alignment import rigid_motions
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.terms.basis import Constant, GravityTorque, Harmonics, InSession
 from truearm.identification.terms.state import ArmState
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray
 
-OF_ANGLES = (Constant, GravityTorque, Harmonics, InSession)
-"""Bases that depend only on quantities that every reading states."""
-
 
 def half_tip_difference(fit: IdentificationResult, low: ArmState, high: ArmState) -> FloatArray:
     """(n, 3) half the difference of the tips between two states [mm]; zeros if no term depends on the change."""
-    bases = [term.basis for term in fit.perturbed_chain.terms if not isinstance(term.basis, OF_ANGLES)]
-    if all(np.array_equal(basis.values(low), basis.values(high)) for basis in bases):
+    if all(np.array_equal(basis.values(low), basis.values(high)) for basis in fit.perturbed_chain.input_bases):
         return np.zeros((len(low), 3))
     return np.asarray(fit.tips(high) - fit.tips(low)) / 2
 
@@ -46,7 +41,7 @@ def direction_effects(fit: IdentificationResult, state: ArmState) -> FloatArray:
         standard deviation.
     """
     out = np.zeros((state.chain.n_joints, len(state), 3))
-    if state.directions is None:
+    if state.directions is None or not fit.perturbed_chain.input_bases:
         return out
     rows = np.flatnonzero((state.directions == 0).any(axis=1))
     open_at = state.rows(rows)

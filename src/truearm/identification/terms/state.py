@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -121,8 +121,13 @@ class ArmState:
     @cached_property
     def gravity_loads(self) -> GravityLoads:
         """Torque and force of the weight at every joint."""
-        links = uniform_links(self.chain, kg_per_m=1.0) if self.links is None else self.links
+        links = _guessed_links(self.chain) if self.links is None else self.links
         return gravity_loads(self.chain, self.angles, links, gravity_in_base=self.gravity_in_base)
+
+
+@lru_cache(maxsize=64)
+def _guessed_links(chain: Chain) -> LinkMasses:
+    return uniform_links(chain, kg_per_m=1.0)
 
 
 def _fitting(value: npt.ArrayLike, what: str, shapes: tuple[tuple[int, ...], ...]) -> FloatArray:
