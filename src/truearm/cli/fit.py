@@ -35,7 +35,10 @@ def fit(
     hidden: Annotated[str, typer.Option("--hidden", help="Network: units of the hidden layers.")] = "30,30",
     trainer: Annotated[
         Literal["varpro", "trainlm", "trainbr", "traingd", "traingdx"],
-        typer.Option("--trainer", help="Network: variable projection, or as in MATLAB (trainbr: few readings, after Foresee and Hagan)."),
+        typer.Option(
+            "--trainer",
+            help="Network: variable projection, or as in MATLAB (trainbr: few readings, after Foresee and Hagan).",
+        ),
     ] = "varpro",
     epochs: Annotated[int, typer.Option("--epochs", min=1, help="Network: maximum epochs per training run.")] = 200,
     goal: Annotated[

@@ -30,6 +30,12 @@ def simulate(
         int, typer.Option("--bars", min=0, help="Places of a bar with a seat at each end; strategy seat only.")
     ] = 0,
     bar_mm: Annotated[float, typer.Option("--bar-mm", help="Length of the bar from seat to seat.")] = 500.0,
+    anchors: Annotated[
+        int,
+        typer.Option(
+            "--anchors", min=0, max=100, help="Fixed points around the arm; each pose is read with a distance to each."
+        ),
+    ] = 0,
     lengths: Annotated[
         Path | None, typer.Option("--lengths", help="File to write the bar's length to, .csv, for truearm fit.")
     ] = None,
@@ -51,7 +57,8 @@ def simulate(
 
     --strategy seat --no-reference simulates a measurement without an instrument: the tip is held in seats, in as many
     poses in each. --bars 2 adds a bar with two seats at two places; the length that its certificate states, with a
-    standard uncertainty of 0.005 mm, is written to the file of --lengths.
+    standard uncertainty of 0.005 mm, is written to the file of --lengths. --anchors 3 --no-reference simulates three
+    draw-wire encoders.
     """
     from truearm.errors import InputError
     from truearm.files.atomic_write import check_writable, is_same_file
@@ -78,6 +85,7 @@ def simulate(
             seats=seats,
             bars=bars,
             bar_mm=bar_mm,
+            anchors=anchors,
         )
         result.save(out, lengths=lengths)
     print_record(result, as_json=as_json, files={"session": out} | ({} if lengths is None else {"lengths": lengths}))

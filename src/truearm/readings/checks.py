@@ -75,8 +75,8 @@ def check_fit(session: Session, *, n_joints: int, min_rows: int, relations: bool
     min_rows : int
         Smallest number of readings with a reference to which the model can be fitted.
     relations : bool
-        Whether the model learns from seats, spheres, planes, lines and orientations too; by default it needs a
-        reference point at every reading.
+        Whether the model learns from seats, distances, spheres, planes, lines and orientations too; by default it needs
+        a reference point at every reading.
 
     Raises
     ------
@@ -90,7 +90,8 @@ def check_fit(session: Session, *, n_joints: int, min_rows: int, relations: bool
         raise session.error(
             "the readings have no reference points, and a fit needs them"
             if not relations
-            else "the readings have no reference at all (points, seats, spheres, planes, lines, orientations)",
+            else "the readings have no reference at all (points, seats, distances, spheres, planes, lines, "
+            "orientations)",
             hint="add columns x_mm, y_mm, z_mm with the tip as measured by a reference instrument"
             + (", or a column seat with the names of seats" if relations else ""),
         )
@@ -112,7 +113,7 @@ def check_fit(session: Session, *, n_joints: int, min_rows: int, relations: bool
 
 
 def has_reference(session: Session) -> BoolArray:
-    """(n,) Whether each reading has a reference: a point, an orientation, a seat or a surface."""
+    """(n,) Whether each reading has a reference: a point, an orientation, a seat, a distance or a surface."""
     known = session.has_point
     if session.quaternion is not None:
         known |= ~np.isnan(session.quaternion[:, 0])
@@ -374,6 +375,8 @@ def _check_copies(session: Session) -> None:
     for values in (session.points, session.quaternion):
         if values is not None:  # what is missing equals what is missing
             parts += [np.nan_to_num(values), np.isnan(values[:, :1]).astype(float)]
+    if session.distance_mm is not None:
+        parts.append(np.nan_to_num(session.distance_mm)[:, None])
     for name in TOUCHED:
         if (names := getattr(session, name)) is not None:
             parts.append(np.unique(names, return_inverse=True)[1].astype(float)[:, None])

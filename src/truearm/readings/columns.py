@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.files.delimited import MAX_NAME, check_header, quoted_cell
+from truearm.readings.distances import ANCHOR_DISTANCE, SPHERE_DISTANCE
 from truearm.readings.reference_uncertainty import SHARED_UNCERTAINTIES
-from truearm.readings.session import DIRECTION, LOAD, NAMED, SPHERE_DISTANCE, Session
+from truearm.readings.session import DIRECTION, LOAD, NAMED, Session
 from truearm.typing import FloatArray, NameArray
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ class Columns:
     point_std: tuple[str, ...] = ()
     quaternion: tuple[str, ...] = ()
     sphere_distance: tuple[str, ...] = ()
+    anchor_distance: tuple[str, ...] = ()
     temperature: tuple[str, ...] = ()
     directions: tuple[str, ...] = ()
     shared: tuple[str, ...] = ()
@@ -59,7 +61,7 @@ class Columns:
     @property
     def optional(self) -> tuple[str, ...]:
         """Names of the number columns in which a reading's cells may all be empty."""
-        return self.points + self.point_std + self.quaternion + self.sphere_distance
+        return self.points + self.point_std + self.quaternion + self.sphere_distance + self.anchor_distance
 
 
 def unit_of(column: str) -> str:
@@ -96,7 +98,7 @@ def recognise_columns(
             loads.append(name)
         elif name in NAMED:
             words.append(name)
-        elif name not in (TEMPERATURE, *SHARED_UNCERTAINTIES) and not name.startswith("note"):
+        elif name not in (TEMPERATURE, *SHARED_UNCERTAINTIES, *ANCHOR_DISTANCE) and not name.startswith("note"):
             raise InputError(
                 f"unknown column {quoted_cell(name)}", file=file, line=line, column=name, hint=_meant(name)
             )
@@ -107,6 +109,7 @@ def recognise_columns(
         _std(points, file, line),
         _together(QUATERNION, together, file, line),
         _together(SPHERE_DISTANCE, together, file, line),
+        tuple(name for name in ANCHOR_DISTANCE if name in names),
         (TEMPERATURE,) if TEMPERATURE in names else (),
         _directions(directions, len(joints), file, line),
         tuple(name for name in SHARED_UNCERTAINTIES if name in names),
@@ -120,7 +123,14 @@ def session_of_columns(
 ) -> Session:
     """Build the session in rad and mm from the values of `columns.numbers` and `columns.words`."""
     references = (columns.points, columns.point_std, columns.quaternion, columns.sphere_distance)
-    groups = (columns.angles, *references, columns.temperature, columns.directions, columns.shared)
+    groups = (
+        columns.angles,
+        *references,
+        columns.anchor_distance,
+        columns.temperature,
+        columns.directions,
+        columns.shared,
+    )
     parts = np.split(numbers, np.cumsum([len(group) for group in groups]), axis=1)
     for names, part in zip(groups[1:5], parts[1:5], strict=True):
         _check_whole(names, part, file=file, first_line=first_line)
@@ -128,7 +138,7 @@ def session_of_columns(
         angles, points, std = (
             part * [FACTOR[unit_of(name)] for name in names] for part, names in zip(parts, groups[:3], strict=False)
         )
-    quaternion, sphere_distance, temperature, directions, shared, loads = parts[3:]
+    quaternion, sphere_distance, anchor_distance, temperature, directions, shared, loads = parts[3:]
     return Session(
         angles,
         points if columns.points else None,
@@ -139,6 +149,7 @@ def session_of_columns(
         directions=directions if columns.directions else None,
         columns=dict(zip(columns.loads, loads.T, strict=True)),
         **cast(Any, dict(zip(columns.shared, shared.T, strict=True))),
+        **cast(Any, dict(zip(columns.anchor_distance, anchor_distance.T, strict=True))),
         file=file,
         angle_columns=columns.angles,
         numbers=None if first_line is None else np.arange(first_line, first_line + len(numbers)),
@@ -177,6 +188,7 @@ def session_columns(
             table[name] = words
     if session.sphere_distance is not None:
         table |= {name: session.sphere_distance[:, k] for k, name in enumerate(SPHERE_DISTANCE)}
+    table |= {name: values for name in ANCHOR_DISTANCE if (values := getattr(session, name)) is not None}
     if session.temperature_degC is not None:
         table[TEMPERATURE] = session.temperature_degC
     if session.directions is not None:
@@ -354,5 +366,7 @@ def _meant(name: str) -> str:
         return f"{axis}_mm or {axis}_m: the name of a column states its unit"
     if re.match(r"t(emp.*)?(_|$)", plain):
         return f"{TEMPERATURE}: the name of a column states its unit"
-    close = difflib.get_close_matches(plain, [*NAMED, TEMPERATURE, *SPHERE_DISTANCE, *SHARED_UNCERTAINTIES], n=1)
+    close = difflib.get_close_matches(
+        plain, [*NAMED, TEMPERATURE, *SPHERE_DISTANCE, *ANCHOR_DISTANCE, *SHARED_UNCERTAINTIES], n=1
+    )
     return close[0] if close else "delete the column, or let its name start with 'note' if it is a remark"

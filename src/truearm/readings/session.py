@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.readings.distances import ANCHOR_DISTANCE, check_anchor_distances, check_sphere_distances
 from truearm.readings.reference_uncertainty import SHARED_UNCERTAINTIES, check_shared_uncertainties
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
@@ -20,15 +21,13 @@ if TYPE_CHECKING:
 
     from truearm.readings.split import SplitBy
 
-# Columns with one name a reading, in the order of the session file; the first of them name what the tip touched.
-TOUCHED = ("seat", "sphere", "plane", "line")
+# Columns with one name a reading, in the order of the session file; the first of them name what the tip touched, or
+# the fixed point from which its distance was measured.
+TOUCHED = ("seat", "sphere", "plane", "line", "anchor")
 NAMED = (*TOUCHED, "position", "session")
 
 # Names of further columns of numbers, such as the torque of a joint (load_1_Nm).
 LOAD = re.compile(r"load_[\w.-]+")
-
-# A sphere of known size: distance of the tip's centre from the sphere's at a touch, and its standard uncertainty.
-SPHERE_DISTANCE = ("sphere_distance_mm", "u_sphere_distance_mm")
 
 # Columns with the sign of each joint's last movement: this and the joint's number.
 DIRECTION = "direction_"
@@ -76,6 +75,13 @@ class Session:
         Distance of the tip's centre from the centre of the sphere that it touches, if known, and its standard
         uncertainty [mm]: half the sum of both diameters for a ball on a stylus. A row of NaN: not known. The same in
         all readings of a sphere.
+    anchor : (n,) array of str, optional
+        Name of the fixed point, at an unknown place, from which the distance of the tip was measured. Empty: none.
+    distance_mm, u_distance_mm : (n,) array, optional
+        That distance and its standard uncertainty [mm]. NaN: not measured.
+    u_offset_mm : (n,) array, optional
+        Standard uncertainty of the error that all distances to one anchor share [mm]: the zero of a wire, the
+        certificate of a bar. The same in all readings of an anchor; 1 mm where it is not stated.
     directions : (n, n_joints) array, optional
         Sign of each joint's last movement before the reading: -1, 1, or 0 if it is not known.
     u_scale_ppm : (n,) array, optional
@@ -98,8 +104,8 @@ class Session:
     InputError
         If lengths do not fit each other, a number is not finite or absurdly large, a temperature is not one of an arm,
         uncertainties of the reference are negative or differ in a session,
-        a point or a quaternion is given in part, a quaternion is not of length 1, a direction is not -1, 0 or 1, or
-        distances from a sphere are not positive or differ.
+        a point or a quaternion is given in part, a quaternion is not of length 1, a direction is not -1, 0 or 1,
+        distances from a sphere are not positive or differ, or one to an anchor is not positive or lacks its anchor.
 
     Examples
     --------
@@ -123,6 +129,10 @@ class Session:
     plane: NameArray | None = None
     line: NameArray | None = None
     sphere_distance: FloatArray | None = None
+    anchor: NameArray | None = None
+    distance_mm: FloatArray | None = None
+    u_distance_mm: FloatArray | None = None
+    u_offset_mm: FloatArray | None = None
     directions: FloatArray | None = None
     u_scale_ppm: FloatArray | None = None
     u_common_mm: FloatArray | None = None
@@ -149,7 +159,7 @@ class Session:
             ("quaternion", (n, 4)),
             ("sphere_distance", (n, 2)),
             ("directions", angles.shape),
-            *((name, (n,)) for name in SHARED_UNCERTAINTIES),
+            *((name, (n,)) for name in (*SHARED_UNCERTAINTIES, *ANCHOR_DISTANCE)),
         ):
             value = getattr(self, name)
             if value is not None:
@@ -168,7 +178,8 @@ class Session:
         self._check_std()
         self._check_directions()
         check_shared_uncertainties(self)
-        self._check_spheres()
+        check_sphere_distances(self)
+        check_anchor_distances(self)
         self._settle_quaternion()
         if n and not self.has_point.any():
             object.__setattr__(self, "points", None)
@@ -205,7 +216,7 @@ class Session:
 
     def _check_sizes(self) -> None:
         """Refuse numbers so large that they are no lengths, and that later arithmetic would overflow."""
-        sizes = dict.fromkeys(("points", "point_std", "sphere_distance"), (LARGEST_MM, " mm"))
+        sizes = dict.fromkeys(("points", "point_std", "sphere_distance", *ANCHOR_DISTANCE), (LARGEST_MM, " mm"))
         for name, (largest, unit) in (sizes | dict.fromkeys(self.columns, (LARGEST_LOAD, ""))).items():
             value = self.columns.get(name, getattr(self, name, None))
             if value is not None and (far := np.abs(value) > largest).any():
@@ -266,37 +277,6 @@ class Session:
                 column=None if self.file is None else f"{DIRECTION}{joint + 1}",
                 hint="give the sign of the joint's last movement before the reading; 0 if it is not known",
             )
-
-    def _check_spheres(self) -> None:
-        """Distances from spheres: positive, of readings that touch one, the same for all of a sphere."""
-        if self.sphere_distance is None:
-            return
-        known = ~np.isnan(self.sphere_distance[:, 0])
-        if not known.any():
-            object.__setattr__(self, "sphere_distance", None)
-            return
-        touched = np.zeros(len(self), bool) if self.sphere is None else self.sphere != ""
-        for bad, said in (
-            (known & (self.sphere_distance <= 0).any(axis=1), "expected a positive distance and uncertainty"),
-            (known & ~touched, "expected the name of the sphere to which the distance refers, got none"),
-        ):
-            if bad.any():
-                row = int(np.argmax(bad))
-                raise self.error(said, row, column=None if self.file is None else SPHERE_DISTANCE[0])
-        assert self.sphere is not None  # touched
-        for name in np.unique(self.sphere[known]):
-            rows = np.flatnonzero(self.sphere == name)
-            first = rows[known[rows]][0]
-            same = (self.sphere_distance[rows] == self.sphere_distance[first]).all(axis=1)
-            if not same.all():
-                row = int(rows[np.argmin(same)])
-                raise self.error(
-                    f"expected the same distance from sphere {str(name)!r} in all of its readings, but "
-                    f"{self.called(int(first))} has another",
-                    row,
-                    column=None if self.file is None else SPHERE_DISTANCE[0],
-                    hint="fill it in for all of them; with another ball on the stylus use another name of the sphere",
-                )
 
     def _settle_quaternion(self) -> None:
         """Make quaternions exactly of length 1, or None where no reading has one."""

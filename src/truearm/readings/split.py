@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.readings.distances import rows_with_distance
 from truearm.readings.session import Session
 
 SplitBy = Literal["position", "seat", "session", "row"]
@@ -59,6 +60,7 @@ def stratified_rows(readings: Session, n: int, *, seed: int) -> npt.NDArray[np.i
 
     With reference points: one reading of each position in turn, the positions in random order; readings at random if
     positions are not named. Without: readings in a few seats, five or more in each, as a single one has no information.
+    Without seats: distances, as many to each anchor.
 
     Parameters
     ----------
@@ -88,8 +90,12 @@ def stratified_rows(readings: Session, n: int, *, seed: int) -> npt.NDArray[np.i
         needed = int(np.searchsorted(np.cumsum(np.bincount(group)[shuffled]), n)) + 1
         few = np.isin(group, shuffled[: max(n // READINGS_A_SEAT, needed)])
         rows, group = (rows[few], group[few]) if n <= len(rows) else (rows, group)
+    if not len(rows):
+        rows = np.flatnonzero(rows_with_distance(readings))
+        # Wires in turn.
+        group = rows if readings.anchor is None else np.unique(readings.anchor[rows], return_inverse=True)[1]
     if not 1 <= n <= len(rows):
-        what = "reference points" if readings.points is not None else "a seat"
+        what = "reference points" if readings.points is not None else "a seat or a distance"
         raise readings.error(f"expected a number of rows from 1 to the {len(rows)} readings with {what}, got {n}")
     order = rng.permutation(len(rows))
     turn = np.empty(len(rows))  # within its group

@@ -19,6 +19,7 @@ from truearm.readings import (
     length_errors,
     seat_errors,
 )
+from truearm.readings.anchors import distance_errors, has_located_anchor
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.inputs import (
@@ -50,7 +51,8 @@ def evaluate(
 
     The nominal arm has its base and tip (where they were free) fitted to the model's training readings. Readings with a
     reference point are compared with it, readings in a seat with the mean of the points predicted there, and the
-    distance between two such means with the known length. Readings from which `refit` identified base and tip are
+    distance between two such means with the known length. Distances to an anchor are compared with those of the
+    predicted points from the place that fits them best. Readings from which `refit` identified base and tip are
     skipped.
 
     Parameters
@@ -58,7 +60,7 @@ def evaluate(
     model : Compensator, str or Path
         A fitted model or its file.
     session : Session, DataFrame, str or Path
-        Readings with reference points or seats.
+        Readings with reference points, seats or distances to anchors.
     lengths : Lengths, str or Path, optional
         Known lengths between seats of the session.
     limits : {"skip", "ignore"}
@@ -71,7 +73,7 @@ def evaluate(
     Raises
     ------
     InputError
-        If the session is of another arm, in another unit, or has neither reference points nor seats.
+        If the session is of another arm, in another unit, or has neither reference points nor seats nor distances.
 
     Examples
     --------
@@ -97,6 +99,8 @@ def evaluate(
         if used.points is not None:
             errors[name] |= compare_errors(points, predicted.get("nominal", points), used.points)
         errors[name] |= _seat_and_length_errors(points, used, known)
+        if has_located_anchor(used):
+            errors[name] |= distance_errors(points, used)
     coverage: float | None = None
     coverage_99: float | None = None
     outliers: tuple[Outlier, ...] = ()
@@ -131,7 +135,8 @@ class Evaluation(Record):
         Points of ``"nominal"`` and ``"model"`` [mm].
     errors : dict of str to dict
         For both: ``mean_mm``, ``rms_mm``, ``p95_mm``, ``max_mm``, ``mean_abs_coordinate_mm`` and
-        ``max_abs_coordinate_mm`` against reference points; ``seat_mean_mm`` and others in seats; ``lengths``.
+        ``max_abs_coordinate_mm`` against reference points; ``seat_mean_mm`` and others in seats; ``lengths``;
+        ``distance_mean_mm`` and others of distances, with ``anchors`` and ``distances`` one by one.
     lengths : Lengths or None
         Known lengths at the temperature of the readings.
     coverage, coverage_99 : float or None
@@ -169,6 +174,7 @@ class Evaluation(Record):
         for key, of, n in (
             ("mean_mm", "Mean error", "n"),
             ("seat_mean_mm", "Mean distance from the mean of the seat", "n_in_seats"),
+            ("distance_mean_mm", "Mean error of a distance", "n_distances"),
         ):
             if key in own:
                 compared = "" if nominal is None else compare_with_nominal(own[key], nominal[key])
@@ -181,7 +187,7 @@ class Evaluation(Record):
         yield self.summary()
         own = self.errors["model"]
         if "mean_mm" in own:
-            names = [name for name in own if name.endswith("_mm") and not name.startswith("seat_")]
+            names = [name for name in own if name.endswith("_mm") and not name.startswith(("seat_", "distance_"))]
             yield self._table(f"{own['n']} readings", names)
             if "nominal" in self.errors:
                 yield _removed(own["removed_percent"])
@@ -192,6 +198,9 @@ class Evaluation(Record):
         if "seats" in own:
             heading = f"{own['n_in_seats']} readings in {len(own['seats'])} seats"
             yield self._table(heading, [name for name in own if name.startswith("seat_")])
+        if "distance_mean_mm" in own:
+            heading = f"{own['n_distances']} distances to {len(own['anchors'])} anchors"
+            yield self._table(heading, [name for name in own if name.startswith("distance_")])
         if "lengths" in own:
             yield self._lengths_table()
         yield from listed("outlier", self.outliers, "readings")
@@ -247,7 +256,7 @@ class Evaluation(Record):
 def _seat_and_length_errors(points: FloatArray, session: Session, lengths: Lengths | None) -> dict[str, Any]:
     """Errors in the session's seats, where one has two readings, and errors of lengths."""
     found: dict[str, Any] = {}
-    if session.seat is None:
+    if session.seat is None or not (session.seat != "").any():
         return found
     if has_repeated_seat(session) or (session.points is None and lengths is None):
         found |= seat_errors(points, session.seat)

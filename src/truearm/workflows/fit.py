@@ -23,9 +23,12 @@ from truearm.compensation.models.session_frames import to_first_session_frame
 from truearm.compensation.models.stated_uncertainty import describe_stated_uncertainty
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import identifiability
+from truearm.identification.estimation.distances import is_offset
 from truearm.identification.estimation.gross_errors import excluded_readings
 from truearm.identification.estimation.outliers import Outlier, length_outliers, outliers
 from truearm.readings import Lengths, Session, compare_errors, seat_errors
+from truearm.readings.anchors import distance_errors, has_located_anchor
+from truearm.readings.distances import OFFSET_STD_MM, bars_without_certificate
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import IntArray
 from truearm.workflows.frame_changes import SessionChange, frame_changes
@@ -75,7 +78,7 @@ def fit(
     arm : Arm, str or Path
         The nominal arm: an `Arm`, a name of `list_arms`, or an arm file or URDF.
     session : Session, DataFrame, str or Path
-        Readings with reference points, seats or surfaces.
+        Readings with reference points, seats, distances to anchors or surfaces.
     model : {"auto", "nominal", "kinematic", "physical", "network"}
         ``"auto"`` fits the first three and selects the simplest whose mean error on held-out readings is within one
         standard error of the smallest. See `NominalModel`, `KinematicModel`, `PhysicalModel` and `NetworkModel`.
@@ -160,8 +163,8 @@ class FitResult(Record):
     session : Session
         The training readings that were used.
     training : dict or None
-        Errors on them, without those excluded as gross errors: of points, or of the scatter in seats; None without
-        points and seats.
+        Errors on them, without those excluded as gross errors: of points, or of the scatter in seats, or of distances
+        to anchors; None without any of these.
     nominal : NominalModel
         The nominal arm with base and tip fitted to the same readings.
     outliers : tuple of Outlier
@@ -203,6 +206,20 @@ class FitResult(Record):
             return None
         return self.model.held_out_.mean_mm, self.nominal.held_out_.mean_mm
 
+    @property
+    def held_out_distances(self) -> dict[str, float] | None:
+        """Errors of held-out distances to anchors beside points or seats [mm]; None where there are none."""
+        if not isinstance(self.model, IdentifiedModel) or not len(self.model.held_out_distances_.rows):
+            return None
+        errors = self.model.held_out_distances_.errors_mm
+        mean, p95, largest = float(errors.mean()), float(np.quantile(errors, 0.95)), float(errors.max())
+        return {"mean_mm": mean, "p95_mm": p95, "max_mm": largest, "n": len(errors)}
+
+    @property
+    def _compares_distances(self) -> bool:
+        """Whether the held-out readings are distances."""
+        return isinstance(self.model, IdentifiedModel) and self.model.held_out_.n_coordinates == 1
+
     def save(self, path: str | Path) -> None:
         """Write the model to a file (see `load_model`)."""
         save_model(self.model, path)
@@ -213,7 +230,8 @@ class FitResult(Record):
         if self.held_out_mm is not None:
             error, nominal = self.held_out_mm
             compared = "" if self.model_name == "nominal" else compare_with_nominal(error, nominal)
-            return f"Mean error {format_mm(error)} on held-out readings{compared}{about}"
+            of = " of a distance" if self._compares_distances else ""
+            return f"Mean error{of} {format_mm(error)} on held-out readings{compared}{about}"
         if self.training is not None and "mean_mm" in self.training:
             nominal = self.nominal.nominal_error()
             return (
@@ -231,6 +249,9 @@ class FitResult(Record):
             if n_excluded := self.comparison[0].n_excluded:
                 yield f"compared without {n_excluded} readings that are gross errors of one of these models"
         yield from _training_lines(self.training, compare=self.model_name != "nominal")
+        if self.held_out_distances is not None:
+            mean, largest = self.held_out_distances["mean_mm"], self.held_out_distances["max_mm"]
+            yield f"error of a distance to an anchor, held out: mean {mean:.4f} mm, maximum {largest:.4f} mm"
         if isinstance(self.model, NetworkModel):
             yield from _network_lines(self.model)
         if isinstance(self.model, IdentifiedModel):
@@ -254,6 +275,7 @@ class FitResult(Record):
             "n_readings": len(self.session),
             "fit_seconds": self.model.fit_seconds_,
             "held_out": None,
+            "held_out_distances": self.held_out_distances,
             "training": self.training,
             "comparison": [asdict(score) for score in self.comparison],
             "outliers": [asdict(outlier) for outlier in self.outliers],
@@ -292,10 +314,12 @@ def _training_errors(model: Compensator, session: Session) -> Mapping[str, Any] 
     predicted = model.predict_readings(session)
     if session.points is not None:
         return compare_errors(predicted, model.predict_nominal_readings(session), session.points)
-    if not has_repeated_seat(session):
-        return None
-    assert session.seat is not None
-    return {name: value for name, value in seat_errors(predicted, session.seat).items() if name != "seats"}
+    if has_repeated_seat(session):
+        assert session.seat is not None
+        return {name: value for name, value in seat_errors(predicted, session.seat).items() if name != "seats"}
+    if has_located_anchor(session):
+        return dict(list(distance_errors(predicted, session).items())[:4])
+    return None
 
 
 def _outliers(model: Compensator, session: Session, rows: IntArray) -> tuple[Outlier, ...]:
@@ -324,7 +348,12 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
             f"Each session has a frame of its own: coordinates are in that of session {first}, those of readings of "
             f"{', '.join(others)} in theirs."
         )
-    if session.points is None and lengths is None and session.sphere_distance is None:
+    for name in bars_without_certificate(session):
+        yield (
+            f"The distances to anchor {name} are nearly equal, as those of a bar, and their common uncertainty is "
+            f"assumed to be {OFFSET_STD_MM:g} mm, which leaves the size of the arm open: state u_offset_mm."
+        )
+    if session.points is None and lengths is None and session.sphere_distance is None and session.distance_mm is None:
         yield "No reference point and no length is known: the arm keeps its nominal size."
     if not getattr(model, "fit_", model.nominal_).converged:
         yield "The fit has not converged: more readings, or poses that differ more from each other, may help."
@@ -363,6 +392,10 @@ def _training_lines(errors: Mapping[str, Any] | None, *, compare: bool) -> Itera
         mean, largest = errors["seat_mean_mm"], errors["seat_max_mm"]
         yield f"training error, distance from the mean of the seat: mean {mean:.4f} mm, maximum {largest:.4f} mm"
         return
+    if "distance_mean_mm" in errors:
+        mean, largest = errors["distance_mean_mm"], errors["distance_max_mm"]
+        yield f"training error of a distance to an anchor: mean {mean:.4f} mm, maximum {largest:.4f} mm"
+        return
     line = f"training error: mean {errors['mean_mm']:.4f} mm, maximum {errors['max_mm']:.4f} mm"
     removed = errors["removed_percent"]
     if compare and removed < 0:
@@ -397,6 +430,11 @@ def _network_lines(model: NetworkModel) -> Iterator[str]:
 
 
 def _describe_length(outlier: Outlier) -> str:
+    if is_offset(outlier.name):
+        return (
+            f"{outlier.name}: {-outlier.error_mm:.3f} mm, {outlier.normalized_residual:.0f} standard uncertainties "
+            "(u_offset_mm)"
+        )
     than = "exceeds" if outlier.error_mm > 0 else "is smaller than"
     return (
         f"{outlier.name}: certificate value {than} the value implied by the other data by "

@@ -32,6 +32,7 @@ from truearm.readings import (
     read_session,
     skip_beyond_limits,
 )
+from truearm.readings.anchors import LEAST_READINGS, has_located_anchor
 from truearm.readings.thermal_expansion import (
     REFERENCE_DEGC,
     STEEL_PER_K,
@@ -225,16 +226,19 @@ def check_session_fits(session: Session, arm: Arm, model: str) -> None:
 
 
 def check_has_reference(session: Session, arm: Arm, *, purpose: str) -> None:
-    """Check that there is something to compare the points of a model with: reference points or seats.
+    """Check that there is something to compare the points of a model with: reference points, seats or distances.
 
     Raises
     ------
     InputError
-        If there is neither, or the arm cannot reach a point.
+        If there is none of these, or the arm cannot reach a point.
     """
-    if session.points is None and (session.seat is None or not (session.seat != "").any()):
+    has_seat = session.seat is not None and bool((session.seat != "").any())
+    if session.points is None and not has_seat and not has_located_anchor(session):
         raise session.error(
-            f"expected reference points or seats to {purpose}, the session has none", hint="predict needs none"
+            f"expected reference points, seats or {LEAST_READINGS} distances to an anchor to {purpose}, the session "
+            "has none of these",
+            hint="predict needs none",
         )
     check_reach(session, reach=arm.chain.reach)
 
@@ -249,9 +253,13 @@ def with_reference(session: Session, arm: Arm, *, purpose: str) -> CheckedSessio
     """
     check_has_reference(session, arm, purpose=purpose)
     useful, lack = session.has_point, "have no reference point"
-    if not useful.any():
-        assert session.seat is not None  # checked above
+    if not useful.any() and session.seat is not None:
         useful, lack = session.seat != "", "are in no seat"
+    if not useful.any():
+        raise session.error(
+            f"expected reference points or seats to {purpose}, the session has distances to anchors only",
+            hint="truearm evaluate MODEL SESSION",
+        )
     rows = np.flatnonzero(useful)
     if useful.all():
         return CheckedSession(session, rows, ())

@@ -53,7 +53,7 @@ def refit(
     model : Compensator, str or Path
         A fitted model or its file. It stays as it is.
     session : Session, DataFrame, str or Path
-        Readings of the new set-up, with reference points or seats.
+        Readings of the new set-up, with reference points, seats or distances to anchors.
     free : iterable of {"base", "tip"}
         What is new.
     n_readings : int, optional

@@ -19,6 +19,7 @@ from truearm.identification.planning.candidates import bar_places
 from truearm.identification.planning.sampling import STRATEGIES, Poses, seat
 from truearm.identification.planning.sampling.measuring import describe_rejections
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
+from truearm.identification.virtual.anchors import measure_distances, place_anchors
 from truearm.readings import Lengths, PointErrors, Session, write_lengths, write_session
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ArmLike, to_arm
@@ -42,6 +43,7 @@ def simulate(
     seats: int | None = None,
     bars: int = 0,
     bar_mm: float = 500.0,
+    anchors: int = 0,
 ) -> SimulationResult:
     """Measure with a virtual arm, whose errors are known.
 
@@ -72,6 +74,8 @@ def simulate(
         Places of a bar with a seat at each end; strategy seat only.
     bar_mm : float
         Length of the bar from seat to seat [mm]. Its certificate has a standard uncertainty of 0.005 mm.
+    anchors : int
+        Number of fixed points around the arm. Each pose is read once for each, with the distance to it.
 
     Returns
     -------
@@ -98,6 +102,9 @@ def simulate(
     measured = virtual.measure(
         taken.angles, seed=seed, seat=taken.seat, seat_points=taken.seat_points, reference=reference
     )
+    if anchors:
+        places = place_anchors(anchors, reach=nominal.chain.reach)
+        measured = measure_distances(measured, places, seed=seed)
     return SimulationResult(
         virtual=virtual,
         measurement=measured,

@@ -17,6 +17,7 @@ import pytest
 from mixed_session import reached, unit
 
 from truearm.arm import Arm, DHTable
+from truearm.identification.estimation.distances import Distances
 from truearm.identification.estimation.orientations import Orientations
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
@@ -110,6 +111,13 @@ def session(table, what, rng):
             angles = rng.uniform(-np.pi, np.pi, (n, chain.n_joints))
             pose = chain.pose(angles)
             return angles, [Points(rows, pose.tip_in_base), Orientations(rows, pose.R_base_tip)]
+        case "one anchor" | "three anchors":
+            angles = rng.uniform(-np.pi, np.pi, (n, chain.n_joints))
+            anchor = rows % (1 if what == "one anchor" else 3)
+            places = chain.reach * np.array([[1.0, 0.3, 0.2], [-0.8, 0.9, -0.1], [0.1, -1.1, 0.6]])
+            distance = np.linalg.norm(chain.tip_in_base(angles) - places[anchor], axis=1)
+            k = 1 + int(anchor.max())
+            return angles, [Distances(rows, anchor, tuple("ABC"[:k]), distance, np.zeros(n), np.ones(k))]
         case "seat A" | "seats A, B, C" | "seats A, B and the length between":
             seats = 1 if what == "seat A" else 2 if "length" in what else 3
             name = names[rows % seats]
@@ -163,6 +171,8 @@ def test_the_terms_are_the_tables_parameters(n):
         ("sphere of known radius", "none", lambda n: 4 * n - 3),
         ("plane", "none", lambda n: 4 * n - 4),
         ("line", "none", lambda n: 4 * n - 4),
+        ("one anchor", "none", lambda n: 4 * n - 3),
+        ("three anchors", "none", lambda n: 4 * n - 3),
     ],
 )
 def test_rank_by_reference(what, frame, told, n, harmonics):

@@ -10,6 +10,7 @@ from scipy.spatial.distance import cdist
 from truearm.arm.chain import Chain
 from truearm.identification.planning.sampling.seat import farthest_points
 from truearm.identification.terms import ArmState
+from truearm.readings.distances import rows_with_distance
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
 
@@ -37,12 +38,16 @@ def is_in_one_place(readings: Session, state: ArmState) -> bool:
 def cross_validation_groups(readings: Session, sessions: Iterable[str] = ()) -> IntArray:
     """(n,) numbers of the groups that a fair test keeps together.
 
-    A reading's group is its position; without one, its seat; without both, the reading alone. A column that would put
+    A reading's group is its position; without one, its seat; without both, the reading alone; distances of one pose to
+    several anchors are together. A column that would put
     all readings into one group is ignored, and so is one that would put all points of one of `sessions` into one group,
     as nothing else would determine its frame. See `joint_space_regions` for readings of one place.
     """
     n = len(readings)
     group = np.arange(n)
+    if len(measured := np.flatnonzero(rows_with_distance(readings))):
+        _, first, pose = np.unique(readings.angles[measured], axis=0, return_index=True, return_inverse=True)
+        group[measured] = measured[first][pose.reshape(-1)]
     in_one_frame = [(readings.session == name) & readings.has_point for name in sessions]
     for start, names in ((n, readings.seat), (2 * n, readings.position)):
         if names is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import ClassVar, Self
@@ -21,7 +21,7 @@ from truearm.compensation.models.held_out_errors import NONE_HELD_OUT, HeldOutEr
 from truearm.compensation.models.reading_references import references_of, state_of
 from truearm.compensation.models.training_data import TrainingData
 from truearm.errors import InputError
-from truearm.identification.estimation.cross_validation import birge_ratio, cross_validate_by_group
+from truearm.identification.estimation.cross_validation import IN_LENGTH, birge_ratio, cross_validate_by_group
 from truearm.identification.estimation.day_to_day import day_to_day_terms, on_another_day
 from truearm.identification.estimation.expansion_prior import (
     at_mean_temperature,
@@ -89,6 +89,8 @@ class IdentifiedModel(Compensator):
     held_out_ : HeldOutReadings
         The training readings as predicted by an arm that was identified without their position or seat; gross errors,
         which took no part in the identification, are not among them. Empty after a transfer and after reading a file.
+    held_out_distances_ : HeldOutReadings
+        Likewise distances, where `held_out_` are points or seats; empty where it is of distances itself.
     held_out_errors_ : HeldOutErrors or None
         Their errors in short; None where no readings could be held out.
     residual_std_ : float
@@ -115,6 +117,7 @@ class IdentifiedModel(Compensator):
     refit_reading_ids_: FloatArray
 
     held_out_ = NONE_HELD_OUT
+    held_out_distances_ = NONE_HELD_OUT
     # Whether its terms are those of the nominal arm, which every model has beside its own.
     _is_nominal: ClassVar[bool] = False
 
@@ -138,6 +141,8 @@ class IdentifiedModel(Compensator):
         is_excluded = np.isin(held_out.rows, excluded_readings(self.fit_))
         self.held_out_ = held_out.select(~is_excluded)
         self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=int(is_excluded.sum()))
+        if held_out.n_coordinates > 1 and any(part.kind == "distance" for part in data.references):
+            self.held_out_distances_ = self._cross_validate(data, self.fit_, IN_LENGTH)
         self._estimate_residual_variance(data.session.angles)
         self.birge_ratio_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.residual_std_)
         scale = response_to_point_errors(
@@ -201,22 +206,23 @@ class IdentifiedModel(Compensator):
     ) -> tuple[IdentificationResult, HeldOutReadings]:
         if not data.session.has_point.any():
             terms = [term for term in terms if not _places_the_frame(term)]
-        cross_validate = partial(self._cross_validate, data)
         if not self.robust:
             fit = self._identify_terms(data, terms, data.references, progress)
-            return fit, cross_validate(fit)
+            return fit, self._cross_validate(data, fit)
 
         def identify(weights: FloatArray) -> IdentificationResult:
             return self._identify_terms(data, terms, data.references, progress, weights)
 
-        return identify_without_gross_errors(identify, cross_validate, weights)
+        return identify_without_gross_errors(identify, partial(self._cross_validate, data), weights)
 
-    def _cross_validate(self, data: TrainingData, fit: IdentificationResult) -> HeldOutReadings:
+    def _cross_validate(
+        self, data: TrainingData, fit: IdentificationResult, kinds: Sequence[str] | None = None
+    ) -> HeldOutReadings:
         if is_in_one_place(data.session, data.state):
             groups = joint_space_regions(data.session.angles, data.state.chain)
         else:
             groups = cross_validation_groups(data.session, self.session_frames_)
-        return cross_validate_by_group(fit, data.state, data.references, groups)
+        return cross_validate_by_group(fit, data.state, data.references, groups, kinds)
 
     def _estimate_residual_variance(self, angles: FloatArray) -> None:
         references = self.fit_.references

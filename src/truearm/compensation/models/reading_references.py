@@ -1,4 +1,4 @@
-"""References of a session, as identification uses them: points, seats, surfaces, orientations."""
+"""References of a session, as identification uses them: points, seats, distances, surfaces, orientations."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import place_base_coarsely, rms_distance_from_line
+from truearm.identification.estimation.distances import Distances, distances_of, is_offset
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.orientations import Orientations, orient_flange_coarsely
 from truearm.identification.estimation.outliers import constraint_residuals
@@ -30,8 +31,8 @@ MIN_POINT_SPREAD = 1e-3
 # Share by which a stated length or distance may differ from that of the nominal arm. Real arms are within a hundredth
 # of their nominal lengths; radii in place of distances, other units and other seats are not.
 MAX_SIZE_ERROR = 0.05
-# Readings needed to locate a surface.
-MIN_READINGS_ON = {"sphere": Spheres.least, "plane": Planes.least, "line": Lines.least}
+# Readings needed to locate an anchor or a surface.
+MIN_READINGS_ON = {"anchor": Distances.least, "sphere": Spheres.least, "plane": Planes.least, "line": Lines.least}
 
 
 def state_of(
@@ -65,8 +66,8 @@ def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]
     """References of the readings, one of a kind.
 
     Lengths are those at the temperature of the readings in their seats, where their expansion is known. Ignored are
-    seats with one reading or one repeated pose and no known length, lengths between other seats, and surfaces with too
-    few readings without a point (see `surfaces_with_too_few_readings`).
+    seats with one reading or one repeated pose and no known length, lengths between other seats, and surfaces and
+    anchors with too few readings (see `surfaces_with_too_few_readings`).
 
     A reading in a seat that also has a reference point counts twice: as a point, with the noise of the instrument, and
     as a reading of its seat, with the noise of the contact.
@@ -90,6 +91,7 @@ def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]
         if len(held):
             references.append(seats_of(held, seat[held], between))
     surfaces: dict[str, Callable[[IntArray, NameArray], Reference]] = {
+        "anchor": lambda rows, _: distances_of(readings, rows),
         "sphere": lambda rows, names: spheres_of(rows, names, _radii(readings, rows)),
         "plane": planes_of,
         "line": lines_of,
@@ -107,8 +109,8 @@ def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]
         references.append(Orientations(turned, _orientations(readings, turned)))
     if not references:
         raise InputError(
-            "expected reference points (x_mm, y_mm, z_mm), seats of two readings or more, spheres of four, planes of "
-            "three, lines of two or orientations, the readings have none of these",
+            "expected reference points (x_mm, y_mm, z_mm), seats of two readings or more, four distances to an anchor, "
+            "spheres of four, planes of three, lines of two or orientations, the readings have none of these",
             file=readings.file,
         )
     return references
@@ -161,6 +163,7 @@ def check_sizes(
     assert residuals is not None  # some references state a length
     drawn, stated = residuals.values.T
     most = MAX_SIZE_ERROR * stated + 3 * np.sqrt(residuals.covariance.diagonal() + residuals.std**2)
+    most[[is_offset(name) for name in residuals.names]] = np.inf  # no size of the arm
     excess = np.abs(residuals.residuals) / most
     worst = int(np.argmax(excess))
     if excess[worst] > 1:
@@ -186,7 +189,10 @@ def without_sizes(reference: Reference) -> Reference:
 
 
 def surfaces_with_too_few_readings(readings: Session) -> list[tuple[str, str, int]]:
-    """Ignored surfaces: kind, name, and the number of readings without a point, which is too small to locate it."""
+    """Ignored anchors and surfaces: kind, name, and the number of readings, which is too small to locate it.
+
+    Readings on surfaces count if they have no point.
+    """
     ignored = []
     for kind, least in MIN_READINGS_ON.items():
         touched = _touched(readings, kind)
@@ -197,10 +203,12 @@ def surfaces_with_too_few_readings(readings: Session) -> list[tuple[str, str, in
 
 
 def _touched(readings: Session, kind: str) -> IntArray:
-    """Readings on a kind of surface without a point; with one, only the point counts."""
+    """Readings of a kind of anchor or surface; of a surface those without a point: with one, only the point counts."""
     names = getattr(readings, kind)
     if names is None:
         return np.zeros(0, dtype=np.intp)
+    if kind == "anchor":
+        return np.flatnonzero(names != "")
     return np.flatnonzero((names != "") & ~readings.has_point)
 
 

@@ -149,7 +149,7 @@ def refit(
     refuse_implausible(new.nominal_check_, model.arm_, readings, new.nominal_.tips(state))
     new.residual_std_ = max(model.residual_std_, new.fit_.references[0].noise_std)
     new.free_ = free
-    new.held_out_, new.held_out_errors_ = NONE_HELD_OUT, None
+    new.held_out_, new.held_out_distances_, new.held_out_errors_ = NONE_HELD_OUT, NONE_HELD_OUT, None
     new.refit_reading_ids_ = np.concatenate([model.refit_reading_ids_, ids])
     new.fit_seconds_ = time.perf_counter() - begun
     return new
@@ -180,11 +180,13 @@ def used_in_refit(model: Compensator, readings: Session) -> BoolArray:
 
 
 def _reading_ids(readings: Session) -> FloatArray:
-    """(n,) a whole number below 2**52 for every reading: the first bits of the SHA-256 of angles, point and seat."""
+    """(n,) a whole number below 2**52 for every reading: first bits of the SHA-256 of angles, point, seat, anchor."""
     numbers = [readings.angles]
     if readings.points is not None:
         numbers.append(np.nan_to_num(readings.points))
     rows = np.round(np.hstack(numbers) / ID_RESOLUTION).astype("<i8")
     seat = np.full(len(readings), "") if readings.seat is None else readings.seat
+    if readings.anchor is not None:
+        seat = np.char.add(seat, readings.anchor)
     digests = (hashlib.sha256(row.tobytes() + name.encode()) for row, name in zip(rows, seat.tolist(), strict=True))
     return np.array([int.from_bytes(digest.digest()[:8], "little") >> 12 for digest in digests], dtype=float)

@@ -14,7 +14,8 @@ Gauss-Newton matrix. Source: R. D. Cook, S. Weisberg, "Residuals and Influence i
 3.6.4, for several cases at once.
 
 Tips with points are compared with these. Tips in seats are compared with the position of the seat by the readings of
-other groups or, for a seat that only this group touched, with the mean of the tips predicted in it.
+other groups or, for a seat that only this group touched, with the mean of the tips predicted in it. Distances are
+compared where there are neither points nor seats, or apart from these; their anchors are located by other groups.
 
 The Birge ratio compares the residual variance of held-out readings with the one that the posterior was computed with:
 R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev. 40 (1932) 207.
@@ -37,6 +38,7 @@ from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.references import LinearisedResiduals, Reference
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
 from truearm.identification.terms.state import ArmState
+from truearm.readings.anchors import LEAST_READINGS
 from truearm.solve.square_roots import covariance_factor
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
@@ -54,12 +56,18 @@ ROUNDING = 1e-9
 # Robust weight of an excluded reading, which keeps its whitened residuals above rounding: one of 1000 standard
 # deviations moves nothing by more than a hundred-thousandth of a standard deviation.
 LEAST_WEIGHT = 1e-8
+# Kinds of references that are compared in three coordinates, and in one.
+IN_SPACE, IN_LENGTH = ("point", "seat"), ("distance",)
 # Readings whose derivatives are in memory at once: with 1500 coefficients some ten megabytes.
 CHUNK = 256
 
 
 def cross_validate_by_group(
-    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], group: IntArray
+    fit: IdentificationResult,
+    state: ArmState,
+    references: Sequence[Reference],
+    group: IntArray,
+    kinds: Sequence[str] | None = None,
 ) -> HeldOutReadings:
     """Deviations of readings from an arm identified without their group.
 
@@ -72,14 +80,18 @@ def cross_validate_by_group(
         Those of the identification.
     group : (n,) int array
         The group of every reading.
+    kinds : sequence of str, optional
+        Kinds of references to compare, `IN_SPACE` or `IN_LENGTH`; by default the first if there are such references.
 
     Returns
     -------
     HeldOutReadings
-        Of readings with points, and of those in seats of two or more.
+        Of readings with points, and of those in seats of two or more; or of distances.
     """
+    if kinds is None:
+        kinds = IN_SPACE if any(part.kind in IN_SPACE for part in fit.references) else IN_LENGTH
     with one_blas_thread():
-        minimum = _Minimum.of(fit, state, references)
+        minimum = _Minimum.of(fit, state, references, kinds)
         found = [part for batch in _batches(fit.references, group) for part in minimum.without(batch, group)]
     if not found:
         empty = np.zeros(0, dtype=np.intp)
@@ -152,12 +164,14 @@ class _Piece(NamedTuple):
 class _Group(NamedTuple):
     """A group's residuals (n,), and the unknowns' part of the root of S of them, (n, t).
 
-    `own` (n, q), orthonormal, are the motions of the seats that only this group touched.
+    `own` (n, q), orthonormal, are the motions of the seats that only this group touched; `n_distances` are its
+    readings of each anchor, by the number of the reference.
     """
 
     residuals: FloatArray
     spread: FloatArray
     own: csr_array | None
+    n_distances: dict[int, IntArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +188,9 @@ class _Minimum:
     parts: list[_Whitened]
 
     @classmethod
-    def of(cls, fit: IdentificationResult, state: ArmState, references: Sequence[Reference]) -> _Minimum:
+    def of(
+        cls, fit: IdentificationResult, state: ArmState, references: Sequence[Reference], kinds: Sequence[str]
+    ) -> _Minimum:
         problem, _ = initial_problem(fit.perturbed_chain, state, references)
         x, weights = fit.parameters, [_positive_weights(part) for part in fit.references]
         p, u = len(fit.coefficients), len(x) - len(fit.coefficients)
@@ -209,7 +225,7 @@ class _Minimum:
                     place[own[:, first]].T,
                     np.bincount(part.artefact),
                     is_linked[own[:, first]].any(axis=0),
-                    _is_judged(part, fit.references),
+                    _is_judged(part, fit.references, kinds),
                 )
             )
         return cls(problem, x, covariance_factor(fit.covariance), slope, found)
@@ -249,7 +265,7 @@ class _Minimum:
         residuals = np.concatenate([self.parts[i].residuals[rows].ravel() for i, rows in members])
         n = len(residuals)
         if not any(self.parts[i].linear.unknown.size for i, _ in members):
-            return _Group(residuals, np.zeros((n, 0)), None)
+            return _Group(residuals, np.zeros((n, 0)), None, {})
         spread = csr_array(
             vstack([self.parts[i].spread[_residuals_of(rows, self.parts[i])] for i, rows in members], format="csr")
         )
@@ -283,7 +299,12 @@ class _Minimum:
         if n_own:
             entries = np.concatenate(values), (np.concatenate(where), np.concatenate(column))
             own = csr_array(entries, shape=(n, n_own))
-        return _Group(residuals, spread[:, np.flatnonzero(touched & ~apart)].toarray(), own)
+        n_distances = {
+            i: np.bincount(self.parts[i].reference_fit.artefact[rows], minlength=len(self.parts[i].count))
+            for i, rows in members
+            if self.parts[i].reference_fit.kind in IN_LENGTH
+        }
+        return _Group(residuals, spread[:, np.flatnonzero(touched & ~apart)].toarray(), own, n_distances)
 
     def _without(
         self, of: _Group, pieces: Callable[[], Iterator[_Piece]], group: IntArray
@@ -323,6 +344,9 @@ class _Minimum:
                 white -= unit @ (own.T @ r + mean @ along)
                 half -= unit @ half_mean
                 freedom -= (unit.multiply(unit)).sum(axis=1).reshape(len(freedom), -1).mean(axis=1)
+            if (held := of.n_distances.get(piece.which)) is not None:
+                # Other groups must locate the anchor.
+                freedom[(part.count - held)[part.reference_fit.artefact[piece.rows]] < LEAST_READINGS] = 0.0
             yield _held_out(part, piece.rows, white, half, freedom, group)
 
 
@@ -335,20 +359,23 @@ def _held_out(
     part: _Whitened, rows: IntArray, white: FloatArray, half: FloatArray, freedom: FloatArray, group: IntArray
 ) -> HeldOutReadings:
     """Whitened deviations and the root of their covariance, in mm; seats with one reading give no deviation."""
+    k = part.weights.shape[1]
     shows = part.is_judged[rows] & (freedom > ROUNDING)
     rows, weights = rows[shows], part.weights[rows[shows]]
-    half = half.reshape(len(shows), 3, -1)[shows] / weights[:, :, None]
+    half = half.reshape(len(shows), k, -1)[shows] / weights[:, :, None]
     covariance = half @ half.transpose(0, 2, 1)
-    covariance += (part.reference_fit.std[:, rows].T ** 2)[:, :, None] * np.eye(3)
+    covariance += (part.reference_fit.std[:, rows].T ** 2)[:, :, None] * np.eye(k)
     readings = part.reference_fit.rows[rows]
-    return HeldOutReadings(readings, group[readings], white.reshape(-1, 3)[shows] / weights, covariance, freedom[shows])
+    return HeldOutReadings(readings, group[readings], white.reshape(-1, k)[shows] / weights, covariance, freedom[shows])
 
 
-def _is_judged(part: ReferenceFit, references: Sequence[ReferenceFit]) -> npt.NDArray[np.bool_]:
+def _is_judged(part: ReferenceFit, references: Sequence[ReferenceFit], kinds: Sequence[str]) -> npt.NDArray[np.bool_]:
+    if part.kind not in kinds:
+        return np.zeros(len(part.rows), dtype=bool)
     if part.kind == "seat":
         pointed = [reference.rows for reference in references if reference.kind == "point"]
         return ~np.isin(part.rows, np.concatenate([np.zeros(0, dtype=np.intp), *pointed]))
-    return np.full(len(part.rows), part.kind == "point")
+    return np.ones(len(part.rows), dtype=bool)
 
 
 def _placed(pieces: Iterator[_Piece]) -> Iterator[tuple[_Piece, slice]]:
@@ -385,7 +412,7 @@ def birge_ratio(references: Sequence[ReferenceFit], rows: IntArray, residual_std
     references : sequence of ReferenceFit
         Of the identification.
     rows : (m,) int array
-        Held-out readings, compared with points, or with seats where they have no point.
+        Held-out readings, compared with points, or with seats where they have no point, or with distances.
     residual_std : float
         Residual standard deviation of these [mm].
 
@@ -396,11 +423,11 @@ def birge_ratio(references: Sequence[ReferenceFit], rows: IntArray, residual_std
     """
     ratios = []
     pointed = np.zeros(0, dtype=np.intp)
-    for kind in ("point", "seat"):
+    for kind in (*IN_SPACE, *IN_LENGTH):
         for reference in (reference for reference in references if reference.kind == kind):
             compared = np.isin(reference.rows, rows) & ~np.isin(reference.rows, pointed)
             if compared.any():
                 stated = reference.std[:, compared].ravel() ** 2 + FLOOR_MM2
                 ratios.append((stated + residual_std**2) / (stated + reference.noise_std**2))
-            pointed = reference.rows
+            pointed = np.union1d(pointed, reference.rows)
     return max(1.0, float(np.sqrt(np.concatenate(ratios).mean()))) if ratios else 1.0

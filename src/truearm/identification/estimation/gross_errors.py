@@ -36,6 +36,8 @@ LEAST_FREEDOM, MOST_FREEDOM = 3.0, 1e3
 STARTS = ((30.0, 0.02), (30.0, 0.2), (5.0, LEAST_SHARE))
 # Gross errors begin at this many standard deviations, and have any size up to this many decades above.
 LEAST_GROSS_STDS, DECADES = 4.0, 4.0
+# Measure of the unit sphere in k dimensions: two ends, or a surface.
+UNIT_SPHERE = {1: 2.0, 3: 4 * np.pi}
 # With fewer held-out readings no reading is judged: their distribution is unknown.
 LEAST_READINGS = 12
 # With fewer degrees of freedom, many gross errors of one size may look like tails. Student's weights then move the arm
@@ -71,11 +73,12 @@ class ErrorDistribution:
     def student_weights(self, held_out: HeldOutReadings) -> FloatArray:
         """(m,) weights from 0 to 1 by which readings of this distribution are averaged best.
 
-        (nu + 3) / (nu + t^2) of the squared whitened length t^2, at most 1; times the probability to be honest.
+        (nu + k) / (nu + t^2) of the squared whitened length t^2 of k coordinates, at most 1; times the probability to
+        be honest.
         """
         known, squares, freedom = _along_axes(held_out)
         t2 = (squares / (known + self.variance * freedom)).sum(axis=1)
-        weights = np.minimum((self.freedom + 3) / (self.freedom + t2), 1.0)
+        weights = np.minimum((self.freedom + squares.shape[1]) / (self.freedom + t2), 1.0)
         return np.asarray(weights * (1 - self.gross_probability(held_out)))
 
 
@@ -120,11 +123,11 @@ def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
 def _typical_variance(held_out: HeldOutReadings) -> float:
     """Variance of a coordinate from the median deviation, which stands half of the readings being wrong [mm^2]."""
     squares = (held_out.deviations**2).sum(axis=1) / held_out.freedom
-    return max(float(np.median(squares)) / chi2_quantile(0.5, 3), FLOOR_MM2)
+    return max(float(np.median(squares)) / chi2_quantile(0.5, held_out.n_coordinates), FLOOR_MM2)
 
 
 def _along_axes(held_out: HeldOutReadings) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Variances (m, 3) along the principal axes of the covariances, squared deviations there, and freedom (m, 1)."""
+    """Variances (m, k) along the principal axes of the covariances, squared deviations there, and freedom (m, 1)."""
     known, axes = np.linalg.eigh(held_out.covariance)
     squares = np.einsum("nij,ni->nj", axes, held_out.deviations) ** 2
     return np.maximum(known, 0.0), squares, held_out.freedom[:, None]
@@ -137,11 +140,12 @@ def _log_densities(
     variance, nu = known + of.variance * freedom, of.freedom
     t2 = (squares / variance).sum(axis=1)
     half_log_det = 0.5 * np.log(variance).sum(axis=1)
-    norm = gammaln((nu + 3) / 2) - gammaln(nu / 2) - 1.5 * np.log(nu * np.pi) + np.log1p(-of.gross_share)
-    honest = norm - 0.5 * (nu + 3) * np.log1p(t2 / nu)
+    k = squares.shape[1]
+    norm = gammaln((nu + k) / 2) - gammaln(nu / 2) - k / 2 * np.log(nu * np.pi) + np.log1p(-of.gross_share)
+    honest = norm - 0.5 * (nu + k) * np.log1p(t2 / nu)
     # A density 1/t of the length, between the first gross errors and the largest; smooth below these.
-    decades = np.log(4 * np.pi * DECADES * np.log(10.0))
-    gross = np.log(of.gross_share) - decades - np.log(LEAST_GROSS_STDS**3 + t2**1.5)
+    decades = np.log(UNIT_SPHERE[k] * DECADES * np.log(10.0))
+    gross = np.log(of.gross_share) - decades - np.log(LEAST_GROSS_STDS**k + t2 ** (k / 2))
     return honest - half_log_det, gross - half_log_det
 
 
@@ -241,10 +245,10 @@ def excluded_readings(fit: IdentificationResult) -> IntArray:
 
 
 def own_variance(references: tuple[ReferenceFit, ...], rows: IntArray) -> FloatArray:
-    """(m,) variance of a coordinate by noise and reference, of readings `rows` with points or in seats [mm^2]."""
+    """(m,) variance of a coordinate by noise and reference, of readings with points, seats or distances [mm^2]."""
     own = np.zeros(1 + max([0, *(int(part.rows.max(initial=0)) for part in references)]))
     for part in reversed(references):  # points come first, and judge where there are both
-        if part.kind in ("point", "seat"):
+        if part.kind in ("point", "seat", "distance"):
             own[part.rows] = part.noise_std**2 + (part.std**2).mean(axis=0)
     return np.asarray(own[rows])
 

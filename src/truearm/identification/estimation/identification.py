@@ -29,7 +29,7 @@ from truearm.identification.estimation.identification_result import (
     TermGroupResult,
 )
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.problem import RELATIVE, SmallMotionProblem
+from truearm.identification.estimation.problem import ABSOLUTE, RELATIVE, SmallMotionProblem
 from truearm.identification.estimation.references import Reference
 from truearm.identification.estimation.residual_variance import huber_weights, paule_mandel_variance
 from truearm.identification.terms.state import ArmState
@@ -244,11 +244,11 @@ def eliminate_unknowns(parts: Sequence[Arrowhead], whole: Arrowhead, x: FloatArr
 
 
 def _size_is_open(problem: SmallMotionProblem, x: FloatArray) -> bool:
-    """Whether no reference determines the size of the arm: neither points nor lengths nor radii."""
+    """Whether no reference determines the size of the arm: neither points nor distances nor lengths nor radii."""
     constraints_of = [
         reference.constraints(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)
     ]
-    return all(r.kind != "point" for r in problem.references) and all(
+    return all(r.kind not in ABSOLUTE for r in problem.references) and all(
         constraints is None for constraints in constraints_of
     )
 

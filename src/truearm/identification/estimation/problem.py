@@ -33,6 +33,8 @@ from truearm.typing import FloatArray, IntArray
 # References that compare tips with each other. A smaller arm has smaller residuals of them, and they do not determine
 # its size: their residuals are relative to that size, since otherwise noise and arm would shrink together.
 RELATIVE = ("seat", "sphere", "plane", "line")
+# References in mm of an instrument: they determine the size of the arm.
+ABSOLUTE = ("point", "distance")
 # Chunks are distributed to a fixed number of groups, so that the order of summation does not depend on the threads.
 GROUPS = 2
 # Sites with more functions than this are evaluated in pairs.

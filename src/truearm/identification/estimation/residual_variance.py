@@ -134,10 +134,11 @@ class HeldOutReadings:
         The readings.
     group : (m,) int array
         Readings with the same number were held out together: a position, a seat.
-    deviations : (m, 3) array
-        Predicted less reference point; for a seat, less its position by the readings of other groups or, without such
-        readings, less the mean of the points predicted in it [mm].
-    covariance : (m, 3, 3) array
+    deviations : (m, k) array
+        Three coordinates: predicted less reference point; for a seat, less its position by the readings of other groups
+        or, without such readings, less the mean of the points predicted in it. One: predicted less stated distance
+        [mm].
+    covariance : (m, k, k) array
         Of the deviations, by the uncertainty of the parameters and of the reference [mm^2].
     freedom : (m,) array
         Share of a reading's own variance in its deviation: 1, or 1 - 1/n for n readings about their own mean.
@@ -168,6 +169,11 @@ class HeldOutReadings:
         return HeldOutReadings(*(getattr(self, part.name)[which] for part in fields(self)))
 
     @property
+    def n_coordinates(self) -> int:
+        """Number k of coordinates that are compared: 3 of points, 1 of distances."""
+        return int(self.deviations.shape[1])
+
+    @property
     def errors_mm(self) -> FloatArray:
         """(m,) lengths of the deviations, scaled for those about the own mean of a seat [mm]."""
         return np.asarray(np.linalg.norm(self.deviations, axis=1) / np.sqrt(self.freedom))
@@ -193,10 +199,10 @@ class HeldOutReadings:
 def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEVEL) -> float:
     """The variance v of a coordinate for which ellipsoids cover a share `level` of the held-out readings.
 
-    With v added to their covariances, the quantile of the squared Mahalanobis length is that of three Gaussian
-    coordinates. The order statistic is that of conformal prediction, number ``ceil((m + 1) level)`` of m, so
-    that a new reading is covered with at least that probability if readings are exchangeable (V. Vovk, A. Gammerman,
-    G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2).
+    With v added to their covariances, the quantile of the squared Mahalanobis length is that of as many Gaussian
+    coordinates as are compared. The order statistic is that of conformal prediction, number ``ceil((m + 1) level)`` of
+    m, so that a new reading is covered with at least that probability if readings are exchangeable (V. Vovk,
+    A. Gammerman, G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2).
 
     Returns
     -------
@@ -209,7 +215,7 @@ def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEV
     values, vectors = np.linalg.eigh(held_out.covariance)
     squares = np.einsum("nij,ni->nj", vectors, held_out.deviations) ** 2
     rank = min(int(np.ceil((m + 1) * level)), m) - 1
-    radius = chi2_quantile(level, 3)
+    radius = chi2_quantile(level, held_out.n_coordinates)
 
     def excess(log_v: float) -> float:
         variance = np.maximum(values, 0.0) + np.exp(log_v) * held_out.freedom[:, None]
@@ -350,8 +356,8 @@ def _features(angles: FloatArray, centre: FloatArray, spread: FloatArray) -> Flo
 class _Deviance:
     """Negative logarithm of the posterior, by the variance's logarithm and the coefficients, with its gradient.
 
-    Deviations are along the principal axes of their covariances: `known` (m, 3) are the variances there, `squares`
-    (m, 3) the squared deviations. Readings of a group have common errors and count together as one.
+    Deviations are along the principal axes of their covariances: `known` (m, k) are the variances there, `squares`
+    (m, k) the squared deviations. Readings of a group have common errors and count together as one.
     """
 
     squares: FloatArray
@@ -366,7 +372,7 @@ class _Deviance:
         """The deviance of held-out readings."""
         known, axes = np.linalg.eigh(held_out.covariance)
         squares = np.einsum("nij,ni->nj", axes, held_out.deviations) ** 2
-        typical = max(float(np.median(squares.sum(axis=1) / held_out.freedom)) / 3, FLOOR_MM2)
+        typical = max(float(np.median(squares.sum(axis=1) / held_out.freedom)) / held_out.n_coordinates, FLOOR_MM2)
         weight = len(np.unique(held_out.group)) / len(held_out.rows)
         return cls(squares, np.maximum(known, 0.0), held_out.freedom[:, None], features, typical, weight)
 
@@ -375,10 +381,10 @@ class _Deviance:
         coefficients = parameters[1:]
         own = self._own(parameters)
         variance = self.known + own
-        n = STUDENT_FREEDOM
+        n, k = STUDENT_FREEDOM, self.squares.shape[1]
         length = (self.squares / variance).sum(axis=1)
-        value = 0.5 * np.log(variance).sum() + 0.5 * (n + 3) * np.log1p(length / n).sum()
-        pull = ((n + 3) / (n + length))[:, None]
+        value = 0.5 * np.log(variance).sum() + 0.5 * (n + k) * np.log1p(length / n).sum()
+        pull = ((n + k) / (n + length))[:, None]
         by_log = (0.5 * own / variance * (1 - pull * self.squares / variance)).sum(axis=1)
         prior = precision * coefficients
         gradient = np.concatenate([[by_log.sum()], self.features.T @ by_log]) * self.weight
@@ -392,9 +398,9 @@ class _Deviance:
         J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881, section 4); f^2 times
         as much where the scale is a share f of the variance.
         """
-        own = self._own(parameters)
+        own, k = self._own(parameters), self.squares.shape[1]
         share = own / (self.known + own)
-        each = self.weight * (share**2).sum(axis=1) / 2 * STUDENT_FREEDOM / (STUDENT_FREEDOM + 5)
+        each = self.weight * (share**2).sum(axis=1) / 2 * STUDENT_FREEDOM / (STUDENT_FREEDOM + k + 2)
         design = np.hstack([np.ones((len(own), 1)), self.features])
         information = design.T @ (each[:, None] * design)
         information[1:, 1:].flat[:: len(information)] += precision

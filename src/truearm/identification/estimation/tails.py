@@ -2,9 +2,9 @@
 
 Residual variances are such that Gaussian ellipsoids of 95 % contain 95 % of the held-out readings
 (`truearm.identification.estimation.residual_variance`). What lies outside says how the ellipsoids grow beyond: squared
-whitened lengths of Student's distribution with nu degrees of freedom are three times an F(3, nu), and nu is that of the
-largest posterior density of those above the quantile of 95 %. The body of the distribution has no part in it, as it
-would outvote the tail (the peaks over a threshold of J. Pickands, Ann. Stat. 3 (1975) 119).
+whitened lengths of Student's distribution of k coordinates with nu degrees of freedom are k times an F(k, nu), and nu
+is that of the largest posterior density of those above the quantile of 95 %. The body of the distribution has no part
+in it, as it would outvote the tail (the peaks over a threshold of J. Pickands, Ann. Stat. 3 (1975) 119).
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from truearm.solve.distributions import chi2_quantile, f_log_density, f_quantile
 FREEDOM_SHAPE, FREEDOM_RATE = 2.0, 0.1
 # Bounds of the degrees of freedom: the variance is finite above two; above a thousand the distribution is Gaussian.
 LEAST_FREEDOM, MOST_FREEDOM = 2.0, 1e3
-AT_LEVEL = chi2_quantile(LEVEL, 3)
 
 
 def tail_freedom(held_out: HeldOutReadings, variance: float) -> float:
@@ -41,16 +40,17 @@ def tail_freedom(held_out: HeldOutReadings, variance: float) -> float:
     """
     from scipy.optimize import minimize_scalar
 
-    spread = held_out.covariance + (variance * held_out.freedom)[:, None, None] * np.eye(3)
+    spread = held_out.covariance + (variance * held_out.freedom)[:, None, None] * np.eye(held_out.n_coordinates)
     whitened = np.linalg.solve(spread, held_out.deviations[:, :, None])[:, :, 0]
     squares = np.einsum("ni,ni->n", held_out.deviations, whitened)
-    beyond = squares[squares > AT_LEVEL]
+    k = held_out.n_coordinates
+    beyond = squares[squares > chi2_quantile(LEVEL, k)]
 
     def deviance(log_freedom: float) -> float:
         freedom = float(np.exp(log_freedom))
-        unit = _squared_unit(freedom)
+        unit = _squared_unit(freedom, k)
         prior = FREEDOM_SHAPE * log_freedom - FREEDOM_RATE * freedom
-        return float(-(f_log_density(beyond / unit, 3, freedom) - np.log(unit)).sum() - prior)
+        return float(-(f_log_density(beyond / unit, k, freedom) - np.log(unit)).sum() - prior)
 
     bounds = (float(np.log(LEAST_FREEDOM)), float(np.log(MOST_FREEDOM)))
     return float(np.exp(minimize_scalar(deviance, bounds=bounds, method="bounded").x))
@@ -80,6 +80,6 @@ def ellipsoid_factor(level: float, *, freedom: float) -> float:
     return float(np.sqrt(_squared_unit(freedom) * f_quantile(level, 3, freedom)))
 
 
-def _squared_unit(freedom: float) -> float:
+def _squared_unit(freedom: float, k: int = 3) -> float:
     """Squared whitened length of an F of 1: at the level of 95 % both lengths are equal."""
-    return float(AT_LEVEL / f_quantile(LEVEL, 3, freedom))
+    return float(chi2_quantile(LEVEL, k) / f_quantile(LEVEL, k, freedom))
