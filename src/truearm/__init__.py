@@ -11,7 +11,7 @@ __version__ = "0.1.0"
 # Where each public name is defined.
 _HOMES = {
     "truearm.arm": ("Arm", "list_arms", "load_arm"),
-    "truearm.compensation.models": ("KinematicModel", "NetworkModel", "NominalModel", "PhysicalModel"),
+    "truearm.compensation.models": ("HybridModel", "KinematicModel", "NetworkModel", "NominalModel", "PhysicalModel"),
     "truearm.compensation.models.model_file": ("load_model",),
     "truearm.errors": ("InputError",),
     "truearm.identification.virtual": ("VirtualArm",),

@@ -4,6 +4,7 @@ from truearm import datasets as datasets
 from truearm.arm import Arm as Arm
 from truearm.arm import list_arms as list_arms
 from truearm.arm import load_arm as load_arm
+from truearm.compensation.models import HybridModel as HybridModel
 from truearm.compensation.models import KinematicModel as KinematicModel
 from truearm.compensation.models import NetworkModel as NetworkModel
 from truearm.compensation.models import NominalModel as NominalModel

@@ -24,7 +24,7 @@ def fit(
     arm: ArmOption,
     out: Annotated[Path, typer.Option("--out", help="Model file to write; the usual ending is .truearm.")],
     model: Annotated[
-        Literal["auto", "nominal", "kinematic", "physical", "network"],
+        Literal["auto", "nominal", "kinematic", "physical", "network", "hybrid"],
         typer.Option("--model", help="What to fit: see above."),
     ] = "auto",
     lengths: LengthsFile = None,
@@ -32,7 +32,10 @@ def fit(
         str, typer.Option("--free", help="What is unknown of the nominal arm's placement: base,tip or none.")
     ] = "base,tip",
     limits: LimitsOption = "skip",
-    hidden: Annotated[str, typer.Option("--hidden", help="Network: units of the hidden layers.")] = "30,30",
+    hidden: Annotated[
+        str | None,
+        typer.Option("--hidden", help="Network, hybrid: units of the hidden layers; default 30,30 and 15."),
+    ] = None,
     trainer: Annotated[
         Literal["varpro", "trainlm", "trainbr", "traingd", "traingdx"],
         typer.Option(
@@ -40,7 +43,10 @@ def fit(
             help="Network: variable projection, or as in MATLAB (trainbr: few readings, after Foresee and Hagan).",
         ),
     ] = "varpro",
-    epochs: Annotated[int, typer.Option("--epochs", min=1, help="Network: maximum epochs per training run.")] = 200,
+    epochs: Annotated[
+        int | None,
+        typer.Option("--epochs", min=1, help="Network, hybrid: maximum epochs per training run; default 200 and 30."),
+    ] = None,
     goal: Annotated[
         float, typer.Option("--goal", min=0, help="Network: mean squared error of scaled outputs at which to stop.")
     ] = 0.0,
@@ -52,17 +58,29 @@ def fit(
         int, typer.Option("--restarts", min=1, help="Network: starts of each training run; the best is kept.")
     ] = 1,
     members: Annotated[
-        int, typer.Option("--members", min=1, help="Network: ensemble size; the mean of the members predicts.")
-    ] = 1,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Network: of the starts and the validation splits.")] = 0,
+        int | None,
+        typer.Option(
+            "--members",
+            min=1,
+            help="Network, hybrid: number of networks, the mean of which predicts; default 1 and 5.",
+        ),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, help="Network, hybrid: of the starts and the splits of the readings.")
+    ] = 0,
+    arm_model: Annotated[
+        Literal["kinematic", "nominal"],
+        typer.Option("--arm-model", help="Hybrid: the arm whose residuals the networks learn."),
+    ] = "kinematic",
     as_json: Json = False,
 ) -> None:
     """Identify an arm: fit a model to its readings.
 
     nominal: the nominal arm; only where its base and its tip are is fitted. kinematic: the true constants of every
     joint, base and tip as well. physical: also what angles, weight and temperature do to the arm, as far as the
-    readings show it. auto (the default) fits these three and selects the simplest that predicts held-out readings as
-    well as the best. network: the founding paper's, straight from angles to coordinates; it needs thousands of readings
+    readings show it. hybrid: the kinematic arm, and small networks on its residuals. auto (the default) fits the first
+    three, and the hybrid where it may win, and selects the simplest that predicts held-out readings as well as the
+    best. network: the founding paper's, straight from angles to coordinates; it needs thousands of readings
     with points and is valid only in the range it was trained on.
 
     Without an instrument: name the seat of every reading in a column seat, and give the lengths between seats by
@@ -78,11 +96,16 @@ def fit(
     check_output_is_not_input(out, session, arm_path(arm), *([] if lengths is None else [lengths]))
     check_writable(out)
     options: dict[str, Any] = {}
-    total = 3 if model == "auto" else None
+    total = 4 if model == "auto" else None
     if model == "network":
-        options = {"hidden": layer_sizes(hidden), "trainer": trainer, "epochs": epochs, "goal": goal, "seed": seed}
-        options |= {"validation": validation, "n_restarts": restarts, "n_members": members}
+        epochs, members = epochs or 200, members or 1
+        options = {"hidden": layer_sizes(hidden or "30,30"), "trainer": trainer, "epochs": epochs, "goal": goal}
+        options |= {"validation": validation, "n_restarts": restarts, "n_members": members, "seed": seed}
         total = epochs * restarts * members
+    elif model == "hybrid":
+        total = members or 5
+        options = {"hidden": layer_sizes(hidden or "15"), "epochs": epochs or 30, "n_members": total, "seed": seed}
+        options["arm_model"] = arm_model
     parts = free_parts(free)
     with progress(f"fitting {model}", total=total) as report:
         result = fit_model(

@@ -57,7 +57,11 @@ def identified_arm(model: ModelLike) -> Arm:
     fitted = to_model(model)
     if not isinstance(fitted, IdentifiedModel):
         file = None if isinstance(model, Compensator) else model
-        raise InputError("a network model identifies no arm", file=file, hint="give a kinematic or physical model")
+        raise InputError(
+            "a model with a network identifies no arm that predicts the same points",
+            file=file,
+            hint="give a kinematic or physical model",
+        )
     chain = fitted.fit_.chain
     # Seen from the base frame, which is the reference's now, gravity has another direction.
     turn = chain.fixed[0, :3, :3] @ fitted.arm.chain.fixed[0, :3, :3].T

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from truearm.compensation.models import MODELS, Compensator, KinematicModel, NetworkModel, NominalModel, PhysicalModel
+from truearm.compensation.models import (
+    MODELS,
+    Compensator,
+    HybridModel,
+    KinematicModel,
+    NetworkModel,
+    NominalModel,
+    PhysicalModel,
+)
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.reading_references import (
@@ -51,7 +59,7 @@ from truearm.workflows.sentences import compare_with_nominal, format_mm, listed
 if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
 
-ModelName = Literal["auto", "nominal", "kinematic", "physical", "network"]
+ModelName = Literal["auto", "nominal", "kinematic", "physical", "network", "hybrid"]
 
 # With fewer readings the training error of a kinematic model says little: it determines some 27 constants.
 FEW_READINGS = 50
@@ -79,9 +87,10 @@ def fit(
         The nominal arm: an `Arm`, a name of `list_arms`, or an arm file or URDF.
     session : Session, DataFrame, str or Path
         Readings with reference points, seats, distances to anchors or surfaces.
-    model : {"auto", "nominal", "kinematic", "physical", "network"}
-        ``"auto"`` fits the first three and selects the simplest whose mean error on held-out readings is within one
-        standard error of the smallest. See `NominalModel`, `KinematicModel`, `PhysicalModel` and `NetworkModel`.
+    model : {"auto", "nominal", "kinematic", "physical", "network", "hybrid"}
+        ``"auto"`` fits the first three, and the hybrid model where it may win, and selects the simplest whose mean
+        error on held-out readings is within one standard error of the smallest. See `NominalModel`, `KinematicModel`,
+        `PhysicalModel`, `NetworkModel` and `HybridModel`.
     lengths : Lengths, str or Path, optional
         Known lengths between seats of the session.
     free : iterable of {"base", "tip"}
@@ -196,13 +205,13 @@ class FitResult(Record):
 
     @property
     def model_name(self) -> str:
-        """``"nominal"``, ``"kinematic"``, ``"physical"`` or ``"network"``."""
+        """``"nominal"``, ``"kinematic"``, ``"physical"``, ``"network"`` or ``"hybrid"``."""
         return next(name for name, kind in MODELS.items() if type(self.model) is kind)
 
     @property
     def held_out_mm(self) -> tuple[float, float] | None:
         """Mean error on held-out readings, of the model and of the nominal arm [mm]; None where none were held out."""
-        if not isinstance(self.model, IdentifiedModel) or not len(self.model.held_out_.rows):
+        if not len(self.model.held_out_.rows):
             return None
         return self.model.held_out_.mean_mm, self.nominal.held_out_.mean_mm
 
@@ -254,7 +263,9 @@ class FitResult(Record):
             yield f"error of a distance to an anchor, held out: mean {mean:.4f} mm, maximum {largest:.4f} mm"
         if isinstance(self.model, NetworkModel):
             yield from _network_lines(self.model)
-        if isinstance(self.model, IdentifiedModel):
+        if isinstance(self.model, HybridModel):
+            yield _committee_line(self.model)
+        if isinstance(self.model, IdentifiedModel | HybridModel):
             yield (
                 f"residual standard deviation: {format_fixed(self.model.residual_std_)} mm of a coordinate, "
                 "unexplained by the model"
@@ -287,8 +298,11 @@ class FitResult(Record):
             found["held_out"] = dict(zip(("mean_mm", "nominal_mean_mm"), self.held_out_mm, strict=True))
         if isinstance(self.model, NetworkModel):
             found["network"] = {"trainer": self.model.trainer, "members": _members(self.model)}
-        if isinstance(self.model, IdentifiedModel):
+        if isinstance(self.model, HybridModel):
+            found["network"] = _committee_facts(self.model)
+        if isinstance(self.model, IdentifiedModel | HybridModel):
             found["residual_std_mm"] = self.model.residual_std_
+        if isinstance(self.model, IdentifiedModel):
             found["groups"] = [asdict(group) for group in self.model.fit_.groups]
             found["skipped_terms"] = [term._asdict() for term in self.model.excluded_terms_]
             found["identifiability"] = asdict(identifiability(self.model.fit_))
@@ -301,7 +315,6 @@ class FitResult(Record):
 
         if self.held_out_mm is None or self.model_name == "nominal":
             return None
-        assert isinstance(self.model, IdentifiedModel)
         return error_distribution(
             {"nominal": self.nominal.held_out_.errors_mm, self.model_name: self.model.held_out_.errors_mm}
         )
@@ -309,7 +322,7 @@ class FitResult(Record):
 
 def _training_errors(model: Compensator, session: Session) -> Mapping[str, Any] | None:
     """Errors of the readings that took part."""
-    if isinstance(model, IdentifiedModel) and len(excluded := excluded_readings(model.fit_)):
+    if isinstance(model, IdentifiedModel | HybridModel) and len(excluded := excluded_readings(model.fit_)):
         session = session.rows(np.setdiff1d(np.arange(len(session)), excluded))
     predicted = model.predict_readings(session)
     if session.points is not None:
@@ -361,7 +374,7 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
         yield stated
     if (unusual := model.nominal_check_.remark()) is not None:
         yield unusual
-    if isinstance(model, KinematicModel | PhysicalModel) and len(session) < FEW_READINGS:
+    if isinstance(model, KinematicModel | PhysicalModel | HybridModel) and len(session) < FEW_READINGS:
         yield f"Only {len(session)} readings: the training error says little. Use some {FEW_READINGS} or more."
 
 
@@ -427,6 +440,26 @@ def _network_lines(model: NetworkModel) -> Iterator[str]:
     for number, facts in enumerate(_members(model), 1):
         who = f"member {number}, start {facts['start']}" if len(model.members_) > 1 else "training"
         yield f"{who}: {facts['stop'].rstrip('.')} after {facts['epochs']} epochs, best epoch {facts['best_epoch']}"
+
+
+def _committee_facts(model: HybridModel) -> dict[str, Any]:
+    """The networks of a hybrid model."""
+    committee = model.committee_
+    return {
+        "arm_model": model.arm_model,
+        "sizes": list(committee.network.sizes),
+        "effective_weights": float(committee.effective.mean()),
+        "epochs": committee.epochs.tolist(),
+    }
+
+
+def _committee_line(model: HybridModel) -> str:
+    committee = model.committee_
+    sizes = "-".join(map(str, committee.network.sizes))
+    return (
+        f"{len(committee.weights)} networks {sizes} on the residuals of the {model.arm_model} model: "
+        f"{committee.effective.mean():.0f} effective weights each, {committee.epochs.max()} epochs"
+    )
 
 
 def _describe_length(outlier: Outlier) -> str:

@@ -271,7 +271,7 @@ def _arm_or_model(arm: Arm | Compensator | str | Path) -> tuple[Arm | Identified
         return to_arm(arm), ""
     if not isinstance(model, IdentifiedModel):
         raise InputError(
-            "a network has no terms to plan for",
+            "a model with a network has no terms to plan for",
             file=file,
             hint="use a kinematic or physical model, or the name of the arm",
         )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truearm.compensation.models import Compensator, NetworkModel, PhysicalModel
+from truearm.compensation.models import Compensator, HybridModel, NetworkModel, PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.errors import InputError
@@ -224,6 +224,8 @@ class Prediction(Record):
     def _advice(self) -> str:
         if isinstance(self.model, NetworkModel):
             return ": do not rely on their points"
+        if isinstance(self.model, HybridModel):
+            return ": its networks do not correct the arm there"
         if isinstance(self.model, PhysicalModel):
             return f"; the uncertainty there is {format_fixed(np.median(self.u_mm[self.outside_training]))} mm"
         return ": their errors may be larger than stated"

@@ -22,7 +22,7 @@ from sklearn.utils.estimator_checks import estimator_checks_generator
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, NominalModel, PhysicalModel
+from truearm.compensation.models import MODELS, HybridModel, KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.compensation.models.compensator import Compensator
 from truearm.errors import InputError
 
@@ -79,11 +79,17 @@ class NetworkOfAnyShape(_AnyShape, NetworkModel):
     pass
 
 
+class HybridOfAnyShape(_AnyShape, HybridModel):
+    def _new_arm_model(self):
+        return NominalOfAnyShape(self.arm, free=self.free)
+
+
 MEMBERS = [
     NominalOfAnyShape(zigzag(2), free=("base",)),
     KinematicOfAnyShape(zigzag(2), free=("base",)),
     PhysicalOfAnyShape(zigzag(2), free=("base",), highest=2),
     NetworkOfAnyShape(zigzag(2), free=("base",), hidden=(2,), epochs=3),
+    HybridOfAnyShape(zigzag(2), free=("base",), arm_model="nominal", hidden=(2,), epochs=2, n_members=2),
 ]
 
 
@@ -91,7 +97,7 @@ def expected_failures(estimator):
     failures = {"check_regressor_multioutput": "asks for five targets; a tip has three coordinates"}
     equivalence = "check_sample_weight_equivalence_on_dense_data"
     failures[equivalence] = "a reading of weight 2 is one better reading, not two: evidence and noise count readings"
-    if isinstance(estimator, NetworkModel):
+    if isinstance(estimator, NetworkModel | HybridModel):
         failures["check_sample_weights_not_overwritten"] = "its trainers minimise the mean square of all errors"
     return failures
 
@@ -117,6 +123,7 @@ def test_estimator_checks(estimator, check):
 
 
 SMALL = {"physical": {"highest": 4}, "network": {"hidden": (5,), "epochs": 5}}
+SMALL["hybrid"] = SMALL["network"] | {"n_members": 2}
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import shutil
 import zipfile
 from copy import copy
 from dataclasses import fields, replace
@@ -65,6 +66,8 @@ def fitted(arm, rng):
         model = MODELS[name](arm)
         if name == "network":
             model.set_params(hidden=(4, 3), epochs=5)
+        if name == "hybrid":
+            model.set_params(hidden=(4, 3), epochs=5, n_members=2)
         if name == "physical":
             model.set_params(highest=4)
         return model.fit(angles, points), angles
@@ -558,3 +561,35 @@ def test_an_ensemble_that_is_not_sound_is_refused(change, message, ensemble, tmp
     rewritten(tmp_path / "m", change)
     with pytest.raises(InputError, match=message):
         load_model(tmp_path / "m")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (edit_array("inputs_.kept", lambda a: a[::-1]), "numbered upwards"),
+        (edit_array("inputs_.kept", lambda a: a + 3), "inputs that there are"),
+        (edit_array("inputs_.is_prismatic", lambda a: 1 - a), "inputs of the joints"),
+        (edit_array("inputs_.scale.upper", lambda a: -a), "rise from lower"),
+        (edit_array("committee_.weights", lambda a: a[:1]), "two networks or more"),
+        (edit_array("committee_.weights", lambda a: a[:, 1:]), "weights of shape"),
+        (edit_array("committee_.effective", lambda a: a[1:]), "effective of shape"),
+        (edit_array("fit_.covariance", np.negative), "not a covariance"),
+        (edit_json("learned", "target_scale_mm_", value=0.0), "scale above zero"),
+        (edit_json("learned", "tail_freedom_", value=1.0), "degrees of freedom"),
+        (edit_json("options", "arm_model", value="drawn"), "arm_model among"),
+    ],
+)
+def test_a_hybrid_that_is_not_sound_is_refused(change, message, hybrid_file, tmp_path):
+    shutil.copy(hybrid_file, tmp_path / "m")
+    rewritten(tmp_path / "m", change)
+    with pytest.raises(InputError, match=message):
+        load_model(tmp_path / "m")
+
+
+@pytest.fixture(scope="module")
+def hybrid_file(arm, tmp_path_factory):
+    angles = np.random.default_rng(3).uniform(-1, 1, (40, 3)) * [1, 40, 1]
+    model = MODELS["hybrid"](arm, arm_model="nominal", hidden=(4, 3), epochs=3, n_members=2)
+    path = tmp_path_factory.mktemp("hybrid") / "m.truearm"
+    model.fit(angles, arm.chain.tip_in_base(angles) + 0.1 * np.sin(angles)).save(path)
+    return path

@@ -112,6 +112,11 @@ def read(path: str | Path) -> form.ModelDocument:
 
 def document_of(model: Compensator, manifest: Manifest) -> form.ModelDocument:
     """The document of a fitted model. Errors as in `write`."""
+    if not isinstance(model, NetworkModel | IdentifiedModel):
+        raise InputError(
+            f"expected a nominal, kinematic, physical or network model, got a {type(model).__name__}",
+            hint="export the kinematic or physical model of the same readings",
+        )
     network = _network_of(model) if isinstance(model, NetworkModel) else None
     return form.ModelDocument(
         **{MARKER: manifest},  # the key of the document is no name of Python

@@ -147,7 +147,10 @@ def plain_model(model: Compensator) -> PlainModel:
         If the model is a network, or has terms of a basis of its user's own.
     """
     if not isinstance(model, IdentifiedModel):
-        raise InputError(f"expected a model that identifies the arm, got a {type(model).__name__}")
+        raise InputError(
+            f"expected a nominal, kinematic or physical model, got a {type(model).__name__}",
+            hint="export the kinematic or physical model of the same readings",
+        )
     fit, arm = model.fit_, model.arm_
     state = model.state(Session(np.zeros((1, arm.n_joints))))
     links = uniform_links(state.chain, kg_per_m=1.0) if state.links is None else state.links

@@ -79,7 +79,7 @@ def source_of(model: Compensator, manifest: Manifest, template: str, brackets: s
     if not isinstance(model, IdentifiedModel):
         raise InputError(
             f"expected a nominal, kinematic or physical model for source code, got a {type(model).__name__}",
-            hint="export a network as ONNX or JSON",
+            hint="export a network as ONNX or JSON, or the physical model of the same readings",
         )
     plain = plain_model(model)
     values = ValueTables.of(plain)

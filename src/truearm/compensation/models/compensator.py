@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.compensation.models.estimator import Regressor
+from truearm.compensation.models.held_out_errors import NONE_HELD_OUT
 from truearm.compensation.models.nominal_check import UNCHECKED, check_nominal_arm, refuse_implausible
 from truearm.compensation.models.reading_references import (
     check_sizes,
@@ -73,6 +74,8 @@ class Compensator(Regressor, ABC):
     nominal_ : IdentificationResult
         The nominal arm with only the free parts (base, tip) identified from the same readings: the state before
         compensation.
+    held_out_ : HeldOutReadings
+        Training readings as predicted without their position or seat, if any; not in a model file.
     fit_seconds_ : float
         Duration of `fit` [s].
     """
@@ -89,6 +92,7 @@ class Compensator(Regressor, ABC):
     fit_seconds_: float
 
     nominal_check_ = UNCHECKED
+    held_out_ = NONE_HELD_OUT
 
     @one_blas_thread()
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None) -> Self:

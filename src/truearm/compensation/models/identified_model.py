@@ -116,7 +116,6 @@ class IdentifiedModel(Compensator):
     tail_freedom_: float = float("inf")
     refit_reading_ids_: FloatArray
 
-    held_out_ = NONE_HELD_OUT
     held_out_distances_ = NONE_HELD_OUT
     # Whether its terms are those of the nominal arm, which every model has beside its own.
     _is_nominal: ClassVar[bool] = False

@@ -82,7 +82,7 @@ def refit(
     if not isinstance(model, IdentifiedModel):
         raise InputError(
             "a network has no base and no tip that could be re-identified",
-            hint="fit a network to the new readings, or refit a physical model",
+            hint="fit the network or the hybrid model to the new readings, or refit a physical model",
         )
     if not free or not set(free) <= set(FREE_PARTS):
         raise InputError(f"expected what to re-identify among {list(FREE_PARTS)}, got {list(free)}")

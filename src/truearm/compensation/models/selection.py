@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
+from typing import TypeAlias
 
 import numpy as np
 
 from truearm.arm.arm import Arm
+from truearm.compensation.models.hybrid import HybridModel
 from truearm.compensation.models.identified_model import (
     IdentifiedModel,
     KinematicModel,
@@ -34,6 +36,8 @@ CANDIDATES: dict[str, type[IdentifiedModel]] = {
     "physical": PhysicalModel,
 }
 
+# What is selected.
+SelectedModel: TypeAlias = IdentifiedModel | HybridModel
 
 # Share of the differences that is trimmed at either end.
 TRIMMED_SHARE = 0.1
@@ -79,12 +83,16 @@ def select_model(
     lengths: Lengths | None = None,
     progress: Callable[[int, str], None] | None = None,
     nominal: NominalModel | None = None,
-) -> tuple[IdentifiedModel, tuple[ModelScore, ...]]:
-    """Fit the nominal, the kinematic and the physical model and keep one.
+) -> tuple[SelectedModel, tuple[ModelScore, ...]]:
+    """Fit the nominal, the kinematic and the physical model, and the hybrid model if it may win, and keep one.
 
     One standard error rule (L. Breiman and others, "Classification and Regression Trees", 1984, section 3.4.3) on
     paired differences: the simplest model is kept whose error on readings held out exceeds that of the best one by no
     more than one standard error of their difference.
+
+    The hybrid model comes last: it is kept only where its error is smaller than that of the physical model by more than
+    a standard error. It must first win a heat (O. Maron, A. W. Moore, "Hoeffding races", NIPS 6 (1994) 59): it is
+    fitted if the lead of the first of its networks over the best model, on its fold, would decide on all folds.
 
     Parameters
     ----------
@@ -102,7 +110,7 @@ def select_model(
 
     Returns
     -------
-    model : IdentifiedModel
+    model : IdentifiedModel or HybridModel
         Fitted to all readings.
     table : tuple of ModelScore
         All candidates, the simplest first.
@@ -112,7 +120,7 @@ def select_model(
     InputError
         As `fit_readings`; also if no readings can be held out.
     """
-    models: dict[str, IdentifiedModel] = {} if nominal is None else {"nominal": nominal}
+    models: dict[str, SelectedModel] = {} if nominal is None else {"nominal": nominal}
     for number, (name, kind) in enumerate(CANDIDATES.items()):
         if name in models:
             continue
@@ -131,6 +139,13 @@ def select_model(
                 file=readings.file,
                 hint="name the model: --model kinematic, or --model physical",
             )
+    hybrid, arm_model = HybridModel(arm, free=free), models.get("kinematic")
+    if isinstance(arm_model, KinematicModel) and _may_win(hybrid, arm_model, readings, lengths, models):
+        models["hybrid"] = hybrid.fit_readings(
+            readings,
+            nominal=arm_model,
+            progress=lambda _, note: None if progress is None else progress(len(CANDIDATES), f"hybrid: {note}"),
+        )
     common, n_excluded = _common_readings(models)
     errors = {name: _group_means(part) for name, part in common.items()}
     best = min(errors, key=lambda name: trimmed_mean(errors[name])[0])
@@ -145,7 +160,7 @@ def select_model(
             float(part.errors_mm.max()),
             *excess[name],
             n_excluded,
-            sum(group.effective for group in models[name].fit_.groups),
+            _n_effective(models[name]),
             name == kept,
         )
         for name, part in common.items()
@@ -153,18 +168,48 @@ def select_model(
     return models[kept], table
 
 
-def _common_readings(models: dict[str, IdentifiedModel]) -> tuple[dict[str, HeldOutReadings], int]:
+def _may_win(
+    hybrid: HybridModel,
+    arm_model: KinematicModel,
+    readings: Session,
+    lengths: Lengths | None,
+    models: dict[str, SelectedModel],
+) -> bool:
+    """Whether the hybrid model applies to the readings, and its first network is well ahead of the best model."""
+    n_weights = (2 * readings.n_joints + 1) * hybrid.hidden[0] + 3 * (hybrid.hidden[0] + 1)
+    applies = lengths is None and readings.has_point.all() and not arm_model.session_frames_
+    if not applies or 3 * len(arm_model.held_out_.rows) < n_weights:
+        return False
+    first = hybrid.held_out_by_first_member(readings, arm_model)
+    common = reduce(np.intersect1d, [first.rows, *(model.held_out_.rows for model in models.values())])
+    held_out = {name: _on_rows(model.held_out_, common) for name, model in models.items()}
+    best = min(held_out.values(), key=lambda one: trimmed_mean(_group_means(one))[0])
+    excess, error = trimmed_mean(_group_means(_on_rows(first, common)) - _group_means(best))
+    # On all folds the standard error of the same lead would be smaller by the root of their number.
+    return bool(excess + error / np.sqrt(hybrid.n_members) < 0)
+
+
+def _n_effective(model: SelectedModel) -> float:
+    if isinstance(model, HybridModel):
+        return model.n_effective_
+    return sum(group.effective for group in model.fit_.groups)
+
+
+def _on_rows(held_out: HeldOutReadings, rows: IntArray) -> HeldOutReadings:
+    """Some held-out readings, sorted."""
+    order = np.argsort(held_out.rows)
+    return held_out.select(order[np.isin(held_out.rows[order], rows)])
+
+
+def _common_readings(models: dict[str, SelectedModel]) -> tuple[dict[str, HeldOutReadings], int]:
     """Held-out readings that are gross errors of none of the models, sorted, and the number of the others."""
     rows = [model.held_out_.rows for model in models.values()]
     common = reduce(np.intersect1d, rows)
-    found = {}
-    for name, model in models.items():
-        order = np.argsort(model.held_out_.rows)
-        found[name] = model.held_out_.select(order[np.isin(model.held_out_.rows[order], common)])
+    found = {name: _on_rows(model.held_out_, common) for name, model in models.items()}
     return found, len(np.unique(np.concatenate([*rows, *map(_excluded, models.values())]))) - len(common)
 
 
-def _excluded(model: IdentifiedModel) -> IntArray:
+def _excluded(model: SelectedModel) -> IntArray:
     return excluded_readings(model.fit_)
 
 

@@ -142,7 +142,7 @@ def with_tool(model: Compensator, tool: FloatArray) -> Compensator:
     """
     if not isinstance(model, IdentifiedModel):
         raise InputError(
-            "a network has learned the tip that it was trained with, and no other tool",
+            "a network, and that of a hybrid model, has learned the tip that it was trained with, and no other tool",
             hint="omit the tool, or fit a kinematic or physical model",
         )
     R_flange_tool = Rotation.from_euler("xyz", tool[3:])

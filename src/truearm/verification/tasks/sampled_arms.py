@@ -242,8 +242,8 @@ class PosteriorDistribution:
     def __post_init__(self) -> None:
         if not isinstance(self.model, IdentifiedModel):
             raise InputError(
-                "a network has no terms with a posterior: it states the uncertainty of a point, but not how errors of "
-                "two points correlate",
+                "a model with a network has no terms with a posterior for it: it states the uncertainty of a point, "
+                "but not how errors of two points correlate",
                 hint="use a kinematic or physical model of the same readings",
             )
         given = self.repeatability_mm

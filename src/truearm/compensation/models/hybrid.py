@@ -1,0 +1,372 @@
+"""The hybrid model: an identified arm, and a committee of small networks for what its constants leave over."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from truearm.arm.arm import Arm
+from truearm.compensation.models.compensator import MIN_ROWS, Compensator
+from truearm.compensation.models.held_out_errors import HeldOutErrors
+from truearm.compensation.models.identified_model import IdentifiedModel, KinematicModel, NominalModel
+from truearm.compensation.models.reading_references import state_of
+from truearm.compensation.models.residual_inputs import ResidualInputs
+from truearm.compensation.models.training_data import TrainingData
+from truearm.compensation.nets.committee import Committee, train_committee, train_member
+from truearm.compensation.nets.perceptron import Perceptron
+from truearm.errors import InputError
+from truearm.identification.estimation.gross_errors import LEAST_READINGS
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.residual_variance import (
+    HeldOutReadings,
+    VarianceFunction,
+    conformal_residual_variance,
+    fit_variance_function,
+)
+from truearm.identification.estimation.tails import ellipsoid_factor, tail_freedom
+from truearm.readings.lengths import Lengths
+from truearm.readings.session import Session
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import FloatArray, IntArray
+
+ARM_MODELS: dict[str, type[IdentifiedModel]] = {"nominal": NominalModel, "kinematic": KinematicModel}
+# Residuals of this many root mean squares are 1 as targets of the networks.
+TARGET_STDS = 3.0
+# Least root mean square of residuals [mm]: an arm that reproduces all points leaves nothing to scale by.
+LEAST_RMS_MM = 1e-9
+
+
+class HybridModel(Compensator):
+    """An identified arm, and small networks for the residuals that its constants leave.
+
+    The arm explains most of the error and is valid wherever the arm goes; the networks have little left to learn, so
+    that a few hundred readings are enough. Outside the trained range the networks' part is no more than a guess of the
+    size of the residuals there; such readings are flagged (`outside_training`).
+
+    The networks are a committee: each is trained by Bayesian regularisation (`trainbr`) without one fold of the
+    positions, and their mean corrects the arm. What each makes of its own fold gives held-out errors, and these the
+    residual variance. Inputs are cosine and sine of the angles, and the temperature if the readings state it.
+
+    Parameters
+    ----------
+    arm : Arm
+    arm_model : {"kinematic", "nominal"}
+        The identified arm whose residuals the networks learn.
+    hidden : tuple of int
+        Units of the hidden layers.
+    epochs : int
+        Maximum epochs of a network's training.
+    n_members : int
+        Number of networks and folds.
+    seed : int
+        Of the folds and the start weights.
+    free : tuple of str
+        Which of ``"base"`` and ``"tip"`` are unknown, as in `KinematicModel`.
+
+    Attributes
+    ----------
+    fit_ : IdentificationResult
+        The identified arm, without the networks; its covariance is for the noise that they leave.
+    inputs_ : ResidualInputs
+    committee_ : Committee
+    target_scale_mm_ : float
+        Millimetres per unit of the networks' outputs.
+    residual_std_ : float
+        Standard deviation of a coordinate that the model does not explain [mm]: root mean square over the joint space.
+    variance_function_ : VarianceFunction
+        Share of its square at other angles.
+    tail_freedom_ : float
+        Degrees of freedom of the tails of the held-out deviations (`truearm.identification.estimation.tails`).
+    held_out_ : HeldOutReadings
+        Training readings as predicted without their position: by the arm identified without it and by the network
+        trained without it. Empty after reading a file.
+    held_out_errors_ : HeldOutErrors or None
+        Their errors in short.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=60).session
+    >>> model = ta.HybridModel(ta.load_arm("ur10"), hidden=(3,), epochs=5).fit_readings(session)
+    >>> points, covariances = model.predict(session.angles, return_cov=True)
+    >>> points.shape, covariances.shape
+    ((60, 3), (60, 3, 3))
+    """
+
+    fit_: IdentificationResult
+    inputs_: ResidualInputs
+    committee_: Committee
+    target_scale_mm_: float
+    residual_std_: float
+    variance_function_: VarianceFunction
+    tail_freedom_: float
+    held_out_errors_: HeldOutErrors | None
+
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        arm_model: str = "kinematic",
+        hidden: tuple[int, ...] = (15,),
+        epochs: int = 30,
+        n_members: int = 5,
+        seed: int = 0,
+        free: tuple[str, ...] = ("base", "tip"),
+    ) -> None:
+        self.arm = arm
+        self.arm_model = arm_model
+        self.hidden = hidden
+        self.epochs = epochs
+        self.n_members = n_members
+        self.seed = seed
+        self.free = free
+
+    def fit_readings(
+        self,
+        readings: Session,
+        *,
+        lengths: Lengths | None = None,
+        progress: Callable[[int, str], None] | None = None,
+        nominal: Compensator | None = None,
+    ) -> Self:
+        """Learn from a session with a reference point at every reading. See `Compensator.fit_readings`.
+
+        `nominal` may be the identified arm itself, already fitted to the same readings.
+        """
+        arm = self._checked_arm()
+        begun = time.perf_counter()
+        if not isinstance(nominal, ARM_MODELS[self.arm_model]):
+            self._check_inputs(arm, readings)
+            self._check_references(readings, lengths)
+            nominal = self._new_arm_model().fit_readings(readings, lengths=lengths, nominal=nominal)
+        super().fit_readings(readings, lengths=lengths, progress=progress, nominal=nominal)
+        self.fit_seconds_ = time.perf_counter() - begun
+        return self
+
+    @property
+    def n_effective_(self) -> float:
+        """Parameters that the readings determine: constants of the arm, and weights of one network."""
+        return sum(group.effective for group in self.fit_.groups) + float(self.committee_.effective.mean())
+
+    def ellipsoid_factor(self, level: float) -> float:
+        """See `Compensator.ellipsoid_factor`: beyond 95 % as much larger as the held-out readings scatter farther."""
+        return ellipsoid_factor(level, freedom=self.tail_freedom_)
+
+    def member_scatter(self, readings: Session) -> FloatArray:
+        """(n, 3, 3) covariance of the members' points about their mean [mm^2]."""
+        self._check_session(readings)
+        return _scatter(self._corrections(readings, self._temperature(readings)))
+
+    def held_out_by_first_member(self, readings: Session, arm_model: IdentifiedModel) -> HeldOutReadings:
+        """The first fold of the readings, as predicted by the network that is trained without it.
+
+        The first of `n_members` steps of a fit: it shows whether the others are worth their time.
+
+        Parameters
+        ----------
+        readings : Session
+            Of one frame.
+        arm_model : IdentifiedModel
+            Fitted to these readings; an arm as `arm_model` names it.
+        """
+        self.arm_ = self._checked_arm()
+        self.fit_ = arm_model.fit_
+        learned = self._prepare_residuals(readings, arm_model)
+        first = learned.fold == 0
+        weights, _ = train_member(
+            learned.network, learned.inputs, learned.targets, ~first, epochs=self.epochs, seed=[int(self.seed), 0]
+        )
+        corrections = learned.scale_mm * learned.network.outputs(weights, learned.inputs[:, first]).T
+        held_out = learned.held_out.select(first)
+        return replace(held_out, deviations=held_out.deviations + corrections)
+
+    def _new_arm_model(self) -> IdentifiedModel:
+        return ARM_MODELS[self.arm_model](self.arm, free=self.free)
+
+    def _fit(self, data: TrainingData, progress: Callable[[int, str], None]) -> None:
+        arm_model = data.simpler
+        assert isinstance(arm_model, IdentifiedModel)  # see `fit_readings`
+        self.fit_ = arm_model.fit_
+        learned = self._prepare_residuals(data.session, arm_model)
+        self.inputs_, self.target_scale_mm_ = learned.of, learned.scale_mm
+        n_folds = int(learned.fold.max()) + 1
+        progress(0, f"network 1 of {n_folds}")
+        self.committee_, outputs = train_committee(
+            learned.network,
+            learned.inputs,
+            learned.targets,
+            learned.fold,
+            epochs=self.epochs,
+            seed=int(self.seed),
+            callback=lambda done: progress(done, f"network {min(done + 1, n_folds)} of {n_folds}"),
+        )
+        held_out = learned.held_out
+        self.held_out_ = replace(held_out, deviations=held_out.deviations + learned.scale_mm * outputs.T)
+        n_excluded = 0 if arm_model.held_out_errors_ is None else arm_model.held_out_errors_.n_excluded
+        self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=n_excluded)
+        with one_blas_thread():
+            corrections = learned.scale_mm * self.committee_.outputs(learned.inputs).transpose(0, 2, 1)
+            self.fit_ = _with_noise_of(self.held_out_, arm_model)
+            self._estimate_residual_variance(data.session, corrections, learned.fold)
+
+    def _prepare_residuals(self, readings: Session, arm_model: IdentifiedModel) -> _Residuals:
+        """What the networks learn from readings in one frame: all but those that are gross errors of the arm."""
+        held_out = arm_model.held_out_
+        held_out = held_out.select(np.argsort(held_out.rows))
+        rows, groups = held_out.rows, np.unique(held_out.group)
+        if len(rows) < MIN_ROWS or len(groups) < 2:
+            raise readings.error(
+                f"expected {MIN_ROWS} or more readings in two or more positions that the arm's constants explain, got "
+                f"{len(rows)} in {len(groups)}",
+                hint="measure more positions, or fit a kinematic model",
+            )
+        assert readings.points is not None  # checked
+        used = readings.rows(rows)
+        of = ResidualInputs.of(used.angles, used.temperature_degC, self.arm_.chain.is_prismatic)
+        residuals = readings.points[rows] - arm_model.fit_.tips(state_of(self.arm_, used))
+        scale_mm = TARGET_STDS * max(float(np.sqrt((residuals**2).mean())), LEAST_RMS_MM)
+        order = np.random.default_rng([int(self.seed), *b"folds"]).permutation(len(groups))
+        return _Residuals(
+            Perceptron.with_layers(of.n_inputs, self.hidden, 3),
+            of,
+            of.scaled(used.angles, used.temperature_degC),
+            residuals.T / scale_mm,
+            scale_mm,
+            held_out,
+            (order % min(self.n_members, len(groups)))[np.searchsorted(groups, held_out.group)].astype(np.intp),
+        )
+
+    def _estimate_residual_variance(self, readings: Session, corrections: FloatArray, fold: IntArray) -> None:
+        """Residual variance by which 95 % ellipsoids of the committee contain 95 % of the held-out readings."""
+        angles, rows = readings.angles, self.held_out_.rows
+        share = np.sqrt(_share_of_mean(self.held_out_.deviations, corrections, fold))
+        of_arm = self.fit_.tip_covariance(state_of(self.arm_, readings.rows(rows)))
+        of_points = np.zeros((len(rows), 3)) if readings.point_std is None else readings.point_std[rows] ** 2
+        held_out = replace(
+            self.held_out_,
+            deviations=share * self.held_out_.deviations,
+            covariance=of_points[:, :, None] * np.eye(3) + of_arm + _scatter(corrections),
+        )
+        self.variance_function_ = fit_variance_function(held_out, angles)
+        scaled = replace(held_out, freedom=self.variance_function_.share(angles[held_out.rows]) * held_out.freedom)
+        variance = conformal_residual_variance(scaled)
+        self.residual_std_ = float(np.sqrt(variance))
+        enough = len(held_out.rows) >= LEAST_READINGS
+        self.tail_freedom_ = tail_freedom(scaled, variance) if enough else float("inf")
+
+    def _tips(self, readings: Session) -> FloatArray:
+        tips = self.fit_.tips(state_of(self.arm_, self._with_known_sessions(readings)))
+        return np.asarray(tips + self._corrections(readings, self._temperature(readings)).mean(axis=0))
+
+    def _temperature(self, readings: Session) -> FloatArray | None:
+        """Temperatures of readings [degC]; the mean of the training where they state none."""
+        known = self.training_.temperature_degC
+        if readings.temperature_degC is not None or known is None:
+            return readings.temperature_degC
+        return np.full(len(readings), known.mean)
+
+    def _corrections(self, readings: Session, temperature_degC: FloatArray | None) -> FloatArray:
+        """(k, n, 3) what each network adds to the tips [mm]."""
+        outputs = self.committee_.outputs(self.inputs_.scaled(readings.angles, temperature_degC))
+        return self.target_scale_mm_ * outputs.transpose(0, 2, 1)
+
+    def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
+        """Uncertainty of the arm's constants and scatter of the networks; residual variance and unstated temperature.
+
+        The members are trained on overlapping readings and err alike, so that the scatter of one of them counts, not
+        that of their mean.
+        """
+        temperature = self._temperature(readings)
+        of_arm = self.fit_.tip_covariance(state_of(self.arm_, self._with_known_sessions(readings)))
+        of_parameters = of_arm + _scatter(self._corrections(readings, temperature))
+        variance = self.residual_std_**2 * self.variance_function_.share(readings.angles)
+        unexplained = variance[:, None, None] * np.eye(3)
+        known = self.training_.temperature_degC
+        if self.inputs_.has_temperature and readings.temperature_degC is None and known is not None:
+            assert temperature is not None  # the mean of the training
+            low, high = (
+                self._corrections(readings, temperature + sign * known.std).mean(axis=0) for sign in (-1.0, 1.0)
+            )
+            half = (high - low) / 2
+            unexplained = unexplained + half[:, :, None] * half[:, None, :]
+        return of_parameters, unexplained
+
+    def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
+        if (weight == weight[0]).all():
+            return self.fit_readings(readings)
+        raise InputError(
+            "a hybrid model does not use sample_weight: its networks minimise the mean square of all errors",
+            hint="fit a kinematic or physical model to weighted readings",
+        )
+
+    def _check_options(self) -> None:
+        super()._check_options()
+        if self.arm_model not in ARM_MODELS:
+            raise InputError(f"expected arm_model among {list(ARM_MODELS)}, got {self.arm_model!r}")
+        if not isinstance(self.hidden, tuple | list) or not all(isinstance(n, int | np.integer) for n in self.hidden):
+            raise InputError(f"expected hidden layers as whole numbers, such as (15,), got {self.hidden!r}")
+        for name, least in (("epochs", 1), ("n_members", 2), ("seed", 0)):
+            value = getattr(self, name)
+            if not isinstance(value, int | np.integer) or value < least:
+                raise InputError(f"expected {name} as a whole number of {least} or more, got {value!r}")
+
+
+class _Residuals(NamedTuple):
+    """What the networks of a fit learn from: scaled inputs and residuals (samples in columns), and their folds."""
+
+    network: Perceptron
+    of: ResidualInputs
+    inputs: FloatArray
+    targets: FloatArray
+    scale_mm: float
+    held_out: HeldOutReadings
+    fold: IntArray
+
+
+def _with_noise_of(held_out: HeldOutReadings, arm_model: IdentifiedModel) -> IdentificationResult:
+    """The identified arm, its constants as uncertain as by the deviations that remain.
+
+    Its posterior counts all of its residuals as noise. The networks remove most of them, and with them what the
+    constants have wrong within the trained range.
+    """
+    remaining, square = float((held_out.deviations**2).mean()), float((arm_model.held_out_.deviations**2).mean())
+    share = min(remaining / square, 1.0) if square > 0 else 1.0
+    return replace(arm_model.fit_, covariance=share * arm_model.fit_.covariance)
+
+
+def _scatter(corrections: FloatArray) -> FloatArray:
+    """(n, 3, 3) variance of members' corrections (k, n, 3) about their mean, the same in all directions [mm^2].
+
+    A few members do not determine a covariance: that of five has the shape of chance.
+    """
+    variance = corrections.var(axis=0, ddof=1).mean(axis=1)
+    return np.asarray(variance[:, None, None] * np.eye(3))
+
+
+def _share_of_mean(deviations: FloatArray, corrections: FloatArray, fold: IntArray) -> float:
+    """Mean square error of the committee's mean at a new reading, as a share of that of one member.
+
+    The mean square error of k members is that of their mean and their mean square distance from it (Krogh and
+    Vedelsby's equation 5). At a held-out reading the distance of the member that has not seen it from the mean of the
+    others, which have, estimates the latter.
+
+    Parameters
+    ----------
+    deviations : (n, 3) array
+        Of the members that have not seen the readings [mm].
+    corrections : (k, n, 3) array
+        Of all members [mm].
+    fold : (n,) int array
+        The member that has not seen each reading.
+    """
+    k = len(corrections)
+    own = corrections[fold, np.arange(len(fold))]
+    distance = own - (corrections.sum(axis=0) - own) / (k - 1)
+    square = float((deviations**2).mean())
+    if square == 0:
+        return 1.0
+    return max(1 - ((k - 1) / k) ** 2 * float((distance**2).mean()) / square, 1 / k)

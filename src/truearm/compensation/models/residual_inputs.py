@@ -1,0 +1,87 @@
+"""Inputs of a network that describes what the constants of an arm leave over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from truearm.compensation.models.training_conditions import LEAST_TURN, TEMPERATURE_TOLERANCE_K
+from truearm.compensation.nets.scaling import MinMaxScaler
+from truearm.errors import InputError
+from truearm.typing import BoolArray, FloatArray, IntArray
+
+# An input with a smaller range does not vary [rad of an angle, its cosine or sine; mm].
+LEAST_RANGE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualInputs:
+    """Cosine and sine of every angle, displacements, and the temperature, scaled to [-1, 1] over the training.
+
+    The errors of a revolute joint repeat after a full turn; cosine and sine do too, angles do not. A joint that hardly
+    moved in training is no input. Nor is a temperature that changed by less than thermometers differ.
+
+    Attributes
+    ----------
+    is_prismatic : (n_joints,) bool array
+    kept : (k,) int array
+        Which numbers of `_candidates` are inputs.
+    scale : MinMaxScaler
+        Of these.
+    """
+
+    is_prismatic: BoolArray
+    kept: IntArray
+    scale: MinMaxScaler
+
+    @classmethod
+    def of(cls, angles: FloatArray, temperature_degC: FloatArray | None, is_prismatic: BoolArray) -> Self:
+        """Inputs of training readings.
+
+        Parameters
+        ----------
+        angles : (n, n_joints) array
+            [rad, or mm].
+        temperature_degC : (n,) array or None
+        is_prismatic : (n_joints,) bool array
+
+        Raises
+        ------
+        InputError
+            If no joint moved.
+        """
+        moved = np.ptp(angles, axis=0) > np.where(is_prismatic, LEAST_RANGE, LEAST_TURN)
+        is_input = [moved[~is_prismatic], moved[~is_prismatic], moved[is_prismatic]]
+        is_input.append(np.full(1, temperature_degC is not None and np.ptp(temperature_degC) > TEMPERATURE_TOLERANCE_K))
+        candidates = _candidates(angles, temperature_degC, is_prismatic)
+        kept = np.flatnonzero(np.concatenate(is_input) & (np.ptp(candidates, axis=1) > LEAST_RANGE))
+        if not moved.any() or not len(kept):
+            raise InputError(
+                "no joint moves by more than 1 degree in these readings: a network has nothing to learn from",
+                hint="measure different poses",
+            )
+        return cls(is_prismatic, kept.astype(np.intp), MinMaxScaler.of(candidates[kept], what="input"))
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs of the network."""
+        return len(self.kept)
+
+    @property
+    def has_temperature(self) -> bool:
+        """Whether the temperature is an input."""
+        n_angles, n_slides = int((~self.is_prismatic).sum()), int(self.is_prismatic.sum())
+        return bool((self.kept == 2 * n_angles + n_slides).any())
+
+    def scaled(self, angles: FloatArray, temperature_degC: FloatArray | None) -> FloatArray:
+        """(n_inputs, n) inputs of readings with angles (n, n_joints) [rad, or mm] and temperatures (n,)."""
+        return self.scale.scale(_candidates(angles, temperature_degC, self.is_prismatic)[self.kept])
+
+
+def _candidates(angles: FloatArray, temperature_degC: FloatArray | None, is_prismatic: BoolArray) -> FloatArray:
+    """All numbers that may be inputs, in rows: cosines, sines, displacements, temperature."""
+    turns = angles[:, ~is_prismatic].T
+    temperature = np.zeros(len(angles)) if temperature_degC is None else temperature_degC
+    return np.vstack([np.cos(turns), np.sin(turns), angles[:, is_prismatic].T, temperature])
