@@ -11,10 +11,10 @@ from truearm.compensation.export.constants_section import constants_section
 from truearm.compensation.export.constants_table import constants_table
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.comparison_page import comparison_page, improvement_sentence
+from truearm.compensation.models.comparison_page import ModelComparison, comparison_page, improvement_sentence
 from truearm.compensation.models.identification_sections import identification_sections
 from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
-from truearm.compensation.models.seat_page import seats_page
+from truearm.compensation.models.seat_page import SeatComparison, seats_page
 from truearm.errors import InputError
 from truearm.pages.page import Page, Section
 from truearm.readings import Lengths, Session, seat_errors
@@ -60,6 +60,8 @@ class ReportResult(PageRecord):
         What was ignored of session and lengths.
     files : tuple of Path
         The files that were read.
+    comparison : ModelComparison or SeatComparison
+        Points of the readings by the reference and by every model.
     """
 
     models: Mapping[str, Compensator]
@@ -69,6 +71,7 @@ class ReportResult(PageRecord):
     title: str
     input_remarks: tuple[str, ...]
     files: tuple[Path, ...]
+    comparison: ModelComparison | SeatComparison
 
     @property
     def input_files(self) -> tuple[Path, ...]:
@@ -99,9 +102,9 @@ class ReportResult(PageRecord):
             "remarks": self.page_remarks,
             "more": [*identification_sections(models, session), *_constants_sections(models)],
         }
-        if session.points is None:
-            return seats_page(compare_in_seats(models, session, self.lengths), **layout)
-        return comparison_page(compare_models(models, session), **layout)
+        if isinstance(self.comparison, SeatComparison):
+            return seats_page(self.comparison, **layout)
+        return comparison_page(self.comparison, **layout)
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record`."""
@@ -208,14 +211,20 @@ def report(
         )
     known, of_lengths = session_lengths(lengths, whole, readings)
     known = expanded_lengths(known, readings)
+    comparison: ModelComparison | SeatComparison
+    if readings.points is not None:
+        comparison = compare_models(fitted, readings)
+    else:
+        comparison = compare_in_seats(fitted, readings, known)
     result = ReportResult(
         fitted,
         readings,
         known,
-        _errors(fitted, readings, known),
+        _errors(comparison),
         title,
         (*remarks, *skipped, *of_refit, *of_lengths),
         files,
+        comparison,
     )
     if path is not None:
         result.save_page(path)
@@ -240,16 +249,14 @@ def _by_name(models: ModelLike | Sequence[ModelLike] | Mapping[str, ModelLike]) 
     return dict(zip(names, listed, strict=True))
 
 
-def _errors(models: dict[str, Compensator], session: Session, lengths: Lengths | None) -> dict[str, dict[str, float]]:
+def _errors(comparison: ModelComparison | SeatComparison) -> dict[str, dict[str, float]]:
     """Figures of the errors of the nominal arm and of each model [mm]."""
-    if session.points is not None:
-        compared = compare_models(models, session)
+    if isinstance(comparison, ModelComparison):
         return {
             name: {key: float(errors[key]) for key in ("mean_mm", "p95_mm", "max_mm")}
-            for name, errors in compared.errors.items()
+            for name, errors in comparison.errors.items()
         }
-    seated = compare_in_seats(models, session, lengths)
-    whole = {name: seat_errors(points, seated.seat) for name, points in seated.predicted.items()}
+    whole = {name: seat_errors(points, comparison.seat) for name, points in comparison.predicted.items()}
     return {
         name: {"mean_mm": one["seat_mean_mm"], "rms_mm": one["seat_rms_mm"], "max_mm": one["seat_max_mm"]}
         for name, one in whole.items()

@@ -275,7 +275,7 @@ def _joint_errors(model: IdentifiedModel, session: Session) -> list[JointError]:
     found = []
     for joint in (np.flatnonzero(~model.arm.chain.is_prismatic) + 1).tolist():
         angles = session.angles[:, joint - 1]
-        highest = joint_error(model.fit_, joint, angles[:1], mean_at=angles).orders.max(initial=1)
+        highest = joint_error(model.fit_, joint, angles[:1], mean_at=angles[:1]).orders.max(initial=1)
         low, high = model.angle_ranges_[joint - 1]
         n_points = max(int(POINTS_PER_WAVE * highest * (high - low) / (2 * np.pi)), 100)
         found.append(joint_error(model.fit_, joint, np.linspace(low, high, n_points), mean_at=angles))

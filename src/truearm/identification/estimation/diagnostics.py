@@ -24,6 +24,7 @@ import numpy.typing as npt
 from scipy.linalg import qr
 
 from truearm.arm.chain import Chain
+from truearm.arm.rigid_motions import cos_sin
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
@@ -226,8 +227,7 @@ def _own_axis(fit: IdentificationResult, joint: int) -> tuple[IntArray, IntArray
 
 def _functions(orders: IntArray, angles: FloatArray) -> FloatArray:
     """(m, 2 k) cosine and sine of each order."""
-    phase = orders * angles[:, None]
-    return np.stack([np.cos(phase), np.sin(phase)], axis=-1).reshape(len(angles), -1)
+    return np.stack(cos_sin(orders * angles[:, None]), axis=-1).reshape(len(angles), -1)
 
 
 def _amplitudes_std(x: FloatArray, amplitudes: FloatArray, covariance: FloatArray) -> FloatArray:
