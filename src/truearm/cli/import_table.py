@@ -33,6 +33,15 @@ def import_table(
     point_unit: Annotated[
         str, typer.Option("--point-unit", help="Of the point and its uncertainties: mm, m, um or in.")
     ] = "mm",
+    orientation: Annotated[
+        str,
+        typer.Option(
+            "--orientation",
+            help="Columns of the flange's orientation in the frame of the points: 3 of a rotation vector, 4 of a "
+            "quaternion (w first), 9, 12 or 16 of a matrix row by row; 12 and 16 have the point too.",
+        ),
+    ] = "",
+    orientation_unit: Annotated[str, typer.Option("--orientation-unit", help="Of a rotation vector: deg or rad.")] = "",
     temperature: Annotated[str, typer.Option("--temperature", help="Column of the temperature [degC].")] = "",
     seat: Annotated[str, typer.Option("--seat", help="Column that names the seat.")] = "",
     position: Annotated[str, typer.Option("--position", help="Columns that name the position aimed at.")] = "",
@@ -63,7 +72,7 @@ def import_table(
     )
     columns = TableColumns(
         _listed(angles), _listed(points), _listed(point_std), seat or None, session or None, temperature or None,
-        _listed(position),
+        _listed(position), _listed(orientation),
     )  # fmt: skip
     with progress(f"importing {table.name}"):
         readings = read_table(
@@ -71,6 +80,7 @@ def import_table(
             columns,
             scale,
             point_unit=cast(Any, point_unit),
+            orientation_unit=cast(Any, orientation_unit or None),
             separator="\t" if separator in ("TAB", "\\t") else separator,
             decimal=decimal,
             header=not no_header,
@@ -87,6 +97,8 @@ def import_table(
 
 def _print_ranges(readings: Session, scale: JointScale) -> None:
     """Print the ranges of the result, which show a wrong unit or sign."""
+    import numpy as np
+
     from truearm.workflows.record import TextTable
 
     rows = []
@@ -97,6 +109,10 @@ def _print_ranges(readings: Session, scale: JointScale) -> None:
     if readings.points is not None:
         for axis, values in zip("xyz", readings.points.T, strict=True):
             rows.append([axis, "reference", f"{values.min():.3f}", f"{values.max():.3f}", "mm"])
+    if readings.quaternion is not None:
+        # The angle between each flange and the first one: a wrong unit or order of columns shows.
+        turned = 114.59155902616465 * np.arccos(np.clip(np.abs(readings.quaternion @ readings.quaternion[0]), 0.0, 1.0))
+        rows.append(["turned", "from the first flange", f"{turned.min():.3f}", f"{turned.max():.3f}", "deg"])
     if readings.temperature_degC is not None:
         degC = readings.temperature_degC
         rows.append(["temperature", "", f"{degC.min():.2f}", f"{degC.max():.2f}", "degC"])

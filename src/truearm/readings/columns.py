@@ -16,7 +16,7 @@ from truearm.errors import InputError
 from truearm.files.delimited import MAX_NAME, check_header, quoted_cell
 from truearm.readings.distances import ANCHOR_DISTANCE, SPHERE_DISTANCE
 from truearm.readings.reference_uncertainty import SHARED_UNCERTAINTIES
-from truearm.readings.session import DIRECTION, LOAD, NAMED, Session
+from truearm.readings.session import DIRECTION, LOAD, NAMED, PAYLOAD, Session
 from truearm.typing import FloatArray, NameArray
 
 if TYPE_CHECKING:
@@ -359,6 +359,8 @@ def _meant(name: str) -> str:
         return f"quat_{match[1]}: the orientation as a unit quaternion, w first"
     if re.match(r"(load|torque|tau|moment|current)s?_?\d*(_|$)", plain):
         return "load_1_Nm or the like: loads of joints have names of letters, digits and _ that start with load_"
+    if re.match(r"(payload|mass|weight)s?(_|$)", plain):
+        return f"{PAYLOAD}: the mass that the flange carries"
     if match := re.fullmatch(r"dir(?:ection)?s?_?(?:of_)?(?:q|j|joint)?_?0*(\d{1,3})", plain):
         return f"{DIRECTION}{int(match[1]) or 1}: the sign of the joint's last movement, -1, 0 or 1"
     if match := re.fullmatch(r"(s|u|std|sigma)?_?([xyz])(?:_.*)?", plain):

@@ -26,8 +26,12 @@ if TYPE_CHECKING:
 TOUCHED = ("seat", "sphere", "plane", "line", "anchor")
 NAMED = (*TOUCHED, "position", "session")
 
+# Mass that the flange carries [kg].
+PAYLOAD = "payload_kg"
+# No arm carries more [kg]; a mass in grams does exceed it.
+LARGEST_PAYLOAD_KG = 1e4
 # Names of further columns of numbers, such as the torque of a joint (load_1_Nm).
-LOAD = re.compile(r"load_[\w.-]+")
+LOAD = re.compile(rf"load_[\w.-]+|{PAYLOAD}")
 
 # Columns with the sign of each joint's last movement: this and the joint's number.
 DIRECTION = "direction_"
@@ -89,7 +93,8 @@ class Session:
     u_common_mm : (n,) array, optional
         Standard uncertainty of a coordinate's error that all points of one position share [mm]; one in a session.
     columns : mapping of str to (n,) array, optional
-        Further columns of numbers by their name, which starts with ``load_``: torque or load of a joint.
+        Further columns of numbers by their name: ``payload_kg``, the mass that the flange carries [kg], or one that
+        starts with ``load_``, torque or load of a joint.
     file : Path, optional
         File of the readings, named in messages.
     angle_columns : tuple of str, optional
@@ -212,6 +217,7 @@ class Session:
                     hint="fill in what is missing, or leave all of them out",
                 )
         self._check_sizes()
+        self._check_payload()
         self._check_temperature()
 
     def _check_sizes(self) -> None:
@@ -227,6 +233,17 @@ class Session:
                     row,
                     hint="check the unit and the decimal sign",
                 )
+
+    def _check_payload(self) -> None:
+        kg = self.columns.get(PAYLOAD)
+        if kg is not None and (odd := (kg < 0) | (kg > LARGEST_PAYLOAD_KG)).any():
+            row = int(np.argmax(odd))
+            raise self.error(
+                f"expected a payload of 0 to {LARGEST_PAYLOAD_KG:g} kg, got {kg[row]:g} kg",
+                row,
+                column=None if self.file is None else PAYLOAD,
+                hint="state the mass on the flange in kg; 0 without a payload",
+            )
 
     def _check_temperature(self) -> None:
         if self.temperature_degC is None:

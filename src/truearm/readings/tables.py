@@ -11,6 +11,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.delimited import Sheet, quoted_cell, read_columns, read_sheet
+from truearm.readings.orientations import OrientationUnit, check_orientation_columns, read_orientations
 from truearm.readings.session import Session
 from truearm.typing import FloatArray, NameArray
 
@@ -38,6 +39,9 @@ class TableColumns:
         Temperature in degC.
     position : sequence of str
         One column, or several that together name the position a reading aimed at, as its goal x, y and z.
+    orientation : sequence of str
+        Orientation of the flange in the frame of the points: 3 columns of a rotation vector, 4 of a quaternion (w
+        first), or 9, 12 or 16 of a matrix, row by row. A matrix of 12 or 16 has the point too, in its last column.
     """
 
     angles: Sequence[str]
@@ -47,6 +51,7 @@ class TableColumns:
     session: str | None = None
     temperature: str | None = None
     position: Sequence[str] = ()
+    orientation: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         if not self.angles:
@@ -54,7 +59,9 @@ class TableColumns:
         for name in ("points", "point_std"):
             if len(getattr(self, name)) not in (0, 3):
                 raise InputError(f"expected three columns (x, y, z) for {name}, got {len(getattr(self, name))}")
-        if self.point_std and not self.points:
+        if len(self.orientation) in (12, 16) and self.points:
+            raise InputError("the points are given twice, by columns of their own and by the last column of a matrix")
+        if self.point_std and not self.points and len(self.orientation) not in (12, 16):
             raise InputError("point_std needs points: without a reference point it has no meaning")
 
 
@@ -119,6 +126,7 @@ def import_table(
     scale: JointScale,
     *,
     point_unit: PointUnit = "mm",
+    orientation_unit: OrientationUnit | None = None,
     separator: str = ",",
     decimal: str = ".",
     header: bool = True,
@@ -138,6 +146,8 @@ def import_table(
         How its joint values become angles.
     point_unit : {"mm", "m", "um", "in"}
         Unit of the points and their uncertainties.
+    orientation_unit : {"deg", "rad"}, optional
+        Unit of a rotation vector; it has no default.
     separator, decimal : str
         One character each.
     header : bool
@@ -174,6 +184,7 @@ def import_table(
         raise InputError(f"unknown unit of points {quoted_cell(point_unit)}", hint=f"one of {', '.join(_TO_MM)}")
     if columns.session and session_name is not None:
         raise InputError("the session is given twice, by a column and by a name")
+    check_orientation_columns(len(columns.orientation), orientation_unit)
     scale.to_angles(np.zeros((1, len(columns.angles))))  # wrong numbers of signs or zeros before the file is read
     sheet = read_sheet(
         path,
@@ -188,11 +199,19 @@ def import_table(
         _optional(columns.temperature),
         (_optional(columns.seat), _optional(columns.session), columns.position),
     )
-    numeric = [[_index(sheet, c) for c in g] for g in (columns.angles, columns.points, columns.point_std, degC)]
+    groups = (columns.angles, columns.points, columns.point_std, degC, columns.orientation)
+    numeric = [[_index(sheet, c) for c in g] for g in groups]
     words = [[_index(sheet, c) for c in g] for g in named]
     _check_once(sheet, [i for group in numeric for i in group])
     numbers, texts = read_columns(sheet, [i for g in numeric for i in g], [i for g in words for i in g])
-    values, points, std, temperature = np.split(numbers, np.cumsum([len(g) for g in numeric])[:-1], axis=1)
+    values, points, std, temperature, turned = np.split(numbers, np.cumsum([len(g) for g in numeric])[:-1], axis=1)
+    quaternion = None
+    if columns.orientation:
+        names = [sheet.names[i] for i in numeric[4]]
+        quaternion, inside = read_orientations(
+            turned, orientation_unit, file=sheet.file, first_line=sheet.first_line, names=names
+        )
+        points = points if inside is None else inside
     seat, sessions = (
         next(iter(group), None) for group in (texts[: len(words[0])], texts[len(words[0]) :][: len(words[1])])
     )
@@ -200,11 +219,12 @@ def import_table(
         sessions = np.full(len(numbers), session_name)
     return Session(
         scale.to_angles(values),
-        points * _TO_MM[point_unit] if columns.points else None,
+        points * _TO_MM[point_unit] if points.size else None,
         point_std=std * _TO_MM[point_unit] if columns.point_std else None,
         seat=seat,
         position=_positions(texts[len(texts) - len(columns.position) :], decimal),
         session=sessions,
+        quaternion=quaternion,
         temperature_degC=temperature[:, 0] if degC else None,
         file=sheet.file,
         angle_columns=tuple(sheet.names[i] for i in numeric[0]),

@@ -27,10 +27,11 @@ from truearm.identification.terms.basis import (
     GravityTorque,
     Harmonics,
     InSession,
+    PayloadTorque,
     Temperature,
 )
 from truearm.identification.terms.gravity import uniform_links
-from truearm.readings.session import Session
+from truearm.readings.session import PAYLOAD, Session
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray, IntArray
 
@@ -152,6 +153,12 @@ def plain_model(model: Compensator) -> PlainModel:
             hint="export the kinematic or physical model of the same readings",
         )
     fit, arm = model.fit_, model.arm_
+    by_payload = PayloadTorque if arm.masses is None else GravityTorque | PayloadTorque
+    if PAYLOAD in model.training_.columns and any(isinstance(t.basis, by_payload) for t in fit.perturbed_chain.terms):
+        raise InputError(
+            "the model depends on the payload, which no export format contains",
+            hint=f"fit the model without the column {PAYLOAD} to export it for one payload",
+        )
     state = model.state(Session(np.zeros((1, arm.n_joints))))
     links = uniform_links(state.chain, kg_per_m=1.0) if state.links is None else state.links
     rows: dict[tuple[int, BasisFunction], int] = {}

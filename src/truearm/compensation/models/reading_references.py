@@ -43,12 +43,17 @@ def state_of(
     columns: Mapping[str, float] | None = None,
     direction: float | None = None,
 ) -> ArmState:
-    """State of the arm at readings; the arguments replace a temperature, columns or directions that are not stated."""
+    """State of the arm at readings; the arguments replace a temperature, columns or directions that are not stated.
+
+    With `columns`, other columns of the readings are ignored.
+    """
     n = len(readings)
     temperature = readings.temperature_degC
     if temperature is None and temperature_degC is not None:
         temperature = np.full(n, temperature_degC)
-    given = {name: np.full(n, value) for name, value in (columns or {}).items()}
+    stated = dict(readings.columns)
+    if columns is not None:
+        stated = {name: stated.get(name, np.full(n, value)) for name, value in columns.items()}
     directions = readings.directions
     if directions is None and direction is not None:
         directions = np.full(readings.angles.shape, direction)
@@ -57,7 +62,7 @@ def state_of(
         readings.angles,
         temperature_degC=temperature,
         directions=directions,
-        columns=given | dict(readings.columns),
+        columns=stated,
         session=readings.session,
     )
 

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from truearm.arm.rigid_motions import cos_sin
 from truearm.errors import InputError
 from truearm.identification.terms.state import ArmState
+from truearm.readings.session import PAYLOAD
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 
@@ -282,13 +283,50 @@ class GravityTorque(Basis):
         """(1, n) torques [N m]."""
         if self.joint > 0:
             _of_joint(state.angles, self.joint)
-            return np.ascontiguousarray(state.gravity_torques[None, :, self.joint - 1, self.axis])
-        torque = state.gravity_torques[:, 0]
-        if self.axis == 2 or state.chain.is_prismatic[0]:
-            return np.ascontiguousarray(torque[None, :, self.axis])
-        cos, sin = np.cos(state.angles[:, 0]), np.sin(state.angles[:, 0])
-        x, y = torque[:, 0], torque[:, 1]
-        return np.asarray(cos * x - sin * y if self.axis == 0 else sin * x + cos * y)[None]
+        return _torque_at(state, state.gravity_torques, self.joint, self.axis)
+
+
+@register_basis
+@dataclass(frozen=True)
+class PayloadTorque(Basis):
+    """A component of the torque at a joint by the weight of a payload at the tip, at the nominal pose [N m].
+
+    Parameters
+    ----------
+    joint : int
+        As in `GravityTorque`.
+    axis : int
+        0, 1, 2 for x, y, z.
+    from_kg : float
+        The torque is that of the payload less this mass [kg].
+    """
+
+    joint: int
+    axis: int
+    from_kg: float = 0.0
+
+    def __post_init__(self) -> None:
+        _settle_whole(self, "joint", 0)
+        _settle_whole(self, "axis", 0, 2)
+        from_kg = plain(self.from_kg)
+        if not isinstance(from_kg, int | float) or isinstance(from_kg, bool) or not np.isfinite(from_kg):
+            raise InputError(f"expected a mass in kg, got {_short(from_kg)}")
+        object.__setattr__(self, "from_kg", float(from_kg))
+
+    def labels(self) -> tuple[str, ...]:
+        """One function."""
+        above = f" above {self.from_kg:g} kg" if self.from_kg else ""
+        of = f"J{self.joint}" if self.joint else "the base"
+        return (f"torque of the payload{above} about {AXES[self.axis]} of {of}",)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(1, n) torques [N m]."""
+        if PAYLOAD not in state.columns:
+            raise InputError("expected readings with a payload, got none", column=PAYLOAD)
+        if self.joint > 0:
+            _of_joint(state.angles, self.joint)
+        per_kg = _torque_at(state, state.loads_per_kg.torque_in_joint, self.joint, self.axis)
+        return np.asarray((state.columns[PAYLOAD] - self.from_kg) * per_kg)
 
 
 @register_basis
@@ -404,6 +442,18 @@ class Column(Basis):
                 column=self.name,
             )
         return np.ascontiguousarray(state.columns[self.name])[None]
+
+
+def _torque_at(state: ArmState, torques: FloatArray, joint: int, axis: int) -> FloatArray:
+    """(1, n) torque about an axis of a joint's place; joint 0: of joint 1 on the base, about the axes of place 0."""
+    if joint > 0:
+        return np.ascontiguousarray(torques[None, :, joint - 1, axis])
+    torque = torques[:, 0]
+    if axis == 2 or state.chain.is_prismatic[0]:
+        return np.ascontiguousarray(torque[None, :, axis])
+    cos, sin = np.cos(state.angles[:, 0]), np.sin(state.angles[:, 0])
+    x, y = torque[:, 0], torque[:, 1]
+    return np.asarray(cos * x - sin * y if axis == 0 else sin * x + cos * y)[None]
 
 
 def _of_joint(by_joint: FloatArray, joint: int) -> FloatArray:

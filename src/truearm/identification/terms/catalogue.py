@@ -25,9 +25,11 @@ from truearm.identification.terms.basis import (
     Harmonics,
     Temperature,
 )
+from truearm.identification.terms.payload import payload_terms
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.identification.terms.thermal import link_vectors
+from truearm.readings.session import PAYLOAD
 from truearm.typing import FloatArray
 
 # Standard deviations in mm are those of an arm of this reach; others in proportion, so that an arm is identified alike
@@ -392,7 +394,8 @@ def unlearned_terms(state: ArmState) -> list[tuple[Term, float]]:
     list of (Term, float)
         Terms of one coefficient each.
     """
-    varying = list(_varying(terms := list(_by_stated_inputs(state, [])), state, []))
+    terms = [*_by_stated_inputs(state, []), *_payload_at_training(state)]
+    varying = list(_varying(terms, state, []))
     found = [(term, float(term.basis.values(state)[0].mean())) for term in terms if term not in varying]
     return [(term, value) for term, value in found if value or not isinstance(term.basis, Direction)]
 
@@ -405,6 +408,17 @@ def _by_stated_inputs(state: ArmState, skipped: list[SkippedTerm]) -> Iterator[T
         for joint in range(1, state.chain.n_joints + 1):
             yield from hysteresis(state.chain, joint)
     yield from _loads(state, skipped)
+    if PAYLOAD in state.columns:
+        if _varies(state.columns[PAYLOAD]):
+            yield from payload_terms(state.chain)
+        else:  # its torque is that of an unknown mass of the last link
+            skipped.append(SkippedTerm(PAYLOAD, "it is constant in these readings"))
+
+
+def _payload_at_training(state: ArmState) -> list[Term]:
+    """Terms by the difference from a payload that is the same at all readings."""
+    kg = state.columns.get(PAYLOAD)
+    return [] if kg is None or _varies(kg) else payload_terms(state.chain, from_kg=float(kg.mean()))
 
 
 def place_name(chain: Chain, place: int) -> str:
@@ -456,6 +470,8 @@ def _count_apart(values: FloatArray, apart: float) -> int:
 def _loads(state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:
     """Terms by the columns that are named after the load of a joint, ``load_2_Nm``."""
     for name, values in state.columns.items():
+        if name == PAYLOAD:
+            continue
         joint = int(found[1]) if (found := re.match(r"load_(\d{1,3})(?:_|$)", name)) else 0
         if not 1 <= joint <= state.chain.n_joints:
             skipped.append(SkippedTerm(name, "its name does not give a joint, as load_2_Nm does"))

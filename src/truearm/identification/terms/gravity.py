@@ -57,6 +57,19 @@ def gravity_torques(
     return gravity_loads(chain, angles, links, gravity_in_base=gravity_in_base).torque_in_joint
 
 
+def loads_per_kg_at_tip(chain: Chain, angles: npt.ArrayLike, *, gravity_in_base: npt.ArrayLike) -> GravityLoads:
+    """Gravity loads of every joint by a mass of 1 kg at the nominal tip, along the axes of the joints' places.
+
+    Torques are in N m per kg, forces in N per kg. See `gravity_loads`.
+    """
+    n = chain.n_joints
+    at_tip = link_vectors(chain)[-1]
+    last = np.arange(n) == n - 1
+    return gravity_loads(
+        chain, angles, LinkMasses(last.astype(float), last[:, None] * at_tip), gravity_in_base=gravity_in_base
+    )
+
+
 def gravity_loads(
     chain: Chain,
     angles: npt.ArrayLike,

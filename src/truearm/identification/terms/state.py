@@ -19,8 +19,10 @@ from truearm.identification.terms.gravity import (
     STANDARD_GRAVITY_IN_BASE,
     GravityLoads,
     gravity_loads,
+    loads_per_kg_at_tip,
     uniform_links,
 )
+from truearm.readings.session import PAYLOAD
 from truearm.typing import FloatArray
 
 
@@ -120,9 +122,21 @@ class ArmState:
 
     @cached_property
     def gravity_loads(self) -> GravityLoads:
-        """Torque and force of the weight at every joint."""
+        """Torque and force of the weight at every joint, with that of the payload where the arm's masses are known.
+
+        Where they are not, torques are those of assumed masses: a payload in kg does not fit them.
+        """
         links = _guessed_links(self.chain) if self.links is None else self.links
-        return gravity_loads(self.chain, self.angles, links, gravity_in_base=self.gravity_in_base)
+        own = gravity_loads(self.chain, self.angles, links, gravity_in_base=self.gravity_in_base)
+        if self.links is None or PAYLOAD not in self.columns:
+            return own
+        kg = self.columns[PAYLOAD][:, None, None]
+        return GravityLoads(*(of_arm + kg * by_kg for of_arm, by_kg in zip(own, self.loads_per_kg, strict=True)))
+
+    @cached_property
+    def loads_per_kg(self) -> GravityLoads:
+        """Torque and force at every joint by a payload of 1 kg at the nominal tip [N m/kg, N/kg]."""
+        return loads_per_kg_at_tip(self.chain, self.angles, gravity_in_base=self.gravity_in_base)
 
 
 @lru_cache(maxsize=64)
