@@ -19,6 +19,8 @@ from truearm.compensation.models.cross_validation_groups import (
 )
 from truearm.compensation.models.held_out_errors import NONE_HELD_OUT, HeldOutErrors
 from truearm.compensation.models.reading_references import references_of, state_of
+from truearm.compensation.models.residual_process import ResidualProcess, add_residual_process
+from truearm.compensation.models.session_frames import places_the_frame
 from truearm.compensation.models.training_data import TrainingData
 from truearm.errors import InputError
 from truearm.identification.estimation.cross_validation import IN_LENGTH, birge_ratio, cross_validate_by_group
@@ -103,6 +105,8 @@ class IdentifiedModel(Compensator):
     tail_freedom_ : float
         Degrees of freedom of the tails of the held-out deviations (`truearm.identification.estimation.tails`); infinite
         where they are too few, and of models from older files.
+    residual_process_ : ResidualProcess or None
+        What is known of the residual process; None where the model has none, and had none before a transfer.
     refit_reading_ids_ : (k,) array
         Identifiers of the readings from which base and tip were re-identified (`refit`); none by `fit`.
     """
@@ -115,6 +119,7 @@ class IdentifiedModel(Compensator):
     birge_ratio_: float
     tail_freedom_: float = float("inf")
     refit_reading_ids_: FloatArray
+    residual_process_: ResidualProcess | None = None
 
     held_out_distances_ = NONE_HELD_OUT
     # Whether its terms are those of the nominal arm, which every model has beside its own.
@@ -127,7 +132,7 @@ class IdentifiedModel(Compensator):
     def _fit(self, data: TrainingData, progress: Callable[[int, str], None]) -> None:
         # Lengths are those at the mean temperature of the readings; `_with_unlearned` takes them to 20 degC.
         data = data._replace(state=at_mean_temperature(data.state))
-        self.refit_reading_ids_ = np.zeros(0)
+        self.refit_reading_ids_, self.residual_process_ = np.zeros(0), None
         progress(0, "terms")
         if self._is_nominal:
             self.fit_, self.excluded_terms_ = self.nominal_, ()
@@ -166,7 +171,7 @@ class IdentifiedModel(Compensator):
 
     def _widen_for_few_readings(self) -> float:
         """Allow for a noise that few residuals determine only roughly; the factor of the covariance."""
-        factor = few_readings_factor(residual_freedom(self.fit_))
+        factor = few_readings_factor(self.fit_.residual_freedom)
         self.residual_std_ *= float(np.sqrt(factor))
         self.fit_ = replace(self.fit_, covariance=factor * self.fit_.covariance)
         return factor
@@ -204,7 +209,7 @@ class IdentifiedModel(Compensator):
         progress: Callable[[int, str], None] | None = None,
     ) -> tuple[IdentificationResult, HeldOutReadings]:
         if not data.session.has_point.any():
-            terms = [term for term in terms if not _places_the_frame(term)]
+            terms = [term for term in terms if not places_the_frame(term)]
         if not self.robust:
             fit = self._identify_terms(data, terms, data.references, progress)
             return fit, self._cross_validate(data, fit)
@@ -221,7 +226,11 @@ class IdentifiedModel(Compensator):
             groups = joint_space_regions(data.session.angles, data.state.chain)
         else:
             groups = cross_validation_groups(data.session, self.session_frames_)
-        return cross_validate_by_group(fit, data.state, data.references, groups, kinds)
+        held_out = cross_validate_by_group(fit, data.state, data.references, groups, kinds)
+        if held_out.n_coordinates < 3:
+            return held_out
+        unspanned = fit.unspanned_covariance(data.state.rows(held_out.rows))
+        return replace(held_out, covariance=held_out.covariance + unspanned)
 
     def _estimate_residual_variance(self, angles: FloatArray) -> None:
         references = self.fit_.references
@@ -324,28 +333,9 @@ class IdentifiedModel(Compensator):
         return len(np.unique(np.concatenate([reference.rows for reference in references_of(readings, lengths)])))
 
 
-def _places_the_frame(term: Term) -> bool:
-    """Whether a constant only places the arm's frame: its base, and offset and height of joint 1.
-
-    Seats and lengths determine points relative to each other. The frame is then the arm's own, with the nominal axis
-    and offset of joint 1 (L. J. Everett, T.-W. Hsu, "The theory of kinematic parameter identification for industrial
-    robots", J. Dyn. Sys. Meas. Control 110 (1988) 96, on what a choice of frames leaves to identify).
-    """
-    along_own_axis = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-    return isinstance(term.basis, Constant) and (
-        term.place == 0 or (term.place == 1 and term.direction in along_own_axis)
-    )
-
-
 def _typical_error(held_out: HeldOutReadings) -> float:
     """Median error [mm], which gross errors hardly change."""
     return float(np.median(held_out.errors_mm)) if len(held_out.rows) else float("inf")
-
-
-def residual_freedom(fit: IdentificationResult) -> float:
-    """Number of residuals less that of the parameters that they determine."""
-    n_residuals = sum(len(part.residuals) * int((part.robust_weight > 0).sum()) for part in fit.references)
-    return n_residuals - sum(group.effective for group in fit.groups)
 
 
 class NominalModel(IdentifiedModel):
@@ -421,6 +411,8 @@ class PhysicalModel(IdentifiedModel):
         Which of ``"base"`` and ``"tip"`` are unknown; the others have the prior of any constant of the arm.
     highest : int
         Highest order of the harmonics offered about a joint's own axis.
+    residual : bool
+        Whether a residual process is offered (`truearm.compensation.models.residual_process`).
     robust : bool
         Whether outliers have a smaller weight, for the nominal arm to compare with too.
 
@@ -439,11 +431,13 @@ class PhysicalModel(IdentifiedModel):
         *,
         free: tuple[str, ...] = ("base", "tip"),
         highest: int = HIGHEST_ORDER_OFFERED,
+        residual: bool = True,
         robust: bool = True,
     ) -> None:
         self.arm = arm
         self.free = free
         self.highest = highest
+        self.residual = residual
         self.robust = robust
 
     def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
@@ -462,11 +456,15 @@ class PhysicalModel(IdentifiedModel):
         """
         everything = super()._identify_offered(data, terms, progress)
         rigid_terms = [term for term in terms if isinstance(term.basis, Constant | InSession | Temperature)]
-        if residual_freedom(everything[0]) < LEAST_FREEDOM:
+        if everything[0].residual_freedom < LEAST_FREEDOM:
             # The terms pass through the readings: neither their sizes nor the noise mean anything.
             self.excluded_terms_ += (SkippedTerm("terms that depend on the pose", "there are too few readings"),)
             return super()._identify_offered(data, rigid_terms, progress)
         if not is_in_one_place(data.session, data.state):
+            if self.residual:
+                everything, self.residual_process_ = add_residual_process(
+                    everything, data, self.session_frames_, partial(self._cross_validate, data), robust=self.robust
+                )
             return everything
         elastic_terms = [*rigid_terms, *(term for term in terms if term.group == JOINT_COMPLIANCE)]
         rigid = super()._identify_offered(data, rigid_terms, progress)
@@ -499,3 +497,5 @@ class PhysicalModel(IdentifiedModel):
         super()._check_options()
         if not (isinstance(self.highest, int | np.integer) and 1 <= self.highest <= HIGHEST_ORDER):
             raise InputError(f"expected a highest order from 1 to {HIGHEST_ORDER}, got {self.highest!r}")
+        if not isinstance(self.residual, bool | np.bool_):
+            raise InputError(f"expected residual as true or false, got {self.residual!r:.60}")

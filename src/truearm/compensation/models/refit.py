@@ -21,6 +21,7 @@ from truearm.compensation.models.nominal_check import (
     usual_nominal_error,
 )
 from truearm.compensation.models.reading_references import check_spread, references_of, without_sizes
+from truearm.compensation.models.residual_process import transfer_improvement, without_process
 from truearm.compensation.models.session_frames import rough_session_frames, to_first_session_frame
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
@@ -50,7 +51,8 @@ def refit(
 
     Only the position of the base and of the tip is identified from the new readings, of which there must be four or
     more. All other parameters keep their values; their uncertainty propagates into base and tip as that of consider
-    parameters (`truearm.identification.estimation.consider_parameters`).
+    parameters (`truearm.identification.estimation.consider_parameters`). A residual process is kept if the new readings
+    are predicted better with it; otherwise it was of the other set-up, and stays behind.
 
     Parameters
     ----------
@@ -142,12 +144,20 @@ def refit(
 
     new.nominal_ = transfer(model.nominal_, model.nominal_.references[0].noise_std)
     new.fit_ = transfer(model.fit_, model.residual_std_)
+    process, unexplained_std = model.residual_process_, model.residual_std_
+    if process is not None and process.is_kept and "base" in free:
+        unexplained_without = max(process.residual_std_without_mm, model.residual_std_)
+        without = transfer(without_process(model.fit_), unexplained_without)
+        improvement = transfer_improvement(new.fit_, without, terms, readings, state, references)
+        new.residual_process_ = process.after_transfer(*improvement)
+        if not new.residual_process_.is_kept:
+            new.fit_, unexplained_std = without, unexplained_without
     # The identified arm explains what is unusual of the nominal one.
     bare = [without_sizes(reference) for reference in references]
     usual = usual_nominal_error(model.arm_, new.nominal_, state, bare, constants(model.arm_.chain, free=free))
     new.nominal_check_ = NominalCheck(typical_error(new.fit_), usual)
     refuse_implausible(new.nominal_check_, model.arm_, readings, new.nominal_.tips(state))
-    new.residual_std_ = max(model.residual_std_, new.fit_.references[0].noise_std)
+    new.residual_std_ = max(unexplained_std, new.fit_.references[0].noise_std)
     new.free_ = free
     new.held_out_, new.held_out_distances_, new.held_out_errors_ = NONE_HELD_OUT, NONE_HELD_OUT, None
     new.refit_reading_ids_ = np.concatenate([model.refit_reading_ids_, ids])

@@ -22,12 +22,13 @@ from truearm.compensation.models.identified_model import (
     NominalModel,
     PhysicalModel,
 )
+from truearm.compensation.models.paired_comparison import group_means, trimmed_mean
 from truearm.errors import InputError
 from truearm.identification.estimation.gross_errors import excluded_readings
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import IntArray
 
 # The simplest first.
 CANDIDATES: dict[str, type[IdentifiedModel]] = {
@@ -38,9 +39,6 @@ CANDIDATES: dict[str, type[IdentifiedModel]] = {
 
 # What is selected.
 SelectedModel: TypeAlias = IdentifiedModel | HybridModel
-
-# Share of the differences that is trimmed at either end.
-TRIMMED_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -147,7 +145,7 @@ def select_model(
             progress=lambda _, note: None if progress is None else progress(len(CANDIDATES), f"hybrid: {note}"),
         )
     common, n_excluded = _common_readings(models)
-    errors = {name: _group_means(part) for name, part in common.items()}
+    errors = {name: group_means(part) for name, part in common.items()}
     best = min(errors, key=lambda name: trimmed_mean(errors[name])[0])
     excess = {name: trimmed_mean(of - errors[best]) for name, of in errors.items()}
     kept = next(name for name in models if excess[name][0] <= excess[name][1])
@@ -211,39 +209,3 @@ def _common_readings(models: dict[str, SelectedModel]) -> tuple[dict[str, HeldOu
 
 def _excluded(model: SelectedModel) -> IntArray:
     return excluded_readings(model.fit_)
-
-
-def _group_means(held_out: HeldOutReadings) -> FloatArray:
-    """Mean error of every group; of a single group the errors of its readings [mm]."""
-    group = np.unique(held_out.group, return_inverse=True)[1]
-    errors = held_out.errors_mm
-    if group.max() == 0:
-        return errors
-    return np.asarray(np.bincount(group, errors) / np.bincount(group))
-
-
-def trimmed_mean(values: FloatArray) -> tuple[float, float]:
-    """Mean without the largest and smallest tenth, and its standard error.
-
-    The standard error is that of K. K. Yuen, "The two-sample trimmed t for unequal population variances", Biometrika 61
-    (1974) 165: from the sum of squares in which the trimmed values count as the nearest remaining one.
-
-    Parameters
-    ----------
-    values : (n,) array
-
-    Returns
-    -------
-    mean, standard_error : float
-        The error is infinite for one value.
-    """
-    n = len(values)
-    trimmed = int(TRIMMED_SHARE * n)
-    remaining = n - 2 * trimmed
-    if n < 2:
-        return float(values.mean()), float("inf")
-    ordered = np.sort(values)
-    winsorised = np.clip(values, ordered[trimmed], ordered[n - 1 - trimmed])
-    squares = float(((winsorised - winsorised.mean()) ** 2).sum())
-    mean = float(ordered[trimmed : n - trimmed].mean())
-    return mean, float(np.sqrt(squares / (remaining * (remaining - 1))))

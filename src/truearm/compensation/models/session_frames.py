@@ -19,7 +19,7 @@ from truearm.arm.chain import Chain
 from truearm.compensation.models.reading_references import MIN_POINT_SPREAD, rows_with_orientation
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align_robust, rms_distance_from_line
-from truearm.identification.terms import InSession, Term, base_terms
+from truearm.identification.terms import Constant, InSession, Term, base_terms
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray
 
@@ -156,3 +156,16 @@ def checked_frames(names: list[str], motions: FloatArray) -> dict[str, FloatArra
     if len(rigid) != len(names) or len(set(names)) != len(names) or (rigid[0] != np.eye(4)).any():
         raise InputError(f"expected a frame for each of {len(names)} sessions, the identity for the first")
     return dict(zip(names, rigid, strict=True))
+
+
+def places_the_frame(term: Term) -> bool:
+    """Whether a constant only places the arm's frame: its base, and offset and height of joint 1.
+
+    Seats and lengths determine points relative to each other. The frame is then the arm's own, with the nominal axis
+    and offset of joint 1 (L. J. Everett, T.-W. Hsu, "The theory of kinematic parameter identification for industrial
+    robots", J. Dyn. Sys. Meas. Control 110 (1988) 96, on what a choice of frames leaves to identify).
+    """
+    along_own_axis = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    return isinstance(term.basis, Constant) and (
+        term.place == 0 or (term.place == 1 and term.direction in along_own_axis)
+    )

@@ -86,6 +86,7 @@ def identify(
     *,
     robust: bool = True,
     reading_weights: FloatArray | None = None,
+    start: IdentificationResult | None = None,
     progress: Callable[[int, str], None] | None = None,
 ) -> IdentificationResult:
     """Identify terms from readings.
@@ -104,6 +105,8 @@ def identify(
     reading_weights : (n,) array, optional
         Weights of the readings from 0 to 1, times the robust ones. A reading of weight 0 is excluded: only its residual
         is computed.
+    start : IdentificationResult, optional
+        Of some of the terms from the same references: fewer rounds are needed from there.
     progress : callable, optional
         Called with the number of rounds and the status.
 
@@ -134,6 +137,8 @@ def identify(
     n_coefficients = perturbed_chain.n_coefficients
     x = np.concatenate([np.zeros(n_coefficients), unknowns])
     prior, groups = grouped_prior(terms, len(x) - n_coefficients)
+    if start is not None:
+        x, prior = started_at(start, perturbed_chain, prior, groups)
     fast = is_fast(terms, groups, state)
     per_kind = np.zeros(len(references))
     noise_before, calm = np.full(len(references), np.inf), 0
@@ -195,6 +200,23 @@ def initial_problem(
     laid = [reference.initialise(rough[:, reference.rows]) for reference in references]
     problem = SmallMotionProblem(perturbed_chain, state, tuple(reference for reference, _ in laid))
     return problem, np.concatenate([np.zeros(0), *(unknowns for _, unknowns in laid)])
+
+
+def started_at(
+    start: IdentificationResult, perturbed_chain: PerturbedChain, prior: GroupedPrior, groups: tuple[str, ...]
+) -> tuple[FloatArray, GroupedPrior]:
+    """Parameters and scales of a result for some of the terms; further terms are zero, at the start of their scale."""
+    values = iter(np.split(start.coefficients, np.cumsum([t.n_coefficients for t in start.perturbed_chain.terms])[:-1]))
+    known = dict(zip(start.perturbed_chain.terms, values, strict=True))
+    x = np.concatenate(
+        [
+            *(known.get(term, np.zeros(term.n_coefficients)) for term in perturbed_chain.terms),
+            start.parameters[len(start.coefficients) :],
+        ]
+    )
+    scale = {group.name: group.scale for group in start.groups}
+    learned = np.array([*(scale.get(name, 1.0) for name in groups), 1.0])
+    return x, replace(prior, scale=np.where(prior.learned, learned, prior.scale))
 
 
 def _check_rows(reference: Reference, n: int) -> None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.state import ArmState
+from truearm.identification.terms.term import Term
 from truearm.solve.square_roots import CovarianceFactor
 from truearm.typing import FloatArray
 
@@ -119,6 +120,12 @@ class IdentificationResult:
         """The coefficients, then the unknowns of the references: the parameters of `SmallMotionProblem`."""
         return np.concatenate([self.coefficients, *(list(part.unknowns.values()) for part in self.references)])
 
+    @property
+    def residual_freedom(self) -> float:
+        """Number of residuals less that of the parameters that they determine."""
+        n_residuals = sum(len(part.residuals) * int((part.robust_weight > 0).sum()) for part in self.references)
+        return n_residuals - sum(group.effective for group in self.groups)
+
     def tips(self, state: ArmState) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""
         if self.perturbed_chain.is_constant:
@@ -137,7 +144,26 @@ class IdentificationResult:
             p, _, m = columns.shape
             spread = root.times(columns.reshape(p, 3 * m)).reshape(p, 3, m)
             out[rows] = np.einsum("pin,pjn->nij", spread, spread)
+        return out + self.unspanned_covariance(state)
+
+    def unspanned_covariance(self, state: ArmState) -> FloatArray:
+        """(n, 3, 3) covariance of tips [mm^2] by what processes do between and beyond their inducing points."""
+        out = np.zeros((len(state), 3, 3))
+        for term, std in self._processes:
+            remainder = term.basis.remainder(state)
+            by_motion = self.perturbed_chain.motion_derivatives(state, self.coefficients, term)
+            out += (std**2 * remainder)[:, None, None] * by_motion[:, :, None] * by_motion[:, None, :]
         return out
+
+    @cached_property
+    def _processes(self) -> list[tuple[Term, float]]:
+        """Terms whose functions approximate a process, and its prior standard deviation."""
+        stops = np.cumsum([term.n_coefficients for term in self.perturbed_chain.terms])
+        return [
+            (term, float(self.prior_std[stop - 1]))
+            for term, stop in zip(self.perturbed_chain.terms, stops, strict=True)
+            if term.basis.is_approximate
+        ]
 
     @cached_property
     def _root(self) -> tuple[npt.NDArray[np.intp], CovarianceFactor]:

@@ -30,6 +30,7 @@ from truearm.identification.terms.catalogue import (
     place_name,
 )
 from truearm.identification.terms.gravity import GravityLoads, gravity_loads, gravity_torques, uniform_links
+from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.identification.terms.thermal import growth_motions, link_vectors
@@ -46,6 +47,7 @@ __all__ = [
     "GravityTorque",
     "Harmonics",
     "InSession",
+    "InducedProcess",
     "LinkMasses",
     "PayloadTorque",
     "SkippedTerm",

@@ -84,6 +84,15 @@ class Basis(ABC):
         del weights
         return None
 
+    @property
+    def is_approximate(self) -> bool:
+        """Whether the functions approximate a process, and leave a `remainder`."""
+        return False
+
+    def remainder(self, state: ArmState) -> FloatArray:
+        """(n,) variance, in units of that of a coefficient, of what the functions approximate and do not span."""
+        return np.zeros(len(state))
+
     def as_data(self) -> dict[str, Any]:
         """Return the basis as plain data: ``kind``, the name of the class, and its fields."""
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}  # type: ignore[arg-type]

@@ -1,0 +1,307 @@
+"""The residual process of a physical model: whether it is kept, and whether it belongs to the arm or to the session.
+
+It is proposed by evidence (`truearm.identification.estimation.residual_process`) and kept if held-out readings are
+predicted better with it, by more than one standard error of the paired differences. Readings of one session do not show
+whether the arm or its set-up (reference instrument, reflector, stand, drift) causes it: it belongs to the session so
+far. It belongs to the arm if a session is predicted better by the process of the others: by leaving sessions out, or by
+a transfer to a new set-up, which otherwise leaves it behind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from truearm.compensation.models.cross_validation_groups import cross_validation_groups
+from truearm.compensation.models.paired_comparison import group_means, trimmed_mean
+from truearm.compensation.models.training_data import TrainingData
+from truearm.errors import InputError
+from truearm.identification.estimation.alignment import align
+from truearm.identification.estimation.cross_validation import cross_validate_by_group
+from truearm.identification.estimation.gross_errors import excluded_readings
+from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.references import Reference
+from truearm.identification.estimation.residual_process import GROUP, propose_process
+from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.terms.kernel import InducedProcess
+from truearm.identification.terms.state import ArmState
+from truearm.identification.terms.term import Term
+from truearm.readings.session import Session
+from truearm.typing import BoolArray, FloatArray
+
+# Logarithm of the evidence by which a process must be more likely than none: twenty times, strong evidence by
+# R. E. Kass, A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90 (1995) 773.
+LEAST_EVIDENCE = 3.0
+# Readings of a session that can be left out, and of those that remain.
+LEAST_SESSION = 20
+OF_ARM, OF_SESSION = "arm", "session"
+
+
+@dataclass(frozen=True)
+class ResidualProcess:
+    """What a model knows of its residual process.
+
+    Attributes
+    ----------
+    belongs_to : str
+        ``"arm"`` where it was seen in several sessions, otherwise ``"session"``: that of the training.
+    length_scales : tuple of float
+        Of the joints [rad, or mm].
+    n_points : int
+        Number of inducing points.
+    rms_mm : float
+        Root mean square of its translation at the training readings.
+    evidence : float
+        Logarithm of the evidence that it gains.
+    improvement_mm, standard_error_mm : float
+        By how much the error of held-out readings is smaller with it, the trimmed mean over their groups, and its
+        standard error; after a transfer those of the new readings.
+    residual_std_without_mm : float
+        Residual standard deviation of the model without it.
+    is_kept : bool
+        False after a transfer that left it behind.
+    """
+
+    belongs_to: str
+    length_scales: tuple[float, ...]
+    n_points: int
+    rms_mm: float
+    evidence: float
+    improvement_mm: float
+    standard_error_mm: float
+    residual_std_without_mm: float
+    is_kept: bool = True
+
+    def check(self, n_joints: int) -> None:
+        """Check what a file states of a process.
+
+        Raises
+        ------
+        InputError
+            If a number is impossible, or the process belongs to neither an arm of `n_joints` nor a session.
+        """
+        sizes = (self.rms_mm, self.residual_std_without_mm)
+        if self.belongs_to not in (OF_ARM, OF_SESSION) or self.n_points < 1 or len(self.length_scales) != n_joints:
+            raise InputError(f"expected a residual process of the arm or the session over {n_joints} joints")
+        if not (
+            all(0 <= size < np.inf for size in sizes) and min(self.length_scales) > 0 and self.standard_error_mm >= 0
+        ):
+            raise InputError("expected sizes of a residual process of 0 or more")
+        if not np.isfinite([*self.length_scales, self.evidence, self.improvement_mm]).all():
+            raise InputError("expected finite numbers of a residual process")
+
+    def after_transfer(self, improvement_mm: float, standard_error_mm: float) -> ResidualProcess:
+        """The same after a transfer, which predicts the new readings so much better with it, or worse.
+
+        A process of the arm is kept unless they speak against it by more than one standard error, that of a session
+        only if they speak for it.
+        """
+        least = -standard_error_mm if self.belongs_to == OF_ARM else standard_error_mm
+        is_kept = improvement_mm > least
+        return replace(
+            self,
+            belongs_to=OF_ARM if is_kept else self.belongs_to,
+            improvement_mm=improvement_mm,
+            standard_error_mm=standard_error_mm,
+            is_kept=is_kept,
+        )
+
+    def __str__(self) -> str:
+        change = f"{abs(self.improvement_mm):.2g} mm (standard error {self.standard_error_mm:.1g} mm)"
+        if not self.is_kept:
+            return (
+                f"The residual process was left behind: with it the new readings are predicted "
+                f"{change} {'better' if self.improvement_mm > 0 else 'worse'}."
+            )
+        owner = {
+            OF_ARM: "It belongs to the arm: it also holds in sessions that it was not learned from.",
+            OF_SESSION: "It belongs to this session so far: refit keeps it only if it holds in the new set-up.",
+        }[self.belongs_to]
+        return (
+            f"Residual process, smooth errors that no term describes: {self.rms_mm:.2g} mm root mean square; with it "
+            f"held-out readings are predicted {change} better. {owner}"
+        )
+
+
+def add_residual_process(
+    found: tuple[IdentificationResult, HeldOutReadings],
+    data: TrainingData,
+    sessions: Collection[str],
+    cross_validate: Callable[[IdentificationResult], HeldOutReadings],
+    *,
+    robust: bool,
+) -> tuple[tuple[IdentificationResult, HeldOutReadings], ResidualProcess | None]:
+    """Identify the residual process as well, and keep it if held-out readings are predicted better with it.
+
+    Parameters
+    ----------
+    found : (IdentificationResult, HeldOutReadings)
+        Without it.
+    data : TrainingData
+    sessions : collection of str
+        Names of the sessions, if there are several.
+    cross_validate : callable
+        Returns the held-out readings of an identification.
+    robust : bool
+        Whether large residuals get less weight.
+
+    Returns
+    -------
+    found, process
+        With it; as given, and None, where it is not kept.
+    """
+    fit, held_out = found
+    proposed = propose_process(fit, data.state)
+    if proposed is None or proposed.gain < LEAST_EVIDENCE:
+        return found, None
+    weights = np.ones(len(data.session))
+    weights[excluded_readings(fit)] = 0.0
+    extended = _identify(data, fit, [*fit.perturbed_chain.terms, *proposed.terms], weights, robust=robust)
+    columns = process_columns(extended)
+    if not columns.any():
+        return found, None
+    extended_held_out = cross_validate(extended)
+    gain, error = _improvement(held_out, extended_held_out)
+    if not gain > error:
+        return found, None
+    belongs_to = OF_SESSION
+    if named := _separable_sessions(data.session, sessions):
+        between = [_left_out(data, name, weights, (fit, extended), robust=robust) for name in named]
+        gain, error = trimmed_mean(np.concatenate(between))
+        if not gain > error:
+            return found, None
+        belongs_to = OF_ARM
+    basis = proposed.terms[0].basis
+    assert isinstance(basis, InducedProcess)
+    values = basis.values(data.state)
+    by_axis = extended.coefficients[columns].reshape(3, -1) @ values
+    process = ResidualProcess(
+        belongs_to,
+        basis.length_scales,
+        basis.n_functions,
+        float(np.sqrt((by_axis**2).sum(axis=0).mean())),
+        proposed.gain,
+        gain,
+        error,
+        fit.references[0].noise_std,
+    )
+    return (extended, extended_held_out), process
+
+
+def process_columns(fit: IdentificationResult) -> BoolArray:
+    """(n_coefficients,) coefficients of the residual process."""
+    terms = fit.perturbed_chain.terms
+    return np.repeat([term.group == GROUP for term in terms], [term.n_coefficients for term in terms]).astype(bool)
+
+
+def without_process(fit: IdentificationResult) -> IdentificationResult:
+    """The arm as identified if there were no such process: its posterior, given that the process is zero."""
+    drop = process_columns(fit)
+    if not drop.any():
+        return fit
+    keep = ~drop
+    gain = np.linalg.solve(fit.covariance[np.ix_(drop, drop)], fit.covariance[np.ix_(drop, keep)]).T
+    return replace(
+        fit,
+        perturbed_chain=PerturbedChain(
+            fit.perturbed_chain.chain, tuple(term for term in fit.perturbed_chain.terms if term.group != GROUP)
+        ),
+        coefficients=fit.coefficients[keep] - gain @ fit.coefficients[drop],
+        covariance=fit.covariance[np.ix_(keep, keep)] - gain @ fit.covariance[np.ix_(drop, keep)],
+        prior_std=fit.prior_std[keep],
+        groups=tuple(group for group in fit.groups if group.name != GROUP),
+    )
+
+
+def transfer_improvement(
+    with_process: IdentificationResult,
+    without: IdentificationResult,
+    free: list[Term],
+    readings: Session,
+    state: ArmState,
+    references: list[Reference],
+) -> tuple[float, float]:
+    """By how much readings of a new set-up are predicted better with the process, and the standard error [mm].
+
+    Both arms were placed in it by the readings; each reading is compared with the frame that the others determine.
+    """
+    group = cross_validation_groups(readings)
+    judged = [
+        cross_validate_by_group(_only_frame_uncertain(fit, free, state), state, references, group)
+        for fit in (without, with_process)
+    ]
+    return _improvement(*judged)
+
+
+def _identify(
+    data: TrainingData, start: IdentificationResult, terms: list[Term], weights: FloatArray, *, robust: bool
+) -> IdentificationResult:
+    """Identify terms from a start, with weights (n,) of the readings."""
+    return identify(
+        start.perturbed_chain.chain,
+        data.state,
+        terms,
+        data.references,
+        robust=robust,
+        reading_weights=weights,
+        start=start,
+    )
+
+
+def _only_frame_uncertain(fit: IdentificationResult, free: list[Term], state: ArmState) -> IdentificationResult:
+    """The result with the covariance of its free terms, the last ones, by the readings alone."""
+    points = next(part for part in fit.references if part.kind == "point")
+    n = sum(term.n_coefficients for term in free)
+    matrix = np.diag(fit.prior_std[-n:] ** -2.0)
+    for rows, _, columns in fit.perturbed_chain.derivatives(state.rows(points.rows), fit.coefficients):
+        weighted = (columns[-n:] * points.weights[:, rows]).reshape(n, -1)
+        matrix += weighted @ weighted.T
+    covariance = np.zeros_like(fit.covariance)
+    covariance[-n:, -n:] = np.linalg.inv(matrix)
+    return replace(fit, covariance=covariance)
+
+
+def _improvement(before: HeldOutReadings, after: HeldOutReadings) -> tuple[float, float]:
+    """Trimmed mean by which the errors of common readings fall, and its standard error [mm]."""
+    common = np.intersect1d(before.rows, after.rows)
+    means = []
+    for held_out in (before, after):
+        order = np.argsort(held_out.rows)
+        means.append(group_means(held_out.select(order[np.isin(held_out.rows[order], common)])))
+    return trimmed_mean(means[0] - means[1])
+
+
+def _separable_sessions(readings: Session, sessions: Collection[str]) -> list[str]:
+    """Sessions with enough points to be left out, if others remain."""
+    if readings.session is None or len(sessions) < 2:
+        return []
+    counts = {name: int((readings.has_point & (readings.session == name)).sum()) for name in sessions}
+    named = [name for name, count in counts.items() if count >= LEAST_SESSION]
+    return named if len(named) > 1 else []
+
+
+def _left_out(
+    data: TrainingData, name: str, weights: FloatArray, fits: Iterable[IdentificationResult], *, robust: bool
+) -> FloatArray:
+    """By how much the readings of a session are predicted better with the process of the others [mm], by group.
+
+    Its frame is fitted to the tips, as the other sessions do not know it.
+    """
+    assert data.session.session is not None
+    assert data.session.points is not None
+    own = data.session.session == name
+    seen = np.flatnonzero(own & data.session.has_point & (weights > 0))
+    others = np.where(own, 0.0, weights)
+    group = np.unique(cross_validation_groups(data.session.rows(seen)), return_inverse=True)[1]
+    means = []
+    for fit in fits:
+        tips = _identify(data, fit, list(fit.perturbed_chain.terms), others, robust=robust).tips(data.state.rows(seen))
+        points = data.session.points[seen]
+        T = align(tips, points)
+        errors = np.linalg.norm(tips @ T[:3, :3].T + T[:3, 3] - points, axis=1)
+        means.append(np.bincount(group, errors) / np.bincount(group))
+    return np.asarray(means[0] - means[1])

@@ -1,0 +1,143 @@
+"""The residual process: smooth errors that no term describes, as a Gaussian process over all joints.
+
+Each component of a translation of the tip, along the axes of the arm's base, is a process of its own. Inducing points
+make it a group of terms with as many coefficients as points, whose scale the evidence determines like any other
+(`truearm.identification.terms.kernel`). Far from the readings the process returns to zero, and its variance to that of
+its prior: the arm fades to its other terms, and its uncertainty grows.
+
+Whether the readings show such a process, and with which length scale, is tested before it is identified. With the
+residuals r of an identification without it, their weights W, the derivatives J of the tips by the coefficients with
+posterior covariance Sigma, and the functions Phi of the process,
+
+    A = Phi^T W Phi - (J^T W Phi)^T Sigma (J^T W Phi),      b = - Phi^T W r,
+
+the logarithm of the evidence changes by ``(s^2 b^T (I + s^2 A)^-1 b - log|I + s^2 A|) / 2`` if a process of standard
+deviation s is added (C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning", 2006, eqs. 2.43
+and 5.8; A.9 and A.10 for the inverse): Sigma contains what the other terms would take over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.terms.basis import AXES, Basis
+from truearm.identification.terms.kernel import InducedProcess, embedded, inducing_points
+from truearm.identification.terms.state import ArmState
+from truearm.identification.terms.term import Term
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import FloatArray
+
+GROUP = "residual process"
+# Length scales that are tried: of turning joints [rad], of sliding joints in units of their standard deviation.
+LENGTH_SCALES = (0.5, 1.0, 2.0)
+# Inducing points: each adds three coefficients.
+MOST_POINTS = 64
+# Readings by which the evidence is compared: on more of them it only becomes clearer.
+MOST_COMPARED = 1000
+# Standard deviations of the process that are tried, in units of the noise.
+LEAST_SIZE, MOST_SIZE, N_SIZES = 0.01, 10.0, 60
+
+
+class ProposedProcess(NamedTuple):
+    """The terms of a residual process, and by how much it raises the logarithm of the evidence."""
+
+    terms: tuple[Term, ...]
+    gain: float
+
+
+def propose_process(fit: IdentificationResult, state: ArmState) -> ProposedProcess | None:
+    """Return the residual process of greatest evidence, judged by readings with points.
+
+    Parameters
+    ----------
+    fit : IdentificationResult
+        Without the process.
+    state : ArmState
+        Of its readings.
+
+    Returns
+    -------
+    ProposedProcess or None
+        None without points. Prior standard deviations are those of greatest evidence.
+    """
+    points = next((part for part in fit.references if part.kind == "point"), None)
+    if points is None:
+        return None
+    used = np.flatnonzero(points.robust_weight > 0)
+    chosen = used[np.linspace(0, len(used) - 1, min(len(used), MOST_COMPARED)).astype(np.intp)]
+    compared = state.rows(points.rows[chosen])
+    tried = [_terms(_process(compared, length), 1.0) for length in LENGTH_SCALES]
+    weights = points.weights[:, chosen]
+    with one_blas_thread():
+        equations = _equations(fit, compared, [terms[0].basis for terms in tried], weights, points.residuals[:, chosen])
+        sizes = points.noise_std * np.geomspace(LEAST_SIZE, MOST_SIZE, N_SIZES)
+        found = [evidence_gain(information, right, sizes) for information, right in equations]
+    best = int(np.argmax([gain for _, gain in found]))
+    size, gain = found[best]
+    return ProposedProcess(tuple(replace(term, prior_std=size) for term in tried[best]), gain)
+
+
+def evidence_gain(information: FloatArray, right: FloatArray, sizes: FloatArray) -> tuple[float, float]:
+    """Return the prior standard deviation of greatest evidence, and its gain over none at all.
+
+    Parameters
+    ----------
+    information, right : (p, p) and (p,) array
+        A and b of the module's equation.
+    sizes : (k,) array
+        Standard deviations that are tried.
+
+    Returns
+    -------
+    size, gain : float
+        Of the logarithm of the evidence; negative if each of `sizes` lowers it.
+    """
+    values, axes = np.linalg.eigh(information)
+    along, shown = (axes.T @ right) ** 2, sizes[:, None] ** 2 * np.maximum(values, 0.0)
+    gains = 0.5 * (sizes[:, None] ** 2 * along / (1 + shown) - np.log1p(shown)).sum(axis=1)
+    best = int(gains.argmax())
+    return float(sizes[best]), float(gains[best])
+
+
+def _equations(
+    fit: IdentificationResult, state: ArmState, bases: Sequence[Basis], weights: FloatArray, residuals: FloatArray
+) -> list[tuple[FloatArray, FloatArray]]:
+    """A and b of every process, at readings with weights and residuals (3, m) of points."""
+    chain, values = fit.perturbed_chain, [basis.values(state) for basis in bases]
+    counts = [3 * len(value) for value in values]
+    information, right = [np.zeros((n, n)) for n in counts], [np.zeros(n) for n in counts]
+    across = [np.zeros((len(fit.coefficients), n)) for n in counts]
+    axes = chain.chain.fixed[0, :3, :3].T
+    for rows, _, columns in chain.derivatives(state, fit.coefficients):
+        weighted = (columns * weights[:, rows]).reshape(len(columns), -1)
+        for k, value in enumerate(values):
+            own = (axes[:, None, :, None] * value[:, None, rows] * weights[:, rows]).reshape(counts[k], -1)
+            across[k] += weighted @ own.T
+            information[k] += own @ own.T
+            right[k] -= own @ (weights * residuals)[:, rows].ravel()
+    return [(a - b.T @ (fit.covariance @ b), c) for a, b, c in zip(information, across, right, strict=True)]
+
+
+def _terms(basis: InducedProcess, std: float) -> tuple[Term, ...]:
+    """A process of each component of a translation, along the axes of the base."""
+    return tuple(
+        Term(
+            f"residual process along {AXES[axis]}", 0, tuple(float(i == 3 + axis) for i in range(6)), basis, GROUP, std
+        )
+        for axis in range(3)
+    )
+
+
+def _process(state: ArmState, length: float) -> InducedProcess:
+    """A process with inducing points among the readings of a state."""
+    sliding = state.chain.is_prismatic
+    spread = state.angles.std(axis=0)
+    scales = np.where(sliding, length * np.where(spread > 0, spread, 1.0), length)
+    rows = inducing_points(embedded(state.angles, scales, sliding), MOST_POINTS)
+    joints = np.flatnonzero(sliding) + 1
+    return InducedProcess(tuple(state.angles[rows].ravel().tolist()), tuple(scales.tolist()), tuple(joints.tolist()))

@@ -1,0 +1,186 @@
+"""A physical model's residual process: when it is kept, whose it is, what a transfer and a file make of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.compensation.models import PhysicalModel
+from truearm.compensation.models.model_file import load_model
+from truearm.compensation.models.refit import refit
+from truearm.compensation.models.residual_process import OF_ARM, OF_SESSION, process_columns, without_process
+from truearm.errors import InputError
+from truearm.readings import Session
+
+NOISE = 0.05  # mm
+TURN = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix()
+SHIFT = np.array([900.0, -300.0, 200.0])  # mm
+
+
+@pytest.fixture(scope="module")
+def arm():
+    fixed = np.tile(np.eye(4), (4, 1, 1))
+    fixed[1:, :3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    fixed[1:, :3, 3] = [200, 0, 150]
+    return Arm("bent", Chain(fixed, np.array([0, 0, 120.0])), title="Three turn", source="made for a test")
+
+
+def readings(arm, n, rng, *, bend=0.0, is_elsewhere=False, **more):
+    """Points with noise and, with `bend` [mm], a smooth error over all joints that no term describes."""
+    angles = rng.uniform(-1.2, 1.2, (n, 3))
+    total = angles.sum(axis=1)
+    waves = np.stack([np.sin(2 * total), np.cos(2 * total), np.sin(2 * angles[:, 0] - 3 * angles[:, 2])], axis=1)
+    points = arm.chain.tip_in_base(angles) + bend * waves + rng.normal(0, NOISE, (n, 3))
+    return Session(angles, points @ TURN.T + SHIFT if is_elsewhere else points, **more)
+
+
+def physical(arm, **options):
+    return PhysicalModel(arm, highest=2, **options)
+
+
+@pytest.fixture(scope="module")
+def fitted(arm):
+    """With and without the process, from the same readings of a bent arm."""
+    session = readings(arm, 180, np.random.default_rng(1), bend=0.3)
+    return physical(arm).fit_readings(session), physical(arm, residual=False).fit_readings(session)
+
+
+@pytest.fixture(scope="module")
+def test_readings(arm):
+    return readings(arm, 200, np.random.default_rng(2), bend=0.3)
+
+
+def mean_error(model, session):
+    return np.linalg.norm(model.predict_readings(session) - session.points, axis=1).mean()
+
+
+def coverage(model, session):
+    points, covariance = model.predict_readings(session, return_cov=True)
+    off = points - session.points
+    return (np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariance), off) < 7.81).mean()
+
+
+def test_an_error_that_no_term_describes_is_learned(fitted, test_readings):
+    model, plain = fitted
+    process = model.residual_process_
+    assert process.belongs_to == OF_SESSION
+    assert process.is_kept
+    assert process.improvement_mm > process.standard_error_mm > 0
+    assert plain.residual_process_ is None
+    # Of 0.3 mm along each axis more than half goes; the noise is 0.08 mm long.
+    assert mean_error(model, test_readings) < 0.6 * mean_error(plain, test_readings)
+    assert coverage(model, test_readings) > 0.9
+    assert "belongs to this session so far" in str(process)
+
+
+def test_far_from_the_readings_it_fades_to_the_arm_without_it_and_says_so(arm, fitted):
+    model, _ = fitted
+    fit = model.fit_
+    std = fit.prior_std[process_columns(fit)][0]
+    state = model.state(Session(np.array([[3.0, -2.9, 3.1]])))
+    unspanned = fit.unspanned_covariance(state)[0]
+    assert np.linalg.eigvalsh(unspanned)[0] > 0.5 * std**2
+    assert np.trace(fit.tip_covariance(state)[0]) > np.trace(unspanned)
+
+
+def test_noise_alone_and_few_readings_bring_none(arm):
+    for n, bend in ((180, 0.0), (50, 0.0), (24, 0.3)):
+        session = readings(arm, n, np.random.default_rng(n), bend=bend)
+        model, plain = physical(arm).fit_readings(session), physical(arm, residual=False).fit_readings(session)
+        if model.residual_process_ is None:
+            np.testing.assert_array_equal(model.predict(session.angles), plain.predict(session.angles))
+        else:
+            test = readings(arm, 100, np.random.default_rng(9), bend=bend)
+            assert mean_error(model, test) <= mean_error(plain, test)
+
+
+def test_a_transfer_keeps_what_the_new_readings_show_and_leaves_the_rest_behind(arm, fitted):
+    model, plain = fitted
+    for bend, is_kept in ((0.3, True), (0.0, False)):
+        rng = np.random.default_rng(3)
+        new, test = (readings(arm, n, rng, bend=bend, is_elsewhere=True) for n in (25, 100))
+        moved = refit(model, new)
+        assert moved.residual_process_.is_kept == is_kept
+        assert process_columns(moved.fit_).any() == is_kept
+        assert moved.residual_process_.belongs_to == (OF_ARM if is_kept else OF_SESSION)
+        # As good as the arm without the process or better: it may have drawn other terms a little.
+        assert mean_error(moved, test) < (0.7 if is_kept else 1.2) * mean_error(refit(plain, new), test)
+        assert ("left behind" in str(moved.residual_process_)) != is_kept
+    assert model.residual_process_.belongs_to == OF_SESSION  # it stays as it was
+
+
+def test_without_a_free_base_the_set_up_is_the_same_and_the_process_stays(arm, fitted):
+    model, _ = fitted
+    moved = refit(model, readings(arm, 12, np.random.default_rng(4), bend=0.3), free=("tip",))
+    assert moved.residual_process_ == model.residual_process_
+    assert process_columns(moved.fit_).any()
+
+
+@pytest.mark.parametrize("is_common", [True, False])
+def test_several_sessions_show_whose_it_is(arm, is_common):
+    rng = np.random.default_rng(5)
+    parts = [
+        readings(arm, 110, rng, bend=0.3, session=np.full(110, "first")),
+        readings(arm, 110, rng, bend=0.3 if is_common else -0.3, is_elsewhere=True, session=np.full(110, "second")),
+    ]
+    session = Session(
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("angles", "points")),
+        session=np.concatenate([part.session for part in parts]),
+    )
+    process = physical(arm).fit_readings(session).residual_process_
+    if is_common:
+        assert process.belongs_to == OF_ARM
+        assert "belongs to the arm" in str(process)
+    else:
+        assert process is None
+
+
+def test_the_arm_without_its_process_is_the_posterior_given_that_it_is_zero(fitted):
+    model, _ = fitted
+    fit, without = model.fit_, without_process(model.fit_)
+    drop = process_columns(fit)
+    precision = np.linalg.inv(fit.covariance)
+    # Conditioning takes the block of the precision: the other way to the same covariance.
+    np.testing.assert_allclose(without.covariance @ precision[np.ix_(~drop, ~drop)], np.eye((~drop).sum()), atol=1e-4)
+    assert without_process(without) is without
+
+
+def test_a_file_brings_it_back(fitted, test_readings, tmp_path):
+    model, _ = fitted
+    model.save(tmp_path / "bent.truearm")
+    again = load_model(tmp_path / "bent.truearm")
+    assert again.residual_process_ == model.residual_process_
+    for a, b in zip(
+        again.predict_readings(test_readings, return_cov=True),
+        model.predict_readings(test_readings, return_cov=True),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"belongs_to": "nobody"},
+        {"n_points": 0},
+        {"length_scales": (1.0,)},
+        {"length_scales": (1.0, 0.0, 1.0)},
+        {"rms_mm": -1.0},
+        {"standard_error_mm": -1.0},
+        {"residual_std_without_mm": float("inf")},
+        {"evidence": float("nan")},
+    ],
+)
+def test_impossible_numbers_of_a_file_are_refused(fitted, change):
+    with pytest.raises(InputError, match="residual process"):
+        replace(fitted[0].residual_process_, **change).check(3)
+
+
+def test_the_option_is_checked(arm):
+    with pytest.raises(InputError, match="residual as true or false"):
+        PhysicalModel(arm, residual="yes").fit_readings(readings(arm, 20, np.random.default_rng(0)))
