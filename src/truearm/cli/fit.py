@@ -32,6 +32,10 @@ def fit(
         str, typer.Option("--free", help="What is unknown of the nominal arm's placement: base,tip or none.")
     ] = "base,tip",
     limits: LimitsOption = "skip",
+    no_residual_process: Annotated[
+        bool,
+        typer.Option("--no-residual-process", help="Physical: without smooth errors that no term describes."),
+    ] = False,
     hidden: Annotated[
         str | None,
         typer.Option("--hidden", help="Network, hybrid: units of the hidden layers; default 30,30 and 15."),
@@ -90,6 +94,7 @@ def fit(
     laser tracker). --free none: points are in the arm's base frame and the tip is known.
     """
     from truearm.arm.catalogue import arm_path
+    from truearm.errors import InputError
     from truearm.files.atomic_write import check_writable
     from truearm.workflows.fit import fit as fit_model
 
@@ -106,6 +111,10 @@ def fit(
         total = members or 5
         options = {"hidden": layer_sizes(hidden or "15"), "epochs": epochs or 30, "n_members": total, "seed": seed}
         options["arm_model"] = arm_model
+    if no_residual_process:
+        if model != "physical":
+            raise InputError(f"--no-residual-process is of the physical model, got {model}", hint="--model physical")
+        options["residual"] = False
     parts = free_parts(free)
     with progress(f"fitting {model}", total=total) as report:
         result = fit_model(

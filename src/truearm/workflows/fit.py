@@ -236,6 +236,8 @@ class FitResult(Record):
     def summary(self) -> str:
         """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
         about = f" ({self.model_name} model of {self.model.arm.name}, {len(self.session)} readings)."
+        if isinstance(self.model, IdentifiedModel) and self.model.residual_process_ is not None:
+            about += f" {self.model.residual_process_}"
         if self.held_out_mm is not None:
             error, nominal = self.held_out_mm
             compared = "" if self.model_name == "nominal" else compare_with_nominal(error, nominal)
@@ -303,6 +305,7 @@ class FitResult(Record):
         if isinstance(self.model, IdentifiedModel | HybridModel):
             found["residual_std_mm"] = self.model.residual_std_
         if isinstance(self.model, IdentifiedModel):
+            found["residual_process"] = None if (process := self.model.residual_process_) is None else asdict(process)
             found["groups"] = [asdict(group) for group in self.model.fit_.groups]
             found["skipped_terms"] = [term._asdict() for term in self.model.excluded_terms_]
             found["identifiability"] = asdict(identifiability(self.model.fit_))

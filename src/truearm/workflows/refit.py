@@ -163,6 +163,7 @@ class RefitResult(Record):
         return (
             f"Standard uncertainty of a coordinate {format_mm(self.median_u_mm)} in the new set-up (median; "
             f"{' and '.join(self.model.free_)} of {self.model.arm.name} from {of} readings)."
+            + (f" {process}" if (process := self.model.residual_process_) is not None else "")
         )
 
     def blocks(self) -> Iterator[str]:
@@ -189,6 +190,7 @@ class RefitResult(Record):
                 "residual_std_mm": self.model.residual_std_,
                 "residual_std_before_mm": self.residual_std_before_mm,
                 "median_u_mm": self.median_u_mm,
+                "residual_process": None if (process := self.model.residual_process_) is None else asdict(process),
                 "outliers": [asdict(outlier) for outlier in self.outliers],
                 "remarks": self.remarks,
             }

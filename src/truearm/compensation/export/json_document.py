@@ -159,8 +159,23 @@ class Column(_Strict):
     name: Name
 
 
+class InducedProcess(_Strict):
+    """Functions that span a Gaussian process over all joints q, from inducing points z: L^-1 k(z, q).
+
+    k is the product over the joints of exp((cos(q - z) - 1) / l^2), of a sliding joint exp(-(q - z)^2 / 2 l^2), with
+    the joint's length scale l; L is the lower Cholesky factor of k among the inducing points, in their order. To the
+    variance along the term's direction add the prior variance times 1 less the sum of the squares of the functions.
+    """
+
+    kind: Literal["InducedProcess"]
+    angles: Annotated[list[Finite], Field(min_length=1, max_length=100_000)]
+    length_scales: Annotated[list[Positive], Field(min_length=1, max_length=100)]
+    sliding: Annotated[list[Annotated[int, Field(ge=1, le=100)]], Field(max_length=100)]
+
+
 Basis = Annotated[
-    Constant | Harmonics | GravityTorque | Temperature | Direction | InSession | Column, Field(discriminator="kind")
+    Constant | Harmonics | GravityTorque | Temperature | Direction | InSession | Column | InducedProcess,
+    Field(discriminator="kind"),
 ]
 
 

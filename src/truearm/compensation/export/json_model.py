@@ -35,7 +35,7 @@ from truearm.typing import FloatArray
 
 # The physical model of a robot, 1,400 coefficients, has 10 MB; the manifest is read from files of up to this size.
 MAX_BYTES = 64 * 2**20
-BASES = ("Constant", "Harmonics", "GravityTorque", "Temperature", "Direction", "InSession", "Column")
+BASES = ("Constant", "Harmonics", "GravityTorque", "Temperature", "Direction", "InSession", "Column", "InducedProcess")
 
 
 def write(model: Compensator, manifest: Manifest, path: str | Path) -> None:

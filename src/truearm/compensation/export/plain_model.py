@@ -31,6 +31,7 @@ from truearm.identification.terms.basis import (
     Temperature,
 )
 from truearm.identification.terms.gravity import uniform_links
+from truearm.identification.terms.kernel import InducedProcess
 from truearm.readings.session import PAYLOAD, Session
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray, IntArray
@@ -223,6 +224,11 @@ def _functions(basis: Basis) -> list[BasisFunction]:
             return [BasisFunction("direction", basis.joint)]
         case Column():
             return [BasisFunction("column", column=basis.name)]
+        case InducedProcess():
+            raise InputError(
+                "the model has a residual process, which of the formats of a whole model only JSON contains",
+                hint="export it as JSON, or fit the model without: --no-residual-process",
+            )
     raise InputError(
         f"the model has terms of the basis {type(basis).__name__}, which no export format contains",
         hint="fit the model without these terms to export it",

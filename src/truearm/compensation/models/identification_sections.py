@@ -49,11 +49,14 @@ def identification_sections(models: Mapping[str, Compensator], session: Session)
         if isinstance(model, IdentifiedModel) and not isinstance(model, NominalModel)
     }
     titles = {name: name if len(identified) > 1 else "" for name in identified}
-    uncertainty, terms, unidentifiable, outlying = [], [], [], []
+    uncertainty, unidentifiable, outlying = [], [], []
+    terms: list[Section | None] = []
     for name, model in identified.items():
         budget, on_page = uncertainty_budget(model, session)
         groups = identifiability(model.fit_).unidentifiable
         uncertainty.append(uncertainty_section(budget, model.held_out_errors_, name=titles[name]))
+        if (process := model.residual_process_) is not None:
+            terms.append(Section(_titled("Residual process", titles[name]), str(process)))
         terms.append(terms_section(effects(model.fit_, model.state(session)), name=titles[name]))
         unidentifiable.append(
             unidentifiable_section(

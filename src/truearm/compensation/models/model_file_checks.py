@@ -41,6 +41,8 @@ def check_model(model: Compensator) -> None:
             raise InputError("expected a residual standard deviation of 0 or more and a Birge ratio of 1 or more")
         if not model.tail_freedom_ >= LEAST_FREEDOM:
             raise InputError(f"expected {LEAST_FREEDOM:g} or more degrees of freedom of the tails")
+        if (process := model.residual_process_) is not None:
+            process.check(n_joints)
         _check_shape("refit_reading_ids_", model.refit_reading_ids_, (len(model.refit_reading_ids_),))
     if isinstance(model, NetworkModel):
         _check_network(model, n_joints)

@@ -3,7 +3,7 @@
 It is proposed by evidence (`truearm.identification.estimation.residual_process`) and kept if held-out readings are
 predicted better with it, by more than one standard error of the paired differences. Readings of one session do not show
 whether the arm or its set-up (reference instrument, reflector, stand, drift) causes it: it belongs to the session so
-far. It belongs to the arm if a session is predicted better by the process of the others: by leaving sessions out, or by
+far. It belongs to the arm if a session is predicted better by the process of the others: by holding sessions out, or by
 a transfer to a new set-up, which otherwise leaves it behind.
 """
 
@@ -36,7 +36,7 @@ from truearm.typing import BoolArray, FloatArray
 # Logarithm of the evidence by which a process must be more likely than none: twenty times, strong evidence by
 # R. E. Kass, A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90 (1995) 773.
 LEAST_EVIDENCE = 3.0
-# Readings of a session that can be left out, and of those that remain.
+# Readings of a session that can be held out, and of those that remain.
 LEAST_SESSION = 20
 OF_ARM, OF_SESSION = "arm", "session"
 
@@ -170,7 +170,7 @@ def add_residual_process(
         return found, None
     belongs_to = OF_SESSION
     if named := _separable_sessions(data.session, sessions):
-        between = [_left_out(data, name, weights, (fit, extended), robust=robust) for name in named]
+        between = [_held_out_session(data, name, weights, (fit, extended), robust=robust) for name in named]
         gain, error = trimmed_mean(np.concatenate(between))
         if not gain > error:
             return found, None
@@ -276,7 +276,7 @@ def _improvement(before: HeldOutReadings, after: HeldOutReadings) -> tuple[float
 
 
 def _separable_sessions(readings: Session, sessions: Collection[str]) -> list[str]:
-    """Sessions with enough points to be left out, if others remain."""
+    """Sessions with enough points to be held out, if others remain."""
     if readings.session is None or len(sessions) < 2:
         return []
     counts = {name: int((readings.has_point & (readings.session == name)).sum()) for name in sessions}
@@ -284,7 +284,7 @@ def _separable_sessions(readings: Session, sessions: Collection[str]) -> list[st
     return named if len(named) > 1 else []
 
 
-def _left_out(
+def _held_out_session(
     data: TrainingData, name: str, weights: FloatArray, fits: Iterable[IdentificationResult], *, robust: bool
 ) -> FloatArray:
     """By how much the readings of a session are predicted better with the process of the others [mm], by group.

@@ -181,8 +181,8 @@ def _may_win(
     first = hybrid.held_out_by_first_member(readings, arm_model)
     common = reduce(np.intersect1d, [first.rows, *(model.held_out_.rows for model in models.values())])
     held_out = {name: _on_rows(model.held_out_, common) for name, model in models.items()}
-    best = min(held_out.values(), key=lambda one: trimmed_mean(_group_means(one))[0])
-    excess, error = trimmed_mean(_group_means(_on_rows(first, common)) - _group_means(best))
+    best = min(held_out.values(), key=lambda one: trimmed_mean(group_means(one))[0])
+    excess, error = trimmed_mean(group_means(_on_rows(first, common)) - group_means(best))
     # On all folds the standard error of the same lead would be smaller by the root of their number.
     return bool(excess + error / np.sqrt(hybrid.n_members) < 0)
 
