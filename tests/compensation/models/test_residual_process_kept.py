@@ -10,12 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
+from truearm.compensation.export import json_model
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.refit import refit
 from truearm.compensation.models.residual_process import OF_ARM, OF_SESSION, process_columns, without_process
 from truearm.errors import InputError
 from truearm.readings import Session
+from truearm.workflows.export import export
 
 NOISE = 0.05  # mm
 TURN = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix()
@@ -184,3 +186,15 @@ def test_impossible_numbers_of_a_file_are_refused(fitted, change):
 def test_the_option_is_checked(arm):
     with pytest.raises(InputError, match="residual as true or false"):
         PhysicalModel(arm, residual="yes").fit_readings(readings(arm, 20, np.random.default_rng(0)))
+
+
+def test_json_has_the_process_and_source_code_says_how_to_do_without(fitted, tmp_path):
+    model, _ = fitted
+    export(model, tmp_path / "bent.json")
+    joints = np.array([[0.3, -0.4, 0.9], [2.9, 2.0, -3.0]])
+    # The document has all digits of the numbers.
+    np.testing.assert_allclose(json_model.tips(tmp_path / "bent.json", joints), model.predict(joints), atol=1e-9)
+    with pytest.raises(InputError, match="residual process") as refused:
+        export(model, tmp_path / "bent.c")
+    assert "--no-residual-process" in str(refused.value.hint)
+    assert not (tmp_path / "bent.c").exists()

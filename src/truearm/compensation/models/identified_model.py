@@ -19,7 +19,7 @@ from truearm.compensation.models.cross_validation_groups import (
 )
 from truearm.compensation.models.held_out_errors import NONE_HELD_OUT, HeldOutErrors
 from truearm.compensation.models.reading_references import references_of, state_of
-from truearm.compensation.models.residual_process import ResidualProcess, add_residual_process
+from truearm.compensation.models.residual_process import ResidualProcess, add_residual_process, with_unspanned
 from truearm.compensation.models.session_frames import places_the_frame
 from truearm.compensation.models.training_data import TrainingData
 from truearm.errors import InputError
@@ -227,10 +227,7 @@ class IdentifiedModel(Compensator):
         else:
             groups = cross_validation_groups(data.session, self.session_frames_)
         held_out = cross_validate_by_group(fit, data.state, data.references, groups, kinds)
-        if held_out.n_coordinates < 3:
-            return held_out
-        unspanned = fit.unspanned_covariance(data.state.rows(held_out.rows))
-        return replace(held_out, covariance=held_out.covariance + unspanned)
+        return with_unspanned(held_out, fit, data.state)
 
     def _estimate_residual_variance(self, angles: FloatArray) -> None:
         references = self.fit_.references

@@ -217,6 +217,13 @@ def without_process(fit: IdentificationResult) -> IdentificationResult:
     )
 
 
+def with_unspanned(held_out: HeldOutReadings, fit: IdentificationResult, state: ArmState) -> HeldOutReadings:
+    """Held-out readings with the covariance of points by what processes do between their inducing points."""
+    if held_out.n_coordinates < 3:
+        return held_out
+    return replace(held_out, covariance=held_out.covariance + fit.unspanned_covariance(state.rows(held_out.rows)))
+
+
 def transfer_improvement(
     with_process: IdentificationResult,
     without: IdentificationResult,
