@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -279,10 +280,29 @@ def test_pieces_of_any_size_are_the_same(chunk, drawn, monkeypatch):
     group = np.concatenate([np.arange(60) // 30, 1 + np.unique(names, return_inverse=True)[1]])
     references = references_of(drawn, np.arange(100))
     whole = cross_validate_by_group(fit, state, references, group)
-    monkeypatch.setattr(cross_validation, "CHUNK", chunk)
+    monkeypatch.setattr(cross_validation, "MOST_READINGS", chunk)
     found = cross_validate_by_group(fit, state, references, group)
     for part in ("rows", "group", "deviations", "covariance", "freedom"):
         np.testing.assert_allclose(getattr(found, part), getattr(whole, part), atol=1e-9)
+
+
+@pytest.mark.parametrize("n_groups", [2, 9, 60])
+def test_stacked_groups_are_the_same_as_one_by_one(n_groups, drawn, monkeypatch):
+    arm, angles, *_ = drawn
+    fit, state = identified(drawn, np.arange(60)), ArmState(arm.chain, angles[:60])
+    group = np.random.default_rng(1).integers(0, n_groups, 60)
+    references = references_of(drawn, np.arange(60))
+    stacked = cross_validate_by_group(fit, state, references, group)
+
+    def one_by_one(self, batch, group):
+        for members in batch:
+            yield from self._without(self._group(members), partial(self._pieces, members), group)
+
+    monkeypatch.setattr(cross_validation._Minimum, "_without_stacked", one_by_one)
+    plain = cross_validate_by_group(fit, state, references, group)
+    for part in ("rows", "group", "deviations", "covariance", "freedom"):
+        # [mm, mm^2]: rounding of inverses of which the largest is 1 / LEAST_FREEDOM
+        np.testing.assert_allclose(getattr(stacked, part), getattr(plain, part), atol=1e-9)
 
 
 def test_nothing_to_leave_out_is_an_empty_record(drawn):

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
 from truearm.errors import InputError
+from truearm.identification.estimation import gross_errors
 from truearm.identification.estimation.cross_validation import cross_validate_by_group
 from truearm.identification.estimation.gross_errors import (
     LEAST_FREEDOM,
@@ -73,6 +74,23 @@ def test_gross_errors_of_any_size_are_named_and_no_others(seed, n, share):
     weights = distribution.student_weights(readings)
     assert (weights[bad] < 0.1).all()
     assert ((weights >= 0) & (weights <= 1)).all()
+
+
+@given(seed=st.integers(0, 99), freedom=st.floats(3.2, 500), share=st.floats(2e-3, 0.39))
+@settings(max_examples=20)
+def test_derivatives_of_the_deviance_are_its_differences(seed, freedom, share):
+    rng = np.random.default_rng(seed)
+    known, squares = rng.uniform(0, 2e-3, (40, 3)), 0.002 * rng.standard_t(4, (40, 3)) ** 2
+    own = rng.uniform(0.5, 1, (40, 1))
+    x = np.array([np.log(1.5e-3), 1 / freedom, np.log(share)])
+
+    def deviance(x):
+        of = ErrorDistribution(float(np.exp(x[0])), float(1 / x[1]), float(np.exp(x[2])))
+        return gross_errors._deviance(known, squares, own, of)
+
+    steps = 1e-5 * np.diag([1, x[1], 1])
+    differences = [(deviance(x + step)[0] - deviance(x - step)[0]) / (2 * step.max()) for step in steps]
+    np.testing.assert_allclose(deviance(x)[1], differences, rtol=1e-5, atol=1e-4)  # rounding of sums of 40 logarithms
 
 
 def test_tails_as_of_a_geared_robot_are_honest(rng):

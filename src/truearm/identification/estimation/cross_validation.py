@@ -23,8 +23,11 @@ R. T. Birge, "The calculation of errors by the method of least squares", Phys. R
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +35,7 @@ import numpy.typing as npt
 from scipy.linalg import eigh
 from scipy.sparse import csr_array, hstack, vstack
 
+from truearm.identification.estimation import perturbed_chain
 from truearm.identification.estimation.identification import UNKNOWN_STD, eliminate_unknowns, initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.problem import SmallMotionProblem
@@ -39,7 +43,7 @@ from truearm.identification.estimation.references import LinearisedResiduals, Re
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
 from truearm.identification.terms.state import ArmState
 from truearm.readings.anchors import LEAST_READINGS
-from truearm.solve.square_roots import covariance_factor
+from truearm.solve.square_roots import CovarianceFactor
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
@@ -58,8 +62,9 @@ ROUNDING = 1e-9
 LEAST_WEIGHT = 1e-8
 # Kinds of references that are compared in three coordinates, and in one.
 IN_SPACE, IN_LENGTH = ("point", "seat"), ("distance",)
-# Readings whose derivatives are in memory at once: with 1500 coefficients some ten megabytes.
-CHUNK = 256
+# Derivatives in memory at once, some ten megabytes, and the most readings of them.
+MOST_DERIVATIVES = 1_200_000
+MOST_READINGS = perturbed_chain.CHUNK
 
 
 def cross_validate_by_group(
@@ -86,30 +91,33 @@ def cross_validate_by_group(
     Returns
     -------
     HeldOutReadings
-        Of readings with points, and of those in seats of two or more; or of distances.
+        Of readings with points, and of those in seats of two or more, or of distances; in the order of the readings.
     """
     if kinds is None:
         kinds = IN_SPACE if any(part.kind in IN_SPACE for part in fit.references) else IN_LENGTH
     with one_blas_thread():
         minimum = _Minimum.of(fit, state, references, kinds)
-        found = [part for batch in _batches(fit.references, group) for part in minimum.without(batch, group)]
+        found = [
+            part for batch in _batches(fit.references, group, minimum.chunk) for part in minimum.without(batch, group)
+        ]
     if not found:
         empty = np.zeros(0, dtype=np.intp)
         return HeldOutReadings(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
     names = ("rows", "group", "deviations", "covariance", "freedom")
-    return HeldOutReadings(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
+    together = HeldOutReadings(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
+    return together.select(np.argsort(together.rows))
 
 
-def _batches(references: Sequence[ReferenceFit], group: IntArray) -> Iterator[list[Members]]:
-    """Groups, several small ones at once, so that one pass of the chain evaluates many readings."""
+def _batches(references: Sequence[ReferenceFit], group: IntArray, chunk: int) -> Iterator[list[Members]]:
+    """Groups, several small ones of about one size at once, so that one pass of the chain evaluates many readings."""
     key = np.concatenate([group[reference.rows] for reference in references])
     which = np.concatenate([np.full(len(reference.rows), i) for i, reference in enumerate(references)])
     row = np.concatenate([np.arange(len(reference.rows)) for reference in references])
     order = np.lexsort((row, which, key))
     batch: list[Members] = []
     n = 0
-    for members in np.split(order, np.flatnonzero(np.diff(key[order])) + 1):
-        if n and n + len(members) > CHUNK:
+    for members in sorted(np.split(order, np.flatnonzero(np.diff(key[order])) + 1), key=len):
+        if n and n + len(members) > chunk:
             yield batch
             batch, n = [], 0
         cuts = np.flatnonzero(np.diff(which[members])) + 1
@@ -183,9 +191,14 @@ class _Minimum:
 
     problem: SmallMotionProblem
     x: FloatArray
-    root: FloatArray
+    root: CovarianceFactor
     slope: FloatArray
     parts: list[_Whitened]
+
+    @property
+    def chunk(self) -> int:
+        """Number of readings whose derivatives are in memory at once."""
+        return min(MOST_READINGS, max(1, MOST_DERIVATIVES // (3 * max(self.slope.shape[1], 1))))
 
     @classmethod
     def of(
@@ -228,13 +241,18 @@ class _Minimum:
                     _is_judged(part, fit.references, kinds),
                 )
             )
-        return cls(problem, x, covariance_factor(fit.covariance), slope, found)
+        return cls(problem, x, CovarianceFactor.of(fit.covariance), slope, found)
 
     def without(self, batch: list[Members], group: IntArray) -> Iterator[HeldOutReadings]:
         """The deviations of every group of a batch."""
         judged = [members for members in batch if any(self.parts[i].is_judged[rows].any() for i, rows in members)]
-        if len(batch) == 1 and judged:
-            yield from self._without(self._group(judged[0]), lambda: self._pieces(judged[0]), group)
+        if not judged:
+            return
+        if len(batch) == 1 and sum(len(rows) for _, rows in judged[0]) > self.chunk:
+            yield from self._without(self._group(judged[0]), partial(self._pieces, judged[0]), group)
+            return
+        if not any(part.linear.unknown.size for part in self.parts):
+            yield from self._without_stacked(judged, group)
             return
         spread: dict[int, list[FloatArray]] = {}
         for i in {i for members in judged for i, _ in members}:
@@ -247,8 +265,8 @@ class _Minimum:
 
     def _pieces(self, members: Members) -> Iterator[_Piece]:
         for i, rows in members:
-            for start in range(0, len(rows), CHUNK):
-                some = rows[start : start + CHUNK]
+            for start in range(0, len(rows), self.chunk):
+                some = rows[start : start + self.chunk]
                 yield _Piece(i, some, self._spread(i, some))
 
     def _spread(self, which: int, rows: IntArray) -> FloatArray:
@@ -259,7 +277,65 @@ class _Minimum:
         by = columns.transpose(2, 1, 0).reshape(m * k, p)
         if part.linear.unknown.size:
             by = by - part.by_unknown[_residuals_of(rows, part)] @ self.slope
-        return np.asarray(by @ self.root.T)
+        return self.root.times(by.T).T
+
+    def _stacked_spread(self, which: int, groups: list[IntArray], most: int) -> FloatArray:
+        """(g, p, k, most) the same of groups of readings, transposed and with zeros for readings that they lack."""
+        columns = self.problem.coefficient_columns(which, np.concatenate(groups), self.parts[which].linear, self.x)
+        p, k, m = columns.shape
+        by_root = self.root.times(columns.reshape(p, k * m)).reshape(p, k, m)
+        out = np.zeros((len(groups), p, k, most))
+        start = 0
+        for into, rows in zip(out, groups, strict=True):
+            into[..., : len(rows)] = by_root[..., start : start + len(rows)]
+            start += len(rows)
+        return out
+
+    def _without_stacked(self, batch: list[Members], group: IntArray) -> Iterator[HeldOutReadings]:
+        """The deviations of small groups of readings without unknowns, all groups at once.
+
+        With S = A A^T, ``(I - S)^-1 = I + A (I - A^T A)^-1 A^T``: of the two matrices the smaller is inverted.
+        """
+        which = sorted({i for members in batch for i, _ in members})
+        rows_of = {i: [dict(members).get(i, np.zeros(0, dtype=np.intp)) for members in batch] for i in which}
+        most = {i: max(map(len, rows_of[i])) for i in which}
+        spread = {i: self._stacked_spread(i, rows_of[i], most[i]) for i in which}
+        residuals = {i: self._stacked_residuals(i, rows_of[i], most[i]) for i in which}
+        g, p = len(batch), self.slope.shape[1]
+        At = np.concatenate([spread[i].reshape(g, p, math.prod(spread[i].shape[2:])) for i in which], axis=2)
+        A, r = At.transpose(0, 2, 1), np.concatenate([residuals[i].reshape(g, -1) for i in which], axis=1)
+        is_dual = A.shape[1] <= p
+        S = A @ At if is_dual else At @ A
+        inverse = np.linalg.inv(np.eye(S.shape[1]) - S)
+        # Its largest eigenvalue is below this norm; else some direction needs a bound.
+        is_free = np.linalg.norm(inverse, axis=(1, 2)) <= 1 / LEAST_FREEDOM
+        along = np.matmul(inverse, r[:, :, None] if is_dual else At @ r[:, :, None])
+        white = along[:, :, 0] if is_dual else r + (A @ along)[:, :, 0]
+        left, right = (S, inverse) if is_dual else (A @ inverse, At)
+        start = 0
+        for i in which:
+            k = self.parts[i].weights.shape[1]
+            stop = start + k * most[i]
+            if self.parts[i].is_judged.any():
+                shape = (g, k, most[i])
+                of_left = left[:, start:stop].reshape(*shape, left.shape[2])
+                of_right = right[:, :, start:stop].reshape(g, right.shape[1], *shape[1:])
+                blocks = np.einsum("gamx,gxbm->gmab", of_left, of_right, optimize=True)
+                is_there = np.arange(most[i]) < np.array([len(rows) for rows in rows_of[i]])[:, None]
+                is_there &= is_free[:, None]
+                of_part = white[:, start:stop].reshape(shape).transpose(0, 2, 1)[is_there]
+                rows = np.concatenate([np.zeros(0, dtype=np.intp), *compress(rows_of[i], is_free)])
+                yield _held_out(self.parts[i], rows, of_part, blocks[is_there], np.ones(len(rows)), group)
+            start = stop
+        for members in compress(batch, ~is_free):
+            yield from self._without(self._group(members), partial(self._pieces, members), group)
+
+    def _stacked_residuals(self, which: int, groups: list[IntArray], most: int) -> FloatArray:
+        """(g, k, most) whitened residuals of groups of readings, with zeros for readings that they lack."""
+        out = np.zeros((len(groups), self.parts[which].residuals.shape[1], most))
+        for into, rows in zip(out, groups, strict=True):
+            into[:, : len(rows)] = self.parts[which].residuals[rows].T
+        return out
 
     def _group(self, members: Members) -> _Group:
         residuals = np.concatenate([self.parts[i].residuals[rows].ravel() for i, rows in members])
@@ -311,7 +387,7 @@ class _Minimum:
     ) -> Iterator[HeldOutReadings]:
         """The deviations of a group."""
         r, own = of.residuals, of.own
-        n, dimension = len(r), len(self.root) + of.spread.shape[1]
+        n, dimension = len(r), self.slope.shape[1] + of.spread.shape[1]
         # With S = A A^T: (I - S)^-1 = I + A (I - A^T A)^-1 A^T, of which one matrix is small.
         dual = n <= dimension
         if dual:
@@ -347,7 +423,9 @@ class _Minimum:
             if (held := of.n_distances.get(piece.which)) is not None:
                 # Other groups must locate the anchor.
                 freedom[(part.count - held)[part.reference_fit.artefact[piece.rows]] < LEAST_READINGS] = 0.0
-            yield _held_out(part, piece.rows, white, half, freedom, group)
+            half = half.reshape(len(piece.rows), part.weights.shape[1], -1)
+            blocks = half @ half.transpose(0, 2, 1)
+            yield _held_out(part, piece.rows, white.reshape(len(piece.rows), -1), blocks, freedom, group)
 
 
 def _positive_weights(part: ReferenceFit) -> FloatArray:
@@ -356,17 +434,15 @@ def _positive_weights(part: ReferenceFit) -> FloatArray:
 
 
 def _held_out(
-    part: _Whitened, rows: IntArray, white: FloatArray, half: FloatArray, freedom: FloatArray, group: IntArray
+    part: _Whitened, rows: IntArray, white: FloatArray, blocks: FloatArray, freedom: FloatArray, group: IntArray
 ) -> HeldOutReadings:
-    """Whitened deviations and the root of their covariance, in mm; seats with one reading give no deviation."""
-    k = part.weights.shape[1]
+    """Whitened deviations (m, k) and their covariances (m, k, k), in mm; seats with one reading give no deviation."""
     shows = part.is_judged[rows] & (freedom > ROUNDING)
     rows, weights = rows[shows], part.weights[rows[shows]]
-    half = half.reshape(len(shows), k, -1)[shows] / weights[:, :, None]
-    covariance = half @ half.transpose(0, 2, 1)
-    covariance += (part.reference_fit.std[:, rows].T ** 2)[:, :, None] * np.eye(k)
+    covariance = blocks[shows] / (weights[:, :, None] * weights[:, None, :])
+    covariance += (part.reference_fit.std[:, rows].T ** 2)[:, :, None] * np.eye(weights.shape[1])
     readings = part.reference_fit.rows[rows]
-    return HeldOutReadings(readings, group[readings], white.reshape(-1, k)[shows] / weights, covariance, freedom[shows])
+    return HeldOutReadings(readings, group[readings], white[shows] / weights, covariance, freedom[shows])
 
 
 def _is_judged(part: ReferenceFit, references: Sequence[ReferenceFit], kinds: Sequence[str]) -> npt.NDArray[np.bool_]:

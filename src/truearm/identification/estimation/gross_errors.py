@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit, gammaln
+from scipy.special import digamma, expit, gammaln
 
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
@@ -105,10 +105,8 @@ def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
     def distribution(x: FloatArray) -> ErrorDistribution:
         return ErrorDistribution(float(np.exp(x[0])), float(1 / x[1]), float(np.exp(x[2])))
 
-    def deviance(x: FloatArray) -> float:
-        tried = distribution(x)
-        prior = FREEDOM_SHAPE * np.log(tried.freedom) - FREEDOM_RATE * tried.freedom  # of the logarithm
-        return float(-np.logaddexp(*_log_densities(known, squares, freedom, tried)).sum() - prior)
+    def deviance(x: FloatArray) -> tuple[float, FloatArray]:
+        return _deviance(known, squares, freedom, distribution(x))
 
     bounds = [
         (np.log(FLOOR_MM2), np.log(typical) + 5),
@@ -116,8 +114,34 @@ def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
         (np.log(LEAST_SHARE), np.log(MOST_SHARE)),
     ]
     starts = [np.array([np.log(typical), 1 / freedom, np.log(share)]) for freedom, share in STARTS]
-    ends = [minimize(deviance, start, method="L-BFGS-B", bounds=bounds) for start in starts]
+    ends = [minimize(deviance, start, jac=True, method="L-BFGS-B", bounds=bounds) for start in starts]
     return distribution(min(ends, key=lambda end: float(end.fun)).x)
+
+
+def _deviance(
+    known: FloatArray, squares: FloatArray, freedom: FloatArray, of: ErrorDistribution
+) -> tuple[float, FloatArray]:
+    """Minus the logarithm of the posterior density, and its derivatives by the minimiser's numbers.
+
+    These are the logarithm of the variance, one over the degrees of freedom and the logarithm of the share.
+    """
+    nu, share = of.freedom, of.gross_share
+    honest, gross = _log_densities(known, squares, freedom, of)
+    of_gross = expit(gross - honest)
+    of_honest = 1 - of_gross
+    variance = known + of.variance * freedom
+    relative = of.variance * freedom / variance  # of the logarithm of each axis' variance by that of the scale
+    t2, t2_slope = (squares / variance).sum(axis=1), -(squares * relative / variance).sum(axis=1)
+    half_slope = 0.5 * relative.sum(axis=1)
+    of_t2 = of_honest * -0.5 * (nu + 3) / (nu + t2) + of_gross * -1.5 * np.sqrt(t2) / (LEAST_GROSS_STDS**3 + t2**1.5)
+    by_variance = float((of_t2 * t2_slope - half_slope).sum())
+    norm_slope = 0.5 * (digamma((nu + 3) / 2) - digamma(nu / 2)) - 1.5 / nu
+    by_freedom = norm_slope - 0.5 * np.log1p(t2 / nu) + 0.5 * (nu + 3) * t2 / (nu * (nu + t2))
+    by_freedom = float((of_honest * by_freedom).sum()) + FREEDOM_SHAPE / nu - FREEDOM_RATE
+    by_share = float((of_gross - of_honest * share / (1 - share)).sum())
+    prior = FREEDOM_SHAPE * np.log(nu) - FREEDOM_RATE * nu  # of the logarithm
+    density = float(np.logaddexp(honest, gross).sum() + prior)
+    return -density, np.array([-by_variance, by_freedom * nu**2, -by_share])
 
 
 def _typical_variance(held_out: HeldOutReadings) -> float:
