@@ -25,6 +25,7 @@ from scipy.linalg import LinAlgError, cholesky, qr
 from scipy.linalg.lapack import dtrtri
 from scipy.special import wrightomega
 
+from truearm.solve.low_rank import MAX_RANK, LowRankEquations
 from truearm.solve.square_roots import unit_diagonal
 from truearm.typing import BoolArray, FloatArray, IntArray
 
@@ -128,6 +129,36 @@ def posterior(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size:
     x[active], root = _solved(gram, right, prior, active, size)
     covariance[np.ix_(active, active)] = root.T @ root
     return Posterior(x, covariance)
+
+
+class GroupedEquations:
+    """Normal equations to be solved under several priors.
+
+    Parameters
+    ----------
+    gram : (p, p) array
+    right : (p,) array
+    size : (p,) array
+        The diagonal before other parameters were eliminated.
+    n_data : int
+        Number of data, about the largest rank: if it is low, matrices of the size of the data are solved.
+    """
+
+    def __init__(self, gram: FloatArray, right: FloatArray, size: FloatArray, n_data: int) -> None:
+        self._gram, self._right, self._size = gram, right, size
+        self._few = LowRankEquations.of(gram, right, size) if n_data <= MAX_RANK * len(gram) else None
+
+    def marginal_posterior(self, prior: GroupedPrior) -> MarginalPosterior:
+        """See the function `marginal_posterior`."""
+        if self._few is None or (found := self._few.solve(prior.ratio * prior.scale[prior.group])) is None:
+            return marginal_posterior(self._gram, self._right, prior, size=self._size)
+        return MarginalPosterior(found.x, found.variance)
+
+    def posterior(self, prior: GroupedPrior) -> Posterior:
+        """See the function `posterior`."""
+        if self._few is None or (found := self._few.solve(prior.ratio * prior.scale[prior.group])) is None:
+            return posterior(self._gram, self._right, prior, size=self._size)
+        return Posterior(found.x, found.covariance)
 
 
 def _solved(
@@ -255,22 +286,33 @@ def prune_groups(prior: GroupedPrior, found: Posterior, which: BoolArray, *, log
     while members:
         gains = {}
         for g, rows in members.items():
-            values, vectors = _eigen(covariance[np.ix_(rows, rows)])
-            squares = (vectors.T @ x[rows]) ** 2 / values
-            gains[g] = 0.5 * (np.log(scale[g]) ** 2 / log_spread**2 - np.log(values).sum() - squares.sum())
+            half, log_det = _whitening(covariance[np.ix_(rows, rows)])
+            squares = (half @ x[rows]) ** 2
+            gains[g] = 0.5 * (np.log(scale[g]) ** 2 / log_spread**2 - log_det - squares.sum())
         g = max(gains, key=gains.__getitem__)
         if gains[g] < MIN_GAIN:
             break
         rows = members.pop(g)
-        values, vectors = _eigen(covariance[np.ix_(rows, rows)])
-        across = covariance[:, rows] @ (vectors / np.sqrt(values))
-        x -= across @ ((vectors.T @ x[rows]) / np.sqrt(values))
+        half, _ = _whitening(covariance[np.ix_(rows, rows)])
+        across = covariance[:, rows] @ half.T
+        x -= across @ (half @ x[rows])
         covariance -= across @ across.T
         scale[g] = 0.0
     return replace(prior, scale=scale)
 
 
-def _eigen(white: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues and vectors of a posterior covariance in units of the prior, between 0 and 1 up to rounding."""
+def _whitening(white: FloatArray) -> tuple[FloatArray, float]:
+    """W with ``W^T W`` the inverse of a posterior covariance in units of the prior, and the log determinant of that.
+
+    The eigenvalues are between 0 and 1 up to rounding; those that are rounding count as `ROUNDING`.
+    """
+    try:
+        lower = cholesky(white, lower=True, check_finite=False)
+    except LinAlgError:
+        pass
+    else:
+        if (lower.diagonal() ** 2).min(initial=1.0) > MIN_PIVOT:
+            return _inverse_triangle(lower, lower=True), 2 * float(np.log(lower.diagonal()).sum())
     values, vectors = np.linalg.eigh(white)
-    return np.clip(values, ROUNDING, 1.0), vectors
+    values = np.clip(values, ROUNDING, 1.0)
+    return np.asarray((vectors / np.sqrt(values)).T), float(np.log(values).sum())

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,16 +16,8 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.basis import Harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.solve.arrowhead import SchurComplement
-from truearm.solve.group_evidence import (
-    GroupedPrior,
-    Posterior,
-    marginal_posterior,
-    posterior,
-    prune_groups,
-    update_scales,
-)
-from truearm.typing import BoolArray, FloatArray
+from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, prune_groups, update_scales
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Rounds of the evidence on one linearisation.
 SCALE_ROUNDS = 2
@@ -109,29 +102,51 @@ def without_negligible(
     return replace(prior, scale=scale)
 
 
-def weigh_evidence(
-    reduced: SchurComplement, x: FloatArray, prior: GroupedPrior, prunable: BoolArray
-) -> tuple[GroupedPrior, Posterior, FloatArray]:
-    """Some rounds towards the scales of maximum evidence on a linearisation, and the posterior of the kept parameters.
+class WeighedEvidence(NamedTuple):
+    """Posterior of a linearisation under scales near those of maximum evidence.
 
-    Groups that are `prunable` (n_groups,) get scale 0, and keep it, where the evidence is larger without them.
+    Attributes
+    ----------
+    prior : GroupedPrior
+        The prior of the posterior.
+    next : GroupedPrior
+        One update further, to begin the next round with.
+    x : (k,) array
+        Means of the kept parameters.
+    effective : (n_groups,) array
+        Number of parameters of every group that the data determine.
     """
-    gram, right, size = reduced.gram, reduced.gram @ x[reduced.kept] - reduced.gradient, reduced.size
-    of_kept = prior.subset(reduced.kept)
-    effective = np.zeros(len(prior.scale))
-    for _ in range(SCALE_ROUNDS):
-        known = marginal_posterior(gram, right, of_kept, size=size)
-        scale, effective = update_scales(of_kept, known, log_spread=LOG_SPREAD, least=LEAST_SCALE, most=MOST_SCALE)
+
+    prior: GroupedPrior
+    next: GroupedPrior
+    x: FloatArray
+    effective: FloatArray
+
+
+def weigh_evidence(
+    equations: GroupedEquations, kept: IntArray, prior: GroupedPrior, prunable: BoolArray, *, is_calm: bool
+) -> WeighedEvidence:
+    """Some rounds towards the scales of maximum evidence on a linearisation.
+
+    One while the noise still changes, as the scales follow it. Groups that are `prunable` (n_groups,) get scale 0, and
+    keep it, where the evidence is larger without them.
+    """
+    of_kept = prior.subset(kept)
+    bounds = {"log_spread": LOG_SPREAD, "least": LEAST_SCALE, "most": MOST_SCALE}
+    known = equations.marginal_posterior(of_kept)
+    scale, effective = update_scales(of_kept, known, **bounds)
+    for _ in range(SCALE_ROUNDS if is_calm else 1):
         counted = effective > LEAST_EFFECTIVE
         change = np.abs(scale - of_kept.scale)[counted] / of_kept.scale[counted]
         of_kept = replace(of_kept, scale=scale)
+        known = equations.marginal_posterior(of_kept)
+        scale, effective = update_scales(of_kept, known, **bounds)
         if change.max(initial=0.0) < SETTLED_SCALES:
             break
-    solution = posterior(gram, right, of_kept, size=size)
-    if prunable.any():
-        pruned = prune_groups(of_kept, solution, prunable, log_spread=LOG_SPREAD)
+    if (prunable & prior.learned & (of_kept.scale > 0)).any():
+        pruned = prune_groups(of_kept, equations.posterior(of_kept), prunable, log_spread=LOG_SPREAD)
         if (pruned.scale < of_kept.scale).any():
             of_kept = pruned
-            solution = posterior(gram, right, of_kept, size=size)
-            effective = np.where(of_kept.scale > 0, effective, 0.0)
-    return replace(prior, scale=of_kept.scale), solution, effective
+            known = equations.marginal_posterior(of_kept)
+            scale, effective = update_scales(of_kept, known, **bounds)
+    return WeighedEvidence(replace(prior, scale=of_kept.scale), replace(prior, scale=scale), known.x, effective)

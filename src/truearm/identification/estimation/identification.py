@@ -17,6 +17,7 @@ import numpy.typing as npt
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.estimation.group_scales import (
+    WeighedEvidence,
     is_fast,
     weigh_evidence,
     with_uncertain_scales,
@@ -36,11 +37,7 @@ from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.solve import KnownStep, StepHalving, damped_step
 from truearm.solve.arrowhead import Arrowhead, SchurComplement
-from truearm.solve.group_evidence import (
-    GroupedPrior,
-    Posterior,
-    posterior,
-)
+from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, Posterior
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
@@ -53,6 +50,8 @@ MAX_HALVINGS = 7
 COST_ROUNDING = 1e-9
 # If no reference determines the size of the arm, it stays nominal, to this share.
 SIZE_STD = 1e-6
+# The problem is set up again without pruned terms if no larger share of the parameters remains.
+MOST_ACTIVE = 0.7
 # The prior of an artefact's unknowns is wider than any workshop [mm, or 1].
 UNKNOWN_STD = 1e6
 
@@ -139,6 +138,7 @@ def identify(
     prior, groups = grouped_prior(terms, len(x) - n_coefficients)
     if start is not None:
         x, prior = started_at(start, perturbed_chain, prior, groups)
+    offered = dict(zip(groups, np.bincount(prior.group).tolist(), strict=False))  # the last group are the unknowns
     fast = is_fast(terms, groups, state)
     per_kind = np.zeros(len(references))
     noise_before, calm = np.full(len(references), np.inf), 0
@@ -155,12 +155,15 @@ def identify(
         if calm == 1:
             prior = without_invisible(prior, whole.diagonal, n_residuals)
         # While the noise still falls, groups below it must not be pruned.
+        prunable = fast if calm >= 2 else np.zeros_like(fast)
         with one_blas_thread():
-            prior, solution, effective = weigh_evidence(reduced, x, prior, fast if calm >= 2 else np.zeros_like(fast))
+            equations = _grouped_equations(reduced, x, n_residuals)
+            found = weigh_evidence(equations, reduced.kept, prior, prunable, is_calm=calm >= 1)
+        prior, effective = found.prior, found.effective
         if x[~prior.active].any():
             x = np.where(prior.active, x, 0.0)
             residuals = problem.residuals(x)
-        step = reduced.step(solution.x - x[reduced.kept])
+        step = reduced.step(found.x - x[reduced.kept])
         along = whole.times(step)
         # Rounding may make a tiny product negative.
         moved_by = np.sqrt(max(float(step @ along), 0.0) / max(float(effective.sum()) + reduced.n_determined, 1.0))
@@ -169,13 +172,16 @@ def identify(
         step_before = step
         cost, halving = _cost(problem, weights, prior), StepHalving(share, MAX_HALVINGS)
         x, residuals = take_step(problem, x, residuals, step, cost, halving)
-        per_kind = reduced.traces(parts, solution.covariance)
+        with one_blas_thread():
+            per_kind = _effective_numbers(reduced, parts, equations, found)
         converged = calm >= 2 and moved_by < SETTLED_STEP
         noise_before = noise
         if converged:
             break
+        prior = found.next
+        problem, prior, x, step_before = _without_pruned(problem, groups, prior, x, step_before)
     prior = with_uncertain_scales(prior, effective)
-    prior = without_negligible(prior, perturbed_chain, state, float(np.sqrt(noise.min())), n_residuals)
+    prior = without_negligible(prior, problem.perturbed_chain, state, float(np.sqrt(noise.min())), n_residuals)
     effective = np.where(prior.scale > 0, effective, 0.0)
     x = np.where(prior.active, x, 0.0)
     # If the readings leave a motion of decimetres open, the last step may still change the linearisation by more than
@@ -183,13 +189,8 @@ def identify(
     parts, whole = linearised(problem, x, weights)
     reduced = eliminate_unknowns(parts, whole, x)
     with one_blas_thread():
-        solution = posterior(
-            reduced.gram,
-            reduced.gram @ x[reduced.kept] - reduced.gradient,
-            prior.subset(reduced.kept),
-            size=reduced.size,
-        )
-    return _result(problem, x, prior, groups, solution, effective, noise, robust_weights, converged, n_rounds)
+        solution = _grouped_equations(reduced, x, n_residuals).posterior(prior.subset(reduced.kept))
+    return _result(problem, x, prior, offered, solution, effective, noise, robust_weights, converged, n_rounds)
 
 
 def initial_problem(
@@ -265,6 +266,33 @@ def eliminate_unknowns(parts: Sequence[Arrowhead], whole: Arrowhead, x: FloatArr
     return whole.eliminate(np.full(len(in_readings), UNKNOWN_STD**-2.0), x, shared=~in_readings)
 
 
+def _without_pruned(
+    problem: SmallMotionProblem, groups: tuple[str, ...], prior: GroupedPrior, x: FloatArray, step: FloatArray
+) -> tuple[SmallMotionProblem, GroupedPrior, FloatArray, FloatArray]:
+    """The problem, its prior, parameters and a step without pruned terms, where these are many."""
+    active = np.flatnonzero(prior.active)
+    if len(active) > MOST_ACTIVE * len(x):
+        return problem, prior, x, step
+    chain = problem.perturbed_chain
+    kept = tuple(term for term in chain.terms if prior.scale[groups.index(term.group)] > 0)
+    smaller = SmallMotionProblem(PerturbedChain(chain.chain, kept), problem.state, problem.references)
+    return smaller, prior.subset(active), x[active], step[active]
+
+
+def _grouped_equations(reduced: SchurComplement, x: FloatArray, n_residuals: int) -> GroupedEquations:
+    right = reduced.gram @ x[reduced.kept] - reduced.gradient
+    return GroupedEquations(reduced.gram, right, reduced.size, n_residuals)
+
+
+def _effective_numbers(
+    reduced: SchurComplement, parts: Sequence[Arrowhead], equations: GroupedEquations, found: WeighedEvidence
+) -> FloatArray:
+    """Number of parameters that each reference determines; that of one without unknowns follows from the variances."""
+    if len(parts) == 1 and not parts[0].blocks.shape[0]:
+        return np.array([found.effective.sum()])
+    return reduced.traces(parts, equations.posterior(found.prior.subset(reduced.kept)).covariance)
+
+
 def _size_is_open(problem: SmallMotionProblem, x: FloatArray) -> bool:
     """Whether no reference determines the size of the arm: neither points nor distances nor lengths nor radii."""
     constraints_of = [
@@ -279,7 +307,7 @@ def _result(
     problem: SmallMotionProblem,
     x: FloatArray,
     prior: GroupedPrior,
-    groups: tuple[str, ...],
+    offered: dict[str, int],
     solution: Posterior,
     effective: FloatArray,
     noise: FloatArray,
@@ -287,18 +315,17 @@ def _result(
     converged: bool,
     n_rounds: int,
 ) -> IdentificationResult:
-    perturbed_chain = problem.perturbed_chain
+    perturbed_chain, groups = problem.perturbed_chain, list(offered)
     kept = tuple(term for term in perturbed_chain.terms if prior.scale[groups.index(term.group)] > 0)
     active = np.flatnonzero(prior.active[: perturbed_chain.n_coefficients])
-    offered = np.bincount(prior.group, minlength=len(groups))
     return IdentificationResult(
         PerturbedChain(perturbed_chain.chain, kept),
         x[active],
         solution.covariance[np.ix_(active, active)],
         (prior.ratio * prior.scale[prior.group])[active],
         tuple(
-            TermGroupResult(name, int(offered[i]), float(effective[i]), float(prior.scale[i]))
-            for i, name in enumerate(groups)
+            TermGroupResult(name, n, float(effective[i]), float(prior.scale[i]))
+            for i, (name, n) in enumerate(offered.items())
         ),
         reference_fits(problem, x, np.sqrt(noise), robust_weights),
         bool(converged),
