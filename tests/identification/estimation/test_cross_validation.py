@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm import load_arm
 from truearm.identification.estimation import cross_validation
-from truearm.identification.estimation.cross_validation import covariance_factor, cross_validate_by_group
+from truearm.identification.estimation.cross_validation import cross_validate_by_group
 from truearm.identification.estimation.identification import identify, initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.orientations import Orientations
@@ -19,6 +19,7 @@ from truearm.identification.estimation.references import Length, Points, Seats, 
 from truearm.identification.planning.sampling.seat import seat
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import tool_rotation
+from truearm.solve.square_roots import covariance_factor
 
 NOISE = 0.02  # mm
 

@@ -198,7 +198,7 @@ class _Minimum:
     @property
     def chunk(self) -> int:
         """Number of readings whose derivatives are in memory at once."""
-        return min(MOST_READINGS, max(1, MOST_DERIVATIVES // (3 * max(self.slope.shape[1], 1))))
+        return min(MOST_READINGS, max(1, int(MOST_DERIVATIVES // (3 * max(self.slope.shape[1], 1)))))
 
     @classmethod
     def of(
