@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -55,6 +56,10 @@ class PerturbedChain:
 
     chain: Chain
     terms: tuple[Term, ...]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields without what is prepared from them: functions cannot be pickled, nor sent to another process."""
+        return {"chain": self.chain, "terms": self.terms}
 
     @cached_property
     def n_coefficients(self) -> int:
