@@ -310,14 +310,10 @@ class _Space:
 
     def upper_products(self, what: str, D: Array) -> Array:
         """``sum_o D[o, k] D[o, r]``, k <= r, row by row, for D (o, k, m): (k (k + 1) / 2, m)."""
-        n_outputs, k, m = D.shape
-        xp, out = array_namespace(D), self._array(what, (k * (k + 1) // 2, m), D)
-        start = 0
+        _, k, m = D.shape
+        out, start = self._array(what, (k * (k + 1) // 2, m), D), 0
         for i in range(k):
-            row = out[start : start + k - i, :]
-            xp.multiply(D[0, i, :], D[0, i:, :], out=row)
-            for o in range(1, n_outputs):
-                row += D[o, i, :] * D[o, i:, :]
+            _sum_of_products(D[:, i, :], D[:, i:, :], out[start : start + k - i, :])
             start += k - i
         return out
 
@@ -413,19 +409,19 @@ class _Sums:
         elif low == high:
             pairs_of_values = _placed_index(_symmetric_index(n_i), sums)
             pairs_of_derivatives = xp.reshape(_placed_index(_symmetric_index(n_k), sums), (-1,))
-            outer = xp.reshape(W @ W.T, (1, -1)) if low == last - 1 else None
+            outer = (W @ W.T)[:, None, :] if low == last - 1 else None
             for i in values:
-                row = xp.take(xp.take(sums, pairs_of_values[i, :], axis=0), pairs_of_derivatives, axis=1)
-                if outer is not None:
-                    row *= outer
-                _put(block[i * n_k : (i + 1) * n_k, :], xp.reshape(row, (n_j, n_k, n_r)), (1, 0, 2))
+                row = _taken(_taken(sums, pairs_of_values[i, :], 0), pairs_of_derivatives, 1)
+                here = _split(block[i * n_k : (i + 1) * n_k, :], (n_k, n_j, n_r))
+                _put(here, xp.permute_dims(xp.reshape(row, (n_j, n_k, n_r)), (1, 0, 2)), outer)
         else:
             for i in values:
-                row, here = sums[i * n_j : (i + 1) * n_j, :], block[i * n_k : (i + 1) * n_k, :]
+                row = sums[i * n_j : (i + 1) * n_j, :]
+                here = _split(block[i * n_k : (i + 1) * n_k, :], (n_k, n_j, n_r))
                 if (low, high) == (last - 1, last):
-                    _put(here, row[:, :, None] * W[None, :, :], (1, 0, 2))
+                    _put(here, row.T[:, :, None], W[:, None, :])
                 else:
-                    _put(here, xp.reshape(row, (n_j, n_r, n_k)), (2, 0, 1))
+                    _put(here, xp.permute_dims(xp.reshape(row, (n_j, n_r, n_k)), (2, 0, 1)), None)
         if mirrored is not None:
             mirrored[:, own] = block[own, :].T
 
@@ -441,10 +437,34 @@ class _Part(NamedTuple):
     values: range
 
 
-def _put(block: Array, values: Array, order: tuple[int, int, int]) -> None:
-    """Write `values`, their axes reordered, into `block` (k, j r)."""
-    xp = array_namespace(values)
-    block[...] = xp.reshape(xp.permute_dims(values, order), tuple(block.shape))
+def _split(block: Array, shape: tuple[int, int, int]) -> Array:
+    """A block (k, j r) seen as (k, j, r), in its own memory."""
+    return array_namespace(block).reshape(block, shape, copy=False)
+
+
+def _put(block: Array, values: Array, factors: Array | None) -> None:
+    """Write values, multiplied by factors, into a block: in one pass, as it is the memory that takes the time."""
+    if factors is None:
+        block[...] = values
+    else:
+        array_namespace(block).multiply(values, factors, out=block)
+
+
+def _sum_of_products(left: Array, right: Array, out: Array) -> None:
+    """``sum_o left[o] right[o, r]`` for every sample, (r, m) from (o, m) and (o, r, m), in one pass of the memory."""
+    if len(left) == 1:
+        array_namespace(left).multiply(left[0, :], right[0, ...], out=out)
+    elif is_numpy_array(left):
+        np.einsum("om,orm->rm", left, right, out=out)
+    else:
+        out[...] = (left[:, None, :] * right).sum(axis=0)
+
+
+def _taken(array: Array, index: Array, axis: int) -> Array:
+    """Rows or columns of a matrix."""
+    if is_numpy_array(array):
+        return np.take(array, index, axis=axis, mode="clip")  # no index is beyond; not to look takes half of the time
+    return array_namespace(array).take(array, index, axis=axis)
 
 
 def _rows(pairs: Array) -> Array:
