@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.rigid_motions import apply_motions, cos_sin, rotations_and_jacobians
+from truearm.arm.rigid_motions import apply_motions, cos_sin, rotations_and_jacobians, turn_matrices
 from truearm.arm.rigid_motions import exponential_derivative as exponential_derivative
 from truearm.errors import InputError
 from truearm.typing import FloatArray
@@ -366,13 +366,17 @@ class Chain:
         v[:] = self.tip_in_flange[:, None]
         if motions is not None:
             v += motions[-1, 3:]
+        turn = turn_matrices(cos, sin) if q.shape[1] == 1 else None
         for i in range(self.n_joints, 0, -1):
             v = np.matmul(self.fixed[i, :3, :3], v)
             v += self.fixed[i, :3, 3, None]
             if motions is not None:
                 v = _moved(v, motions[i], None if turned_by is None else turned_by[i])
             yield i, v
-            v = self._joint(i, q, cos, sin, v)
+            if turn is None or self.is_prismatic[i - 1]:
+                v = self._joint(i, q, cos, sin, v)
+            else:
+                v = np.matmul(turn[i - 1], v)
         if motions is not None:
             v = _moved(v, motions[0], None if turned_by is None else turned_by[0])
         yield 0, v
@@ -491,6 +495,8 @@ def _moved(v: FloatArray, motion: FloatArray, R: FloatArray | None) -> FloatArra
     """Vectors (3, m) after finite motions (6, m), whose rotations (3, 3, m) may be known."""
     if R is None:
         return apply_motions(v, motion)
+    if R.shape[2] == v.shape[1] == 1:
+        return np.asarray(np.matmul(R[:, :, 0], v) + motion[3:])
     moved: FloatArray = R[:, 0] * v[0]
     moved += R[:, 1] * v[1]
     moved += R[:, 2] * v[2]

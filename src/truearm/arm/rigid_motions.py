@@ -107,6 +107,15 @@ def cos_sin(q: FloatArray) -> tuple[FloatArray, FloatArray]:
     return twice - 1.0, t * twice
 
 
+def turn_matrices(cos: FloatArray, sin: FloatArray) -> FloatArray:
+    """Rotations of a single pose about the joints' own axes, (n_joints, 3, 3), from cosines and sines (n_joints, 1)."""
+    Z = np.zeros((len(cos), 3, 3))
+    Z[:, 0, 0] = Z[:, 1, 1] = cos[:, 0]
+    Z[:, 1, 0], Z[:, 0, 1] = sin[:, 0], -sin[:, 0]
+    Z[:, 2, 2] = 1.0
+    return Z
+
+
 def screw_z(angle: float, distance: float) -> FloatArray:
     """(4, 4) rotation about z by `angle` [rad] and translation along it by `distance` [mm]; the two commute."""
     c, s = np.cos(angle), np.sin(angle)

@@ -160,8 +160,10 @@ def limit_excesses(
         Which joints slide; none by default. It decides the unit that is shown.
     """
     lower, upper = np.asarray(limits, dtype=float).T
-    slides = np.zeros(session.n_joints, bool) if prismatic is None else np.asarray(prismatic, dtype=bool)
     outside = (session.angles < lower - LIMIT_TOLERANCE) | (session.angles > upper + LIMIT_TOLERANCE)
+    if not outside.any():
+        return ()
+    slides = np.zeros(session.n_joints, bool) if prismatic is None else np.asarray(prismatic, dtype=bool)
     found = []
     for row in np.flatnonzero(outside.any(axis=1)).tolist():
         joint = int(np.argmax(outside[row]))

@@ -28,8 +28,10 @@ class OneBlasThread(ContextDecorator, local):
     def __enter__(self) -> None:
         loaded = _loaded()
         if self._depth == 0 or loaded != self._seen:  # a library loaded within a block starts with all threads
-            self._limits.append(_libraries(loaded).limit(limits=1, user_api="blas"))
             self._seen = loaded
+            libraries = _libraries(loaded)
+            if any(library.get_num_threads() != 1 for library in libraries.lib_controllers):
+                self._limits.append(libraries.limit(limits=1))
         self._depth += 1
 
     def __exit__(self, *error: object) -> None:
@@ -65,4 +67,4 @@ def _loaded() -> tuple[bool, ...]:
 def _libraries(loaded: tuple[bool, ...]) -> ThreadpoolController:
     """The BLAS libraries of the packages that are loaded; the search takes milliseconds."""
     del loaded
-    return ThreadpoolController()
+    return ThreadpoolController().select(user_api="blas")

@@ -225,7 +225,7 @@ class TrainingConditions:
         """
         excess = np.abs(readings.angles) - np.abs(self.angle_ranges).max(axis=1)
         far = (excess > MAX_FURTHER_ANGLE) & ~prismatic
-        if far.any(axis=1).mean() > MAX_SKIPPED_SHARE:
+        if far.any() and far.any(axis=1).mean() > MAX_SKIPPED_SHARE:
             row, joint = (int(i) for i in np.argwhere(far)[0])
             raise readings.error(
                 f"J{joint + 1} is at {readings.angles[row, joint]:.4g} rad, ten turns outside the trained range",

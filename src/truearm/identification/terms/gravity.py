@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
-from truearm.arm.rigid_motions import cos_sin, cross
+from truearm.arm.rigid_motions import cos_sin, cross, turn_matrices
 from truearm.errors import InputError
 from truearm.identification.terms.thermal import link_vectors
 from truearm.typing import FloatArray
@@ -106,31 +107,49 @@ def gravity_loads(
     q = np.ascontiguousarray(np.asarray(angles, dtype=float).T)
     slides = chain.is_prismatic[:, None]
     turn, shift = np.where(slides, 0.0, q), np.where(slides, q, 0.0)
-    cos, sin = cos_sin(turn)
     force = np.empty((len(q), 3, q.shape[1]))
+    outward, inward = _steps(chain, *cos_sin(turn))
     # From the base to the last joint: gravity along the axes of each place.
-    along = np.broadcast_to((gravity @ chain.fixed[0, :3, :3])[:, None], (3, q.shape[1]))
+    along = np.broadcast_to(gravity[:, None], force[0].shape)
     for i in range(chain.n_joints):
-        along = _about_z_into(force[i], along if i == 0 else chain.fixed[i, :3, :3].T @ along, cos[i], -sin[i])
+        force[i] = along = outward(i, along)
     # And back: the sum of m (c - o_i) over the links outward, along the same axes [kg mm].
     vectors, mass_outward = link_vectors(chain), np.cumsum(links.mass_kg[::-1])[::-1]
     # The load at the far end of each link and the link itself: one vector fixed in place i + 1.
     local = (mass_outward - links.mass_kg)[:, None] * vectors[1:] + links.mass_kg[:, None] * links.centre_in_joint_mm
     first_moments, first_moment = np.empty_like(force), np.zeros((3, q.shape[1]))
-    turned = np.empty_like(first_moment)
     for i in reversed(range(chain.n_joints)):
         first_moment += local[i, :, None]
         first_moments[i] = first_moment
         first_moment[2] += mass_outward[i] * shift[i]  # a prismatic joint has moved its place off the end of the link
-        first_moment = chain.fixed[i, :3, :3] @ _about_z_into(turned, first_moment, cos[i], sin[i])
+        first_moment = inward(i, first_moment)
     torque = np.moveaxis(cross(np.moveaxis(first_moments, 1, 0), np.moveaxis(force, 1, 0)), 0, 1)
     torque *= 1e-3  # mm to m
     force *= mass_outward[:, None, None]
     return GravityLoads(torque.transpose(2, 0, 1), force.transpose(2, 0, 1))
 
 
-def _about_z_into(out: FloatArray, v: FloatArray, cos: FloatArray, sin: FloatArray) -> FloatArray:
-    """Turn vectors (3, n) about z into `out`, which is returned."""
+_Step = Callable[[int, FloatArray], FloatArray]
+
+
+def _steps(chain: Chain, cos: FloatArray, sin: FloatArray) -> tuple[_Step, _Step]:
+    """Functions that turn vectors (3, n) to the axes of the place of joint i, counted from 0, and back.
+
+    They come from, and go back to, the axes of the place before it, or of the base frame.
+    """
+    fixed = chain.fixed[:-1, :3, :3]
+    if cos.shape[1] == 1:
+        single = fixed @ turn_matrices(cos, sin)
+        return (lambda i, v: single[i].T @ v), (lambda i, v: single[i] @ v)
+    return (
+        lambda i, v: _about_z(fixed[i].T @ v, cos[i], -sin[i]),
+        lambda i, v: fixed[i] @ _about_z(v, cos[i], sin[i]),
+    )
+
+
+def _about_z(v: FloatArray, cos: FloatArray, sin: FloatArray) -> FloatArray:
+    """Turn vectors (3, n) about z."""
+    out = np.empty_like(v)
     np.multiply(cos, v[0], out=out[0])
     out[0] -= sin * v[1]
     np.multiply(sin, v[0], out=out[1])
