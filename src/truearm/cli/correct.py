@@ -44,6 +44,7 @@ def correct(
         str | None,
         typer.Option("--start", metavar="Q1,Q2,..", help="Start joints [deg, mm] of all poses, if the table has none."),
     ] = None,
+    tip: Annotated[str | None, typer.Option("--tip", help="Name of the tip, of a model with several.")] = None,
     untrained: Annotated[
         Literal["refuse", "accept"],
         typer.Option("--untrained", help="Targets outside the trained range: refuse them, or correct and flag them."),
@@ -66,13 +67,13 @@ def correct(
     from truearm.files.atomic_write import check_writable
     from truearm.workflows.correct import check_output
     from truearm.workflows.correct import correct as correct_targets
-    from truearm.workflows.inputs import to_model
+    from truearm.workflows.inputs import to_model_of_tip
 
     check_output(out, language)
     check_output_is_not_input(out, model, targets)
     check_writable(out)
     with progress(f"correcting {targets.name}"):
-        fitted = to_model(model)
+        fitted = to_model_of_tip(model, tip)
         corrected = correct_targets(
             fitted,
             targets,

@@ -35,6 +35,7 @@ def export(
         Literal["dh", "mdh"] | None,
         typer.Option("--convention", help="Of constants and deltas: D-H or modified D-H; that of the arm's file."),
     ] = None,
+    tip: Annotated[str | None, typer.Option("--tip", help="Name of the tip, of a model with several.")] = None,
     check: Annotated[
         Path | None, typer.Option("--check", help="An exported file to compare with the model, in place of --out.")
     ] = None,
@@ -54,12 +55,19 @@ def export(
     if (out is None) == (check is None):
         raise InputError("expected one of --out and --check", hint="truearm export MODEL --out arm.urdf")
     if check is not None:
-        found = check_export(model, check)
+        found = check_export(model, check, tip=tip)
         print_record(found, as_json=as_json)
         raise typer.Exit({"agrees": 0, "differs": 1, "not verified": 3}[found.verdict])
     assert out is not None
     with progress(f"exporting {model.name}"):
         result = export_model(
-            model, out, format=format, region=region, source=source or None, frame=frame, convention=convention
+            model,
+            out,
+            format=format,
+            region=region,
+            source=source or None,
+            frame=frame,
+            convention=convention,
+            tip=tip,
         )
     print_record(result, as_json=as_json, files={result.format: out})

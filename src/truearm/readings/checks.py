@@ -379,7 +379,7 @@ def _check_copies(session: Session) -> None:
             parts += [np.nan_to_num(values), np.isnan(values[:, :1]).astype(float)]
     if session.distance_mm is not None:
         parts.append(np.nan_to_num(session.distance_mm)[:, None])
-    for name in TOUCHED:
+    for name in (*TOUCHED, "tip"):
         if (names := getattr(session, name)) is not None:
             parts.append(np.unique(names, return_inverse=True)[1].astype(float)[:, None])
     table: FloatArray = np.hstack(parts)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 # Columns with one name a reading, in the order of the session file; the first of them name what the tip touched, or
 # the fixed point from which its distance was measured.
 TOUCHED = ("seat", "sphere", "plane", "line", "anchor")
-NAMED = (*TOUCHED, "position", "session")
+NAMED = (*TOUCHED, "tip", "position", "session")
 
 # Mass that the flange carries [kg].
 PAYLOAD = "payload_kg"
@@ -67,6 +67,8 @@ class Session:
     position : (n,) array of str, optional
         Name of the position that the reading aimed at. Readings of one position are neighbours: a fair split into
         training and test keeps them together.
+    tip : (n,) array of str, optional
+        Name of the tip, where the flange carries several; of every reading.
     session : (n,) array of str, optional
         Name of the session (base and reference unmoved) in which the arm was read.
     temperature_degC : (n,) array, optional
@@ -138,6 +140,7 @@ class Session:
     distance_mm: FloatArray | None = None
     u_distance_mm: FloatArray | None = None
     u_offset_mm: FloatArray | None = None
+    tip: NameArray | None = None
     directions: FloatArray | None = None
     u_scale_ppm: FloatArray | None = None
     u_common_mm: FloatArray | None = None
@@ -185,6 +188,7 @@ class Session:
         check_shared_uncertainties(self)
         check_sphere_distances(self)
         check_anchor_distances(self)
+        self._check_tips()
         self._settle_quaternion()
         if n and not self.has_point.any():
             object.__setattr__(self, "points", None)
@@ -294,6 +298,19 @@ class Session:
                 column=None if self.file is None else f"{DIRECTION}{joint + 1}",
                 hint="give the sign of the joint's last movement before the reading; 0 if it is not known",
             )
+
+    def _check_tips(self) -> None:
+        """A tip of every reading, or of none."""
+        if self.tip is None or (self.tip != "").all():
+            return
+        if (self.tip != "").any():
+            raise self.error(
+                "expected the tip of every reading, got none",
+                int(np.argmin(self.tip != "")),
+                column=None if self.file is None else "tip",
+                hint="name the tip of all readings, or remove the column if there is one tip",
+            )
+        object.__setattr__(self, "tip", None)
 
     def _settle_quaternion(self) -> None:
         """Make quaternions exactly of length 1, or None where no reading has one."""

@@ -14,7 +14,7 @@ from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
-from truearm.workflows.inputs import ArmLike, ModelLike, is_model_file, to_arm, to_model
+from truearm.workflows.inputs import ArmLike, ModelLike, is_model_file, to_arm, to_model, to_model_of_tip
 from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
 
 Convention = Literal["dh", "mdh"]
@@ -54,7 +54,7 @@ def identified_arm(model: ModelLike) -> Arm:
     InputError
         If the model is a network, which identifies no arm.
     """
-    fitted = to_model(model)
+    fitted = to_model_of_tip(model)
     if not isinstance(fitted, IdentifiedModel):
         file = None if isinstance(model, Compensator) else model
         raise InputError(

@@ -23,7 +23,7 @@ from truearm.identification.estimation.alignment import align
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.export import FORMATS
-from truearm.workflows.inputs import ModelLike, to_model
+from truearm.workflows.inputs import ModelLike, to_model_of_tip
 from truearm.workflows.record import Record, TextTable, to_plain
 
 # Ratios of tips by which a wrong unit of length is recognised, with their names.
@@ -55,7 +55,7 @@ class Finding:
 
 
 @one_blas_thread()
-def check_export(model: ModelLike, file: str | Path) -> ExportCheck:
+def check_export(model: ModelLike, file: str | Path, *, tip: str | None = None) -> ExportCheck:
     """Compare an exported file with the model.
 
     Parameters
@@ -64,6 +64,8 @@ def check_export(model: ModelLike, file: str | Path) -> ExportCheck:
         A fitted model or its file.
     file : str or Path
         A file of `export` or `correct`, of any format.
+    tip : str, optional
+        Name of the tip that the file is of, of a model with several.
 
     Returns
     -------
@@ -83,7 +85,7 @@ def check_export(model: ModelLike, file: str | Path) -> ExportCheck:
     >>> ta.check_export(fit.model, "arm.urdf").agrees
     True
     """
-    fitted, manifest = to_model(model), read_manifest(file)
+    fitted, manifest = to_model_of_tip(model, tip), read_manifest(file)
     return ExportCheck(Path(file), manifest, tuple(_findings(fitted, manifest, Path(file))))
 
 

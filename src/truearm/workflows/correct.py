@@ -29,7 +29,7 @@ from truearm.files.delimited import escape_formula
 from truearm.readings.columns import FACTOR, unit_of
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
-from truearm.workflows.inputs import ModelLike, is_model_file, to_model
+from truearm.workflows.inputs import ModelLike, is_model_file, to_model_of_tip
 from truearm.workflows.predict import check_table_path
 from truearm.workflows.record import Record, format_fixed, to_plain
 from truearm.workflows.sentences import format_mm, listed
@@ -103,7 +103,7 @@ def correct(
     >>> bool(abs(nominal - session.angles[:5]).max() < 1e-9)
     True
     """
-    fitted = to_model(model)
+    fitted = to_model_of_tip(model)
     wanted = _to_targets(targets, start)
     equipped = fitted if tool is None else with_tool(fitted, _checked_tool(tool))
     corrected = correct_targets(

@@ -13,7 +13,7 @@ from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_writable
 from truearm.solve.threads import one_blas_thread
-from truearm.workflows.inputs import ModelLike, SessionLike, to_model, to_session
+from truearm.workflows.inputs import ModelLike, SessionLike, to_model_of_tip, to_session
 from truearm.workflows.outputs import check_output_is_not_input, input_files
 from truearm.workflows.record import Record, format_fixed, to_plain
 
@@ -76,6 +76,7 @@ def export(
     source: str | Path | None = None,
     frame: Literal["base", "reference"] | None = None,
     convention: Literal["dh", "mdh"] | None = None,
+    tip: str | None = None,
 ) -> ExportResult:
     """Write a model as a file of another program, with its origin, its loss and five check poses.
 
@@ -100,6 +101,8 @@ def export(
     convention : {"dh", "mdh"}, optional
         For ``constants`` and ``deltas``: Denavit-Hartenberg or modified; by default the one with the nominal arm's
         numbers.
+    tip : str, optional
+        Name of the tip, of a model with several.
 
     Returns
     -------
@@ -120,7 +123,7 @@ def export(
     'urdf'
     """
     name = _format_of(out, format)
-    spec, fitted = FORMATS[name], to_model(model)
+    spec, fitted = FORMATS[name], to_model_of_tip(model, tip)
     check_output_is_not_input(out, *input_files(model, region, source))
     check_writable(out)
     given = {"region": region, "source": source, "frame": frame, "convention": convention}

@@ -29,6 +29,7 @@ from truearm.compensation.models.reading_references import (
 from truearm.compensation.models.selection import ModelScore, select_model
 from truearm.compensation.models.session_frames import to_first_session_frame
 from truearm.compensation.models.stated_uncertainty import describe_stated_uncertainty
+from truearm.compensation.models.tips import describe_tips
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.estimation.distances import is_offset
@@ -364,6 +365,8 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
             f"Each session has a frame of its own: coordinates are in that of session {first}, those of readings of "
             f"{', '.join(others)} in theirs."
         )
+    if (tips := describe_tips(model)) is not None:
+        yield tips
     for name in bars_without_certificate(session):
         yield (
             f"The distances to anchor {name} are nearly equal, as those of a bar, and their common uncertainty is "

@@ -152,6 +152,26 @@ def to_model(model: ModelLike) -> Compensator:
     return model
 
 
+def to_model_of_tip(model: ModelLike, tip: str | None = None) -> Compensator:
+    """A fitted model that predicts one tip: its only one, or the one named.
+
+    Raises
+    ------
+    InputError
+        If the model has several tips and none is named, or none of that name.
+    """
+    fitted = to_model(model)
+    if tip is not None:
+        return fitted.with_tip(tip)
+    if len(fitted.tips_) > 1:
+        raise InputError(
+            f"expected one tip, the model has {len(fitted.tips_)}: {', '.join(fitted.tips_[:MAX_NAMED])}",
+            file=model if isinstance(model, str | Path) else None,
+            hint=f"--tip {fitted.tips_[0]} of export and correct; in Python model.with_tip({fitted.tips_[0]!r})",
+        )
+    return fitted
+
+
 def to_free_parts(free: Iterable[str]) -> tuple[str, ...]:
     """Check which parts are free: any of ``base`` and ``tip``."""
     parts = (free,) if isinstance(free, str) else tuple(free)

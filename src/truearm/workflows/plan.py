@@ -22,7 +22,7 @@ from truearm.identification.planning.sampling import Sector
 from truearm.identification.planning.sampling.workspace import stance
 from truearm.identification.planning.template import check_template_path, write_bar_lengths, write_template
 from truearm.solve.threads import one_blas_thread
-from truearm.workflows.inputs import SessionLike, to_arm, to_session, within_limits
+from truearm.workflows.inputs import SessionLike, to_arm, to_model_of_tip, to_session, within_limits
 from truearm.workflows.outputs import PageRecord, input_files, version_row
 from truearm.workflows.record import TextTable
 
@@ -269,6 +269,7 @@ def _arm_or_model(arm: Arm | Compensator | str | Path) -> tuple[Arm | Identified
         model, file = load_model(arm), Path(arm)
     else:
         return to_arm(arm), ""
+    to_model_of_tip(model)
     if not isinstance(model, IdentifiedModel):
         raise InputError(
             "a model with a network has no terms to plan for",

@@ -27,7 +27,7 @@ from truearm.verification.tasks.fitness import Fitness, describe_fitness
 from truearm.verification.tasks.sampled_arms import ArmDistribution, PosteriorDistribution, PresetDistribution
 from truearm.verification.tasks.specification_sheet import SpecificationDistribution
 from truearm.verification.tasks.task import TaskAssessment, assess_task
-from truearm.workflows.inputs import ArmLike, to_arm
+from truearm.workflows.inputs import ArmLike, to_arm, to_model_of_tip
 from truearm.workflows.outputs import PageRecord, input_files, version_row
 from truearm.workflows.record import TextTable, format_fixed
 
@@ -270,6 +270,7 @@ def to_arm_distribution(
     if isinstance(known, Compensator):
         if arm is not None:
             raise InputError("a nominal arm is for a preset or a specification; a model has its own arm", file=file)
+        to_model_of_tip(known)
         about = f"the model {file.name}" if file is not None else f"a model of {known.n_train_} readings"
         try:
             return PosteriorDistribution(known, repeatability_mm), about

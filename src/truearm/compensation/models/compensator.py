@@ -16,8 +16,14 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.compensation.models.estimator import Regressor
 from truearm.compensation.models.held_out_errors import NONE_HELD_OUT
-from truearm.compensation.models.nominal_check import UNCHECKED, check_nominal_arm, refuse_implausible
+from truearm.compensation.models.nominal_check import (
+    UNCHECKED,
+    check_nominal_arm,
+    nominal_of_same_readings,
+    refuse_implausible,
+)
 from truearm.compensation.models.reading_references import (
+    check_points_of_one_tip,
     check_sizes,
     roughly_aligned_chain,
     state_of,
@@ -31,6 +37,7 @@ from truearm.compensation.models.session_frames import (
     session_frame_terms,
 )
 from truearm.compensation.models.stated_uncertainty import check_stated_uncertainty
+from truearm.compensation.models.tips import check_free_tips, check_tips, further_tip_terms, tip_names, with_tip
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.compensation.models.training_data import TrainingData
 from truearm.errors import InputError
@@ -78,6 +85,8 @@ class Compensator(Regressor, ABC):
         Training readings as predicted without their position or seat, if any; not in a model file.
     fit_seconds_ : float
         Duration of `fit` [s].
+    tips_ : tuple of str
+        Names of the tips on the flange, in the order of the readings (see `with_tip`); empty if none was named.
     """
 
     arm: Arm
@@ -90,6 +99,7 @@ class Compensator(Regressor, ABC):
     session_frames_: dict[str, FloatArray]
     nominal_: IdentificationResult
     fit_seconds_: float
+    tips_: tuple[str, ...] = ()
 
     nominal_check_ = UNCHECKED
     held_out_ = NONE_HELD_OUT
@@ -156,6 +166,7 @@ class Compensator(Regressor, ABC):
         """
         arm = self._checked_arm()
         self._check_inputs(arm, readings)
+        check_free_tips(readings, self.free)
         if lengths is not None:
             if readings.seat is None:
                 raise readings.error("lengths are between seats, and the readings name no seats", column="seat")
@@ -170,7 +181,7 @@ class Compensator(Regressor, ABC):
             self.nominal_ = self._fit_nominal(data)
             self._check_nominal(readings, data)
         else:
-            self.nominal_, self.nominal_check_ = self._same_nominal(nominal), nominal.nominal_check_
+            self.nominal_, self.nominal_check_ = nominal_of_same_readings(self, nominal), nominal.nominal_check_
         self._fit(data, progress or no_progress)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
@@ -324,6 +335,10 @@ class Compensator(Regressor, ABC):
         """Whether these are the readings that the model was fitted to last."""
         return self.training_.is_of(readings)
 
+    def with_tip(self, name: str) -> Self:
+        """The model of one of its tips, which predicts it without a column `tip`."""
+        return with_tip(self, name)
+
     def save(self, path: str | Path) -> None:
         """Write the fitted model to one file; `truearm.compensation.models.load_model` reads it.
 
@@ -393,17 +408,7 @@ class Compensator(Regressor, ABC):
     def _check_references(self, readings: Session, lengths: Lengths | None) -> int:
         """Refuse readings from which this model cannot learn, and count those from which it can."""
         del lengths
-        if not readings.has_point.any():
-            raise InputError(
-                "expected reference points (x_mm, y_mm, z_mm) to learn from, the readings have none",
-                file=readings.file,
-            )
-        if not readings.has_point.all():
-            raise readings.error(
-                f"expected a reference point at every reading, {int((~readings.has_point).sum())} of {len(readings)}"
-                " have none",
-                hint="readings.rows(readings.has_point) selects the others",
-            )
+        check_points_of_one_tip(readings)
         return len(readings)
 
     def _check_nominal(self, readings: Session, data: TrainingData) -> None:
@@ -430,6 +435,7 @@ class Compensator(Regressor, ABC):
         has_points = readings.has_point.any()
         self.free_ = self.free if has_points else tuple(part for part in self.free if part != "base")
         self.session_frames_ = rough_session_frames(arm, readings, self.free_)
+        self.tips_ = tip_names(readings)
         self.training_ = TrainingConditions.of(readings, arm.chain.is_prismatic, lengths)
         return TrainingData.of(arm, readings, lengths, frames=self.session_frames_, simpler=nominal)
 
@@ -445,6 +451,7 @@ class Compensator(Regressor, ABC):
     def _check_session(self, readings: Session) -> None:
         self._check_fitted()
         self._check_inputs(self.arm_, readings)
+        check_tips(self.tips_, readings)
         self.training_.refuse_far(readings, self.arm_.chain.is_prismatic)
 
     def _checked_arm(self) -> Arm:
@@ -480,23 +487,17 @@ class Compensator(Regressor, ABC):
         return identify(
             roughly_aligned_chain(self.arm_, data.session, self.free_),
             data.state,
-            [*terms, *tool_terms(self.arm_, data.session), *session_frame_terms(self.arm_.chain, self.session_frames_)],
+            [
+                *terms,
+                *tool_terms(self.arm_, data.session),
+                *session_frame_terms(self.arm_.chain, self.session_frames_),
+                *further_tip_terms(self.arm_.chain, self.tips_),
+            ],
             references,
             robust=self.robust,
             reading_weights=reading_weights,
             progress=progress,
         )
-
-    def _same_nominal(self, other: Compensator) -> IdentificationResult:
-        """The nominal fit of another model of the same readings with the same options."""
-        other._check_fitted()
-        names = ("arm_", "free_", "robust", "data_fingerprint_", "lengths_fingerprint_")
-        if different := [name for name in names if getattr(self, name) != getattr(other, name)]:
-            raise InputError(
-                "expected a model fitted to the same readings, lengths and arm with the same options, got one with "
-                f"another {different[0].strip('_')}"
-            )
-        return other.nominal_
 
 
 def no_progress(done: int, note: str) -> None:

@@ -39,13 +39,13 @@ def cross_validation_groups(readings: Session, sessions: Iterable[str] = ()) -> 
     """(n,) numbers of the groups that a fair test keeps together.
 
     A reading's group is its position; without one, its seat; without both, the reading alone; distances of one pose to
-    several anchors are together. A column that would put
+    several anchors, and several tips in one pose, are together. A column that would put
     all readings into one group is ignored, and so is one that would put all points of one of `sessions` into one group,
     as nothing else would determine its frame. See `joint_space_regions` for readings of one place.
     """
     n = len(readings)
     group = np.arange(n)
-    if len(measured := np.flatnonzero(rows_with_distance(readings))):
+    if len(measured := np.flatnonzero(rows_with_distance(readings) | (readings.tip is not None))):
         _, first, pose = np.unique(readings.angles[measured], axis=0, return_index=True, return_inverse=True)
         group[measured] = measured[first][pose.reshape(-1)]
     in_one_frame = [(readings.session == name) & readings.has_point for name in sessions]

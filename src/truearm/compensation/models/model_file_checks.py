@@ -48,9 +48,10 @@ def check_model(model: Compensator) -> None:
         _check_network(model, n_joints)
     if isinstance(model, HybridModel):
         _check_hybrid(model, n_joints)
+    one = model.with_tip(model.tips_[0]) if len(model.tips_) > 1 else model
     with np.errstate(all="ignore"):
-        points, covariance = model.predict(model.arm_.working[None], return_cov=True)
-        nominal = model.predict_nominal(model.arm_.working[None])
+        points, covariance = one.predict(model.arm_.working[None], return_cov=True)
+        nominal = one.predict_nominal(model.arm_.working[None])
     if not all(np.isfinite(numbers).all() for numbers in (nominal, points, covariance)):
         raise InputError("the model does not predict finite numbers at the arm's working pose")
 

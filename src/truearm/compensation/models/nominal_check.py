@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from truearm.arm.arm import Arm
+from truearm.errors import InputError
 from truearm.identification.estimation.cross_validation import cross_validate_by_group
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.nominal_error import usual_error
@@ -22,6 +24,9 @@ from truearm.identification.terms import ArmState, Term
 from truearm.readings.checks import check_scale, likely_unit
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
+
+if TYPE_CHECKING:
+    from truearm.compensation.models.compensator import Compensator
 
 # The error is the one that three of four readings do not exceed: gross errors hardly change it.
 QUANTILE = 0.75
@@ -194,6 +199,18 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: F
         + "check the arm, the units, signs, order and zeros of the angles, the unit of the points, and --free; if the "
         f"arm is as inaccurate as that, state nominal_error_mm = {check.error_mm:.2g} in its arm file",
     )
+
+
+def nominal_of_same_readings(model: Compensator, other: Compensator) -> IdentificationResult:
+    """The nominal fit of another model of the same readings with the same options."""
+    other._check_fitted()
+    names = ("arm_", "free_", "robust", "data_fingerprint_", "lengths_fingerprint_")
+    if different := [name for name in names if getattr(model, name) != getattr(other, name)]:
+        raise InputError(
+            "expected a model fitted to the same readings, lengths and arm with the same options, got one with "
+            f"another {different[0].strip('_')}"
+        )
+    return other.nominal_
 
 
 def _largest_constant(fit: IdentificationResult, free: set[str]) -> tuple[str, float]:

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
+from truearm.compensation.models.tips import tip_names
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import place_base_coarsely, rms_distance_from_line
 from truearm.identification.estimation.distances import Distances, distances_of, is_offset
@@ -64,6 +65,7 @@ def state_of(
         directions=directions,
         columns=stated,
         session=readings.session,
+        tip=readings.tip,
     )
 
 
@@ -234,6 +236,32 @@ def check_spread(readings: Session, arm: Arm) -> None:
             f"the {len(seen)} reference points lie within {off:.3g} mm of a line: a rotation of the base about it "
             "is not identifiable",
             hint="measure points spread over an area, or keep the base (--free tip)",
+        )
+
+
+def check_points_of_one_tip(readings: Session) -> None:
+    """Check that every reading has a reference point, and all of them one tip.
+
+    Raises
+    ------
+    InputError
+    """
+    if len(tip_names(readings)) > 1:
+        raise readings.error(
+            "expected the readings of one tip: this model learns from angles and points alone",
+            column="tip",
+            hint="choose a kinematic or physical model, or the readings of one tip",
+        )
+    if not readings.has_point.any():
+        raise InputError(
+            "expected reference points (x_mm, y_mm, z_mm) to learn from, the readings have none",
+            file=readings.file,
+        )
+    if not readings.has_point.all():
+        raise readings.error(
+            f"expected a reference point at every reading, {int((~readings.has_point).sum())} of {len(readings)}"
+            " have none",
+            hint="readings.rows(readings.has_point) selects the others",
         )
 
 

@@ -23,6 +23,7 @@ from truearm.compensation.models.nominal_check import (
 from truearm.compensation.models.reading_references import check_spread, references_of, without_sizes
 from truearm.compensation.models.residual_process import transfer_improvement, without_process
 from truearm.compensation.models.session_frames import rough_session_frames, to_first_session_frame
+from truearm.compensation.models.tips import check_tips
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
 from truearm.identification.estimation.consider_parameters import consider_update
@@ -89,6 +90,7 @@ def refit(
     if not free or not set(free) <= set(FREE_PARTS):
         raise InputError(f"expected what to re-identify among {list(FREE_PARTS)}, got {list(free)}")
     model._check_inputs(model.arm_, readings)
+    check_tips(model.tips_, readings)
     ids, whole = _reading_ids(readings), readings
     readings = replace(readings, quaternion=None)
     if lengths is not None:

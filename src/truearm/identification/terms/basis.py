@@ -424,6 +424,32 @@ class InSession(Basis):
 
 @register_basis
 @dataclass(frozen=True)
+class OfTip(Basis):
+    """One at the readings of a tip, zero at all others, and where no tip is named.
+
+    Parameters
+    ----------
+    name : str
+        The tip's name in the session file.
+    """
+
+    name: str
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"expected the name of a tip, got {_short(self.name)}")
+
+    def labels(self) -> tuple[str, ...]:
+        """One function."""
+        return (f"tip {self.name}",)
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(1, n) ones and zeros."""
+        return np.zeros((1, len(state))) if state.tip is None else (state.tip == self.name)[None].astype(float)
+
+
+@register_basis
+@dataclass(frozen=True)
 class Column(Basis):
     """A column of the session, in its own unit.
 

@@ -47,6 +47,8 @@ class ArmState:
         determine their size.
     session : (n,) array of str, optional
         Name of the session of each reading; None: the session in whose frame the chain is.
+    tip : (n,) array of str, optional
+        Name of the tip of each reading; None: the first of the arm's tips.
     gravity_in_base : (3,) array
         Acceleration of free fall along the base frame's axes [m/s^2]; of an upright arm by default.
 
@@ -64,6 +66,7 @@ class ArmState:
     links: LinkMasses | None = None
     gravity_in_base: FloatArray = field(default_factory=lambda: np.array(STANDARD_GRAVITY_IN_BASE))
     session: npt.NDArray[np.str_] | None = None
+    tip: npt.NDArray[np.str_] | None = None
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles, dtype=float)
@@ -86,6 +89,10 @@ class ArmState:
             checked["session"] = np.asarray(self.session, dtype=np.str_)
             if np.shape(self.session) != (n,):
                 raise InputError(f"expected sessions of shape {(n,)}, got {np.shape(self.session)}")
+        if self.tip is not None:
+            checked["tip"] = np.asarray(self.tip, dtype=np.str_)
+            if np.shape(self.tip) != (n,):
+                raise InputError(f"expected tips of shape {(n,)}, got {np.shape(self.tip)}")
         checked["gravity_in_base"] = _fitting(self.gravity_in_base, "gravity", ((3,),))
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -94,7 +101,7 @@ class ArmState:
     def of(cls, arm: Arm, angles: npt.ArrayLike, **more: Any) -> Self:
         """State of an arm, with its masses and the direction of its weight, at angles (n, n_joints) [rad, or mm].
 
-        `more` are `temperature_degC`, `directions`, `columns` and `session`.
+        `more` are `temperature_degC`, `directions`, `columns`, `session` and `tip`.
         """
         gravity = STANDARD_GRAVITY * arm.gravity_direction
         return cls(arm.chain, np.asarray(angles, dtype=float), links=arm.masses, gravity_in_base=gravity, **more)
@@ -113,6 +120,7 @@ class ArmState:
             self.links,
             self.gravity_in_base,
             None if self.session is None else self.session[which],
+            None if self.tip is None else self.tip[which],
         )
 
     @property
