@@ -16,12 +16,7 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.compensation.models.estimator import Regressor
 from truearm.compensation.models.held_out_errors import NONE_HELD_OUT
-from truearm.compensation.models.nominal_check import (
-    UNCHECKED,
-    check_nominal_arm,
-    nominal_of_same_readings,
-    refuse_implausible,
-)
+from truearm.compensation.models.nominal_check import UNCHECKED, check_nominal_arm, refuse_implausible, same_nominal
 from truearm.compensation.models.reading_references import (
     check_points_of_one_tip,
     check_sizes,
@@ -37,7 +32,7 @@ from truearm.compensation.models.session_frames import (
     session_frame_terms,
 )
 from truearm.compensation.models.stated_uncertainty import check_stated_uncertainty
-from truearm.compensation.models.tips import check_free_tips, check_tips, further_tip_terms, tip_names, with_tip
+from truearm.compensation.models.tips import check_tips, free_tips, further_tip_terms, with_tip
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.compensation.models.training_data import TrainingData
 from truearm.errors import InputError
@@ -166,7 +161,6 @@ class Compensator(Regressor, ABC):
         """
         arm = self._checked_arm()
         self._check_inputs(arm, readings)
-        check_free_tips(readings, self.free)
         if lengths is not None:
             if readings.seat is None:
                 raise readings.error("lengths are between seats, and the readings name no seats", column="seat")
@@ -181,7 +175,7 @@ class Compensator(Regressor, ABC):
             self.nominal_ = self._fit_nominal(data)
             self._check_nominal(readings, data)
         else:
-            self.nominal_, self.nominal_check_ = nominal_of_same_readings(self, nominal), nominal.nominal_check_
+            self.nominal_, self.nominal_check_ = same_nominal(self, nominal), nominal.nominal_check_
         self._fit(data, progress or no_progress)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
@@ -435,7 +429,7 @@ class Compensator(Regressor, ABC):
         has_points = readings.has_point.any()
         self.free_ = self.free if has_points else tuple(part for part in self.free if part != "base")
         self.session_frames_ = rough_session_frames(arm, readings, self.free_)
-        self.tips_ = tip_names(readings)
+        self.tips_ = free_tips(readings, self.free)
         self.training_ = TrainingConditions.of(readings, arm.chain.is_prismatic, lengths)
         return TrainingData.of(arm, readings, lengths, frames=self.session_frames_, simpler=nominal)
 

@@ -201,7 +201,7 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: F
     )
 
 
-def nominal_of_same_readings(model: Compensator, other: Compensator) -> IdentificationResult:
+def same_nominal(model: Compensator, other: Compensator) -> IdentificationResult:
     """The nominal fit of another model of the same readings with the same options."""
     other._check_fitted()
     names = ("arm_", "free_", "robust", "data_fingerprint_", "lengths_fingerprint_")

@@ -132,8 +132,8 @@ def select_model(
         models[name] = model.fit_readings(readings, lengths=lengths, progress=report, nominal=simpler)
         if not len(models[name].held_out_.rows):
             raise InputError(
-                "expected readings with points, or seats of two readings or more: models are compared on points of "
-                "readings held out",
+                "expected readings with points, seats of two readings or more, or distances to anchors: models are "
+                "compared on readings held out",
                 file=readings.file,
                 hint="name the model: --model kinematic, or --model physical",
             )
@@ -176,6 +176,7 @@ def _may_win(
     """Whether the hybrid model applies to the readings, and its first network is well ahead of the best model."""
     n_weights = (2 * readings.n_joints + 1) * hybrid.hidden[0] + 3 * (hybrid.hidden[0] + 1)
     applies = lengths is None and readings.has_point.all() and not arm_model.session_frames_
+    applies = applies and len(arm_model.tips_) < 2
     if not applies or 3 * len(arm_model.held_out_.rows) < n_weights:
         return False
     first = hybrid.held_out_by_first_member(readings, arm_model)

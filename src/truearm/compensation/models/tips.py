@@ -47,8 +47,8 @@ def further_tip_terms(chain: Chain, tips: tuple[str, ...]) -> list[Term]:
     ]
 
 
-def check_free_tips(readings: Session, free: tuple[str, ...]) -> None:
-    """Check that the offsets of several tips are unknown.
+def free_tips(readings: Session, free: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of the tips of a session, of which several must be unknown.
 
     Raises
     ------
@@ -62,6 +62,7 @@ def check_free_tips(readings: Session, free: tuple[str, ...]) -> None:
             column="tip",
             hint="let the tip be free (--free base,tip), or fit the readings of one tip",
         )
+    return tips
 
 
 def check_tips(tips: tuple[str, ...], readings: Session) -> None:
