@@ -208,7 +208,7 @@ def skip_beyond_limits(
     return session.rows(kept), skipped
 
 
-def check_reach(session: Session, *, reach: float) -> None:
+def check_reach(session: Session, *, reach: float, sliding: BoolArray | None = None) -> None:
     """Check that one arm can have reached all reference points, wherever its base is.
 
     Parameters
@@ -216,12 +216,14 @@ def check_reach(session: Session, *, reach: float) -> None:
     session : Session
         Without reference points there is nothing to check.
     reach : float
-        Of the arm [mm].
+        Of the arm, with sliding joints at zero [mm].
+    sliding : (n_joints,) bool array, optional
+        Which joints slide: the arm reaches farther by their travel.
 
     Raises
     ------
     InputError
-        If a point lies farther from the median of its session than `MAX_REACHES` reaches.
+        If a point lies farther from the median of its session than `MAX_REACHES` reaches and the travel.
     """
     if session.points is None:
         return
@@ -230,7 +232,10 @@ def check_reach(session: Session, *, reach: float) -> None:
     for name in np.unique(names[session.has_point]):
         rows = (names == name) & session.has_point
         off[rows] = np.abs(session.points[rows] - np.median(session.points[rows], axis=0)).max(axis=1)
-    far = off > MAX_REACHES * reach
+    travel = 0.0
+    if sliding is not None and len(sliding) == session.n_joints:
+        travel = float(np.ptp(session.angles[:, sliding], axis=0).sum())
+    far = off > MAX_REACHES * reach + travel
     if not far.any():
         return
     row = int(np.argmax(far))

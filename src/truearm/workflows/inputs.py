@@ -241,7 +241,7 @@ def check_session_fits(session: Session, arm: Arm, model: str) -> None:
         min_rows=max(MIN_ROWS, READINGS_TO_COMPARE.get(model, 0) * ceil(n_constants / 3)),
         relations=model != "network",
     )
-    check_reach(session, reach=arm.chain.reach)
+    check_reach(session, reach=arm.chain.reach, sliding=arm.chain.is_prismatic)
     check_scale(session, arm.chain.tip_in_base(session.angles))
 
 
@@ -260,7 +260,7 @@ def check_has_reference(session: Session, arm: Arm, *, purpose: str) -> None:
             "has none of these",
             hint="predict needs none",
         )
-    check_reach(session, reach=arm.chain.reach)
+    check_reach(session, reach=arm.chain.reach, sliding=arm.chain.is_prismatic)
 
 
 def with_reference(session: Session, arm: Arm, *, purpose: str) -> CheckedSession:

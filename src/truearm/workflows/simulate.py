@@ -94,11 +94,11 @@ def simulate(
     40
     """
     nominal, magnitudes = to_arm(arm), load_preset(preset)
+    virtual = VirtualArm.draw(nominal, magnitudes, seed=arm_seed)
     if bars:
         taken = _poses_with_bars(nominal, strategy, poses, seed=seed, seats=seats, bars=bars, bar_mm=bar_mm)
     else:
         taken = _poses(nominal, strategy, poses, seed=seed, seats=seats, half_width_deg=half_width_deg)
-    virtual = VirtualArm.draw(nominal, magnitudes, seed=arm_seed)
     measured = virtual.measure(
         taken.angles, seed=seed, seat=taken.seat, seat_points=taken.seat_points, reference=reference
     )

@@ -12,12 +12,13 @@ import numpy as np
 
 from truearm.arm.chain import Chain, Pose
 from truearm.identification.terms.basis import Basis, Constant, GravityTorque, Harmonics, InSession, OfTip
+from truearm.identification.terms.linear_axis import Travel, TravelHarmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.typing import FloatArray, IntArray
 
 # Bases that depend only on quantities that every reading states.
-OF_ANGLES = (Constant, GravityTorque, Harmonics, InSession, OfTip)
+OF_ANGLES = (Constant, GravityTorque, Harmonics, InSession, OfTip, Travel, TravelHarmonics)
 CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays in the cache of a core
 FEW = 64  # readings up to which the number of array operations counts, not their length
 POSE_CHUNK = 4096  # poses have no wide Jacobian: fewer calls are worth more

@@ -18,6 +18,7 @@ from truearm.identification.planning.exchange import project_out
 from truearm.identification.planning.information import tip_jacobian
 from truearm.identification.terms.basis import Constant, InSession
 from truearm.identification.terms.catalogue import base_terms, constants, gravity, own_axis, wobble
+from truearm.identification.terms.linear_axis import linear_axis
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.readings.checks import check_sessions
@@ -27,6 +28,8 @@ from truearm.typing import FloatArray
 Terms = Literal["physical", "constants"]
 
 HIGHEST_ORDER = 4
+# Of a linear axis as many orders as its positions can tell apart.
+RAIL_POSITIONS = 7
 """Highest order of the harmonics about a joint's own axis in a plan for a nominal arm.
 
 Eccentricity and tilt of a disc and the two heads of a grating give orders 1, 2 and 4; some ten poses cannot identify
@@ -129,7 +132,7 @@ def nominal_prior(arm: Arm, *, terms: Terms = "physical", noise_mm: float) -> Pr
     arm : Arm
     terms : {"physical", "constants"}
         The constants of joints and tip (see `terms.catalogue.constants`), harmonics about the joints' own axes up
-        to order `HIGHEST_ORDER`, wobble, and gravity; or the constants alone.
+        to order `HIGHEST_ORDER`, wobble, gravity, and the errors of a linear axis before them; or the constants alone.
     noise_mm : float
         Standard deviation of a coordinate of a reading: reference, contact, and effects without a term.
     """
@@ -138,6 +141,8 @@ def nominal_prior(arm: Arm, *, terms: Terms = "physical", noise_mm: float) -> Pr
     if terms == "physical":
         for joint in (joint for joint in joints if not chain.is_prismatic[joint - 1]):
             chosen += [*own_axis(chain, joint, highest=HIGHEST_ORDER), *wobble(chain, joint)]
+        if chain.is_prismatic[0] and np.isfinite(arm.limits[0]).all():
+            chosen += linear_axis(1, np.linspace(arm.limits[0, 0], arm.limits[0, 1], RAIL_POSITIONS))
         chosen += [term for joint in (0, *joints) for term in gravity(chain, joint, links=arm.masses)]
     elif terms != "constants":
         raise InputError(f"expected the terms constants or physical, got {terms!r}")

@@ -25,6 +25,7 @@ from truearm.identification.terms.basis import (
     Harmonics,
     Temperature,
 )
+from truearm.identification.terms.linear_axis import linear_axis
 from truearm.identification.terms.payload import payload_terms
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
@@ -357,6 +358,8 @@ def candidate_terms(
     for joint in joints:
         if chain.is_prismatic[joint - 1]:
             skipped.append(SkippedTerm(f"J{joint} harmonics", f"J{joint} is prismatic"))
+            if joint == 1:  # a rail, longer and straight to less than a slide of the arm itself
+                wobbles += linear_axis(joint, state.angles[:, 0])
             continue
         orders, lost = _determined_orders(joint, state.angles[:, joint - 1], max(highest, *WOBBLE_ORDERS))
         skipped += lost
