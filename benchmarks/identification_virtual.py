@@ -22,7 +22,7 @@ from truearm.typing import FloatArray
 ARM = "gao2017"
 MODELS = {"nominal": NominalModel, "kinematic": KinematicModel, "physical": PhysicalModel}
 LIMITS = {50: 1.30, 200: 1.10, 3000: 1.03}
-STRATEGY = "box"  # as the founding paper's experiment
+STRATEGY = "box"  # uniform, as in the founding paper's simulations
 OTHER = "measuring"  # as a person measures parts
 N_TEST = 2000
 # Seeds of poses and noise; the arms' own are 0, 1, ...
@@ -91,7 +91,7 @@ def virtual(seeds: int) -> Row:
                 )
     note = (
         f"Median of {seeds} arms, {N_TEST} test poses each; floor: mean absolute coordinate error of the true function"
-        " [mm]; the models: theirs over it. Judged: the box of the founding paper's experiment."
+        " [mm]; the models: theirs over it. Judged: the box."
     )
     columns = ["poses", "n", "floor", *MODELS, "physical, all arms"]
     return Row(f"Virtual arm `research` of {ARM}, points of a tracker", columns, cells, targets, found, [note])

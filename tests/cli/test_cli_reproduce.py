@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from truearm.compensation.models import KinematicModel
+from truearm.compensation.models import NominalModel
 from truearm.papers.gao2017 import training_plan as gao2017_training_plan
 from truearm.papers.gao2017.tables import TABLES
 from truearm.workflows.reproduce import reproduce
@@ -29,8 +29,9 @@ def small(monkeypatch):
     )
     monkeypatch.setattr(gao2017_training_plan, "FULL_EFFORT", effort)
     monkeypatch.setattr("truearm.papers.gao2017.final_test.N_OUTSIDE", 20)
-    # Its fit takes seconds, and what it does is tested elsewhere.
-    monkeypatch.setattr("truearm.papers.gao2017.final_test.PhysicalModel", KinematicModel)
+    # Their fits take seconds, and what they do is tested elsewhere.
+    for model in ("HybridModel", "PhysicalModel"):
+        monkeypatch.setattr(f"truearm.papers.gao2017.final_test.{model}", NominalModel)
     monkeypatch.setattr(gao2017_training_plan, "QUICK_EFFORT", replace(effort, quick=True, starts=((1e-9, 1),)))
 
 

@@ -104,7 +104,7 @@ def test_every_result_has_its_section(page):
         "What 97 % means": 1,
         "The learning rate": 1,
         "The scatter of starts": 1,
-        "The joint ranges": 1,
+        "The joint ranges": 2,
         "Outside the box": 1,
         "The arm (Figures 1 and 2)": 2,
         "The network (Figure 3)": 1,
@@ -127,7 +127,7 @@ def test_the_page_is_well_formed_and_needs_no_other_file(page):
     html = render(page)
     outline = Outline(html)
     assert len(outline.ids) == len(set(outline.ids))
-    assert outline.tags.count("figure") == 15
+    assert outline.tags.count("figure") == 16
     assert not re.search(r"https?://|@import|file:", html)
     text = re.sub(r"<svg.*?</svg>", "", html, flags=re.DOTALL)
     assert "nan" not in text

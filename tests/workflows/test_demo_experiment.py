@@ -7,9 +7,22 @@ import json
 import numpy as np
 import pytest
 
-from truearm.workflows.demo import PAPER_NOMINAL_MM, QUICK_SETTINGS, Settings, experiment
+from truearm.compensation.models import NominalModel
+from truearm.papers.gao2017.training_plan import EXPERIMENT
+from truearm.workflows.demo import HALF_WIDTH_DEG, PAPER_NOMINAL_MM, QUICK_SETTINGS, Settings, experiment
 
 SMALL = Settings(n_train=400, n_test=200, hidden=(8, 8), epochs=30)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_models():
+    """The fits of hybrid and physical take seconds, and what they do is tested elsewhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("truearm.workflows.demo.PhysicalModel", NominalModel)
+        patch.setattr(
+            "truearm.workflows.demo.HybridModel", lambda arm, *, seed, **options: NominalModel(arm, **options)
+        )
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -18,10 +31,13 @@ def small():
 
 
 def test_the_nominal_arm_errs_as_the_papers_does(small):
-    """0.4492 mm on average, 0.8978 mm at most, over 200 poses: the preset holds both within a twentieth."""
+    """0.4492 mm on average, 0.8978 mm at most, over 200 poses: the preset holds both in a box half again as wide.
+
+    In the experiment's own the mean is the same within a twentieth, the largest a twentieth to a tenth smaller.
+    """
     errors = small.errors("box")["nominal"]
     assert errors["mean_abs_coordinate_mm"] == pytest.approx(PAPER_NOMINAL_MM[0], abs=0.03)
-    assert errors["max_abs_coordinate_mm"] == pytest.approx(PAPER_NOMINAL_MM[1], abs=0.06)
+    assert errors["max_abs_coordinate_mm"] == pytest.approx(PAPER_NOMINAL_MM[1], abs=0.09)
 
 
 def test_the_kinematic_model_comes_near_the_noise_floor_and_holds_outside_the_box(small):
@@ -59,9 +75,9 @@ def test_the_summary_is_json_with_the_promised_keys(small):
         "mean_mm", "rms_mm", "p95_mm", "max_mm", "mean_abs_coordinate_mm", "max_abs_coordinate_mm",
         "removed_percent", "n",
     }  # fmt: skip
-    assert set(summary["models"]) == {"nominal", "network", "kinematic"}
+    assert set(summary["models"]) == {"nominal", "network", "kinematic", "hybrid", "physical"}
     for model in summary["models"].values():
-        assert set(model) == errors | {"fit_seconds", "n_train", "outside"}
+        assert set(model) == errors | {"fit_seconds", "fit_cpu_seconds", "n_train", "outside"}
         assert set(model["outside"]) == errors
         assert model["n_train"] == 400
     assert summary["models"]["nominal"]["removed_percent"] == 0
@@ -72,6 +88,12 @@ def test_the_same_seed_gives_the_same_numbers_and_another_seed_another_arm(small
     for name, points in small.predicted("box").items():
         np.testing.assert_array_equal(again.predicted("box")[name], points)
     assert not np.allclose(other.arm.systematic.geometry, small.arm.systematic.geometry)
+
+
+def test_the_box_is_that_of_the_papers_reproduction(small):
+    assert EXPERIMENT.half_width_deg == HALF_WIDTH_DEG
+    offsets = small.training.true_angles - small.arm.nominal.working
+    assert np.abs(np.degrees(offsets)).max() <= HALF_WIDTH_DEG
 
 
 def test_progress_tells_every_epoch():

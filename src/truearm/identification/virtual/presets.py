@@ -123,7 +123,7 @@ class Preset:
     )
     constraint_poses: int = field(default=200, metadata={"unit": "poses in one test", "source": PAPER})
     constraint_half_width_deg: float = _magnitude(
-        "deg about the working pose", "the box in which the paper's network errs as the paper says", default=20.0
+        "deg about the working pose", "chosen: the paper states no box; that of strategy `box`", default=20.0
     )
 
     def __post_init__(self) -> None:

@@ -25,6 +25,8 @@ from truearm.papers.gao2017.claim_figures import (
     scatter_figure,
     share_figure,
 )
+from truearm.papers.gao2017.experiment_box import load_experiment_box, widths_at
+from truearm.papers.gao2017.experiment_box_figure import experiment_box_figure
 from truearm.papers.gao2017.phrases import (
     SHARES_NOTE,
     MissingPart,
@@ -44,6 +46,7 @@ from truearm.papers.gao2017.results import (
     Reproduction,
     RowResult,
 )
+from truearm.papers.gao2017.tables import TABLES
 from truearm.typing import FloatArray
 
 # The final test ------------------------------------------------------------------------------------------------------
@@ -192,14 +195,22 @@ def joint_ranges_section(results: Reproduction, *, styles: Mapping[str, Style]) 
     """How the joint ranges were chosen, and the consequences if they are wrong."""
     title = "The joint ranges"
     boxes, claim = results.boxes, results.claims.boxes
+    study = load_experiment_box()
+    widest = " and ".join(f"\u00b1{format_degrees(round(p, 1))}" for p in widths_at(study, TABLES[4][-1].mean_mm))
     first = (
         "Every joint angle is drawn uniformly from a range about one working pose: "
         f"\u00b1{format_degrees(boxes.simulation_deg)} in simulations, \u00b1{format_degrees(boxes.experiment_deg)} in "
         f"the experiment. {boxes.how}"
     )
-    text = [first, *_remaining_ratios(results.tables.get(2) or ())]
+    about = (
+        f"Row 4 of Table 4 has the paper's mean error with trainlm at {widest}, by trainings in boxes of many widths "
+        f"that are kept with the program ({study.how}). All numbers of Table 4 and of the final test depend on the "
+        "choice, and so do those of truearm demo."
+    )
+    text = [first, about, *_remaining_ratios(results.tables.get(2) or ())]
     if claim is None:
-        return Section(title, "\n\n".join([*text, str(MissingPart("The study of boxes of other widths", "--all"))]))
+        missing = str(MissingPart("The study of boxes of other widths", "--all"))
+        return Section(title, "\n\n".join([*text, missing]))
     for row, errors in claim.mean_mm.items():
         published = claim.paper_mean_mm[row]
         places = " and ".join(
@@ -212,8 +223,9 @@ def joint_ranges_section(results: Reproduction, *, styles: Mapping[str, Style]) 
         )
     if claim.n_cut:
         text.append(cut_note(claim.n_cut).strip())
-    picture = box_figure(claim, chosen=boxes.simulation_deg, styles=styles)
-    return Section(title, "\n\n".join(text), figures=(picture,))
+    simulation = box_figure(claim, chosen=boxes.simulation_deg, styles=styles)
+    experiment = experiment_box_figure(study, chosen=boxes.experiment_deg, styles=styles)
+    return Section(title, "\n\n".join(text), figures=(simulation, experiment))
 
 
 def _remaining_ratios(rows: Sequence[RowResult]) -> list[str]:

@@ -9,7 +9,7 @@ from time import process_time
 import numpy as np
 
 from truearm.arm import load_arm
-from truearm.compensation.models import Compensator, KinematicModel, PhysicalModel
+from truearm.compensation.models import Compensator, HybridModel, KinematicModel, PhysicalModel
 from truearm.papers.gao2017.results import (
     METHODS,
     MODELS,
@@ -52,6 +52,7 @@ def _models(n: int, seed: int) -> dict[str, tuple[Compensator, float]]:
     arm = load_arm(ARM)
     models: dict[str, Compensator] = {
         "kinematic": KinematicModel(arm, free=()),
+        "hybrid": HybridModel(arm, free=()),
         "physical": PhysicalModel(arm, free=()),
     }
     fitted: dict[str, tuple[Compensator, float]] = {}

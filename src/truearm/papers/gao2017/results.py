@@ -17,7 +17,7 @@ Method = Literal["trainlm", "varpro"]
 METHODS: tuple[Method, Method] = ("trainlm", "varpro")
 """The paper's own trainings by MATLAB's rules (gradient descent in two rows of Table 3), and truearm's trainer."""
 
-MODELS = ("kinematic", "physical")
+MODELS = ("kinematic", "hybrid", "physical")
 """Models of the arm that are identified from the readings of the networks."""
 
 SKIPPED, FITTED_BOX, CUT_SHORT = "skipped", "used to fit the box", "stopped by the time limit"
