@@ -19,6 +19,7 @@ import numpy as np
 
 from truearm.identification.estimation.alignment import rigid_motions
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.terms.basis import Column, Temperature
 from truearm.identification.terms.state import ArmState
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray
@@ -41,7 +42,9 @@ def direction_effects(fit: IdentificationResult, state: ArmState) -> FloatArray:
         standard deviation.
     """
     out = np.zeros((state.chain.n_joints, len(state), 3))
-    if state.directions is None or not fit.perturbed_chain.input_bases:
+    if state.directions is None or all(
+        isinstance(basis, Temperature | Column) for basis in fit.perturbed_chain.input_bases
+    ):
         return out
     rows = np.flatnonzero((state.directions == 0).any(axis=1))
     open_at = state.rows(rows)
