@@ -296,7 +296,7 @@ def test_stacked_groups_are_the_same_as_one_by_one(n_groups, drawn, monkeypatch)
     stacked = cross_validate_by_group(fit, state, references, group)
 
     def one_by_one(self, batch, group):
-        for members in batch:
+        for members in batch.members():
             yield from self._without(self._group(members), partial(self._pieces, members), group)
 
     monkeypatch.setattr(cross_validation._Minimum, "_without_stacked", one_by_one)

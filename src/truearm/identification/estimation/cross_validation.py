@@ -23,7 +23,6 @@ R. T. Birge, "The calculation of errors by the method of least squares", Phys. R
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -36,6 +35,7 @@ from scipy.linalg import eigh
 from scipy.sparse import csr_array, hstack, vstack
 
 from truearm.identification.estimation import perturbed_chain
+from truearm.identification.estimation.group_batches import GroupBatch, Members, group_batches
 from truearm.identification.estimation.identification import UNKNOWN_STD, eliminate_unknowns, initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.problem import SmallMotionProblem
@@ -46,9 +46,6 @@ from truearm.readings.anchors import LEAST_READINGS
 from truearm.solve.square_roots import CovarianceFactor
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
-
-# The readings of a group: for each of its references the rows.
-Members = list[tuple[int, IntArray]]
 
 # Eigenvalues of I - S: 1 where the other groups determine a direction, 0 where only this group does. Below this bound
 # residuals are mostly what the iterations left of them, and are scaled by no more than a thousand; where only a wide
@@ -98,7 +95,9 @@ def cross_validate_by_group(
     with one_blas_thread():
         minimum = _Minimum.of(fit, state, references, kinds)
         found = [
-            part for batch in _batches(fit.references, group, minimum.chunk) for part in minimum.without(batch, group)
+            part
+            for batch in group_batches(fit.references, group, minimum.chunk)
+            for part in minimum.without(batch, group)
         ]
     if not found:
         empty = np.zeros(0, dtype=np.intp)
@@ -106,24 +105,6 @@ def cross_validate_by_group(
     names = ("rows", "group", "deviations", "covariance", "freedom")
     together = HeldOutReadings(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
     return together.select(np.argsort(together.rows))
-
-
-def _batches(references: Sequence[ReferenceFit], group: IntArray, chunk: int) -> Iterator[list[Members]]:
-    """Groups, several small ones of about one size at once, so that one pass of the chain evaluates many readings."""
-    key = np.concatenate([group[reference.rows] for reference in references])
-    which = np.concatenate([np.full(len(reference.rows), i) for i, reference in enumerate(references)])
-    row = np.concatenate([np.arange(len(reference.rows)) for reference in references])
-    order = np.lexsort((row, which, key))
-    batch: list[Members] = []
-    n = 0
-    for members in sorted(np.split(order, np.flatnonzero(np.diff(key[order])) + 1), key=len):
-        if n and n + len(members) > chunk:
-            yield batch
-            batch, n = [], 0
-        cuts = np.flatnonzero(np.diff(which[members])) + 1
-        batch.append([(int(which[part[0]]), row[part]) for part in np.split(members, cuts)])
-        n += len(members)
-    yield batch
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +148,21 @@ class _Piece(NamedTuple):
     which: int
     rows: IntArray
     spread: FloatArray
+
+
+class _Stack(NamedTuple):
+    """Readings of a reference in several groups, as arrays in which every group has as many places.
+
+    `spread` (g, p, n) is the coefficients' part of the root of S, transposed; `residuals` (g, n) are whitened. `shape`
+    is the number of residuals of a reading, and of places, whose product is n.
+    """
+
+    rows: IntArray
+    groups: IntArray
+    place: IntArray
+    spread: FloatArray
+    residuals: FloatArray
+    shape: tuple[int, int]
 
 
 class _Group(NamedTuple):
@@ -243,16 +239,16 @@ class _Minimum:
             )
         return cls(problem, x, CovarianceFactor.of(fit.covariance), slope, found)
 
-    def without(self, batch: list[Members], group: IntArray) -> Iterator[HeldOutReadings]:
+    def without(self, batch: GroupBatch, group: IntArray) -> Iterator[HeldOutReadings]:
         """The deviations of every group of a batch."""
-        judged = [members for members in batch if any(self.parts[i].is_judged[rows].any() for i, rows in members)]
-        if not judged:
+        if len(batch.row) <= self.chunk and not any(part.linear.unknown.size for part in self.parts):
+            yield from self._without_stacked(batch, group)
             return
-        if len(batch) == 1 and sum(len(rows) for _, rows in judged[0]) > self.chunk:
+        judged = [
+            members for members in batch.members() if any(self.parts[i].is_judged[rows].any() for i, rows in members)
+        ]
+        if batch.n_groups == 1 and judged:
             yield from self._without(self._group(judged[0]), partial(self._pieces, judged[0]), group)
-            return
-        if not any(part.linear.unknown.size for part in self.parts):
-            yield from self._without_stacked(judged, group)
             return
         spread: dict[int, list[FloatArray]] = {}
         for i in {i for members in judged for i, _ in members}:
@@ -279,32 +275,16 @@ class _Minimum:
             by = by - part.by_unknown[_residuals_of(rows, part)] @ self.slope
         return self.root.times(by.T).T
 
-    def _stacked_spread(self, which: int, groups: list[IntArray], most: int) -> FloatArray:
-        """(g, p, k, most) the same of groups of readings, transposed and with zeros for readings that they lack."""
-        columns = self.problem.coefficient_columns(which, np.concatenate(groups), self.parts[which].linear, self.x)
-        p, k, m = columns.shape
-        by_root = self.root.times(columns.reshape(p, k * m)).reshape(p, k, m)
-        out = np.zeros((len(groups), p, k, most))
-        start = 0
-        for into, rows in zip(out, groups, strict=True):
-            into[..., : len(rows)] = by_root[..., start : start + len(rows)]
-            start += len(rows)
-        return out
-
-    def _without_stacked(self, batch: list[Members], group: IntArray) -> Iterator[HeldOutReadings]:
+    def _without_stacked(self, batch: GroupBatch, group: IntArray) -> Iterator[HeldOutReadings]:
         """The deviations of small groups of readings without unknowns, all groups at once.
 
         With S = A A^T, ``(I - S)^-1 = I + A (I - A^T A)^-1 A^T``: of the two matrices the smaller is inverted.
         """
-        which = sorted({i for members in batch for i, _ in members})
-        rows_of = {i: [dict(members).get(i, np.zeros(0, dtype=np.intp)) for members in batch] for i in which}
-        most = {i: max(map(len, rows_of[i])) for i in which}
-        spread = {i: self._stacked_spread(i, rows_of[i], most[i]) for i in which}
-        residuals = {i: self._stacked_residuals(i, rows_of[i], most[i]) for i in which}
-        g, p = len(batch), self.slope.shape[1]
-        At = np.concatenate([spread[i].reshape(g, p, math.prod(spread[i].shape[2:])) for i in which], axis=2)
-        A, r = At.transpose(0, 2, 1), np.concatenate([residuals[i].reshape(g, -1) for i in which], axis=1)
-        is_dual = A.shape[1] <= p
+        which = np.unique(batch.which).tolist()
+        stacks = {i: self._stacked(batch, i) for i in which}
+        At = np.concatenate([stacks[i].spread for i in which], axis=2)
+        A, r = At.transpose(0, 2, 1), np.concatenate([stacks[i].residuals for i in which], axis=1)
+        is_dual = A.shape[1] <= A.shape[2]
         S = A @ At if is_dual else At @ A
         inverse = np.linalg.inv(np.eye(S.shape[1]) - S)
         # Its largest eigenvalue is below this norm; else some direction needs a bound.
@@ -314,28 +294,34 @@ class _Minimum:
         left, right = (S, inverse) if is_dual else (A @ inverse, At)
         start = 0
         for i in which:
-            k = self.parts[i].weights.shape[1]
-            stop = start + k * most[i]
-            if self.parts[i].is_judged.any():
-                shape = (g, k, most[i])
+            rows, groups, place, (k, most) = stacks[i].rows, stacks[i].groups, stacks[i].place, stacks[i].shape
+            stop, shape = start + k * most, (batch.n_groups, k, most)
+            free = is_free[groups]
+            if self.parts[i].is_judged[rows].any() and free.any():
                 of_left = left[:, start:stop].reshape(*shape, left.shape[2])
-                of_right = right[:, :, start:stop].reshape(g, right.shape[1], *shape[1:])
-                blocks = np.einsum("gamx,gxbm->gmab", of_left, of_right, optimize=True)
-                is_there = np.arange(most[i]) < np.array([len(rows) for rows in rows_of[i]])[:, None]
-                is_there &= is_free[:, None]
-                of_part = white[:, start:stop].reshape(shape).transpose(0, 2, 1)[is_there]
-                rows = np.concatenate([np.zeros(0, dtype=np.intp), *compress(rows_of[i], is_free)])
-                yield _held_out(self.parts[i], rows, of_part, blocks[is_there], np.ones(len(rows)), group)
+                of_right = right[:, :, start:stop].reshape(batch.n_groups, right.shape[1], k, most)
+                blocks = np.einsum("gamx,gxbm->gmab", of_left, of_right, optimize=True)[groups, place]
+                of_part = white[:, start:stop].reshape(shape)[groups, :, place]
+                yield _held_out(self.parts[i], rows[free], of_part[free], blocks[free], np.ones(int(free.sum())), group)
             start = stop
-        for members in compress(batch, ~is_free):
-            yield from self._without(self._group(members), partial(self._pieces, members), group)
+        if not is_free.all():
+            for members in compress(batch.members(), ~is_free):
+                yield from self._without(self._group(members), partial(self._pieces, members), group)
 
-    def _stacked_residuals(self, which: int, groups: list[IntArray], most: int) -> FloatArray:
-        """(g, k, most) whitened residuals of groups of readings, with zeros for readings that they lack."""
-        out = np.zeros((len(groups), self.parts[which].residuals.shape[1], most))
-        for into, rows in zip(out, groups, strict=True):
-            into[:, : len(rows)] = self.parts[which].residuals[rows].T
-        return out
+    def _stacked(self, batch: GroupBatch, which: int) -> _Stack:
+        most, k = batch.largest(which), self.parts[which].weights.shape[1]
+        rows, groups, place = batch.of(which)
+        n, m = batch.n_groups, len(rows)
+        columns = self.problem.coefficient_columns(which, rows, self.parts[which].linear, self.x)
+        p = len(columns)
+        at = np.full((n, most), m)  # readings that a group lacks are zero
+        at[groups, place] = np.arange(m)
+        by_root = np.zeros((p, k, m + 1))
+        by_root[:, :, :m] = self.root.times(columns.reshape(p, k * m)).reshape(p, k, m)
+        spread = np.ascontiguousarray(by_root[:, :, at].transpose(2, 0, 1, 3)).reshape(n, p, k * most)
+        residuals = np.zeros((n, k, most))
+        residuals[groups, :, place] = self.parts[which].residuals[rows]
+        return _Stack(rows, groups, place, spread, residuals.reshape(n, k * most), (k, most))
 
     def _group(self, members: Members) -> _Group:
         residuals = np.concatenate([self.parts[i].residuals[rows].ravel() for i, rows in members])

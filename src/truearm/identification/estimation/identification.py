@@ -44,7 +44,8 @@ from truearm.typing import FloatArray
 MOST_ROUNDS = 24
 # The last step moves tips by a smaller share of their uncertainty; the noise is calm when it changes by less.
 SETTLED_STEP = 0.05
-CALM_NOISE = 0.05
+CALM_NOISE, SAME_NOISE = 0.05, 1e-4
+LEAST_NOISE = 1e-30
 # Maximum halvings of a step until the cost does not rise by more than this share, its rounding.
 MAX_HALVINGS = 7
 COST_ROUNDING = 1e-9
@@ -151,8 +152,11 @@ def identify(
             progress(n_rounds, f"noise: {status}")
         parts, whole = linearised(problem, x, weights)
         reduced = eliminate_unknowns(parts, whole, x)
-        calm = calm + 1 if np.all(np.abs(noise - noise_before) < CALM_NOISE * noise) else 0
-        if calm == 1:
+        change = np.abs(noise - noise_before) / np.maximum(noise, LEAST_NOISE)
+        was_calm = calm >= 1
+        # A noise that repeats itself needs no second look.
+        calm = calm + (2 if change.max() < SAME_NOISE else 1) if change.max() < CALM_NOISE else 0
+        if calm and not was_calm:
             prior = without_invisible(prior, whole.diagonal, n_residuals)
         # While the noise still falls, groups below it must not be pruned.
         prunable = fast if calm >= 2 else np.zeros_like(fast)
