@@ -225,7 +225,7 @@ class Prediction(Record):
         if isinstance(self.model, NetworkModel):
             return ": do not rely on their points"
         if isinstance(self.model, HybridModel):
-            return ": its networks do not correct the arm there"
+            return ": what its networks add there is a guess"
         if isinstance(self.model, PhysicalModel):
             return f"; the uncertainty there is {format_fixed(np.median(self.u_mm[self.outside_training]))} mm"
         return ": their errors may be larger than stated"
