@@ -33,9 +33,6 @@ from truearm.identification.terms.term import Term
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray
 
-# Logarithm of the evidence by which a process must be more likely than none: twenty times, strong evidence by
-# R. E. Kass, A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90 (1995) 773.
-LEAST_EVIDENCE = 3.0
 # Readings of a session that can be held out, and of those that remain.
 LEAST_SESSION = 20
 OF_ARM, OF_SESSION = "arm", "session"
@@ -56,7 +53,7 @@ class ResidualProcess:
     rms_mm : float
         Root mean square of its translation at the training readings.
     evidence : float
-        Logarithm of the evidence that it gains.
+        Logarithm of the evidence that it gains, less an allowance for its two hyperparameters.
     improvement_mm, standard_error_mm : float
         By how much the error of held-out readings is smaller with it, the trimmed mean over their groups, and its
         standard error; after a transfer those of the new readings.
@@ -156,7 +153,7 @@ def add_residual_process(
     """
     fit, held_out = found
     proposed = propose_process(fit, data.state)
-    if proposed is None or proposed.gain < LEAST_EVIDENCE:
+    if proposed is None or proposed.gain <= 0:
         return found, None
     weights = np.ones(len(data.session))
     weights[excluded_readings(fit)] = 0.0

@@ -44,7 +44,10 @@ LEAST_SIZE, MOST_SIZE, N_SIZES = 0.01, 10.0, 60
 
 
 class ProposedProcess(NamedTuple):
-    """The terms of a residual process, and by how much it raises the logarithm of the evidence."""
+    """The terms of a residual process, and by how much it raises the logarithm of the evidence.
+
+    The gain allows for the two numbers that were chosen (G. Schwarz, Ann. Statist. 6 (1978) 461).
+    """
 
     terms: tuple[Term, ...]
     gain: float
@@ -79,7 +82,9 @@ def propose_process(fit: IdentificationResult, state: ArmState) -> ProposedProce
         found = [evidence_gain(information, right, sizes) for information, right in equations]
     best = int(np.argmax([gain for _, gain in found]))
     size, gain = found[best]
-    return ProposedProcess(tuple(replace(term, prior_std=size) for term in tried[best]), gain)
+    # Size and length scale are chosen: half the logarithm of the number of readings each.
+    allowance = float(np.log(len(chosen)))
+    return ProposedProcess(tuple(replace(term, prior_std=size) for term in tried[best]), gain - allowance)
 
 
 def evidence_gain(information: FloatArray, right: FloatArray, sizes: FloatArray) -> tuple[float, float]:
