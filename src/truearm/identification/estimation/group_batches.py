@@ -24,6 +24,7 @@ class GroupBatch(NamedTuple):
 
     @property
     def n_groups(self) -> int:
+        """Number of groups."""
         return int(self.group[-1]) + 1
 
     def members(self) -> list[Members]:
