@@ -19,19 +19,10 @@ from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import VarianceFunction
 from truearm.identification.terms import Term
-from truearm.identification.terms.basis import (
-    Basis,
-    Column,
-    Constant,
-    Direction,
-    GravityTorque,
-    Harmonics,
-    InSession,
-    PayloadTorque,
-    Temperature,
-)
+from truearm.identification.terms.basis import Basis, Column, Constant, Direction, Harmonics, InSession, Temperature
 from truearm.identification.terms.gravity import uniform_links
 from truearm.identification.terms.kernel import InducedProcess
+from truearm.identification.terms.torque import GravityTorque, PayloadTorque
 from truearm.readings.session import PAYLOAD, Session
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray, IntArray

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from truearm.arm.chain import Chain, Pose
-from truearm.identification.terms.basis import Basis, Constant, GravityTorque, Harmonics, InSession, OfTip
+from truearm.identification.terms.basis import Basis, Constant, Harmonics, InSession, OfTip
 from truearm.identification.terms.linear_axis import Travel, TravelHarmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
+from truearm.identification.terms.torque import GravityTorque
 from truearm.typing import FloatArray, IntArray
 
 # Bases that depend only on quantities that every reading states.

@@ -8,7 +8,7 @@ from truearm.identification.planning.exchange import moment_matrix
 from truearm.identification.planning.information import tip_jacobian
 from truearm.identification.planning.prior import Prior
 from truearm.identification.planning.proposal import CalibrationPlan, Proposal, information_rows
-from truearm.identification.terms.catalogue import LEAST_PHASE
+from truearm.identification.terms.harmonic_orders import LEAST_PHASE
 from truearm.typing import FloatArray
 
 # Smallest share of the remaining mean square uncertainty that is mentioned.

@@ -10,11 +10,9 @@ from truearm.identification.terms.basis import (
     Column,
     Constant,
     Direction,
-    GravityTorque,
     Harmonics,
     InSession,
     OfTip,
-    PayloadTorque,
     Temperature,
     basis_from_data,
     directions,
@@ -24,7 +22,6 @@ from truearm.identification.terms.basis import (
 from truearm.identification.terms.catalogue import (
     FREE_BASE,
     FREE_TIP,
-    SkippedTerm,
     base_terms,
     candidate_terms,
     constants,
@@ -33,8 +30,9 @@ from truearm.identification.terms.catalogue import (
 from truearm.identification.terms.gravity import GravityLoads, gravity_loads, gravity_torques, uniform_links
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.state import ArmState
-from truearm.identification.terms.term import Term
+from truearm.identification.terms.term import SkippedTerm, Term
 from truearm.identification.terms.thermal import growth_motions, link_vectors
+from truearm.identification.terms.torque import GravityTorque, PayloadTorque
 
 __all__ = [
     "FREE_BASE",

@@ -6,30 +6,21 @@ The prior standard deviations are start values of the evidence, of the size seen
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import pairwise
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
-from truearm.identification.terms.basis import (
-    AXES,
-    Basis,
-    Column,
-    Constant,
-    Direction,
-    GravityTorque,
-    Harmonics,
-    Temperature,
-)
+from truearm.identification.terms.basis import AXES, Basis, Column, Constant, Direction, Harmonics, Temperature
+from truearm.identification.terms.harmonic_orders import bands, determined_orders, orders_name
 from truearm.identification.terms.linear_axis import linear_axis
 from truearm.identification.terms.payload import payload_terms
 from truearm.identification.terms.state import ArmState
-from truearm.identification.terms.term import Term
+from truearm.identification.terms.term import SkippedTerm, Term
 from truearm.identification.terms.thermal import link_vectors
+from truearm.identification.terms.torque import GravityTorque
 from truearm.readings.session import PAYLOAD
 from truearm.typing import FloatArray
 
@@ -62,23 +53,6 @@ COLUMN_STD = {"revolute": 1e-4, "prismatic": 0.05}  # rad, mm, by a column's spr
 SAME_SHARE = 1e-9
 # Cosines nearer to 1 are those of parallel axes.
 ROUNDING = 1e-12
-
-# A joint that moved by less than a quarter of a harmonic's period shows at most its slope.
-LEAST_PHASE = np.pi / 2
-
-
-class SkippedTerm(NamedTuple):
-    """A term that is not offered.
-
-    Attributes
-    ----------
-    name : str
-    reason : str
-        What the readings lack for it.
-    """
-
-    name: str
-    reason: str
 
 
 def constants(
@@ -195,7 +169,7 @@ def own_axis(chain: Chain, joint: int, *, highest: int = HIGHEST_ORDER_OFFERED) 
     highest : int
         Highest order.
     """
-    return [_own_axis_band(joint, band, band) for band in _bands(highest) if _is_revolute(chain, joint)]
+    return [_own_axis_band(joint, band, band) for band in bands(highest) if _is_revolute(chain, joint)]
 
 
 def interpolation(chain: Chain, joint: int, orders: tuple[int, ...] = INTERPOLATION_ORDERS) -> list[Term]:
@@ -361,13 +335,13 @@ def candidate_terms(
             if joint == 1:  # a rail, longer and straight to less than a slide of the arm itself
                 wobbles += linear_axis(joint, state.angles[:, 0])
             continue
-        orders, lost = _determined_orders(joint, state.angles[:, joint - 1], max(highest, *WOBBLE_ORDERS))
+        orders, lost = determined_orders(joint, state.angles[:, joint - 1], max(highest, *WOBBLE_ORDERS))
         skipped += lost
-        for band in _bands(highest):
+        for band in bands(highest):
             if kept := tuple(k for k in band if k in orders):
                 terms.append(_own_axis_band(joint, kept, band))
         # Few sessions sample these densely enough; skipping them is not worth a message.
-        fine, _ = _determined_orders(joint, state.angles[:, joint - 1], INTERPOLATION_ORDERS[-1])
+        fine, _ = determined_orders(joint, state.angles[:, joint - 1], INTERPOLATION_ORDERS[-1])
         terms += interpolation(chain, joint, tuple(k for k in INTERPOLATION_ORDERS if k in fine))
         if kept := tuple(k for k in WOBBLE_ORDERS if k in orders):
             wobbles += wobble(chain, joint, kept)
@@ -429,47 +403,6 @@ def place_name(chain: Chain, place: int) -> str:
     return "base" if place == 0 else "tip" if place == chain.n_joints + 1 else f"J{place}"
 
 
-def _determined_orders(joint: int, angles: FloatArray, highest: int) -> tuple[set[int], list[SkippedTerm]]:
-    """Orders of harmonics that the angles of a joint can determine, and the skipped ones."""
-    moved, n_angles = _on_the_circle(angles, LEAST_PHASE / 2 / highest)
-    # Half a period between neighbours, less rounding: above it a harmonic is indistinguishable from a lower order.
-    widest = 0.999 * np.pi * (n_angles - 1)
-    orders = range(1, highest + 1)
-    slow = [k for k in orders if k * moved < LEAST_PHASE]
-    fast = [k for k in orders if k not in slow and k * moved > widest]
-    lost = [
-        SkippedTerm(f"J{joint} {_orders_name(orders)}", reason)
-        for orders, reason in (
-            (slow, f"J{joint} moved by only {np.degrees(moved):.3g} deg"),
-            (fast, f"J{joint} has readings at only {n_angles} angles"),
-        )
-        if orders
-    ]
-    return set(orders) - {*slow, *fast}, lost
-
-
-def _on_the_circle(angles: FloatArray, apart: float) -> tuple[float, int]:
-    """The arc on which all angles lie [rad], and how many there are: those closer than `apart` to one count with it.
-
-    Harmonics know neither turns nor zeros of a joint, so the count begins behind the widest gap.
-    """
-    if not len(angles):
-        return 0.0, 0
-    ordered = np.sort(np.mod(angles, 2 * np.pi))
-    gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
-    widest = int(gaps.argmax())
-    along = np.concatenate([[0.0], np.cumsum(np.roll(gaps, -widest - 1)[:-1])])
-    return 2 * np.pi - float(gaps[widest]), _count_apart(along, apart)
-
-
-def _count_apart(values: FloatArray, apart: float) -> int:
-    """Count sorted values; values closer than `apart` to the first of them count as one."""
-    n = at = 0
-    while at < len(values):
-        n, at = n + 1, int(np.searchsorted(values, values[at] + apart, side="right"))
-    return n
-
-
 def _loads(state: ArmState, skipped: list[SkippedTerm]) -> Iterator[Term]:
     """Terms by the columns that are named after the load of a joint, ``load_2_Nm``."""
     for name, values in state.columns.items():
@@ -506,20 +439,9 @@ def _varies(values: FloatArray) -> bool:
 
 
 def _own_axis_band(joint: int, orders: tuple[int, ...], band: tuple[int, ...]) -> Term:
-    name = f"J{joint} angle error, {_orders_name(orders)}"
-    group = f"angle error, {_orders_name(band)}"
+    name = f"J{joint} angle error, {orders_name(orders)}"
+    group = f"angle error, {orders_name(band)}"
     return Term(name, joint, _unit(OWN_AXIS), Harmonics(joint, orders), group, OWN_AXIS_STD)
-
-
-def _bands(highest: int) -> list[tuple[int, ...]]:
-    """1 to 2, 3 to 4, 5 to 8, ... up to the highest."""
-    ends = [0, *(2**i for i in range(1, max(highest, 1).bit_length() + 1))]
-    bands = [tuple(range(low + 1, min(high, highest) + 1)) for low, high in pairwise(ends)]
-    return [band for band in bands if band]
-
-
-def _orders_name(orders: Sequence[int]) -> str:
-    return f"orders {orders[0]} to {orders[-1]}" if len(orders) > 1 else f"order {orders[0]}"
 
 
 def _is_revolute(chain: Chain, joint: int) -> bool:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from truearm.arm.chain import Chain
-from truearm.identification.terms.basis import AXES, PayloadTorque
+from truearm.identification.terms.basis import AXES
 from truearm.identification.terms.term import Term
+from truearm.identification.terms.torque import PayloadTorque
 
 PAYLOAD_COMPLIANCE = "compliance under the payload"
 """The group of the terms."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -151,3 +151,17 @@ class Term:
 
     def _problem(self, problem: str) -> InputError:
         return InputError(f"term {self.name[:60]!r}: {problem}")
+
+
+class SkippedTerm(NamedTuple):
+    """A term that is not offered.
+
+    Attributes
+    ----------
+    name : str
+    reason : str
+        What the readings lack for it.
+    """
+
+    name: str
+    reason: str
