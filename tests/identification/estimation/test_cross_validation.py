@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from truearm.arm import load_arm
 from truearm.identification.estimation import cross_validation
 from truearm.identification.estimation.cross_validation import cross_validate_by_group
+from truearm.identification.estimation.group_batches import group_batches
 from truearm.identification.estimation.identification import identify, initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.orientations import Orientations
@@ -349,3 +351,13 @@ def test_the_root_of_a_covariance_is_one_singular_or_not(rng):
         root = covariance_factor(covariance)
         scale = np.sqrt(np.outer(covariance.diagonal(), covariance.diagonal()))
         np.testing.assert_allclose(root.T @ root, covariance, atol=1e-9 * scale.max(initial=0))
+
+
+def test_batches_have_about_as_many_places_as_readings():
+    """One large group beside many small ones: no batch has more than `chunk` places, but for one of one group."""
+    group = np.r_[np.arange(700), np.full(300, 700), np.full(1100, 701)]
+    reference = SimpleNamespace(rows=np.arange(len(group)))
+    batches = list(group_batches([reference], group, 1024))
+    assert sorted(np.concatenate([batch.row for batch in batches]).tolist()) == list(range(len(group)))
+    for batch in batches:
+        assert batch.n_groups * batch.largest(0) <= 1024 or batch.n_groups == 1

@@ -125,7 +125,7 @@ def _deviance(
 
     These are the logarithm of the variance, one over the degrees of freedom and the logarithm of the share.
     """
-    nu, share = of.freedom, of.gross_share
+    nu, share, k = of.freedom, of.gross_share, squares.shape[1]
     honest, gross = _log_densities(known, squares, freedom, of)
     of_gross = expit(gross - honest)
     of_honest = 1 - of_gross
@@ -133,10 +133,14 @@ def _deviance(
     relative = of.variance * freedom / variance  # of the logarithm of each axis' variance by that of the scale
     t2, t2_slope = (squares / variance).sum(axis=1), -(squares * relative / variance).sum(axis=1)
     half_slope = 0.5 * relative.sum(axis=1)
-    of_t2 = of_honest * -0.5 * (nu + 3) / (nu + t2) + of_gross * -1.5 * np.sqrt(t2) / (LEAST_GROSS_STDS**3 + t2**1.5)
-    by_variance = float((of_t2 * t2_slope - half_slope).sum())
-    norm_slope = 0.5 * (digamma((nu + 3) / 2) - digamma(nu / 2)) - 1.5 / nu
-    by_freedom = norm_slope - 0.5 * np.log1p(t2 / nu) + 0.5 * (nu + 3) * t2 / (nu * (nu + t2))
+    # By the logarithm of t^2, whose power of one coordinate has no slope at zero.
+    log_slope = np.divide(t2_slope, t2, out=np.zeros_like(t2), where=t2 > 0)
+    of_length = of_honest * (nu + k) * t2 / (nu + t2) + of_gross * k * t2 ** (k / 2) / (
+        LEAST_GROSS_STDS**k + t2 ** (k / 2)
+    )
+    by_variance = float((-0.5 * of_length * log_slope - half_slope).sum())
+    norm_slope = 0.5 * (digamma((nu + k) / 2) - digamma(nu / 2)) - k / (2 * nu)
+    by_freedom = norm_slope - 0.5 * np.log1p(t2 / nu) + 0.5 * (nu + k) * t2 / (nu * (nu + t2))
     by_freedom = float((of_honest * by_freedom).sum()) + FREEDOM_SHAPE / nu - FREEDOM_RATE
     by_share = float((of_gross - of_honest * share / (1 - share)).sum())
     prior = FREEDOM_SHAPE * np.log(nu) - FREEDOM_RATE * nu  # of the logarithm

@@ -49,7 +49,10 @@ class GroupBatch(NamedTuple):
 
 
 def group_batches(references: Sequence[ReferenceFit], group: IntArray, chunk: int) -> Iterator[GroupBatch]:
-    """Groups, several small ones of about one size at once, so that one pass of the chain evaluates many readings."""
+    """Groups, several small ones of about one size at once, so that one pass of the chain evaluates many readings.
+
+    As many places as the largest group has are within `chunk` for all groups of a batch, unless it is one group.
+    """
     key = np.concatenate([group[reference.rows] for reference in references])
     which = np.concatenate([np.full(len(reference.rows), i) for i, reference in enumerate(references)])
     row = np.concatenate([np.arange(len(reference.rows)) for reference in references])
@@ -57,9 +60,11 @@ def group_batches(references: Sequence[ReferenceFit], group: IntArray, chunk: in
     order = np.lexsort((row, which, key, np.bincount(key)[key]))
     starts = np.flatnonzero(np.diff(key[order], prepend=-1))
     stops = np.r_[starts[1:], len(order)]
+    sizes = stops - starts
     first = 0
     while first < len(starts):
-        after = max(int(np.searchsorted(stops, starts[first] + chunk, side="right")), first + 1)
+        places = np.arange(1, len(sizes[first : first + chunk]) + 1) * sizes[first : first + chunk]  # sizes rise
+        after = first + max(int(np.searchsorted(places, chunk, side="right")), 1)
         some = order[starts[first] : stops[after - 1]]
         yield GroupBatch(np.cumsum(np.diff(key[some], prepend=key[some[0]]) != 0), which[some], row[some])
         first = after

@@ -32,7 +32,7 @@ from truearm.identification.estimation.identification_result import (
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import ABSOLUTE, RELATIVE, SmallMotionProblem
 from truearm.identification.estimation.references import Reference
-from truearm.identification.estimation.residual_variance import huber_weights, paule_mandel_variance
+from truearm.identification.estimation.residual_variance import FLOOR_MM2, huber_weights, paule_mandel_variance
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.solve import KnownStep, StepHalving, damped_step
@@ -154,8 +154,9 @@ def identify(
         reduced = eliminate_unknowns(parts, whole, x)
         change = np.abs(noise - noise_before) / np.maximum(noise, LEAST_NOISE)
         was_calm = calm >= 1
-        # A noise that repeats itself needs no second look.
-        calm = calm + (2 if change.max() < SAME_NOISE else 1) if change.max() < CALM_NOISE else 0
+        # A noise that repeats itself needs no second look, unless it is none.
+        repeats = change.max() < SAME_NOISE and noise.min() > 2 * FLOOR_MM2
+        calm = calm + (2 if repeats else 1) if change.max() < CALM_NOISE else 0
         if calm and not was_calm:
             prior = without_invisible(prior, whole.diagonal, n_residuals)
         # While the noise still falls, groups below it must not be pruned.
