@@ -151,13 +151,30 @@ def test_orders_go_as_far_as_positions_tell_them_apart(positions, orders):
     terms = linear_axis(1, np.repeat(np.array(positions, dtype=float), 3))
     assert terms[0].group == "linear axis, scale"
     assert {term.basis.orders for term in terms[1:]} == (set() if orders is None else {orders})
-    assert not linear_axis(1, np.full(9, 3.0))  # it did not move
+
+
+@pytest.mark.parametrize("n", [100, 12_000])
+def test_dense_readings_offer_all_orders(n):
+    offered = linear_axis(1, np.random.default_rng(0).uniform(0, 4000, n))
+    assert {term.basis.orders for term in offered[1:]} == {tuple(range(1, 13))}
+
+
+@pytest.mark.parametrize("noise_mm", [0.0, 1e-4, 0.1])
+def test_a_parked_rail_has_no_terms(make_chain, noise_mm):
+    chain, rng = Chain(make_chain().fixed, [0, 0, 0], np.arange(5) == 0), np.random.default_rng(0)
+    angles = rng.uniform(-3, 3, (40, 5))
+    angles[:, 0] = 1500 + rng.uniform(-noise_mm, noise_mm, 40)
+    offered, skipped = candidate_terms(ArmState(chain, angles))
+    assert not any(term.group.startswith("linear axis") for term in offered)
+    (reason,) = [left.reason for left in skipped if left.name == "J1 linear axis"]
+    assert re.fullmatch(r"J1 moved by only \S+ mm", reason)
 
 
 def test_only_a_first_joint_is_a_rail(make_chain):
     for first in (True, False):
         slides = np.arange(5) == (0 if first else 2)
-        state = ArmState(Chain(make_chain().fixed, [0, 0, 0], slides), np.random.default_rng(0).uniform(-3, 3, (40, 5)))
+        angles = np.random.default_rng(0).uniform(-3, 3, (40, 5)) * np.where(slides, 100, 1)
+        state = ArmState(Chain(make_chain().fixed, [0, 0, 0], slides), angles)
         offered, _ = candidate_terms(state)
         assert any(term.group.startswith("linear axis") for term in offered) == first
 

@@ -28,13 +28,13 @@ from truearm.typing import FloatArray
 Terms = Literal["physical", "constants"]
 
 HIGHEST_ORDER = 4
-# Of a linear axis as many orders as its positions can tell apart.
-RAIL_POSITIONS = 7
 """Highest order of the harmonics about a joint's own axis in a plan for a nominal arm.
 
 Eccentricity and tilt of a disc and the two heads of a grating give orders 1, 2 and 4; some ten poses cannot identify
 higher ones.
 """
+# Of a linear axis as many orders as its positions can tell apart.
+RAIL_POSITIONS = 7
 # Share of the largest below which an eigenvalue of a correlation matrix is rounding.
 _ROUNDING = 1e-12
 

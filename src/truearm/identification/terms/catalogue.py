@@ -333,7 +333,11 @@ def candidate_terms(
         if chain.is_prismatic[joint - 1]:
             skipped.append(SkippedTerm(f"J{joint} harmonics", f"J{joint} is prismatic"))
             if joint == 1:  # a rail, longer and straight to less than a slide of the arm itself
-                wobbles += linear_axis(joint, state.angles[:, 0])
+                of_rail = linear_axis(joint, state.angles[:, 0])
+                wobbles += of_rail
+                if not of_rail:
+                    travel = f"J{joint} moved by only {np.ptp(state.angles[:, 0]):.3g} mm"
+                    skipped.append(SkippedTerm(f"J{joint} linear axis", travel))
             continue
         orders, lost = determined_orders(joint, state.angles[:, joint - 1], max(highest, *WOBBLE_ORDERS))
         skipped += lost

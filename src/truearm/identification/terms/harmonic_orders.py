@@ -44,10 +44,10 @@ def _on_the_circle(angles: FloatArray, apart: float) -> tuple[float, int]:
     gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
     widest = int(gaps.argmax())
     along = np.concatenate([[0.0], np.cumsum(np.roll(gaps, -widest - 1)[:-1])])
-    return 2 * np.pi - float(gaps[widest]), _count_apart(along, apart)
+    return 2 * np.pi - float(gaps[widest]), count_apart(along, apart)
 
 
-def _count_apart(values: FloatArray, apart: float) -> int:
+def count_apart(values: FloatArray, apart: float) -> int:
     """Count sorted values; values closer than `apart` to the first of them count as one."""
     n = at = 0
     while at < len(values):

@@ -15,6 +15,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.identification.terms.basis import Basis, Harmonics, plain, register_basis
+from truearm.identification.terms.harmonic_orders import count_apart
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.typing import FloatArray
@@ -27,6 +28,8 @@ HIGHEST_ORDER = 12
 # Positions that differ by less than this share of the travel are one.
 LEAST_STEP = 0.01
 PERIOD_OF_TRAVEL = 2.0
+# A rail that moved by less was parked [mm]: its readings show the noise of its scale.
+LEAST_TRAVEL_MM = 10.0
 
 
 @register_basis
@@ -105,7 +108,8 @@ class TravelHarmonics(Basis):
 def linear_axis(joint: int, travel_mm: FloatArray) -> list[Term]:
     """Scale, positioning, straightness, roll, pitch and yaw of a sliding joint.
 
-    Orders go as far as the positions at which it stood can tell them apart: n positions, orders below n.
+    Orders go as far as the positions at which it stood can tell them apart: n positions, orders below n. There are none
+    of a joint that moved by less than `LEAST_TRAVEL_MM`.
 
     Parameters
     ----------
@@ -115,10 +119,10 @@ def linear_axis(joint: int, travel_mm: FloatArray) -> list[Term]:
         Displacements of the training readings [mm].
     """
     lower, upper = float(travel_mm.min()), float(travel_mm.max())
-    if upper <= lower:
+    if upper - lower < LEAST_TRAVEL_MM:
         return []
-    steps = np.diff(np.sort(travel_mm)) > LEAST_STEP * (upper - lower)
-    highest = min(HIGHEST_ORDER, int(steps.sum()))  # one less than the positions
+    n_positions = count_apart(np.sort(travel_mm), LEAST_STEP * (upper - lower))
+    highest = min(HIGHEST_ORDER, n_positions - 1)
     scale = Travel(joint, round((lower + upper) / 2, 3))
     terms = [Term(f"J{joint} scale", joint, _unit(5), scale, "linear axis, scale", SCALE_STD)]
     if highest < 2:
