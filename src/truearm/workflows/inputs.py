@@ -33,6 +33,7 @@ from truearm.readings import (
     skip_beyond_limits,
 )
 from truearm.readings.anchors import LEAST_READINGS, has_located_anchor
+from truearm.readings.session import PAYLOAD
 from truearm.readings.thermal_expansion import (
     REFERENCE_DEGC,
     STEEL_PER_K,
@@ -393,6 +394,17 @@ def describe_outside(inputs: Mapping[str, BoolArray]) -> str:
     return f"{int(rows.sum())} of {len(rows)} readings are outside the trained range ({what})"
 
 
+def payload_remarks(model: Compensator, session: Session) -> tuple[str, ...]:
+    """That a payload is not in the model, where the session states one and the training stated none."""
+    if not model.training_.ignores_payload(session):
+        return ()
+    remark = (
+        f"The model was trained without {PAYLOAD}: neither the points nor their uncertainty contain it. Fit with that "
+        "column (0 without a payload)."
+    )
+    return (remark,)
+
+
 def evaluation_remarks(model: Compensator, session: Session) -> list[str]:
     """What a person must know of a model before the errors on these readings are believed."""
     remarks = []
@@ -405,6 +417,7 @@ def evaluation_remarks(model: Compensator, session: Session) -> list[str]:
             )
     if inputs := model.inputs_outside_training(session):
         remarks.append(f"{describe_outside(inputs)}.")
+    remarks += payload_remarks(model, session)
     if model.is_trained_on(session):
         remarks.append("These are the training readings of the model: a fair test needs others (split).")
     return remarks

@@ -17,10 +17,17 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import write_columns
 from truearm.readings import Session
-from truearm.readings.session import NAMED
+from truearm.readings.session import NAMED, PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
-from truearm.workflows.inputs import ModelLike, SessionLike, check_angles_fit, describe_outside, to_model_and_session
+from truearm.workflows.inputs import (
+    ModelLike,
+    SessionLike,
+    check_angles_fit,
+    describe_outside,
+    payload_remarks,
+    to_model_and_session,
+)
 from truearm.workflows.record import Record, format_fixed, to_plain
 
 if TYPE_CHECKING:
@@ -63,7 +70,7 @@ def predict(model: ModelLike, session: SessionLike) -> Prediction:
     ['x_mm', 'y_mm', 'z_mm', 'sx_mm', 'sy_mm', 'sz_mm']
     """
     fitted, readings = to_model_and_session(model, session)
-    remarks = check_angles_fit(readings, fitted.arm)
+    remarks = (*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings))
     points, covariances = fitted.predict_readings(readings, return_cov=True)
     unstated = fitted.unstated_input_covariances(readings) if isinstance(fitted, IdentifiedModel) else {}
     inputs_outside = fitted.inputs_outside_training(readings)
@@ -85,8 +92,9 @@ def _uncertainties_outside(
     model: Compensator, readings: Session, inputs_outside: Mapping[str, BoolArray], covariances: FloatArray
 ) -> Iterator[tuple[str, float]]:
     """By input other than an angle, the standard uncertainty that its distance from the training adds [mm]."""
+    ignored = {PAYLOAD} if model.training_.ignores_payload(readings) else set()  # it adds nothing: see the remark
     for name, rows in inputs_outside.items():
-        if JOINT.fullmatch(name) or name == TOGETHER:
+        if name in ignored or JOINT.fullmatch(name) or name == TOGETHER:
             continue
         nearest = model.training_.with_nearest(readings, name)
         added = covariances - model.predict_readings(nearest, return_cov=True)[1]

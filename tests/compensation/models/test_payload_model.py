@@ -13,9 +13,13 @@ from truearm.arm.masses import LinkMasses
 from truearm.compensation.models import PhysicalModel, load_model
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.propagation import half_tip_difference
 from truearm.identification.terms import ArmState, GravityTorque, Term
+from truearm.identification.terms.torque import PayloadTorque
 from truearm.readings import Session, read_session, write_session
 from truearm.workflows.export import export
+from truearm.workflows.inputs import evaluation_remarks
+from truearm.workflows.predict import predict
 
 NOISE_MM = 0.01
 # Compliances of the three joints [rad/(N m)]: at 5 kg and half a metre the tip sinks by some tenths of a millimetre.
@@ -99,6 +103,31 @@ def test_readings_of_another_payload_do_not_change_a_model_that_was_trained_with
     trained = replace(measured([0.0], seed=2), columns={})
     model = PhysicalModel(known_arm(), highest=1).fit_readings(trained)
     np.testing.assert_array_equal(model.predict_readings(loaded), model.predict_readings(replace(loaded, columns={})))
+    # Nor does its uncertainty, so that it is flagged and said.
+    assert model.inputs_outside_training(loaded)["payload_kg"].all()
+    prediction = predict(model, loaded)
+    assert "payload_kg" not in prediction.outside_u_mm
+    assert any("trained without payload_kg" in remark for remark in prediction.remarks)
+    assert any("trained without payload_kg" in remark for remark in evaluation_remarks(model, loaded))
+    empty = replace(loaded, columns={"payload_kg": np.zeros(len(loaded))})
+    assert "payload_kg" not in model.inputs_outside_training(empty)
+    assert not any("payload" in remark for remark in predict(model, empty).remarks)
+    assert "payload_kg" not in model.training_.with_nearest(loaded, "payload_kg").columns
+
+
+def test_a_payload_moves_gravity_torques_of_known_masses(models):
+    fit, state = models["masses"].fit_, models["masses"].state(measured([0.0], seed=3))
+    terms = fit.perturbed_chain.terms
+    kept = np.array([not isinstance(term.basis, PayloadTorque) for term in terms])
+    rows = np.repeat(kept, [term.n_coefficients for term in terms])
+    chain = PerturbedChain(fit.perturbed_chain.chain, tuple(t for t, keep in zip(terms, kept, strict=True) if keep))
+    fit = replace(fit, perturbed_chain=chain, coefficients=fit.coefficients[rows])
+    heavy = replace(state, columns={"payload_kg": np.full(100, 3.0)})
+    half = half_tip_difference(fit, state, heavy)
+    np.testing.assert_array_equal(half, (fit.tips(heavy) - fit.tips(state)) / 2)
+    assert np.abs(half).max() > 0.05  # mm, some 10 N m on 1e-5 rad/(N m) at half a metre
+    of_guess = replace(state, links=None)
+    assert not half_tip_difference(fit, of_guess, replace(heavy, links=None)).any()
 
 
 def test_model_and_session_files_keep_the_payload(models, loaded, tmp_path):

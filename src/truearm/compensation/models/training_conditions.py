@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from truearm.errors import InputError
 from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.lengths import Lengths
-from truearm.readings.session import DIRECTION, LOAD, Session
+from truearm.readings.session import DIRECTION, LOAD, PAYLOAD, Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC, UNSTATED_U_K
 from truearm.typing import BoolArray, FloatArray
 
@@ -196,12 +196,15 @@ class TrainingConditions:
             By input (``J1`` to ``Jn``, ``joints together``, ``temperature``, ``direction_1`` to ``direction_n``, the
             name of a further column) True at the readings whose value lies outside the range in training or in one of
             its gaps. Inputs that lie inside at all readings are not in it, nor are those that training or session do
-            not state; a temperature that the training does not state is assumed near 20 degC (`temperature_range`).
+            not state; a temperature that the training does not state is assumed near 20 degC (`temperature_range`),
+            and its payload zero (`ignores_payload`).
         """
         outside = ~self._inside_by_joint(session.angles, prismatic)
         found = {f"J{joint}": column for joint, column in enumerate(outside.T, 1)}
         found[TOGETHER] = ~outside.any(axis=1) & (self._distance(session.angles, prismatic) > self._usual(prismatic))
         found["temperature"] = self.kelvin_outside(session) > TEMPERATURE_TOLERANCE_K
+        if self.ignores_payload(session):
+            found[PAYLOAD] = session.columns[PAYLOAD] > 0
         for name, known in self.columns.items():
             if name in session.columns:
                 found[name] = known.distance(session.columns[name]) > 0
@@ -211,6 +214,10 @@ class TrainingConditions:
             beyond = ((signs < lower) | (signs > upper)) & (signs != 0) & (lower == upper) & (lower != 0)
             found |= {f"{DIRECTION}{joint}": column for joint, column in enumerate(beyond.T, 1)}
         return {name: rows for name, rows in found.items() if rows.any()}
+
+    def ignores_payload(self, session: Session) -> bool:
+        """Whether a session states a payload and the training stated none: the model has no term of it."""
+        return PAYLOAD not in self.columns and bool(session.columns.get(PAYLOAD, np.zeros(0)).any())
 
     def is_of(self, readings: Session) -> bool:
         """Whether these are the readings that the model was fitted to last."""
@@ -284,6 +291,8 @@ class TrainingConditions:
             known = self.columns[name]
             nearest = np.clip(session.columns[name], known.lower, known.upper)
             return replace(session, columns={**session.columns, name: nearest})
+        if name == PAYLOAD:
+            return replace(session, columns={k: values for k, values in session.columns.items() if k != PAYLOAD})
         assert session.directions is not None
         assert self.direction_ranges is not None
         directions, joint = session.directions.copy(), int(name.removeprefix(DIRECTION)) - 1

@@ -12,14 +12,16 @@ import numpy as np
 
 from truearm.arm.chain import Chain, Pose
 from truearm.identification.terms.basis import Basis, Constant, Harmonics, InSession, OfTip
+from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.linear_axis import Travel, TravelHarmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.identification.terms.torque import GravityTorque
+from truearm.readings.session import PAYLOAD
 from truearm.typing import FloatArray, IntArray
 
-# Bases that depend only on quantities that every reading states.
-OF_ANGLES = (Constant, GravityTorque, Harmonics, InSession, OfTip, Travel, TravelHarmonics)
+# Bases that depend only on quantities that every reading states; gravity torques do without a payload (`input_bases`).
+OF_ANGLES = (Constant, GravityTorque, Harmonics, InducedProcess, InSession, OfTip, Travel, TravelHarmonics)
 CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays in the cache of a core
 FEW = 64  # readings up to which the number of array operations counts, not their length
 POSE_CHUNK = 4096  # poses have no wide Jacobian: fewer calls are worth more
@@ -246,9 +248,18 @@ class PerturbedChain:
         directions = np.array([site.direction for site in self.sites]).reshape(-1, 6)
         return directions, np.array([site.place for site in self.sites], dtype=np.intp), site_of, row_of
 
+    def input_bases(self, state: ArmState) -> tuple[Basis, ...]:
+        """The distinct bases that depend on more than what every reading states: joint angles, and its session.
+
+        With known masses and a payload in the state, gravity torques are among them.
+        """
+        if state.links is None or PAYLOAD not in state.columns:
+            return self._input_bases
+        gravity = (basis for _, basis in self._functions if isinstance(basis, GravityTorque))
+        return self._input_bases + tuple(dict.fromkeys(gravity))
+
     @cached_property
-    def input_bases(self) -> tuple[Basis, ...]:
-        """The distinct bases that depend on more than what every reading states: joint angles, and its session."""
+    def _input_bases(self) -> tuple[Basis, ...]:
         bases = dict.fromkeys(basis for _, basis in self._functions)
         return tuple(basis for basis in bases if not isinstance(basis, OF_ANGLES))
 

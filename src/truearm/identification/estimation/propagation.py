@@ -21,13 +21,14 @@ from truearm.identification.estimation.alignment import rigid_motions
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms.basis import Column, Temperature
 from truearm.identification.terms.state import ArmState
+from truearm.identification.terms.torque import GravityTorque, PayloadTorque
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray
 
 
 def half_tip_difference(fit: IdentificationResult, low: ArmState, high: ArmState) -> FloatArray:
     """(n, 3) half the difference of the tips between two states [mm]; zeros if no term depends on the change."""
-    if all(np.array_equal(basis.values(low), basis.values(high)) for basis in fit.perturbed_chain.input_bases):
+    if all(np.array_equal(basis.values(low), basis.values(high)) for basis in fit.perturbed_chain.input_bases(low)):
         return np.zeros((len(low), 3))
     return np.asarray(fit.tips(high) - fit.tips(low)) / 2
 
@@ -42,9 +43,8 @@ def direction_effects(fit: IdentificationResult, state: ArmState) -> FloatArray:
         standard deviation.
     """
     out = np.zeros((state.chain.n_joints, len(state), 3))
-    if state.directions is None or all(
-        isinstance(basis, Temperature | Column) for basis in fit.perturbed_chain.input_bases
-    ):
+    undirected = Temperature | Column | GravityTorque | PayloadTorque
+    if state.directions is None or all(isinstance(b, undirected) for b in fit.perturbed_chain.input_bases(state)):
         return out
     rows = np.flatnonzero((state.directions == 0).any(axis=1))
     open_at = state.rows(rows)
