@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -47,6 +48,32 @@ def test_one_thread_inside_and_the_setting_of_the_caller_after_nested_blocks():
 def test_the_setting_returns_after_an_error():
     with pytest.raises(ZeroDivisionError), one_blas_thread():
         1 / 0  # noqa: B018
+    assert blas_threads() == {2}
+
+
+def test_blocks_of_two_threads_that_overlap_have_one_thread_until_the_last_ends():
+    first_is_in, second_is_in, first_is_out = Event(), Event(), Event()
+    seen = []
+
+    def first() -> None:
+        with one_blas_thread():
+            first_is_in.set()
+            second_is_in.wait(10)
+        first_is_out.set()
+
+    def second() -> None:
+        first_is_in.wait(10)
+        with one_blas_thread():
+            second_is_in.set()
+            first_is_out.wait(10)
+            seen.append(blas_threads())
+
+    threads = [Thread(target=first), Thread(target=second)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert seen == [{1}]
     assert blas_threads() == {2}
 
 

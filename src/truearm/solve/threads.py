@@ -2,7 +2,7 @@
 
 The rule: every public function and method that calculates (the verbs of `truearm.workflows`, fit and prediction of a
 model, `load_model`) runs in `one_blas_thread`, as a decorator. What it calls does not need to. The setting of the
-caller is back when the call returns.
+caller is back when the call returns; of calls in several threads, when the last returns.
 """
 
 from __future__ import annotations
@@ -11,33 +11,64 @@ import os
 import sys
 from contextlib import ContextDecorator
 from functools import cache
-from threading import local
+from threading import RLock, local
 from typing import Any
 
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import OpenBLASController, ThreadpoolController
 
 
-class OneBlasThread(ContextDecorator, local):
-    """One BLAS thread until the outermost of nested blocks ends; `threadpoolctl` minds blocks of other threads."""
+class _Blocks:
+    """Blocks that run with one thread in some of the BLAS libraries."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, of_each_thread: bool) -> None:
+        self._of_each_thread = of_each_thread
         self._depth = 0
         self._limits: list[Any] = []
         self._seen: tuple[bool, ...] = ()
 
-    def __enter__(self) -> None:
+    def begin(self) -> None:
         loaded = _loaded()
         if self._depth == 0 or loaded != self._seen:  # a library loaded within a block starts with all threads
             self._seen = loaded
-            libraries = _libraries(loaded)
+            libraries = _libraries(loaded, of_each_thread=self._of_each_thread)
             if any(library.get_num_threads() != 1 for library in libraries.lib_controllers):
+                _let_this_thread_set()
                 self._limits.append(libraries.limit(limits=1))
         self._depth += 1
 
-    def __exit__(self, *error: object) -> None:
+    def end(self) -> None:
         self._depth -= 1
         while self._depth == 0 and self._limits:
+            _let_this_thread_set()
             self._limits.pop().restore_original_limits()
+            _let_this_thread_set()  # and the caller's threads after it
+
+
+class _BlocksOfThread(_Blocks, local):
+    """The same, counted in each thread."""
+
+
+class OneBlasThread(ContextDecorator):
+    """One BLAS thread until the outermost of nested blocks ends.
+
+    Most libraries have one number of threads for the process. Blocks of several threads may overlap: the last that ends
+    restores it. With OpenMP each thread has its own number.
+    """
+
+    def __init__(self) -> None:
+        self._lock = RLock()
+        self._of_process = _Blocks(of_each_thread=False)
+        self._of_thread = _BlocksOfThread(of_each_thread=True)
+
+    def __enter__(self) -> None:
+        with self._lock:
+            self._of_process.begin()
+            self._of_thread.begin()
+
+    def __exit__(self, *error: object) -> None:
+        with self._lock:
+            self._of_thread.end()
+            self._of_process.end()
 
 
 _ONE = OneBlasThread()
@@ -64,7 +95,21 @@ def _loaded() -> tuple[bool, ...]:
 
 
 @cache
-def _libraries(loaded: tuple[bool, ...]) -> ThreadpoolController:
+def _libraries(loaded: tuple[bool, ...], *, of_each_thread: bool) -> ThreadpoolController:
     """The BLAS libraries of the packages that are loaded; the search takes milliseconds."""
     del loaded
-    return ThreadpoolController().select(user_api="blas")
+    found = ThreadpoolController().select(user_api="blas")
+    return found.select(
+        filepath=[
+            library.filepath
+            for library in found.lib_controllers
+            if (getattr(library, "threading_layer", None) == "openmp") is of_each_thread
+        ]
+    )
+
+
+def _let_this_thread_set() -> None:
+    """From version 3.8 on `threadpoolctl` ignores all threads but the first that set a number."""
+    clear = getattr(OpenBLASController, "clear_controlling_thread", None)
+    if clear is not None:
+        clear(force=True)

@@ -342,7 +342,7 @@ def _training_errors(model: Compensator, session: Session) -> Mapping[str, Any] 
 def _outliers(model: Compensator, session: Session, rows: IntArray) -> tuple[Outlier, ...]:
     return (
         tuple(outlier.located(session, rows) for outlier in outliers(model.fit_))
-        if isinstance(model, IdentifiedModel)
+        if isinstance(model, IdentifiedModel | HybridModel)
         else ()
     )
 

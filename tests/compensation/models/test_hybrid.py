@@ -12,7 +12,7 @@ from truearm.arm.chain import Chain
 from truearm.compensation.models import HybridModel, KinematicModel, NominalModel, load_model
 from truearm.compensation.models.hybrid import _scatter, _share_of_mean
 from truearm.compensation.models.residual_inputs import ResidualInputs
-from truearm.compensation.models.selection import select_model
+from truearm.compensation.models.selection import CANDIDATES, select_model
 from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.workflows.fit import fit
@@ -140,8 +140,6 @@ def test_the_model_comes_back_from_its_file(model, test, tmp_path):
 
 def test_auto_keeps_it_where_no_term_describes_the_error(arm, train, monkeypatch):
     """The waves are not of a joint's own axis; physical terms are left out to be quick."""
-    from truearm.compensation.models.selection import CANDIDATES
-
     monkeypatch.delitem(CANDIDATES, "physical")
     kept, table = select_model(arm, train)
     assert isinstance(kept, HybridModel)
@@ -152,8 +150,6 @@ def test_auto_keeps_it_where_no_term_describes_the_error(arm, train, monkeypatch
 
 def test_auto_does_not_fit_it_where_the_first_network_is_worse(arm, rng, monkeypatch):
     """Constants only: a network can but add noise."""
-    from truearm.compensation.models.selection import CANDIDATES
-
     monkeypatch.delitem(CANDIDATES, "physical")
     angles = rng.uniform(-1, 1, (150, 3))
     points = arm.chain.tip_in_base(angles) + [1.0, -2.0, 3.0] + rng.normal(0, NOISE, (150, 3))
@@ -167,6 +163,24 @@ def test_gross_errors_of_the_arm_teach_the_networks_nothing(arm, train, test):
     model = HybridModel(arm, n_members=4).fit_readings(replace(train, points=points))
     assert not {7, 70} & set(model.held_out_.rows.tolist())
     assert mean_error(model, test) < 0.08
+
+
+def test_auto_does_not_try_it_where_no_joint_moves_far(arm, rng, monkeypatch):
+    """Nothing could vary as its input, and readings that it refuses are good enough for the others."""
+    monkeypatch.delitem(CANDIDATES, "physical")  # quicker
+    angles = np.radians(rng.uniform(-0.45, 0.45, (100, 3)))
+    readings = Session(angles, arm.chain.tip_in_base(angles) + rng.normal(0, NOISE, (100, 3)))
+    _, table = select_model(replace(arm, nominal_error_mm=0.05), readings)
+    assert [row.name for row in table] == list(CANDIDATES)
+
+
+def test_gross_errors_are_named(arm, train):
+    """Those of its arm: they teach the networks nothing, so a person must know of them."""
+    points = train.points.copy()
+    points[7] += 20.0
+    result = fit(arm, replace(train, points=points), model="hybrid", hidden=(2,), epochs=1, n_members=2)
+    assert [one.row for one in result.outliers if one.is_excluded] == [7]
+    assert "reading 8" in "".join(map(str, result.blocks()))
 
 
 def test_the_result_of_fit_names_networks_and_errors(arm, train):

@@ -98,6 +98,14 @@ def test_away_from_the_readings_the_process_fades_and_its_uncertainty_is_that_of
     assert after < 0.6 * before
 
 
+def test_a_start_without_terms_is_one(arm, rng):
+    state, references = readings(arm, 20, rng)
+    cold = identified(arm, state, references)
+    terms = cold.perturbed_chain.terms
+    warm = identify(arm, state, list(terms), references, start=identify(arm, state, [], references))
+    np.testing.assert_allclose(warm.tips(state), cold.tips(state), atol=1e-3)  # mm, a tenth of the noise
+
+
 def test_a_start_leads_to_the_same_result(arm, rng):
     state, references = readings(arm, 100, rng)
     cold = identified(arm, state, references)

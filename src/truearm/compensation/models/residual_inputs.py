@@ -52,16 +52,15 @@ class ResidualInputs:
         InputError
             If no joint moved.
         """
-        moved = np.ptp(angles, axis=0) > np.where(is_prismatic, LEAST_RANGE, LEAST_TURN)
-        is_input = [moved[~is_prismatic], moved[~is_prismatic], moved[is_prismatic]]
-        is_input.append(np.full(1, temperature_degC is not None and np.ptp(temperature_degC) > TEMPERATURE_TOLERANCE_K))
-        candidates = _candidates(angles, temperature_degC, is_prismatic)
-        kept = np.flatnonzero(np.concatenate(is_input) & (np.ptp(candidates, axis=1) > LEAST_RANGE))
-        if not moved.any() or not len(kept):
+        if not moves(angles, is_prismatic):
             raise InputError(
                 "no joint moves by more than 1 degree in these readings: a network has nothing to learn from",
                 hint="measure different poses",
             )
+        of_joints = _of_joints(angles, is_prismatic)
+        varies = temperature_degC is not None and np.ptp(temperature_degC) > TEMPERATURE_TOLERANCE_K
+        candidates = _candidates(angles, temperature_degC, is_prismatic)
+        kept = np.flatnonzero(np.append(of_joints, varies))
         return cls(is_prismatic, kept.astype(np.intp), MinMaxScaler.of(candidates[kept], what="input"))
 
     @property
@@ -78,6 +77,18 @@ class ResidualInputs:
     def scaled(self, angles: FloatArray, temperature_degC: FloatArray | None) -> FloatArray:
         """(n_inputs, n) inputs of readings with angles (n, n_joints) [rad, or mm] and temperatures (n,)."""
         return self.scale.scale(_candidates(angles, temperature_degC, self.is_prismatic)[self.kept])
+
+
+def moves(angles: FloatArray, is_prismatic: BoolArray) -> bool:
+    """Whether a joint moves enough in readings with angles (n, n_joints) [rad, or mm] to be an input."""
+    return bool(_of_joints(angles, is_prismatic).any())
+
+
+def _of_joints(angles: FloatArray, is_prismatic: BoolArray) -> BoolArray:
+    """Which of the `_candidates` of the joints vary."""
+    moved = np.ptp(angles, axis=0) > np.where(is_prismatic, LEAST_RANGE, LEAST_TURN)
+    of_moved = np.concatenate([moved[~is_prismatic], moved[~is_prismatic], moved[is_prismatic]])
+    return np.asarray(of_moved & (np.ptp(_candidates(angles, None, is_prismatic)[:-1], axis=1) > LEAST_RANGE))
 
 
 def _candidates(angles: FloatArray, temperature_degC: FloatArray | None, is_prismatic: BoolArray) -> FloatArray:

@@ -23,6 +23,7 @@ from truearm.compensation.models.identified_model import (
     PhysicalModel,
 )
 from truearm.compensation.models.paired_comparison import group_means, trimmed_mean
+from truearm.compensation.models.residual_inputs import moves
 from truearm.errors import InputError
 from truearm.identification.estimation.gross_errors import excluded_readings
 from truearm.identification.estimation.residual_variance import HeldOutReadings
@@ -177,10 +178,17 @@ def _may_win(
     n_weights = (2 * readings.n_joints + 1) * hybrid.hidden[0] + 3 * (hybrid.hidden[0] + 1)
     applies = lengths is None and readings.has_point.all() and not arm_model.session_frames_
     applies = applies and len(arm_model.tips_) < 2
-    if not applies or 3 * len(arm_model.held_out_.rows) < n_weights:
+    held_out_rows = [model.held_out_.rows for model in models.values()]
+    if not applies or 3 * len(arm_model.held_out_.rows) < n_weights or not len(reduce(np.intersect1d, held_out_rows)):
+        return False
+    # What a fit of the networks would refuse.
+    used = arm_model.held_out_
+    if len(np.unique(used.group)) < 2 or not moves(readings.angles[used.rows], arm_model.arm_.chain.is_prismatic):
         return False
     first = hybrid.held_out_by_first_member(readings, arm_model)
-    common = reduce(np.intersect1d, [first.rows, *(model.held_out_.rows for model in models.values())])
+    common = reduce(np.intersect1d, [first.rows, *held_out_rows])
+    if not len(common):
+        return False
     held_out = {name: _on_rows(model.held_out_, common) for name, model in models.items()}
     best = min(held_out.values(), key=lambda one: trimmed_mean(group_means(one))[0])
     excess, error = trimmed_mean(group_means(_on_rows(first, common)) - group_means(best))

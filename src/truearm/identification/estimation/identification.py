@@ -212,8 +212,9 @@ def started_at(
     start: IdentificationResult, perturbed_chain: PerturbedChain, prior: GroupedPrior, groups: tuple[str, ...]
 ) -> tuple[FloatArray, GroupedPrior]:
     """Parameters and scales of a result for some of the terms; further terms are zero, at the start of their scale."""
-    values = iter(np.split(start.coefficients, np.cumsum([t.n_coefficients for t in start.perturbed_chain.terms])[:-1]))
-    known = dict(zip(start.perturbed_chain.terms, values, strict=True))
+    known_terms = start.perturbed_chain.terms
+    ends = np.cumsum([term.n_coefficients for term in known_terms], dtype=np.intp)
+    known = dict(zip(known_terms, np.split(start.coefficients, ends)[:-1], strict=True))  # after the last: none
     x = np.concatenate(
         [
             *(known.get(term, np.zeros(term.n_coefficients)) for term in perturbed_chain.terms),
