@@ -99,7 +99,7 @@ def test_without_a_length_the_arm_keeps_its_nominal_size_and_a_remark_says_so(tr
     assert set(told["training"]) == {"seat_mean_mm", "seat_rms_mm", "seat_max_mm", "n_in_seats"}
     assert set(told) == {"summary", "model", "arm", "file", "fit_seconds", "n_readings", "held_out", "training"} | {
         *("residual_std_mm", "comparison", "groups", "skipped_terms", "identifiability", "outliers"),
-        *("length_outliers", "frame_changes", "remarks"),
+        *("length_outliers", "frame_changes", "held_out_distances", "residual_process", "remarks"),
     }
     assert told["length_outliers"] == told["comparison"] == []
     assert told["remarks"] == ["No reference point and no length is known: the arm keeps its nominal size."]

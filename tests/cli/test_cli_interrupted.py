@@ -119,13 +119,11 @@ def test_an_interrupted_test_of_virtual_arms_prints_nothing(tmp_path):
 
 
 def test_interrupted_in_the_middle_of_a_file(truearm, made, tmp_path, monkeypatch):
-    import pandas as pd
-
-    def stop(self, path, **options):
+    def stop(path, columns, **options):
         path.write_text("half a fi")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pd.DataFrame, "to_csv", stop)
+    monkeypatch.setattr("truearm.workflows.predict.write_columns", stop)
     (tmp_path / "p.csv").write_text("before")
     ran = truearm("predict", made / "kinematic.truearm", made / "angles.csv", "--out", tmp_path / "p.csv")
     assert ran.code == 130

@@ -22,7 +22,7 @@ ERROR_KEYS = {
 EVALUATION_KEYS = ERROR_KEYS | {"summary", "nominal", "coverage", "coverage_99", "n_refit", "outliers", "remarks"}
 FIT_KEYS = {
     *("summary", "model", "arm", "file", "fit_seconds", "n_readings", "held_out", "training"),
-    *("comparison", "outliers", "length_outliers", "frame_changes", "remarks"),
+    *("comparison", "outliers", "length_outliers", "frame_changes", "held_out_distances", "remarks"),
 }
 MODELS = ("nominal", "kinematic", "network")
 
@@ -183,7 +183,7 @@ def test_fit_tells_its_training_error_as_json_too(truearm, made, tmp_path):
     out = tmp_path / "k.truearm"
     arguments = ["fit", made / "train.csv", "--arm", "gao2017", "--model", "kinematic", "--out", out]
     told = json.loads(truearm(*arguments, "--json").out)
-    identified = {"residual_std_mm", "groups", "skipped_terms", "identifiability"}
+    identified = {"residual_std_mm", "residual_process", "groups", "skipped_terms", "identifiability"}
     assert set(told) == FIT_KEYS | identified
     assert (told["model"], told["file"]) == ("kinematic", str(out))
     assert set(told["training"]) == ERROR_KEYS

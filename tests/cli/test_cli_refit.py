@@ -100,6 +100,7 @@ def test_json_tells_what_was_found(refit, made, moved, tmp_path):
         "n_readings": 100,
         "residual_std_mm": new.residual_std_,
         "residual_std_before_mm": known.residual_std_,
+        "residual_process": None,
         "remarks": [],
     }
     said = refit(session=tmp_path / "s.csv").out
@@ -209,7 +210,7 @@ def test_what_is_asked_wrongly_is_refused(refit, tmp_path, snapshot, more, said)
 def test_what_does_not_fit_is_refused(refit, made, moved, tmp_path):
     for more, said in (
         ({"model": "network"}, "a network has no base and no tip"),
-        ({"session": made / "angles.csv"}, "expected reference points or seats to refit to"),
+        ({"session": made / "angles.csv"}, "expected reference points, seats or 4 distances to an anchor to refit to"),
         ({"session": made / "wam.csv"}, "expected 6 joints, got 7"),
         ({"session": made / "none.csv"}, "does not exist"),
     ):

@@ -89,4 +89,4 @@ def test_lengths_are_for_sessions_of_seats(truearm, made, seated, tmp_path):
 def test_a_session_without_points_or_seats_is_refused(truearm, made, tmp_path):
     ran = truearm("report", made / "kinematic.truearm", made / "angles.csv", "--out", tmp_path / "page.html")
     assert ran.code == 2
-    assert "reference points or seats to compare with" in ran.err
+    assert "reference points, seats or 4 distances to an anchor to compare with" in ran.err

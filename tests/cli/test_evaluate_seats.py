@@ -154,7 +154,10 @@ def test_what_cannot_be_evaluated_is_refused(truearm, folder, session, arm, angl
     for path in (bare, unnamed):
         ran = truearm("evaluate", model, path)
         assert ran.code == 2
-        assert "expected reference points or seats to evaluate against, the session has none" in ran.err
+        assert (
+            "expected reference points, seats or 4 distances to an anchor to evaluate against, the session has none"
+            in ran.err
+        )
     ran = truearm("evaluate", model, once)
     assert (ran.code, "expected a seat with two or more readings" in ran.err) == (2, True)
     assert truearm("evaluate", model, once, "--lengths", tmp_path / "lengths.csv").code == 0

@@ -72,5 +72,5 @@ def test_the_root_gives_the_covariance_of_the_coefficients(session):
 def test_a_network_has_no_such_tables():
     session = ta.simulate("gao2017", poses=40, seed=1).session
     model = ta.NetworkModel(ta.load_arm("gao2017"), hidden=(3,), epochs=3).fit(session.angles, session.points)
-    with pytest.raises(ta.InputError, match="identifies the arm"):
+    with pytest.raises(ta.InputError, match="expected a nominal, kinematic or physical model"):
         plain_model(model)

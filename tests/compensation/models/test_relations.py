@@ -119,7 +119,7 @@ def test_every_kind_of_reference_is_there_once(angles):
 
 @pytest.mark.parametrize("seat", [None, [""] * 12, ["a", "b", *[""] * 10]])
 def test_readings_that_say_nothing_are_refused(seat, angles):
-    with pytest.raises(InputError, match="seats of two readings or more, spheres of four"):
+    with pytest.raises(InputError, match="seats of two readings or more, four distances to an anchor, spheres of four"):
         references_of(Session(angles, seat=None if seat is None else np.array(seat)), None)
 
 

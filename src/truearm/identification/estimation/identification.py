@@ -41,7 +41,7 @@ from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, Posteri
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
-MOST_ROUNDS = 24
+MOST_ROUNDS = 40
 # The last step moves tips by a smaller share of their uncertainty; the noise is calm when it changes by less.
 SETTLED_STEP = 0.05
 CALM_NOISE, SAME_NOISE = 0.05, 1e-4
