@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from truearm.readings.columns import ANGLE
 from truearm.readings.lengths import ENDS, Lengths
 from truearm.readings.session import TOUCHED, Session
 from truearm.typing import BoolArray, FloatArray
@@ -123,19 +124,28 @@ def has_reference(session: Session) -> BoolArray:
     return known
 
 
-def check_angles(session: Session, *, n_joints: int) -> None:
+def check_angles(session: Session, *, n_joints: int, prismatic: npt.ArrayLike | None = None) -> None:
     """Check that a session has the arm's number of joints, and numbers that can be angles.
+
+    Parameters
+    ----------
+    session : Session
+    n_joints : int
+    prismatic : (n_joints,) bool array, optional
+        Which joints slide: the unit in a column's name must fit. Not checked by default.
 
     Raises
     ------
     InputError
-        If the number of joints is wrong or an angle is beyond `MAX_ANGLE`.
+        If the number of joints is wrong, the unit of a joint is not one of its kind, or an angle is beyond `MAX_ANGLE`.
     """
     if session.n_joints != n_joints:
         raise session.error(
             f"expected {n_joints} joints (J1 .. J{n_joints}), got {session.n_joints}",
             hint="check that the readings belong to this arm",
         )
+    if prismatic is not None:
+        _check_units(session, np.asarray(prismatic, dtype=bool))
     if (absurd := np.abs(session.angles) > MAX_ANGLE).any():
         row, joint = (int(i) for i in np.argwhere(absurd)[0])
         raise session.error(
@@ -144,6 +154,19 @@ def check_angles(session: Session, *, n_joints: int) -> None:
             column=_column(session, joint),
             hint="check the unit of the angles",
         )
+
+
+def _check_units(session: Session, prismatic: BoolArray) -> None:
+    """Refuse a joint that turns in mm, and one that slides in deg or rad."""
+    for column, slides in zip(session.angle_columns or (), prismatic.tolist(), strict=False):
+        match = ANGLE.fullmatch(column)
+        if match is not None and (match[2] == "mm") != slides:
+            kind, units = ("slides", "mm") if slides else ("turns", "deg or rad")
+            raise session.error(
+                f"this joint {kind}: expected {units}, got {match[2]}",
+                column=column,
+                hint="check the arm, the order of the joints and the unit in the name of the column",
+            )
 
 
 def limit_excesses(

@@ -12,6 +12,7 @@ from truearm.compensation.models import Compensator
 from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_writable
+from truearm.readings.checks import check_angles
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ModelLike, SessionLike, to_model_of_tip, to_session
 from truearm.workflows.outputs import check_output_is_not_input, input_files
@@ -139,6 +140,7 @@ def export(
     else:
         if region is not None:
             session = to_session(region, n_joints=fitted.arm.n_joints)
+            check_angles(session, n_joints=fitted.arm.n_joints, prismatic=fitted.arm.chain.is_prismatic)
             options |= {"angles": session.angles, "region": _region_name(region)}
         module.write(fitted, out, **options)
     return ExportResult(fitted, Path(out), name, read_manifest(out))

@@ -187,11 +187,12 @@ def within_limits(session: Session, arm: Arm, limits: Limits = "skip") -> Checke
     Raises
     ------
     InputError
-        If the number of joints is not that of the arm, or more than half of the readings are beyond a limit.
+        If the number of joints or the unit of one is not that of the arm, or more than half of the readings are beyond
+        a limit.
     """
     if limits not in ("skip", "ignore"):
         raise InputError(f"expected limits 'skip' or 'ignore', got {limits!r}")
-    check_angles(session, n_joints=arm.n_joints)
+    check_angles(session, n_joints=arm.n_joints, prismatic=arm.chain.is_prismatic)
     rows = np.arange(len(session))
     if limits == "ignore":
         return CheckedSession(session, rows, ())
@@ -395,14 +396,37 @@ def describe_outside(inputs: Mapping[str, BoolArray]) -> str:
 
 
 def payload_remarks(model: Compensator, session: Session) -> tuple[str, ...]:
-    """That a payload is not in the model, where the session states one and the training stated none."""
-    if not model.training_.ignores_payload(session):
+    """That a payload is not in the model, where only the session states one, or assumed, where only the training does.
+
+    A payload that varied in the training has its share of the uncertainty (`unstated_input_covariances`).
+    """
+    if model.training_.ignores_payload(session):
+        remark = (
+            f"The model was trained without {PAYLOAD}: neither the points nor their uncertainty contain it. Fit with "
+            "that column (0 without a payload)."
+        )
+        return (remark,)
+    known = model.training_.columns.get(PAYLOAD)
+    if known is None or known.lower < known.upper or PAYLOAD in session.columns:
         return ()
-    remark = (
-        f"The model was trained without {PAYLOAD}: neither the points nor their uncertainty contain it. Fit with that "
-        "column (0 without a payload)."
+    return (
+        (
+            f"{PAYLOAD} is not stated: {known.mean:g} kg assumed, as in the training. The uncertainty contains no "
+            "other payload."
+        ),
     )
-    return (remark,)
+
+
+def frame_remarks(model: Compensator) -> tuple[str, ...]:
+    """That the base is nominal, of a model that was learned without reference points."""
+    if "base" not in model.free or not np.array_equal(model.nominal_.chain.fixed[0], model.arm_.chain.fixed[0]):
+        return ()
+    return (
+        (
+            "Coordinates are in the arm's own frame: the base is nominal, as the model was learned without reference "
+            "points. truearm refit MODEL FILE --free base places it from four or more points."
+        ),
+    )
 
 
 def evaluation_remarks(model: Compensator, session: Session) -> list[str]:
@@ -417,7 +441,7 @@ def evaluation_remarks(model: Compensator, session: Session) -> list[str]:
             )
     if inputs := model.inputs_outside_training(session):
         remarks.append(f"{describe_outside(inputs)}.")
-    remarks += payload_remarks(model, session)
+    remarks += [*payload_remarks(model, session), *frame_remarks(model)]
     if model.is_trained_on(session):
         remarks.append("These are the training readings of the model: a fair test needs others (split).")
     return remarks

@@ -25,6 +25,7 @@ from truearm.workflows.inputs import (
     SessionLike,
     check_angles_fit,
     describe_outside,
+    frame_remarks,
     payload_remarks,
     to_model_and_session,
 )
@@ -84,7 +85,7 @@ def predict(model: ModelLike, session: SessionLike) -> Prediction:
         unstated_u_mm={
             name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in unstated.items()
         },
-        remarks=remarks,
+        remarks=(*remarks, *frame_remarks(fitted)),
     )
 
 

@@ -434,12 +434,12 @@ class Compensator(Regressor, ABC):
         return TrainingData.of(arm, readings, lengths, frames=self.session_frames_, simpler=nominal)
 
     def _check_inputs(self, arm: Arm, readings: Session) -> None:
-        """Refuse readings of another number of joints, or mostly outside their limits."""
+        """Refuse readings of another number or kind of joints, or mostly outside their limits."""
         if readings.n_joints != arm.n_joints:
             raise InputError(
                 f"expected readings of {arm.n_joints} joints for arm {arm.name!r}, got {readings.n_joints}"
             )
-        check_angles(readings, n_joints=arm.n_joints)
+        check_angles(readings, n_joints=arm.n_joints, prismatic=arm.chain.is_prismatic)
         skip_beyond_limits(readings, arm.limits, prismatic=arm.chain.prismatic)
 
     def _check_session(self, readings: Session) -> None:

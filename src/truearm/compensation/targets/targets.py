@@ -126,15 +126,8 @@ class Targets:
             If the number of joints is not that of the arm, the unit of a joint is not one of its kind, a number can
             be no angle, or most joints are beyond the arm's limits: another unit, or another arm.
         """
-        for column, slides in zip(self.joint_columns or (), arm.chain.is_prismatic, strict=False):
-            unit = column.rpartition("_")[2]
-            if (unit == "mm") != bool(slides):
-                kind, units = ("slides", "mm") if slides else ("turns", "deg or rad")
-                raise InputError(
-                    f"this joint of {arm.name!r} {kind}: expected {units}, got {unit}", file=self.file, column=column
-                )
         readings = self.session(self.joints)
-        check_angles(readings, n_joints=arm.n_joints)
+        check_angles(readings, n_joints=arm.n_joints, prismatic=arm.chain.is_prismatic)
         if len(self) > 1:  # a single target beyond a limit is refused by itself
             skip_beyond_limits(readings, arm.limits, prismatic=arm.chain.prismatic)
         if self.tips is not None and np.abs(self.tips).max() > MAX_ANGLE:

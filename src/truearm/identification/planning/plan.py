@@ -163,7 +163,7 @@ def plan_session(
         nominal, prior = _of_model(arm, noise_mm)
         known_before, seats = "the model", _seats_of(arm.fit_)
     if measured is not None:
-        check_angles(measured, n_joints=nominal.n_joints)
+        check_angles(measured, n_joints=nominal.n_joints, prismatic=nominal.chain.is_prismatic)
         measured, _ = skip_beyond_limits(measured, nominal.limits, prismatic=nominal.chain.prismatic)
         if not isinstance(arm, Arm) and arm.is_trained_on(measured):
             raise measured.error("the model was identified from these readings; they are already taken into account")
