@@ -271,7 +271,7 @@ class FitResult(Record):
         if isinstance(self.model, IdentifiedModel | HybridModel):
             yield (
                 f"residual standard deviation: {format_fixed(self.model.residual_std_)} mm of a coordinate, "
-                "unexplained by the model"
+                f"unexplained by the model{self._without_scatter()}"
             )
         yield from listed("outlier", self.outliers, "readings")
         yield from listed("contradictory length", [_describe_length(one) for one in self.length_outliers], "lengths")
@@ -279,6 +279,9 @@ class FitResult(Record):
         if isinstance(self.model, IdentifiedModel):
             yield from _term_lines(self.model)
         yield "These are training readings: evaluate the model on other readings."
+
+    def _without_scatter(self) -> str:
+        return "; the scatter of its networks comes on top" if isinstance(self.model, HybridModel) else ""
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record.to_dict`."""

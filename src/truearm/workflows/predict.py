@@ -200,7 +200,7 @@ class Prediction(Record):
             yield f"{describe_outside(self.inputs_outside)}{self._advice()}."
         if self.outside_u_mm:
             sizes = ", ".join(f"{name} {format_fixed(size)} mm" for name, size in self.outside_u_mm.items())
-            yield f"There these inputs add to the standard uncertainty: {sizes}."
+            yield f"There these inputs add to the standard uncertainty (root mean square): {sizes}."
         yield from self.remarks
 
     def to_dict(self) -> dict[str, Any]:

@@ -190,7 +190,9 @@ def test_the_result_of_fit_names_networks_and_errors(arm, train):
     facts = result.to_dict()
     assert facts["network"]["sizes"] == [7, 3, 3]
     assert facts["residual_std_mm"] == result.model.residual_std_
-    assert any("2 networks 7-3-3 on the residuals of the kinematic model" in str(block) for block in result.blocks())
+    printed = "\n".join(map(str, result.blocks()))
+    assert "2 networks 7-3-3 on the residuals of the kinematic model" in printed
+    assert "unexplained by the model; the scatter of its networks comes on top" in printed
 
 
 @pytest.mark.parametrize(

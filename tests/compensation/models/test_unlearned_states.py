@@ -97,7 +97,7 @@ def test_a_direction_and_a_load_that_were_constant_are_in_the_covariance_and_nam
         found = predict(model, session)
         size = np.sqrt(np.trace(expected, axis1=1, axis2=2).mean() / 3)
         assert found.outside_u_mm == {name: pytest.approx(size, rel=0.02)}
-        assert name in "\n".join(found.blocks())
+        assert f"uncertainty (root mean square): {name} " in "\n".join(found.blocks())
 
 
 @pytest.mark.parametrize("load", [0.1, 1.7, -2.3, 1e-3])
