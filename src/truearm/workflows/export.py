@@ -13,6 +13,7 @@ from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_writable
 from truearm.readings.checks import check_angles
+from truearm.readings.session import PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ModelLike, SessionLike, to_model_of_tip, to_session
 from truearm.workflows.outputs import check_output_is_not_input, input_files
@@ -205,6 +206,8 @@ class ExportResult(Record):
                     "It holds constants only, without harmonics, deflection and temperature. Corrected targets "
                     "(truearm correct) and the formats c, js, onnx and json have them."
                 )
+        if origin.model == "physical" and (payload := self.model.training_.columns.get(PAYLOAD)) is not None:
+            yield f"It applies to the payload of the training, {payload.mean:g} kg."
         yield f"Frame of the file: {FRAMES[manifest.frame]}."
         yield "Five check poses are in the file: truearm export MODEL --check FILE compares them."
 

@@ -10,11 +10,14 @@ import pytest
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
+from truearm.compensation.export import json_model
+from truearm.compensation.export.plain_model import plain_model
 from truearm.compensation.models import PhysicalModel, load_model
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.propagation import half_tip_difference
 from truearm.identification.terms import ArmState, GravityTorque, Term
+from truearm.identification.terms.gravity import gravity_torques
 from truearm.identification.terms.torque import PayloadTorque
 from truearm.readings import Session, read_session, write_session
 from truearm.workflows.export import export
@@ -142,3 +145,26 @@ def test_model_and_session_files_keep_the_payload(models, loaded, tmp_path):
 def test_formats_without_a_payload_are_refused(models, tmp_path):
     with pytest.raises(InputError, match="the model depends on the payload, which no export format contains"):
         export(models["varied"], tmp_path / "m.c")
+    with pytest.raises(InputError, match="the model depends on the payload, which no export format contains"):
+        export(models["varied"], tmp_path / "m.json")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def carrying():
+    """Of an arm with masses that carried 3 kg at all readings."""
+    return PhysicalModel(known_arm(), highest=1).fit_readings(measured([3.0], seed=2))
+
+
+def test_a_model_of_one_payload_is_exported_for_it(models, carrying, tmp_path):
+    angles = measured([0.0], seed=3).angles[:20]
+    for name, model in (("none", models["constant"]), ("empty", models["masses"]), ("3 kg", carrying)):
+        result = export(model, tmp_path / f"{name}.json")
+        assert any("payload of the training" in block for block in result.blocks())
+        tips = json_model.tips(tmp_path / f"{name}.json", angles)
+        np.testing.assert_allclose(tips, model.predict(angles), rtol=0, atol=1e-9)  # mm, rounding at 0.8 m
+    export(carrying, tmp_path / "m.c")
+    plain = plain_model(carrying)
+    links, state = LinkMasses(plain.mass_kg, plain.centre_in_joint_mm), carrying.state(Session(angles))
+    torques = gravity_torques(plain.nominal_chain, angles, links, gravity_in_base=plain.gravity_in_base)
+    np.testing.assert_allclose(torques, state.gravity_torques, rtol=0, atol=1e-12)  # N m, rounding at 50 N m

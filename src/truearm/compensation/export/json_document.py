@@ -90,7 +90,8 @@ class Arm(_Strict):
     """The nominal arm in its own base frame.
 
     Gravity torques are those of its links: of the masses that joint i moves, with their centres along the axes of place
-    i. Where the masses are not known, they are 1 kg per metre of link.
+    i. Where the masses are not known, they are 1 kg per metre of link; where they are, the last one has the payload of
+    the training.
     """
 
     name: Text

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 
-from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.arm.nearest_table import drawn_convention, drawn_table
 from truearm.compensation.export import json_document as form
+from truearm.compensation.export.plain_model import loaded_links, unknown_basis
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.network import NetworkModel
@@ -31,6 +31,8 @@ from truearm.files.file_reading import read_limited
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import ArmState, Term
 from truearm.identification.terms.gravity import uniform_links
+from truearm.identification.terms.torque import PayloadTorque
+from truearm.readings.session import PAYLOAD
 from truearm.typing import FloatArray
 
 # The physical model of a robot, 1,400 coefficients, has 10 MB; the manifest is read from files of up to this size.
@@ -124,7 +126,7 @@ def document_of(model: Compensator, manifest: Manifest) -> form.ModelDocument:
         version=1,
         units=form.Units(),
         model=cast(Any, manifest.provenance.model),
-        arm=_arm_of(model.arm_),
+        arm=_arm_of(model),
         reference_chain=_chain_of(model.nominal_.chain),
         identified=_identified_of(model) if isinstance(model, IdentifiedModel) else None,
         network=network,
@@ -136,9 +138,11 @@ def document_of(model: Compensator, manifest: Manifest) -> form.ModelDocument:
 # From the model ------------------------------------------------------------------------------------------------------
 
 
-def _arm_of(arm: Arm) -> form.Arm:
-    state = ArmState.of(arm, arm.working[None])
+def _arm_of(model: NetworkModel | IdentifiedModel) -> form.Arm:
+    arm, state = model.arm_, ArmState.of(model.arm_, model.arm_.working[None])
     links = uniform_links(state.chain, kg_per_m=1.0) if state.links is None else state.links
+    if isinstance(model, IdentifiedModel):
+        links = loaded_links(model)
     kinds = np.where(arm.chain.is_prismatic, "prismatic", "revolute").tolist()
     joints = [
         form.Joint(name=name, kind=kind, lower=_finite(lower), upper=_finite(upper), working=float(at))
@@ -188,10 +192,12 @@ def _table_of(chain: Chain) -> form.DenavitHartenberg | None:
 
 def _identified_of(model: IdentifiedModel) -> form.Identified:
     fit, share = model.fit_, model.variance_function_
+    of_coefficients = [term.basis for term in fit.perturbed_chain.terms for _ in range(term.n_coefficients)]
+    kept = [i for i, basis in enumerate(of_coefficients) if not isinstance(basis, PayloadTorque)]
     return form.Identified(
         chain=_chain_of(fit.perturbed_chain.chain),
         terms=list(_terms_of(model)),
-        covariance=form.symmetric_matrix(fit.covariance),
+        covariance=form.symmetric_matrix(fit.covariance[kept][:, kept]),
         residual_standard_deviation_mm=model.residual_std_,
         variance_function=form.VarianceFunction(
             centre=share.centre.tolist(),
@@ -211,12 +217,11 @@ def _terms_of(model: IdentifiedModel) -> Iterator[form.Term]:
     for term in fit.perturbed_chain.terms:
         rows = slice(start, start + term.n_coefficients)
         start += term.n_coefficients
+        if isinstance(term.basis, PayloadTorque):  # zero at the payload of the training
+            continue
         data = term.as_data()
         if data["basis"]["kind"] not in BASES:
-            raise InputError(
-                f"the model has terms of the basis {type(term.basis).__name__}, which no export format contains",
-                hint="fit the model without these terms to export it",
-            )
+            raise unknown_basis(term.basis)
         yield form.Term.model_validate(
             {
                 "name": term.name,
@@ -336,7 +341,7 @@ def _state(document: form.ModelDocument, joints: FloatArray) -> ArmState:
         joints,
         temperature_degC=None if training.temperature_degC is None else np.full(n, training.temperature_degC.mean),
         directions=np.zeros_like(joints),
-        columns={name: np.full(n, stated.mean) for name, stated in training.columns.items()},
+        columns={name: np.full(n, stated.mean) for name, stated in training.columns.items() if name != PAYLOAD},
         links=LinkMasses(np.array(arm.mass_kg), np.array(arm.centre_in_joint_mm, dtype=float).reshape(-1, 3)),
         gravity_in_base=np.array(arm.gravity_in_base_m_s2),
     )

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from truearm.arm.chain import Chain
+from truearm.arm.masses import LinkMasses
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import TrainingConditions
@@ -22,10 +23,14 @@ from truearm.identification.terms import Term
 from truearm.identification.terms.basis import Basis, Column, Constant, Direction, Harmonics, InSession, Temperature
 from truearm.identification.terms.gravity import uniform_links
 from truearm.identification.terms.kernel import InducedProcess
+from truearm.identification.terms.thermal import link_vectors
 from truearm.identification.terms.torque import GravityTorque, PayloadTorque
 from truearm.readings.session import PAYLOAD, Session
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray, IntArray
+
+# Functions that are zero in the first session and at the payload of the training.
+NOT_EXPORTED = (InSession, PayloadTorque)
 
 FunctionKind = Literal["constant", "cos", "sin", "gravity", "temperature", "direction", "column"]
 
@@ -137,7 +142,8 @@ def plain_model(model: Compensator) -> PlainModel:
     Raises
     ------
     InputError
-        If the model is a network, or has terms of a basis of its user's own.
+        If the model is a network, depends on a payload that varied in its training, or has terms of a basis of its
+        user's own.
     """
     if not isinstance(model, IdentifiedModel):
         raise InputError(
@@ -145,14 +151,8 @@ def plain_model(model: Compensator) -> PlainModel:
             hint="export the kinematic or physical model of the same readings",
         )
     fit, arm = model.fit_, model.arm_
-    by_payload = PayloadTorque if arm.masses is None else GravityTorque | PayloadTorque
-    if PAYLOAD in model.training_.columns and any(isinstance(t.basis, by_payload) for t in fit.perturbed_chain.terms):
-        raise InputError(
-            "the model depends on the payload, which no export format contains",
-            hint=f"fit the model without the column {PAYLOAD} to export it for one payload",
-        )
     state = model.state(Session(np.zeros((1, arm.n_joints))))
-    links = uniform_links(state.chain, kg_per_m=1.0) if state.links is None else state.links
+    links = loaded_links(model)
     rows: dict[tuple[int, BasisFunction], int] = {}
     entries = list(_entries(fit.perturbed_chain.terms))
     for place, function, _, _ in sorted(entries, key=lambda entry: entry[0]):
@@ -190,11 +190,48 @@ def plain_model(model: Compensator) -> PlainModel:
     )
 
 
+def loaded_links(model: IdentifiedModel) -> LinkMasses:
+    """Masses of the nominal links; the last one carries the payload of the training, at the tip.
+
+    Raises
+    ------
+    InputError
+        If the model depends on a payload that was not the same at all readings.
+    """
+    state, terms = model.state(Session(np.zeros((1, model.arm_.n_joints)))), model.fit_.perturbed_chain.terms
+    links = uniform_links(state.chain, kg_per_m=1.0) if state.links is None else state.links
+    known = model.training_.columns.get(PAYLOAD)
+    differences_from = {term.basis.from_kg for term in terms if isinstance(term.basis, PayloadTorque)}
+    by_gravity = state.links is not None and any(isinstance(term.basis, GravityTorque) for term in terms)
+    if known is None or not (by_gravity or differences_from):
+        return links
+    kg = known.mean
+    if not np.isclose(known.lower, known.upper) or not all(np.isclose(of, kg) for of in differences_from):
+        raise InputError(
+            "the model depends on the payload, which no export format contains",
+            hint=f"fit readings of one {PAYLOAD} to export the model for it",
+        )
+    mass, centre = links.mass_kg.copy(), links.centre_in_joint_mm.copy()
+    if not by_gravity or mass[-1] + kg == 0:
+        return links
+    centre[-1] = (mass[-1] * centre[-1] + kg * link_vectors(state.chain)[-1]) / (mass[-1] + kg)
+    mass[-1] += kg
+    return LinkMasses(mass, centre)
+
+
+def unknown_basis(basis: Basis) -> InputError:
+    """That no format has the functions of a basis."""
+    return InputError(
+        f"the model has terms of the basis {type(basis).__name__}, which no export format contains",
+        hint="export the kinematic model of the same readings",
+    )
+
+
 def _entries(terms: tuple[Term, ...]) -> list[tuple[int, BasisFunction, tuple[float, ...], int]]:
-    """Place, function, direction and coefficient, one for each function of each term but those of single sessions."""
+    """Place, function, direction and coefficient, one for each function of each exported term."""
     entries, start = [], 0
     for term in terms:
-        if not isinstance(term.basis, InSession):
+        if not isinstance(term.basis, NOT_EXPORTED):
             for k, function in enumerate(_functions(term.basis)):
                 entries.append((term.place, function, term.direction, start + k))
         start += term.n_coefficients
@@ -220,7 +257,4 @@ def _functions(basis: Basis) -> list[BasisFunction]:
                 "the model has a residual process, which of the formats of a whole model only JSON contains",
                 hint="export it as JSON, or fit the model without: --no-residual-process",
             )
-    raise InputError(
-        f"the model has terms of the basis {type(basis).__name__}, which no export format contains",
-        hint="fit the model without these terms to export it",
-    )
+    raise unknown_basis(basis)

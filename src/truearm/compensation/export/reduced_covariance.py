@@ -17,12 +17,11 @@ import numpy.typing as npt
 from scipy.sparse import csr_array, hstack
 from scipy.sparse.linalg import lsqr
 
-from truearm.compensation.export.plain_model import PlainModel
+from truearm.compensation.export.plain_model import NOT_EXPORTED, PlainModel
 from truearm.compensation.export.value_tables import CovarianceRows, Run, ValueLayout, runs_of
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import InputRange
 from truearm.identification.terms import ArmState
-from truearm.identification.terms.basis import InSession
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Poses from which directions and variances are computed, and others that judge them.
@@ -336,5 +335,5 @@ def _coefficients(model: IdentifiedModel) -> IntArray:
     starts = np.cumsum([0, *(term.n_coefficients for term in fit.perturbed_chain.terms)])
     of_model = np.zeros(fit.perturbed_chain.n_coefficients, dtype=bool)
     for term, (first, stop) in zip(fit.perturbed_chain.terms, pairwise(starts), strict=True):
-        of_model[first:stop] = not isinstance(term.basis, InSession)
+        of_model[first:stop] = not isinstance(term.basis, NOT_EXPORTED)
     return np.flatnonzero(of_model & (fit.covariance.diagonal() > 0))
