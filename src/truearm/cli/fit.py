@@ -112,7 +112,7 @@ def fit(
         options = {"hidden": layer_sizes(hidden or "15"), "epochs": epochs or 30, "n_members": total, "seed": seed}
         options["arm_model"] = arm_model
     if no_residual_process:
-        if model != "physical":
+        if model not in ("auto", "physical"):
             raise InputError(f"--no-residual-process is of the physical model, got {model}", hint="--model physical")
         options["residual"] = False
     parts = free_parts(free)

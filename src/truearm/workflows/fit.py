@@ -101,7 +101,7 @@ def fit(
     progress : callable, optional
         Called with the number of steps done and a note.
     **options
-        Of the model's class, such as ``hidden=(50, 50)`` for a network; none with ``"auto"``.
+        Of the model's class, such as ``hidden=(50, 50)`` for a network; with ``"auto"`` only ``residual``.
 
     Returns
     -------
@@ -122,8 +122,8 @@ def fit(
     """
     if model not in ("auto", *MODELS):
         raise InputError(f"expected a model among auto, {', '.join(MODELS)}, got {model!r}")
-    if model == "auto" and options:
-        raise InputError(f"options {sorted(options)} belong to one model, got model 'auto'", hint="name the model")
+    if model == "auto" and (foreign := sorted(options.keys() - {"residual"})):
+        raise InputError(f"options {foreign} belong to one model, got model 'auto'", hint="name the model")
     nominal_arm, parts = to_arm(arm), to_free_parts(free)
     given = to_session(session, n_joints=nominal_arm.n_joints)
     checked = within_limits(given, nominal_arm, limits)
@@ -139,7 +139,7 @@ def fit(
     fitted: Compensator
     if chosen is None:
         fitted, comparison = select_model(
-            nominal_arm, used, free=parts, lengths=known, progress=progress, nominal=nominal
+            nominal_arm, used, free=parts, lengths=known, progress=progress, nominal=nominal, **options
         )
     elif model == "nominal":
         fitted = nominal

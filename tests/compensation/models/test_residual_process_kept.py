@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +14,22 @@ from truearm.arm.chain import Chain
 from truearm.compensation.export import json_model
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.model_file import load_model
+from truearm.compensation.models.model_file_checks import check_model
 from truearm.compensation.models.refit import refit
-from truearm.compensation.models.residual_process import OF_ARM, OF_SESSION, process_columns, without_process
+from truearm.compensation.models.residual_process import (
+    GROUP,
+    OF_ARM,
+    OF_SESSION,
+    OF_SESSIONS,
+    process_columns,
+    without_process,
+)
 from truearm.errors import InputError
+from truearm.identification.terms.kernel import InducedProcess
 from truearm.readings import Session
+from truearm.verification.tasks.sampled_arms import PosteriorDistribution
 from truearm.workflows.export import export
+from truearm.workflows.fit import fit
 
 NOISE = 0.05  # mm
 TURN = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix()
@@ -119,8 +131,10 @@ def test_a_transfer_keeps_what_the_new_readings_show_and_leaves_the_rest_behind(
 def test_without_a_free_base_the_set_up_is_the_same_and_the_process_stays(arm, fitted):
     model, _ = fitted
     moved = refit(model, readings(arm, 12, np.random.default_rng(4), bend=0.3), free=("tip",))
-    assert moved.residual_process_ == model.residual_process_
+    assert moved.residual_process_ == replace(model.residual_process_, is_judged=False)
     assert process_columns(moved.fit_).any()
+    assert "not judged in this transfer" in str(moved.residual_process_)
+    assert moved.residual_process_.after_transfer(1.0, 0.1).is_judged
 
 
 @pytest.mark.parametrize("is_common", [True, False])
@@ -140,6 +154,72 @@ def test_several_sessions_show_whose_it_is(arm, is_common):
         assert "belongs to the arm" in str(process)
     else:
         assert process is None
+
+
+def test_sessions_too_small_to_be_held_out_leave_open_whose_it_is(arm):
+    session = readings(arm, 100, np.random.default_rng(6), bend=0.3, session=np.array(["one"] * 90 + ["two"] * 10))
+    process = PhysicalModel(arm, highest=1).fit_readings(session).residual_process_
+    assert process.belongs_to == OF_SESSIONS
+    assert "was not tested" in str(process)
+    assert not process.after_transfer(0.0, 0.1).is_kept
+
+
+def test_drawn_arms_scatter_as_the_model_states_far_from_its_readings(fitted):
+    model = copy.copy(fitted[0])
+    far = np.random.default_rng(0).uniform(-3, 3, (10, 3))
+    # Terms without uncertainty and no residual errors, which other tests know.
+    model.fit_ = replace(model.fit_, covariance=np.zeros_like(model.fit_.covariance))
+    drawn = PosteriorDistribution(model, repeatability_mm=model.residual_std_)
+    errors = np.array([drawn.draw(k).systematic(far) for k in range(200)])
+    stated = np.trace(model.fit_.tip_covariance(model.state(Session(far))), axis1=1, axis2=2)
+    found = (errors**2).sum(axis=2).mean(axis=0) / model.birge_ratio_**2
+    # 200 arms of three components: a variance at one of ten poses is off by some 6 %.
+    assert np.median(found / stated) == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_automatic_choice_may_be_made_without_the_process(arm, monkeypatch):
+    def stop(*_, **options):
+        raise InputError(f"residual {options['residual']}")
+
+    session = readings(arm, 20, np.random.default_rng(1))
+    monkeypatch.setattr("truearm.workflows.fit.select_model", stop)
+    with pytest.raises(InputError, match="residual False"):
+        fit(arm, session, residual=False)
+    with pytest.raises(InputError, match="belong to one model"):
+        fit(arm, session, hidden=(3,))
+
+
+def test_the_directions_of_a_process_share_one_remainder(fitted, monkeypatch):
+    model, _ = fitted
+    calls = []
+    remainder = InducedProcess.remainder
+    monkeypatch.setattr(InducedProcess, "remainder", lambda self, state: calls.append(0) or remainder(self, state))
+    model.predict(np.zeros((1, 3)), return_cov=True)
+    assert len(calls) == 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda model, basis: {"residual_process_": None},
+        lambda model, basis: {"residual_process_": replace(model.residual_process_, is_kept=False)},
+        lambda model, basis: {"residual_process_": replace(model.residual_process_, n_points=7)},
+        lambda model, basis: {"residual_process_": replace(model.residual_process_, length_scales=(9.0, 9.0, 9.0))},
+        lambda model, basis: {"fit_": _with_basis(model.fit_, replace(basis, sliding=(1,)))},
+    ],
+)
+def test_a_record_of_another_process_than_that_of_the_terms_is_refused(fitted, change):
+    model = copy.copy(fitted[0])
+    check_model(model)
+    basis = model.fit_.processes[0][0].basis
+    vars(model).update(change(model, basis))
+    with pytest.raises(InputError, match="process"):
+        check_model(model)
+
+
+def _with_basis(fit, basis):
+    terms = tuple(replace(term, basis=basis) if term.group == GROUP else term for term in fit.perturbed_chain.terms)
+    return replace(fit, perturbed_chain=replace(fit.perturbed_chain, terms=terms))
 
 
 def test_the_arm_without_its_process_is_the_posterior_given_that_it_is_zero(fitted):

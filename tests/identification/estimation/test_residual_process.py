@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from truearm.arm.chain import Chain
+from truearm.identification.estimation import residual_process
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.references import Points, seats_of
 from truearm.identification.estimation.residual_process import (
     GROUP,
     MOST_POINTS,
-    _equations,
+    _information,
+    _right,
     evidence_gain,
     propose_process,
 )
@@ -53,7 +55,8 @@ def test_the_gain_of_evidence_is_that_of_the_dense_covariances(arm, rng):
     # The rounds end within a twentieth of a standard deviation of the minimum; the formula holds at the minimum.
     observed = J @ fit.coefficients - points.residuals.ravel()
     at_minimum = J @ fit.covariance @ J.T @ (weights**2 * observed) - observed
-    ((information, right),) = _equations(fit, state, [basis], points.weights, at_minimum.reshape(3, -1))
+    (information,) = _information(fit, state, [basis], points.weights, 1.0)
+    (right,) = _right(fit, state, [basis], points.weights**2 * at_minimum.reshape(3, -1))
     size, gain = evidence_gain(information, right, np.array([0.2]))
     without = J @ np.diag(fit.prior_std**2) @ J.T + np.diag(weights**-2.0)
 
@@ -76,6 +79,19 @@ def test_a_smooth_error_is_proposed_and_noise_is_not(arm, rng):
     assert 0.05 < proposed.terms[0].prior_stds[0] < 1.0  # mm, of an error of some 0.2 mm
     state, references = readings(arm, 150, rng)
     assert propose_process(identified(arm, state, references), state).gain < 0
+
+
+def test_a_sample_finds_the_same_evidence_as_all_readings(arm, monkeypatch):
+    # Of a third of the noise: with residuals and covariance of unlike readings it would be dropped.
+    state, references = readings(arm, 1200, np.random.default_rng(1), bend=0.02)
+    fit = identified(arm, state, references)
+    whole = propose_process(fit, state)
+    monkeypatch.setattr(residual_process, "MOST_SAMPLED", 300)
+    sampled = propose_process(fit, state)
+    assert whole.gain > 5
+    # A of 300 poses instead of 1200: its entries are some per cent off.
+    assert sampled.gain == pytest.approx(whole.gain, rel=0.3)
+    assert sampled.terms[0].prior_std == pytest.approx(whole.terms[0].prior_std, rel=0.3)
 
 
 def test_away_from_the_readings_the_process_fades_and_its_uncertainty_is_that_of_its_prior(arm, rng):

@@ -60,6 +60,15 @@ def test_far_from_the_inducing_points_nothing_is_spanned(rng):
     assert basis.remainder(far) == pytest.approx(1.0)
 
 
+def test_the_variance_of_sums_is_that_of_the_dense_remainder(rng):
+    basis = process(rng.uniform(-1, 1, (4, 2)), (0.5, 0.8))
+    state, weights = ArmState(chain(TURNING), rng.uniform(-2, 2, (7, 2))), rng.normal(size=(3, 7))
+    at = basis._embedded(state.angles)
+    dense = kernel(at, at) - basis.values(state).T @ basis.values(state)
+    np.testing.assert_allclose(basis.remainder_of_sums(state, weights), np.diag(weights @ dense @ weights.T), rtol=1e-9)
+    np.testing.assert_allclose(basis.remainder_of_sums(state, np.eye(7)), basis.remainder(state), atol=1e-12)
+
+
 def test_inducing_points_are_far_from_one_another_and_end_where_nothing_is_left(rng):
     angles = np.repeat(rng.uniform(-1, 1, (4, 2)), 5, axis=0)
     points = embedded(angles, np.full(2, 0.3), TURNING)
@@ -87,6 +96,7 @@ def test_it_is_plain_data(rng):
         ((), (1.0, 1.0), (), "inducing points"),
         ((0.0,) * 2002, (1.0, 1.0), (), "1 to 1000"),
         ((0.0, 0.0), (1.0, 1.0), (3,), "sliding"),
+        ((0.0, 0.0), (1.0, 1.0), (2.0,), "whole numbers"),
         ((0.0, 0.0, 0.0, 0.0), (1.0, 1.0), (), "the same"),
         ("ab", (1.0,), (), "finite"),
     ],

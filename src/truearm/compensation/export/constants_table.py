@@ -23,7 +23,9 @@ from truearm.compensation.export.rigid_arm import RigidArm
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.identification.estimation.diagnostics import UNIDENTIFIABLE_SHARE
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms import ArmState
+from truearm.identification.terms.kernel import InducedProcess
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
@@ -235,14 +237,28 @@ def _uncertainties(model: Compensator, rigid: RigidArm, by_coefficient: FloatArr
     weights = fit.references[0].weights ** 2
     of_model, state = model.fit_, model.state(Session(rigid.poses))
     projected = np.zeros((len(fit.coefficients), len(of_model.coefficients)))
+    by_point = np.empty((len(by_coefficient), 3, len(rigid.poses)))
     of_rigid = fit.perturbed_chain.derivatives(ArmState(fit.perturbed_chain.chain, rigid.poses), fit.coefficients)
     full = of_model.perturbed_chain.derivatives(state, of_model.coefficients)
     for (rows, _, G), (_, _, J) in zip(of_rigid, full, strict=True):
         projected += np.tensordot(G * weights[:, rows], J, axes=([1, 2], [1, 2]))
+        by_point[:, :, rows] = np.tensordot(by_coefficient @ fit.covariance, G * weights[:, rows], axes=1)
     by_model = by_coefficient @ fit.covariance @ projected
     of_readings = np.maximum(np.einsum("ij,jk,ik->i", by_model, of_model.covariance, by_model, optimize=True), 0.0)
     remains = np.maximum(remains, _share(of_readings, by_model**2 @ of_model.prior_std**2))
+    of_readings += _by_processes(of_model, state, by_point)
     return np.sqrt(refit + model.birge_ratio_**2 * of_readings), remains
+
+
+def _by_processes(of_model: IdentificationResult, state: ArmState, by_point: FloatArray) -> FloatArray:
+    """Variances (k,) by what processes do between their inducing points, with derivatives (k, 3, n) by the points."""
+    out = np.zeros(len(by_point))
+    for term, std in of_model.processes:
+        assert isinstance(term.basis, InducedProcess)
+        by_motion = of_model.perturbed_chain.motion_derivatives(state, of_model.coefficients, term.place)
+        along = np.tensordot(by_motion, np.array(term.direction), axes=(1, 0))
+        out += std**2 * term.basis.remainder_of_sums(state, np.einsum("kcn,nc->kn", by_point, along))
+    return out
 
 
 def _share(variance: FloatArray, prior_variance: FloatArray) -> FloatArray:

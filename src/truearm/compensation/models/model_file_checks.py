@@ -16,7 +16,9 @@ from truearm.compensation.models.session_frames import checked_frames
 from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.residual_process import GROUP
 from truearm.identification.estimation.tails import LEAST_FREEDOM
+from truearm.identification.terms.kernel import InducedProcess
 from truearm.solve.arrays import add_to_diagonal, cholesky_solver
 from truearm.typing import FloatArray
 
@@ -41,8 +43,7 @@ def check_model(model: Compensator) -> None:
             raise InputError("expected a residual standard deviation of 0 or more and a Birge ratio of 1 or more")
         if not model.tail_freedom_ >= LEAST_FREEDOM:
             raise InputError(f"expected {LEAST_FREEDOM:g} or more degrees of freedom of the tails")
-        if (process := model.residual_process_) is not None:
-            process.check(n_joints)
+        _check_process(model, n_joints)
         _check_shape("refit_reading_ids_", model.refit_reading_ids_, (len(model.refit_reading_ids_),))
     if isinstance(model, NetworkModel):
         _check_network(model, n_joints)
@@ -62,6 +63,10 @@ def _check_identification(name: str, fit: IdentificationResult, n_joints: int) -
         raise InputError(f"expected a chain of {n_joints} joints of {name}, got {chain.n_joints}")
     for term in fit.perturbed_chain.terms:
         term.check_place(chain)
+        if isinstance(term.basis, InducedProcess):
+            slides = tuple((np.flatnonzero(chain.is_prismatic) + 1).tolist())
+            if len(term.basis.length_scales) != n_joints or term.basis.sliding != slides:
+                raise InputError(f"expected a process over {n_joints} joints of {name}, of which {slides} slide")
     _check_shape(f"{name}.coefficients", fit.coefficients, (n,))
     _check_shape(f"{name}.prior_std", fit.prior_std, (n,))
     _check_covariance(f"{name}.covariance", fit.covariance, n)
@@ -88,6 +93,23 @@ def _check_identification(name: str, fit: IdentificationResult, n_joints: int) -
             raise InputError(f"expected robust weights from 0 to 1 and uncertainties of 0 or more in {name}")
         if not 0 <= reference.noise_std < np.inf or not np.isfinite(list(reference.unknowns.values())).all():
             raise InputError(f"expected a noise of 0 or more and finite unknowns of the references of {name}")
+
+
+def _check_process(model: IdentifiedModel, n_joints: int) -> None:
+    """Refuse a record of a residual process that is not that of the terms."""
+    terms = [term for term in model.fit_.perturbed_chain.terms if term.group == GROUP]
+    process = model.residual_process_
+    if process is not None:
+        process.check(n_joints)
+    if bool(terms) != (process is not None and process.is_kept):
+        raise InputError("expected terms of the residual process where the model says that it is kept, and only there")
+    if not terms or process is None:
+        return
+    basis = terms[0].basis
+    if not isinstance(basis, InducedProcess) or any(term.basis != basis for term in terms):
+        raise InputError("expected terms of a residual process with the same inducing points")
+    if (basis.n_functions, basis.length_scales) != (process.n_points, process.length_scales):
+        raise InputError("expected the inducing points and length scales of the residual process that its terms have")
 
 
 def _check_network(model: NetworkModel, n_joints: int) -> None:

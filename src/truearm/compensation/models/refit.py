@@ -52,8 +52,10 @@ def refit(
 
     Only the position of the base and of the tip is identified from the new readings, of which there must be four or
     more. All other parameters keep their values; their uncertainty propagates into base and tip as that of consider
-    parameters (`truearm.identification.estimation.consider_parameters`). A residual process is kept if the new readings
-    are predicted better with it; otherwise it was of the other set-up, and stays behind.
+    parameters (`truearm.identification.estimation.consider_parameters`). Where points place the base, a residual
+    process is kept if the new readings are predicted better with it; otherwise it was of the other set-up, and stays
+    behind. Where the base is kept or no reading has a point, the process stays, and `residual_process_` says that it
+    was not judged.
 
     Parameters
     ----------
@@ -154,6 +156,8 @@ def refit(
         new.residual_process_ = process.after_transfer(*improvement)
         if not new.residual_process_.is_kept:
             new.fit_, unexplained_std = without, unexplained_without
+    elif process is not None:
+        new.residual_process_ = process.after_transfer_untested()
     # The identified arm explains what is unusual of the nominal one.
     bare = [without_sizes(reference) for reference in references]
     usual = usual_nominal_error(model.arm_, new.nominal_, state, bare, constants(model.arm_.chain, free=free))

@@ -35,7 +35,14 @@ from truearm.typing import BoolArray, FloatArray
 
 # Readings of a session that can be held out, and of those that remain.
 LEAST_SESSION = 20
-OF_ARM, OF_SESSION = "arm", "session"
+# Sessions are held out in so many parts at most: each is an identification with and one without the process.
+MOST_FOLDS = 5
+OF_ARM, OF_SESSION, OF_SESSIONS = "arm", "session", "sessions"
+OWNERS = {
+    OF_ARM: "It belongs to the arm: it also holds in sessions that it was not learned from.",
+    OF_SESSION: "It belongs to this session so far: refit keeps it only if it holds in the new set-up.",
+    OF_SESSIONS: "It belongs to the sessions of the training; whether it holds in another was not tested.",
+}
 
 
 @dataclass(frozen=True)
@@ -45,7 +52,8 @@ class ResidualProcess:
     Attributes
     ----------
     belongs_to : str
-        ``"arm"`` where it was seen in several sessions, otherwise ``"session"``: that of the training.
+        ``"arm"`` where it was tested in sessions that it was not learned from, otherwise ``"session"``, that of the
+        training, or ``"sessions"``, of which too few were large enough to be held out.
     length_scales : tuple of float
         Of the joints [rad, or mm].
     n_points : int
@@ -61,6 +69,8 @@ class ResidualProcess:
         Residual standard deviation of the model without it.
     is_kept : bool
         False after a transfer that left it behind.
+    is_judged : bool
+        False after a transfer that kept it untested, as it did not place the base by points.
     """
 
     belongs_to: str
@@ -72,6 +82,7 @@ class ResidualProcess:
     standard_error_mm: float
     residual_std_without_mm: float
     is_kept: bool = True
+    is_judged: bool = True
 
     def check(self, n_joints: int) -> None:
         """Check what a file states of a process.
@@ -82,7 +93,7 @@ class ResidualProcess:
             If a number is impossible, or the process belongs to neither an arm of `n_joints` nor a session.
         """
         sizes = (self.rms_mm, self.residual_std_without_mm)
-        if self.belongs_to not in (OF_ARM, OF_SESSION) or self.n_points < 1 or len(self.length_scales) != n_joints:
+        if self.belongs_to not in OWNERS or self.n_points < 1 or len(self.length_scales) != n_joints:
             raise InputError(f"expected a residual process of the arm or the session over {n_joints} joints")
         if not (
             all(0 <= size < np.inf for size in sizes) and min(self.length_scales) > 0 and self.standard_error_mm >= 0
@@ -105,19 +116,26 @@ class ResidualProcess:
             improvement_mm=improvement_mm,
             standard_error_mm=standard_error_mm,
             is_kept=is_kept,
+            is_judged=True,
         )
+
+    def after_transfer_untested(self) -> ResidualProcess:
+        """The same after a transfer whose readings cannot show whether it holds there."""
+        return replace(self, is_judged=False) if self.is_kept else self
 
     def __str__(self) -> str:
         change = f"{abs(self.improvement_mm):.2g} mm (standard error {self.standard_error_mm:.1g} mm)"
         if not self.is_kept:
             return (
-                f"The residual process was left behind: with it the new readings are predicted "
+                f"The residual process was left behind: with it the readings of the new set-up are predicted "
                 f"{change} {'better' if self.improvement_mm > 0 else 'worse'}."
             )
-        owner = {
-            OF_ARM: "It belongs to the arm: it also holds in sessions that it was not learned from.",
-            OF_SESSION: "It belongs to this session so far: refit keeps it only if it holds in the new set-up.",
-        }[self.belongs_to]
+        owner = OWNERS[self.belongs_to]
+        if not self.is_judged:
+            owner = (
+                "It was kept, but not judged in this transfer, which did not place the base by points: it is that of "
+                "the former set-up."
+            )
         return (
             f"Residual process, smooth errors that no term describes: {self.rms_mm:.2g} mm root mean square; with it "
             f"held-out readings are predicted {change} better. {owner}"
@@ -165,9 +183,10 @@ def add_residual_process(
     gain, error = _improvement(held_out, extended_held_out)
     if not gain > error:
         return found, None
-    belongs_to = OF_SESSION
+    belongs_to = OF_SESSION if len(sessions) < 2 else OF_SESSIONS
     if named := _separable_sessions(data.session, sessions):
-        between = [_held_out_session(data, name, weights, (fit, extended), robust=robust) for name in named]
+        folds = [named[first::MOST_FOLDS] for first in range(min(MOST_FOLDS, len(named)))]
+        between = [_held_out_sessions(data, fold, weights, (fit, extended), robust=robust) for fold in folds]
         gain, error = trimmed_mean(np.concatenate(between))
         if not gain > error:
             return found, None
@@ -288,24 +307,28 @@ def _separable_sessions(readings: Session, sessions: Collection[str]) -> list[st
     return named if len(named) > 1 else []
 
 
-def _held_out_session(
-    data: TrainingData, name: str, weights: FloatArray, fits: Iterable[IdentificationResult], *, robust: bool
+def _held_out_sessions(
+    data: TrainingData, names: list[str], weights: FloatArray, fits: Iterable[IdentificationResult], *, robust: bool
 ) -> FloatArray:
-    """By how much the readings of a session are predicted better with the process of the others [mm], by group.
+    """By how much the readings of sessions are predicted better with the process of the others [mm], by group.
 
-    Its frame is fitted to the tips, as the other sessions do not know it.
+    The frame of each is fitted to the tips, as the other sessions do not know it.
     """
-    assert data.session.session is not None
-    assert data.session.points is not None
-    own = data.session.session == name
-    seen = np.flatnonzero(own & data.session.has_point & (weights > 0))
-    others = np.where(own, 0.0, weights)
-    group = np.unique(cross_validation_groups(data.session.rows(seen)), return_inverse=True)[1]
+    readings = data.session
+    assert readings.session is not None
+    assert readings.points is not None
+    others = np.where(np.isin(readings.session, names), 0.0, weights)
+    is_seen = readings.has_point & (weights > 0)
+    of_each = [np.flatnonzero(is_seen & (readings.session == name)) for name in names]
     means = []
     for fit in fits:
-        tips = _identify(data, fit, list(fit.perturbed_chain.terms), others, robust=robust).tips(data.state.rows(seen))
-        points = data.session.points[seen]
-        T = align(tips, points)
-        errors = np.linalg.norm(tips @ T[:3, :3].T + T[:3, 3] - points, axis=1)
-        means.append(np.bincount(group, errors) / np.bincount(group))
+        found = _identify(data, fit, list(fit.perturbed_chain.terms), others, robust=robust)
+        of_fit = []
+        for seen in of_each:
+            tips, points = found.tips(data.state.rows(seen)), readings.points[seen]
+            T = align(tips, points)
+            errors = np.linalg.norm(tips @ T[:3, :3].T + T[:3, 3] - points, axis=1)
+            group = np.unique(cross_validation_groups(readings.rows(seen)), return_inverse=True)[1]
+            of_fit.append(np.bincount(group, errors) / np.bincount(group))
+        means.append(np.concatenate(of_fit))
     return np.asarray(means[0] - means[1])

@@ -82,6 +82,7 @@ def select_model(
     lengths: Lengths | None = None,
     progress: Callable[[int, str], None] | None = None,
     nominal: NominalModel | None = None,
+    residual: bool = True,
 ) -> tuple[SelectedModel, tuple[ModelScore, ...]]:
     """Fit the nominal, the kinematic and the physical model, and the hybrid model if it may win, and keep one.
 
@@ -106,6 +107,8 @@ def select_model(
         Called with the steps done and a note.
     nominal : NominalModel, optional
         The first of the three, if it is already fitted to these readings with these options.
+    residual : bool
+        Whether the physical model may have a residual process.
 
     Returns
     -------
@@ -128,7 +131,7 @@ def select_model(
             if progress is not None:
                 progress(number, f"{name}: {note}")
 
-        model = kind(arm, free=free)
+        model = PhysicalModel(arm, free=free, residual=residual) if kind is PhysicalModel else kind(arm, free=free)
         simpler = models[list(models)[-1]] if models else None
         models[name] = model.fit_readings(readings, lengths=lengths, progress=report, nominal=simpler)
         if not len(models[name].held_out_.rows):

@@ -148,15 +148,24 @@ class IdentificationResult:
 
     def unspanned_covariance(self, state: ArmState) -> FloatArray:
         """(n, 3, 3) covariance of tips [mm^2] by what processes do between and beyond their inducing points."""
-        out = np.zeros((len(state), 3, 3))
-        for term, std in self._processes:
-            remainder = term.basis.remainder(state)
-            by_motion = self.perturbed_chain.motion_derivatives(state, self.coefficients, term)
-            out += (std**2 * remainder)[:, None, None] * by_motion[:, :, None] * by_motion[:, None, :]
+        displacements = self.unspanned_displacements(state)
+        return np.einsum("kni,knj->nij", displacements, displacements)
+
+    def unspanned_displacements(self, state: ArmState) -> FloatArray:
+        """(k, n, 3) the same as displacements [mm] of tips by k independent processes of variance one."""
+        processes = self.processes
+        out = np.zeros((len(processes), len(state), 3))
+        alike = dict.fromkeys((term.place, term.basis) for term, _ in processes)
+        for place, basis in alike:
+            size = np.sqrt(basis.remainder(state))[:, None]
+            by_motion = self.perturbed_chain.motion_derivatives(state, self.coefficients, place)
+            for own, (term, std) in zip(out, processes, strict=True):
+                if (term.place, term.basis) == (place, basis):
+                    own[:] = std * size * np.tensordot(by_motion, np.array(term.direction), axes=(1, 0))
         return out
 
     @cached_property
-    def _processes(self) -> list[tuple[Term, float]]:
+    def processes(self) -> list[tuple[Term, float]]:
         """Terms whose functions approximate a process, and its prior standard deviation."""
         stops = np.cumsum([term.n_coefficients for term in self.perturbed_chain.terms])
         return [

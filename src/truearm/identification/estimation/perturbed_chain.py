@@ -197,13 +197,13 @@ class PerturbedChain:
                 columns[site.columns] = by_site * value[:, None, :]
             yield rows, tips, columns
 
-    def motion_derivatives(self, state: ArmState, x: FloatArray, term: Term) -> FloatArray:
-        """(n, 3) derivatives of the tips by a motion at a term's place along its direction, of value one [mm]."""
-        out = np.empty((len(state), 3))
+    def motion_derivatives(self, state: ArmState, x: FloatArray, place: int) -> FloatArray:
+        """(n, 6, 3) derivatives of the tips [mm] by the components of a motion at a place."""
+        out = np.empty((len(state), 6, 3))
         for rows in chunks(len(state)):
             piece = state.rows(rows)
             _, motion_jacobian = moved_chain(self.chain, piece, self.motions(x, self.values(piece)))
-            out[rows] = np.tensordot(np.array(term.direction), motion_jacobian[term.place], axes=1).T
+            out[rows] = motion_jacobian[place].transpose(2, 0, 1)
         return out
 
     def _by_function(self, x: FloatArray, n_values: int) -> FloatArray:

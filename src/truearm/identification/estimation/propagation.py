@@ -60,6 +60,8 @@ def direction_effects(fit: IdentificationResult, state: ArmState) -> FloatArray:
 def relative_covariance(fit: IdentificationResult, state: ArmState) -> FloatArray:
     """Covariance of tips by that of the coefficients, relative to a frame fitted to the tips of the state.
 
+    What processes do between their inducing points is added whole: the frame takes next to nothing of it.
+
     Parameters
     ----------
     fit : IdentificationResult
@@ -84,4 +86,4 @@ def relative_covariance(fit: IdentificationResult, state: ArmState) -> FloatArra
             "nia,ap->pin", basis[rows], shared, optimize=True
         )
         out[rows] = np.einsum("pin,pjn->nij", spread, spread, optimize=True)
-    return out
+    return out + fit.unspanned_covariance(state)

@@ -13,7 +13,8 @@ posterior covariance Sigma, and the functions Phi of the process,
 
 the logarithm of the evidence changes by ``(s^2 b^T (I + s^2 A)^-1 b - log|I + s^2 A|) / 2`` if a process of standard
 deviation s is added (C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning", 2006, eqs. 2.43
-and 5.8; A.9 and A.10 for the inverse): Sigma contains what the other terms would take over.
+and 5.8; A.9 and A.10 for the inverse): Sigma contains what the other terms would take over. b is a sum over all
+readings. Of many, A is that of a sample, times their number over that of the sample, with a Sigma by the same readings.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.perturbed_chain import chunks
 from truearm.identification.terms.basis import AXES, Basis
 from truearm.identification.terms.kernel import InducedProcess, embedded, inducing_points
 from truearm.identification.terms.state import ArmState
@@ -37,8 +39,9 @@ GROUP = "residual process"
 LENGTH_SCALES = (0.5, 1.0, 2.0)
 # Inducing points: each adds three coefficients.
 MOST_POINTS = 64
-# Readings by which the evidence is compared: on more of them it only becomes clearer.
-MOST_COMPARED = 1000
+# Readings of the sample by which A is calculated, the costly part. It varies smoothly with the poses; b contains the
+# noise of every reading and is never sampled.
+MOST_SAMPLED = 1000
 # Standard deviations of the process that are tried, in units of the noise.
 LEAST_SIZE, MOST_SIZE, N_SIZES = 0.01, 10.0, 60
 
@@ -72,18 +75,19 @@ def propose_process(fit: IdentificationResult, state: ArmState) -> ProposedProce
     if points is None:
         return None
     used = np.flatnonzero(points.robust_weight > 0)
-    chosen = used[np.linspace(0, len(used) - 1, min(len(used), MOST_COMPARED)).astype(np.intp)]
-    compared = state.rows(points.rows[chosen])
-    tried = [_terms(_process(compared, length), 1.0) for length in LENGTH_SCALES]
-    weights = points.weights[:, chosen]
+    chosen = used[np.linspace(0, len(used) - 1, min(len(used), MOST_SAMPLED)).astype(np.intp)]
+    sample = state.rows(points.rows[chosen])
+    tried = [_terms(_process(sample, length), 1.0) for length in LENGTH_SCALES]
+    bases = [terms[0].basis for terms in tried]
     with one_blas_thread():
-        equations = _equations(fit, compared, [terms[0].basis for terms in tried], weights, points.residuals[:, chosen])
+        information = _information(fit, sample, bases, points.weights[:, chosen], len(used) / len(chosen))
+        right = _right(fit, state.rows(points.rows[used]), bases, (points.weights**2 * points.residuals)[:, used])
         sizes = points.noise_std * np.geomspace(LEAST_SIZE, MOST_SIZE, N_SIZES)
-        found = [evidence_gain(information, right, sizes) for information, right in equations]
+        found = [evidence_gain(*equations, sizes) for equations in zip(information, right, strict=True)]
     best = int(np.argmax([gain for _, gain in found]))
     size, gain = found[best]
     # Size and length scale are chosen: half the logarithm of the number of readings each.
-    allowance = float(np.log(len(chosen)))
+    allowance = float(np.log(len(used)))
     return ProposedProcess(tuple(replace(term, prior_std=size) for term in tried[best]), gain - allowance)
 
 
@@ -109,23 +113,40 @@ def evidence_gain(information: FloatArray, right: FloatArray, sizes: FloatArray)
     return float(sizes[best]), float(gains[best])
 
 
-def _equations(
-    fit: IdentificationResult, state: ArmState, bases: Sequence[Basis], weights: FloatArray, residuals: FloatArray
-) -> list[tuple[FloatArray, FloatArray]]:
-    """A and b of every process, at readings with weights and residuals (3, m) of points."""
-    chain, values = fit.perturbed_chain, [basis.values(state) for basis in bases]
+def _information(
+    fit: IdentificationResult, sample: ArmState, bases: Sequence[Basis], weights: FloatArray, times: float
+) -> list[FloatArray]:
+    """A of every process, by a sample with weights (3, m) of points that stands for so many `times` its readings."""
+    chain, values = fit.perturbed_chain, [basis.values(sample) for basis in bases]
     counts = [3 * len(value) for value in values]
-    information, right = [np.zeros((n, n)) for n in counts], [np.zeros(n) for n in counts]
+    information = [np.zeros((n, n)) for n in counts]
     across = [np.zeros((len(fit.coefficients), n)) for n in counts]
+    precision = np.diag(fit.prior_std**-2.0)
     axes = chain.chain.fixed[0, :3, :3].T
-    for rows, _, columns in chain.derivatives(state, fit.coefficients):
+    for rows, _, columns in chain.derivatives(sample, fit.coefficients):
         weighted = (columns * weights[:, rows]).reshape(len(columns), -1)
+        precision += times * weighted @ weighted.T
         for k, value in enumerate(values):
             own = (axes[:, None, :, None] * value[:, None, rows] * weights[:, rows]).reshape(counts[k], -1)
             across[k] += weighted @ own.T
             information[k] += own @ own.T
-            right[k] -= own @ (weights * residuals)[:, rows].ravel()
-    return [(a - b.T @ (fit.covariance @ b), c) for a, b, c in zip(information, across, right, strict=True)]
+    # With the covariance by all readings A would not be that of a least squares fit, and could be negative. References
+    # of other kinds are left out: the other terms take over rather more.
+    covariance = fit.covariance if times == 1 else np.linalg.inv(precision)
+    return [times * (a - times * b.T @ (covariance @ b)) for a, b in zip(information, across, strict=True)]
+
+
+def _right(
+    fit: IdentificationResult, state: ArmState, bases: Sequence[Basis], weighted: FloatArray
+) -> list[FloatArray]:
+    """b of every process, with residuals (3, m) times the squares of their weights."""
+    along_axes = fit.perturbed_chain.chain.fixed[0, :3, :3].T @ weighted
+    right = [np.zeros((3, basis.n_functions)) for basis in bases]
+    for rows in chunks(len(state)):
+        piece = state.rows(rows)
+        for own, basis in zip(right, bases, strict=True):
+            own -= along_axes[:, rows] @ basis.values(piece).T
+    return [own.ravel() for own in right]
 
 
 def _terms(basis: InducedProcess, std: float) -> tuple[Term, ...]:

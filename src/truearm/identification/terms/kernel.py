@@ -17,6 +17,7 @@ from truearm.typing import BoolArray, FloatArray
 MOST_POINTS = 1000
 # Variance of the process at an inducing point, given those before it: less is lost to rounding.
 LEAST_PIVOT = 1e-6
+ROWS = 512  # rows of a covariance of readings that are in memory together
 
 
 @register_basis
@@ -51,6 +52,8 @@ class InducedProcess(Basis):
             values = getattr(self, name)
             if not isinstance(values, tuple) or not all(_is_finite(value) for value in values):
                 raise InputError(f"expected {name} of a process as finite numbers, got {values!r:.60}")
+        if not all(isinstance(joint, int) for joint in self.sliding):
+            raise InputError(f"expected whole numbers of sliding joints, got {self.sliding!r:.60}")
         n_joints = len(self.length_scales)
         if not n_joints or min(self.length_scales) <= 0:
             raise InputError(f"expected a length scale above zero for each joint, got {self.length_scales!r:.60}")
@@ -91,6 +94,15 @@ class InducedProcess(Basis):
     def remainder(self, state: ArmState) -> FloatArray:
         """(n,) variance of the process that the functions do not span: zero at inducing points, one far from them."""
         return np.asarray(np.maximum(1.0 - (self.values(state) ** 2).sum(axis=0), 0.0))
+
+    def remainder_of_sums(self, state: ArmState, weights: FloatArray) -> FloatArray:
+        """(k,) variance of sums, with weights (k, n) of the readings, of what the functions do not span."""
+        points, total = self._embedded(state.angles), np.zeros(len(weights))
+        for start in range(0, len(points), ROWS):
+            rows = slice(start, start + ROWS)
+            total += ((weights[:, rows] @ kernel(points[rows], points)) * weights).sum(axis=1)
+        spanned = ((weights @ self.values(state).T) ** 2).sum(axis=1)
+        return np.asarray(np.maximum(total - spanned, 0.0))
 
     def _embedded(self, angles: FloatArray) -> FloatArray:
         return embedded(angles, np.array(self.length_scales), self._is_sliding)

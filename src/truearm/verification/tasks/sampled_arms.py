@@ -21,6 +21,8 @@ from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
 from truearm.identification.estimation.propagation import direction_effects
+from truearm.identification.terms.basis import Basis
+from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.state import ArmState
 from truearm.identification.virtual.arm import VirtualArm
 from truearm.identification.virtual.error_model import error_model, tip_compliance
@@ -288,7 +290,8 @@ class PosteriorDistribution:
         shift = self.birge_ratio * self._root.T @ rng.standard_normal(len(fit.coefficients))
         order = ORDER_WITH_NOISE if self.repeatability_mm is None else ORDER
         field = PoseField.draw(self.arm.chain, self.arm.n_joints + 3, order, rng)
-        return PosteriorSample(self, shift, field)
+        of_processes = [PoseField.draw(self.arm.chain, 1, _process_order(term.basis), rng) for term, _ in fit.processes]
+        return PosteriorSample(self, shift, field, tuple(of_processes))
 
     def state(self, angles: FloatArray) -> ArmState:
         """State at poses (n, n_joints) [rad], otherwise the mean state of the training readings.
@@ -322,6 +325,16 @@ class PosteriorDistribution:
             )
 
         return self._cache.get("movements", angles, compute)
+
+    def unspanned(self, angles: FloatArray) -> FloatArray:
+        """(k, n, 3) displacements by what each process does between and beyond its inducing points [mm]."""
+
+        def compute() -> FloatArray:
+            return self.birge_ratio * (
+                self._model.fit_.unspanned_displacements(self.state(angles)) @ self.R_base_reference.T
+            )
+
+        return self._cache.get("unspanned", angles, compute)
 
     def tip_shift(self, angles: FloatArray, shift: FloatArray) -> FloatArray:
         """Tips (n, 3) with the identified coefficients minus those with coefficients shifted by `shift` [mm].
@@ -378,16 +391,22 @@ class PosteriorSample:
         Coefficients of this arm minus the identified ones [rad or mm per unit of the basis].
     field : PoseField
         Errors without a term, in units of `PosteriorDistribution.displacements`.
+    of_processes : tuple of PoseField
+        By process what it does between its inducing points, in units of `PosteriorDistribution.unspanned`: as large as
+        stated at every pose, and as smooth as the process.
     """
 
     errors: PosteriorDistribution
     shift: FloatArray
     field: PoseField
+    of_processes: tuple[PoseField, ...] = ()
 
     def systematic(self, angles: FloatArray) -> FloatArray:
         """See `ArmSample`."""
         of_terms = self.errors.tip_shift(angles, self.shift) @ self.errors.R_base_reference.T
         of_field: FloatArray = np.einsum("nki,nk->ni", self.errors.displacements(angles), self.field.at(angles))
+        for unspanned, field in zip(self.errors.unspanned(angles), self.of_processes, strict=True):
+            of_field = of_field + unspanned * field.at(angles)
         return of_terms + of_field
 
     def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -451,6 +470,13 @@ def unit_displacements(chain: Chain, angles: FloatArray) -> FloatArray:
     by_joints = np.sqrt(JOINT_VARIANCE_SHARE) * by_joints / np.where(size > 0, size, 1.0)
     even = np.broadcast_to(np.sqrt(1 - JOINT_VARIANCE_SHARE) * np.eye(3), (len(angles), 3, 3))
     return np.concatenate([by_joints, even], axis=1)
+
+
+def _process_order(basis: Basis) -> float:
+    """Order of waves with the covariance of a process: 1 over the length scale of its turning joints."""
+    assert isinstance(basis, InducedProcess)
+    scales = [scale for joint, scale in enumerate(basis.length_scales, 1) if joint not in basis.sliding]
+    return 1 / min(scales, default=1.0)
 
 
 def _radians(chain: Chain) -> FloatArray:
