@@ -86,7 +86,7 @@ def test_a_sample_finds_the_same_evidence_as_all_readings(arm, monkeypatch):
     state, references = readings(arm, 1200, np.random.default_rng(1), bend=0.02)
     fit = identified(arm, state, references)
     whole = propose_process(fit, state)
-    monkeypatch.setattr(residual_process, "MOST_SAMPLED", 300)
+    monkeypatch.setattr(residual_process, "LEAST_SAMPLE", 300)
     sampled = propose_process(fit, state)
     assert whole.gain > 5
     # A of 300 poses instead of 1200: its entries are some per cent off.

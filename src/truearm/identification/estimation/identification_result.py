@@ -149,7 +149,7 @@ class IdentificationResult:
     def unspanned_covariance(self, state: ArmState) -> FloatArray:
         """(n, 3, 3) covariance of tips [mm^2] by what processes do between and beyond their inducing points."""
         displacements = self.unspanned_displacements(state)
-        return np.einsum("kni,knj->nij", displacements, displacements)
+        return np.asarray(np.einsum("kni,knj->nij", displacements, displacements))
 
     def unspanned_displacements(self, state: ArmState) -> FloatArray:
         """(k, n, 3) the same as displacements [mm] of tips by k independent processes of variance one."""

@@ -39,9 +39,10 @@ GROUP = "residual process"
 LENGTH_SCALES = (0.5, 1.0, 2.0)
 # Inducing points: each adds three coefficients.
 MOST_POINTS = 64
-# Readings of the sample by which A is calculated, the costly part. It varies smoothly with the poses; b contains the
-# noise of every reading and is never sampled.
-MOST_SAMPLED = 1000
+# Readings of the sample by which A is calculated, the costly part: so many, and so many for each coefficient of the
+# other terms, which take too much over in a small one, here a 24th at most. b contains the noise of every reading and is
+# never sampled.
+LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT = 1000, 8
 # Standard deviations of the process that are tried, in units of the noise.
 LEAST_SIZE, MOST_SIZE, N_SIZES = 0.01, 10.0, 60
 
@@ -75,7 +76,8 @@ def propose_process(fit: IdentificationResult, state: ArmState) -> ProposedProce
     if points is None:
         return None
     used = np.flatnonzero(points.robust_weight > 0)
-    chosen = used[np.linspace(0, len(used) - 1, min(len(used), MOST_SAMPLED)).astype(np.intp)]
+    size = max(LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT * len(fit.coefficients))
+    chosen = used[np.linspace(0, len(used) - 1, min(len(used), size)).astype(np.intp)]
     sample = state.rows(points.rows[chosen])
     tried = [_terms(_process(sample, length), 1.0) for length in LENGTH_SCALES]
     bases = [terms[0].basis for terms in tried]
@@ -139,7 +141,7 @@ def _information(
 def _right(
     fit: IdentificationResult, state: ArmState, bases: Sequence[Basis], weighted: FloatArray
 ) -> list[FloatArray]:
-    """b of every process, with residuals (3, m) times the squares of their weights."""
+    """B of every process, with residuals (3, m) times the squares of their weights."""
     along_axes = fit.perturbed_chain.chain.fixed[0, :3, :3].T @ weighted
     right = [np.zeros((3, basis.n_functions)) for basis in bases]
     for rows in chunks(len(state)):
