@@ -39,9 +39,8 @@ GROUP = "residual process"
 LENGTH_SCALES = (0.5, 1.0, 2.0)
 # Inducing points: each adds three coefficients.
 MOST_POINTS = 64
-# Readings of the sample by which A is calculated, the costly part: so many, and so many for each coefficient of the
-# other terms, which take too much over in a small one, here a 24th at most. b contains the noise of every reading and is
-# never sampled.
+# Readings of the sample by which A is calculated, the costly part. In a small one the other terms take too much over:
+# with eight readings a coefficient a 24th at most. b contains the noise of every reading and is never sampled.
 LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT = 1000, 8
 # Standard deviations of the process that are tried, in units of the noise.
 LEAST_SIZE, MOST_SIZE, N_SIZES = 0.01, 10.0, 60
@@ -118,7 +117,7 @@ def evidence_gain(information: FloatArray, right: FloatArray, sizes: FloatArray)
 def _information(
     fit: IdentificationResult, sample: ArmState, bases: Sequence[Basis], weights: FloatArray, times: float
 ) -> list[FloatArray]:
-    """A of every process, by a sample with weights (3, m) of points that stands for so many `times` its readings."""
+    """A of every process, by a sample of points with weights (3, m); the readings are `times` as many."""
     chain, values = fit.perturbed_chain, [basis.values(sample) for basis in bases]
     counts = [3 * len(value) for value in values]
     information = [np.zeros((n, n)) for n in counts]
