@@ -75,8 +75,8 @@ def propose_process(fit: IdentificationResult, state: ArmState) -> ProposedProce
     if points is None:
         return None
     used = np.flatnonzero(points.robust_weight > 0)
-    size = max(LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT * len(fit.coefficients))
-    chosen = used[np.linspace(0, len(used) - 1, min(len(used), size)).astype(np.intp)]
+    n_sample = max(LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT * len(fit.coefficients))
+    chosen = used[np.linspace(0, len(used) - 1, min(len(used), n_sample)).astype(np.intp)]
     sample = state.rows(points.rows[chosen])
     tried = [_terms(_process(sample, length), 1.0) for length in LENGTH_SCALES]
     bases = [terms[0].basis for terms in tried]
