@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.readings import Session, read_session, stratified_rows, write_session
+from truearm.readings import Session, hold_out, read_session, stratified_rows, write_session
 from truearm.readings.anchors import distance_errors, has_located_anchor
 from truearm.readings.checks import check_fit, check_sessions
 from truearm.readings.distances import bars_without_certificate, offset_std
@@ -108,25 +108,42 @@ def test_distances_of_a_bar_need_a_stated_offset() -> None:
 
 
 def test_some_rows_are_spread_over_the_anchors() -> None:
-    session = Session(np.zeros((12, 1)), anchor=["A", "B", "C"] * 4, distance_mm=np.arange(1.0, 13.0))
-    rows = stratified_rows(session, 6, seed=1)
+    angles = np.repeat(np.arange(4.0), 3)[:, None]
+    session = Session(angles, anchor=["A", "B", "C"] * 4, distance_mm=np.arange(1.0, 13.0))
+    rows = stratified_rows(session, 5, seed=1)
     assert session.anchor is not None
     assert np.unique(session.anchor[rows], return_counts=True)[1].tolist() == [2, 2, 2]
+    assert not np.isin(angles[rows], np.delete(angles, rows)).any()  # whole poses
+    train, test = hold_out(session, by="row", fraction=0.5, seed=0)
+    assert len(train) == len(test) == 6
+    assert not np.isin(train.angles, test.angles).any()
     with pytest.raises(InputError, match="from 1 to the 12 readings with a seat or a distance, got 13"):
         stratified_rows(session, 13, seed=1)
 
 
 def test_errors_of_distances_are_zero_for_the_true_points_and_list_every_reading() -> None:
     rng = np.random.default_rng(2)
-    points, anchor = rng.uniform(-400, 400, (10, 3)), np.array([900.0, 100.0, -50.0])
+    points, anchor = rng.uniform(-400, 400, (12, 3)), np.array([900.0, 100.0, -50.0])
     distance = np.linalg.norm(points - anchor, axis=1) + 0.3
-    names = ["A"] * 7 + ["B"] * 3  # three distances do not locate an anchor
-    session = Session(np.zeros((10, 1)), anchor=names, distance_mm=distance, u_offset_mm=np.full(10, 5.0))
+    names = ["A"] * 9 + ["B"] * 3  # three distances do not locate an anchor
+    session = Session(np.zeros((12, 1)), anchor=names, distance_mm=distance, u_offset_mm=np.full(12, 5.0))
     assert has_located_anchor(session)
     found = distance_errors(points, session)
     # The prior of the offset draws it by some per cent of 0.3 mm.
     assert found["distance_max_mm"] < 0.02
-    assert [one["reading"] for one in found["distances"]] == [f"reading {i}" for i in range(1, 8)]
+    assert [one["reading"] for one in found["distances"]] == [f"reading {i}" for i in range(1, 10)]
     assert found["anchors"][0]["x_mm"] == pytest.approx(900, abs=0.5)
-    with pytest.raises(InputError, match="4 or more distances to an anchor"):
-        distance_errors(points[7:], session.rows(slice(7, 10)))
+    with pytest.raises(InputError, match="8 or more distances to an anchor"):
+        distance_errors(points[2:], session.rows(slice(2, 12)))
+
+
+def test_errors_of_few_distances_are_as_large_as_those_of_many() -> None:
+    rng = np.random.default_rng(8)
+    square = []
+    for _ in range(40):
+        points = rng.uniform(-400, 400, (8, 3))
+        distance = np.linalg.norm(points - [900.0, 100.0, -50.0], axis=1) + rng.normal(0, 0.05, 8)
+        found = distance_errors(points, Session(np.zeros((8, 1)), anchor=["A"] * 8, distance_mm=distance))
+        square.append(found["distance_rms_mm"] ** 2)
+    # Four unknowns leave half of the squares; 160 degrees of freedom know the root to 6 per cent.
+    assert np.sqrt(np.mean(square)) == pytest.approx(0.05, rel=0.2)

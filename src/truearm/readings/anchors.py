@@ -11,13 +11,15 @@ from truearm.readings.distances import offset_std, rows_with_distance
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
-# Readings that determine an anchor (3) and the offset (1).
-LEAST_READINGS = 4
+# Readings that determine an anchor (3) and the offset (1), and readings whose distances are compared: twice as many.
+LEAST_READINGS, LEAST_COMPARED = 4, 8
 # Standard deviation of the deviations at first [mm]: nominal arms err by about as much. Then it is that of the
 # deviations, which weighs them against the prior of the offset.
 SEARCH_SCALE_MM, LEAST_SCALE_MM = 1.0, 1e-4
 SCALE_ROUNDS, MOST_STEPS = 2, 50
 GAUSSIAN_MEDIAN = 0.6745
+# Smaller shares count as zero.
+ROUNDING = 1e-9
 # Deviations of more standard deviations count less.
 MOST_DEVIATION = 3.0
 # Tips nearer to a plane than this share of their spread leave two places for the anchor, one on each side.
@@ -33,10 +35,13 @@ class AnchorPlace(NamedTuple):
         In the frame of the tips [mm].
     offset : float
         By which the stated distances are too long [mm].
+    freedom : (m,) array
+        Share of a distance's own variance in its deviation: 1 less its leverage.
     """
 
     place: FloatArray
     offset: float
+    freedom: FloatArray
 
 
 class DistanceFigures(TypedDict):
@@ -55,23 +60,26 @@ class DistanceErrors(DistanceFigures):
     distances: list[dict[str, Any]]
 
 
-def has_located_anchor(session: Session) -> bool:
-    """Whether an anchor has enough distances to locate it and compare them."""
+def has_located_anchor(session: Session, least: int = LEAST_READINGS) -> bool:
+    """Whether an anchor has enough distances: to locate it, or `LEAST_COMPARED` of them."""
     known = rows_with_distance(session)
     if session.anchor is None or not known.any():
         return False
-    return bool(np.unique(session.anchor[known], return_counts=True)[1].max() >= LEAST_READINGS)
+    return bool(np.unique(session.anchor[known], return_counts=True)[1].max() >= least)
 
 
 def distance_errors(points: FloatArray, session: Session) -> DistanceErrors:
     """Errors of the distances of points from anchors, each anchor located by least squares from its own distances.
+
+    The four unknowns of an anchor take up a part of the errors; each is divided by the root of the share that is left,
+    1 less its leverage, so that its expected square is that of an error from a known place.
 
     Parameters
     ----------
     points : (n, 3) array
         Predicted [mm].
     session : Session
-        Of these n readings. Anchors with fewer than `LEAST_READINGS` distances are ignored.
+        Of these n readings. Anchors with fewer than `LEAST_COMPARED` distances are ignored.
 
     Returns
     -------
@@ -92,11 +100,12 @@ def distance_errors(points: FloatArray, session: Session) -> DistanceErrors:
     errors = [np.zeros(0)]
     for name in np.unique(session.anchor[known]).tolist():
         rows = np.flatnonzero(known & (session.anchor == name))
-        if len(rows) < LEAST_READINGS:
+        if len(rows) < LEAST_COMPARED:
             continue
         stated = session.distance_mm[rows]
         found = locate_anchor(points[rows], stated, offset_std=offset_std(session, name))
         error = np.linalg.norm(points[rows] - found.place, axis=1) + found.offset - stated
+        error /= np.sqrt(found.freedom)
         errors.append(error)
         x, y, z = found.place.tolist()
         place = {"x_mm": x, "y_mm": y, "z_mm": z, "offset_mm": found.offset}
@@ -107,7 +116,7 @@ def distance_errors(points: FloatArray, session: Session) -> DistanceErrors:
         ]
     whole = np.concatenate(errors)
     if not len(whole):
-        raise session.error(f"expected {LEAST_READINGS} or more distances to an anchor, got fewer", column="anchor")
+        raise session.error(f"expected {LEAST_COMPARED} or more distances to an anchor, got fewer", column="anchor")
     return {**_figures(whole), "n_distances": len(whole), "anchors": anchors, "distances": distances}
 
 
@@ -155,15 +164,18 @@ def locate_anchor(tips: FloatArray, distances: FloatArray, *, offset_std: float)
     def deviations(x: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.norm(tips - mean - x[:3], axis=1) + x[3] - distances)
 
+    def derivatives(x: FloatArray, scale: float) -> FloatArray:
+        away = mean + x[:3] - tips
+        distance = np.linalg.norm(away, axis=1, keepdims=True)
+        rows = np.column_stack([away / np.where(distance > 0, distance, 1.0), np.ones(len(tips))]) / scale
+        return np.vstack([rows, [0.0, 0.0, 0.0, 1 / offset_std]])
+
     def minimum(start: FloatArray, scale: float) -> Any:
         def whitened(x: FloatArray) -> FloatArray:
             return np.append(deviations(x) / scale, x[3] / offset_std)
 
         def jacobian(x: FloatArray) -> FloatArray:
-            away = mean + x[:3] - tips
-            distance = np.linalg.norm(away, axis=1, keepdims=True)
-            rows = np.column_stack([away / np.where(distance > 0, distance, 1.0), np.ones(len(tips))]) / scale
-            return np.vstack([rows, [0.0, 0.0, 0.0, 1 / offset_std]])
+            return derivatives(x, scale)
 
         options: Any = {"loss": "soft_l1", "f_scale": MOST_DEVIATION, "x_scale": "jac", "max_nfev": MOST_STEPS}
         return least_squares(whitened, start, jacobian, **options)
@@ -173,8 +185,17 @@ def locate_anchor(tips: FloatArray, distances: FloatArray, *, offset_std: float)
     for _ in range(SCALE_ROUNDS):
         # The standard deviation of Gaussian deviations by their median magnitude.
         scale = float(np.median(np.abs(deviations(x)))) / GAUSSIAN_MEDIAN
-        x = minimum(x, float(np.clip(scale, LEAST_SCALE_MM, SEARCH_SCALE_MM))).x
-    return AnchorPlace(x[:3] + mean, float(x[3]))
+        scale = float(np.clip(scale, LEAST_SCALE_MM, SEARCH_SCALE_MM))
+        x = minimum(x, scale).x
+    # The weights of the loss soft_l1, and 1 of the prior.
+    weights = 1 / np.sqrt(1 + (np.append(deviations(x) / scale, 0.0) / MOST_DEVIATION) ** 2)
+    return AnchorPlace(x[:3] + mean, float(x[3]), _freedom(np.sqrt(weights)[:, None] * derivatives(x, scale))[:-1])
+
+
+def _freedom(A: FloatArray) -> FloatArray:
+    """(n,) 1 less the leverages of the rows of a matrix."""
+    U, size, _ = np.linalg.svd(A, full_matrices=False)
+    return np.asarray(np.maximum(1 - (U[:, size > ROUNDING * size[0]] ** 2).sum(axis=1), ROUNDING))
 
 
 def _linear_starts(tips: FloatArray, distances: FloatArray) -> list[FloatArray]:

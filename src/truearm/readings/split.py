@@ -28,7 +28,7 @@ def hold_out(readings: Session, *, by: SplitBy = "position", fraction: float, se
     readings : Session
         In the order that both parts keep.
     by : {"position", "seat", "session", "row"}
-        What names the groups; ``row``: every reading is its own group.
+        What names the groups; ``row``: every reading is its own group, but distances and tips of one pose are together.
     fraction : float
         Share of the groups to hold out, between 0 and 1; at least one group goes to either part.
     seed : int
@@ -55,6 +55,18 @@ def hold_out(readings: Session, *, by: SplitBy = "position", fraction: float, se
     return readings.rows(~held), readings.rows(held)
 
 
+def readings_of_one_pose(readings: Session) -> npt.NDArray[np.intp]:
+    """(n,) numbers of groups: distances to several anchors and several tips measured in one pose are together.
+
+    Every other reading is alone; the number of a group is its first row.
+    """
+    group = np.arange(len(readings))
+    if len(measured := np.flatnonzero(rows_with_distance(readings) | (readings.tip is not None))):
+        _, first, pose = np.unique(readings.angles[measured], axis=0, return_index=True, return_inverse=True)
+        group[measured] = measured[first][pose.reshape(-1)]
+    return group
+
+
 def stratified_rows(readings: Session, n: int, *, seed: int) -> npt.NDArray[np.intp]:
     """Choose a few readings, spread over the positions that they aimed at.
 
@@ -66,13 +78,13 @@ def stratified_rows(readings: Session, n: int, *, seed: int) -> npt.NDArray[np.i
     ----------
     readings : Session
     n : int
-        Number of readings.
+        Number of readings; as distances and tips of one pose stay together, there may be some more.
     seed : int
         The same seed gives the same rows.
 
     Returns
     -------
-    (n,) int array
+    (n,) int array, or more
         Rows, rising.
 
     Raises
@@ -101,7 +113,13 @@ def stratified_rows(readings: Session, n: int, *, seed: int) -> npt.NDArray[np.i
     turn = np.empty(len(rows))  # within its group
     for g in np.unique(group):
         turn[group == g] = rng.permutation(int((group == g).sum()))
-    return np.sort(rows[np.lexsort((order, turn))[:n]])
+    rows = rows[np.lexsort((order, turn))]
+    _, first, pose, count = np.unique(
+        readings_of_one_pose(readings)[rows], return_index=True, return_inverse=True, return_counts=True
+    )
+    by_turn = np.argsort(first)
+    n_poses = int(np.searchsorted(np.cumsum(count[by_turn]), n)) + 1
+    return np.sort(rows[np.isin(pose, by_turn[:n_poses])])
 
 
 def _groups(readings: Session, by: SplitBy) -> npt.NDArray[np.intp]:
@@ -109,7 +127,7 @@ def _groups(readings: Session, by: SplitBy) -> npt.NDArray[np.intp]:
     if by not in get_args(SplitBy):
         raise InputError(f"expected a split by {', '.join(get_args(SplitBy))}, got {by!r}")
     if by == "row":
-        return np.arange(len(readings))
+        return np.unique(readings_of_one_pose(readings), return_inverse=True)[1]
     names = getattr(readings, by)
     if names is None:
         present = [name for name in get_args(SplitBy)[:-1] if getattr(readings, name) is not None]

@@ -19,7 +19,7 @@ from truearm.readings import (
     length_errors,
     seat_errors,
 )
-from truearm.readings.anchors import distance_errors, has_located_anchor
+from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.inputs import (
@@ -86,7 +86,7 @@ def evaluate(
     """
     fitted, given = to_model_and_session(model, session)
     allowed = within_limits(given, fitted.arm, limits)
-    check_has_reference(allowed.session, fitted.arm, purpose="evaluate against")
+    check_has_reference(allowed.session, fitted.arm, purpose="evaluate against", least=LEAST_COMPARED)
     used, rows, refit_remarks = without_refit_readings(allowed.session, fitted)
     known, length_remarks = session_lengths(lengths, given, used)
     check_sessions(used, known, own_frame="base" not in fitted.free)
@@ -99,7 +99,8 @@ def evaluate(
         if used.points is not None:
             errors[name] |= compare_errors(points, predicted.get("nominal", points), used.points)
         errors[name] |= _seat_and_length_errors(points, used, known)
-        if has_located_anchor(used):
+        is_of_distances = used.points is None and used.seat is None
+        if is_of_distances or has_located_anchor(used, LEAST_COMPARED):
             errors[name] |= distance_errors(points, used)
     coverage: float | None = None
     coverage_99: float | None = None

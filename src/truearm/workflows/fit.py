@@ -36,7 +36,7 @@ from truearm.identification.estimation.distances import is_offset
 from truearm.identification.estimation.gross_errors import excluded_readings
 from truearm.identification.estimation.outliers import Outlier, length_outliers, outliers
 from truearm.readings import Lengths, Session, compare_errors, seat_errors
-from truearm.readings.anchors import distance_errors, has_located_anchor
+from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.distances import OFFSET_STD_MM, bars_without_certificate
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import IntArray
@@ -212,7 +212,7 @@ class FitResult(Record):
     @property
     def held_out_mm(self) -> tuple[float, float] | None:
         """Mean error on held-out readings, of the model and of the nominal arm [mm]; None where none were held out."""
-        if not len(self.model.held_out_.rows):
+        if not len(self.model.held_out_.rows) or not len(self.nominal.held_out_.rows):
             return None
         return self.model.held_out_.mean_mm, self.nominal.held_out_.mean_mm
 
@@ -337,7 +337,7 @@ def _training_errors(model: Compensator, session: Session) -> Mapping[str, Any] 
     if has_repeated_seat(session):
         assert session.seat is not None
         return {name: value for name, value in seat_errors(predicted, session.seat).items() if name != "seats"}
-    if has_located_anchor(session):
+    if has_located_anchor(session, LEAST_COMPARED):
         return dict(list(distance_errors(predicted, session).items())[:4])
     return None
 

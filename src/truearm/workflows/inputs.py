@@ -6,6 +6,7 @@ The command line gives paths, so that messages name file, line and column; in Py
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
@@ -19,6 +20,7 @@ from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.nominal_check import MAX_NOMINAL_ERROR
 from truearm.compensation.models.refit import used_in_refit
+from truearm.compensation.models.tips import tip_names
 from truearm.errors import InputError
 from truearm.readings import (
     Lengths,
@@ -27,12 +29,14 @@ from truearm.readings import (
     check_fit,
     check_reach,
     check_scale,
+    has_reference,
     point_errors,
     read_lengths,
     read_session,
     skip_beyond_limits,
 )
 from truearm.readings.anchors import LEAST_READINGS, has_located_anchor
+from truearm.readings.distances import rows_with_distance
 from truearm.readings.session import PAYLOAD
 from truearm.readings.thermal_expansion import (
     REFERENCE_DEGC,
@@ -234,20 +238,30 @@ def check_session_fits(session: Session, arm: Arm, model: str) -> None:
     Raises
     ------
     InputError
-        As `check_fit`, `check_reach` and `check_scale`.
+        As `check_fit`, `check_reach` and `check_scale`; or if the readings have fewer residuals than the model needs:
+        a distance has one, any other reference three.
     """
-    n_constants = 4 * arm.n_joints + 3
-    check_fit(
-        session,
-        n_joints=arm.n_joints,
-        min_rows=max(MIN_ROWS, READINGS_TO_COMPARE.get(model, 0) * ceil(n_constants / 3)),
-        relations=model != "network",
-    )
+    times, relations = READINGS_TO_COMPARE.get(model, 0), model != "network"
+    is_distance = rows_with_distance(session)
+    n_needed = 3 * ceil((4 * arm.n_joints + 3) / 3) * times
+    min_rows = MIN_ROWS if is_distance.any() else max(MIN_ROWS, n_needed // 3)
+    check_fit(session, n_joints=arm.n_joints, min_rows=min_rows, relations=relations)
+    names = np.zeros(0) if session.anchor is None else session.anchor[is_distance]
+    n_anchors, n_further = len(np.unique(names)), max(len(tip_names(session)) - 1, 0)
+    of_unknowns = 4 * n_anchors + 3 * n_further
+    others = replace(session, anchor=None, distance_mm=None, u_distance_mm=None, u_offset_mm=None)
+    n_residuals = int(is_distance.sum()) + 3 * int(has_reference(others).sum())
+    if times and of_unknowns and n_residuals < n_needed + of_unknowns:
+        raise session.error(
+            f"expected at least {n_needed + of_unknowns} residuals (3 of a point, 1 of a distance; {of_unknowns} of "
+            f"them for {n_anchors} anchors and {n_further} further tips), got {n_residuals}",
+            hint="measure more poses, spread over all joints",
+        )
     check_reach(session, reach=arm.chain.reach, sliding=arm.chain.is_prismatic)
     check_scale(session, arm.chain.tip_in_base(session.angles))
 
 
-def check_has_reference(session: Session, arm: Arm, *, purpose: str) -> None:
+def check_has_reference(session: Session, arm: Arm, *, purpose: str, least: int = LEAST_READINGS) -> None:
     """Check that there is something to compare the points of a model with: reference points, seats or distances.
 
     Raises
@@ -256,9 +270,9 @@ def check_has_reference(session: Session, arm: Arm, *, purpose: str) -> None:
         If there is none of these, or the arm cannot reach a point.
     """
     has_seat = session.seat is not None and bool((session.seat != "").any())
-    if session.points is None and not has_seat and not has_located_anchor(session):
+    if session.points is None and not has_seat and not has_located_anchor(session, least):
         raise session.error(
-            f"expected reference points, seats or {LEAST_READINGS} distances to an anchor to {purpose}, the session "
+            f"expected reference points, seats or {least} distances to an anchor to {purpose}, the session "
             "has none of these",
             hint="predict needs none",
         )

@@ -10,6 +10,7 @@ import pytest
 import truearm as ta
 from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.compensation.models.model_file import load_model
+from truearm.compensation.models.reading_references import references_of
 from truearm.compensation.models.refit import refit, used_in_refit
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
@@ -148,6 +149,25 @@ def test_a_new_tip_is_found_by_distances(real, model, rng):
     # Every wire of a pose is a reading of its own.
     assert used_in_refit(moved, new).all()
     assert not used_in_refit(moved, replace(new, anchor=np.char.add("other ", new.anchor))).any()
+    assert not used_in_refit(moved, replace(new, distance_mm=new.distance_mm + STD)).any()
+
+
+def test_no_error_is_stated_where_the_others_do_not_determine_the_readings(real, wires):
+    found = fit(real.arm, wires.rows(np.flatnonzero(wires.anchor == "A")[:6]), model="nominal")
+    assert found.held_out_mm is None
+    assert found.model.held_out_errors_ is None
+    assert "held-out" not in found.summary()
+
+
+def test_a_distance_counts_as_one_residual_and_an_anchor_as_four_unknowns(real, wires):
+    with pytest.raises(InputError, match=r"expected at least 39 residuals .* 3 anchors .*, got 36"):
+        fit(real.arm, wires.rows(slice(36)), model="kinematic")
+
+
+def test_unknowns_of_anchors_take_up_residuals(model, wires):
+    freedom = model.fit_.residual_freedom(references_of(wires, None))
+    effective = sum(group.effective for group in model.fit_.groups)
+    assert freedom == pytest.approx(len(wires) - 3 * len(ANCHORS) - effective)  # the offsets have priors
 
 
 def test_models_keep_the_anchors_in_their_file(model, tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.compensation.models import KinematicModel, NetworkModel
+from truearm.compensation.models import KinematicModel, NetworkModel, NominalModel
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.refit import refit
 from truearm.compensation.models.tips import describe_tips, tip_offsets
@@ -67,6 +67,17 @@ def test_three_tips_not_in_a_line_determine_the_flange(real, model, rng):
     assert "determine the orientation of the flange" in describe_tips(model)
     two = KinematicModel(real.arm).fit_readings(measured(real, rng, poses=12, names=("N1", "N2")))
     assert "They are in a line" in describe_tips(two)
+    one = measured(real, rng, poses=12, names=("N1", "N1"), std=0.1)
+    one = replace(one, tip=np.tile(["N1", "N2"], 12))
+    assert "in one place within their uncertainty" in describe_tips(NominalModel(real.arm).fit_readings(one))
+
+
+def test_a_refit_of_the_tip_takes_the_name_of_a_new_one(real, model, rng):
+    new = measured(real, rng, poses=10, names=("N3",))
+    moved = refit(model.with_tip("N1"), replace(new, tip=np.full(10, "M")), free=("tip",))
+    assert moved.tips_ == ("M",)
+    predicted = moved.predict_readings(replace(new, tip=None))
+    assert np.linalg.norm(predicted - new.points, axis=1).mean() < 4 * STD
 
 
 def test_tips_of_one_pose_are_held_out_together(model):

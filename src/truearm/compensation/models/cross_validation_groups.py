@@ -10,8 +10,8 @@ from scipy.spatial.distance import cdist
 from truearm.arm.chain import Chain
 from truearm.identification.planning.sampling.seat import farthest_points
 from truearm.identification.terms import ArmState
-from truearm.readings.distances import rows_with_distance
 from truearm.readings.session import Session
+from truearm.readings.split import readings_of_one_pose
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Readings of one place are held out in this many regions of the joint space, of two readings or more on average.
@@ -44,10 +44,7 @@ def cross_validation_groups(readings: Session, sessions: Iterable[str] = ()) -> 
     as nothing else would determine its frame. See `joint_space_regions` for readings of one place.
     """
     n = len(readings)
-    group = np.arange(n)
-    if len(measured := np.flatnonzero(rows_with_distance(readings) | (readings.tip is not None))):
-        _, first, pose = np.unique(readings.angles[measured], axis=0, return_index=True, return_inverse=True)
-        group[measured] = measured[first][pose.reshape(-1)]
+    group = readings_of_one_pose(readings)
     in_one_frame = [(readings.session == name) & readings.has_point for name in sessions]
     for start, names in ((n, readings.seat), (2 * n, readings.position)):
         if names is not None:

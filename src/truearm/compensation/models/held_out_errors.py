@@ -7,11 +7,21 @@ from typing import Self
 
 import numpy as np
 
+from truearm.identification.estimation.cross_validation import LEAST_FREEDOM
+from truearm.identification.estimation.gross_errors import own_variance
+from truearm.identification.estimation.identification_result import ReferenceFit
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 
 NONE_HELD_OUT = HeldOutReadings(
     np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0)
 )
+
+
+def select_determined(held_out: HeldOutReadings, references: tuple[ReferenceFit, ...]) -> HeldOutReadings:
+    """Readings that the others determine; the deviations of the rest are bounded (`LEAST_FREEDOM`), and no errors."""
+    if held_out.n_coordinates == 1:  # distances, beside points with a noise of their own
+        references = tuple(part for part in references if part.kind == "distance")
+    return held_out.select_informative(own_variance(references, held_out.rows), most=1 / LEAST_FREEDOM)
 
 
 @dataclass(frozen=True)

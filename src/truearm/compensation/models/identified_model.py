@@ -17,7 +17,7 @@ from truearm.compensation.models.cross_validation_groups import (
     is_in_one_place,
     joint_space_regions,
 )
-from truearm.compensation.models.held_out_errors import NONE_HELD_OUT, HeldOutErrors
+from truearm.compensation.models.held_out_errors import NONE_HELD_OUT, HeldOutErrors, select_determined
 from truearm.compensation.models.reading_references import references_of, state_of
 from truearm.compensation.models.residual_process import ResidualProcess, add_residual_process, with_unspanned
 from truearm.compensation.models.session_frames import places_the_frame
@@ -43,6 +43,7 @@ from truearm.identification.estimation.gross_errors import (
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
 from truearm.identification.estimation.reference_scale import response_to_point_errors, with_shared_error
+from truearm.identification.estimation.references import Reference
 from truearm.identification.estimation.residual_variance import (
     LEAST_FREEDOM,
     HeldOutReadings,
@@ -144,15 +145,16 @@ class IdentifiedModel(Compensator):
             self.fit_, held_out = self._identify_offered(data, terms, progress)
         is_excluded = np.isin(held_out.rows, excluded_readings(self.fit_))
         self.held_out_ = held_out.select(~is_excluded)
-        self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=int(is_excluded.sum()))
         if held_out.n_coordinates > 1 and any(part.kind == "distance" for part in data.references):
-            self.held_out_distances_ = self._cross_validate(data, self.fit_, IN_LENGTH)
+            found = self._cross_validate(data, self.fit_, IN_LENGTH)
+            self.held_out_distances_ = select_determined(found, self.fit_.references)
         self._estimate_residual_variance(data.session.angles)
         self.birge_ratio_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.residual_std_)
-        scale = response_to_point_errors(
-            self.fit_, data.state, scale_errors(data.session, is_frame_free="base" in self.free_)
-        )
-        widened = self._widen_for_few_readings()
+        self.held_out_ = select_determined(self.held_out_, self.fit_.references)
+        self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=int(is_excluded.sum()))
+        errors = scale_errors(data.session, is_frame_free="base" in self.free_)
+        scale = response_to_point_errors(self.fit_, data.state, errors)
+        widened = self._widen_for_few_readings(data.references)
         if not self._is_nominal:
             self.fit_ = on_another_day(self.fit_)
         state = state_of(self.arm_, data.session)
@@ -169,9 +171,9 @@ class IdentifiedModel(Compensator):
         """Identify the terms offered; a model may try fewer."""
         return self._identify_without_gross_errors(data, terms, self._start_weights(data), progress)
 
-    def _widen_for_few_readings(self) -> float:
+    def _widen_for_few_readings(self, references: Sequence[Reference]) -> float:
         """Allow for a noise that few residuals determine only roughly; the factor of the covariance."""
-        factor = few_readings_factor(self.fit_.residual_freedom)
+        factor = few_readings_factor(self.fit_.residual_freedom(references))
         self.residual_std_ *= float(np.sqrt(factor))
         self.fit_ = replace(self.fit_, covariance=factor * self.fit_.covariance)
         return factor
@@ -453,7 +455,7 @@ class PhysicalModel(IdentifiedModel):
         """
         everything = super()._identify_offered(data, terms, progress)
         rigid_terms = [term for term in terms if isinstance(term.basis, Constant | InSession | Temperature)]
-        if everything[0].residual_freedom < LEAST_FREEDOM:
+        if everything[0].residual_freedom(data.references) < LEAST_FREEDOM:
             # The terms pass through the readings: neither their sizes nor the noise mean anything.
             self.excluded_terms_ += (SkippedTerm("terms that depend on the pose", "there are too few readings"),)
             return super()._identify_offered(data, rigid_terms, progress)

@@ -23,13 +23,14 @@ from truearm.compensation.models.nominal_check import (
 from truearm.compensation.models.reading_references import check_spread, references_of, without_sizes
 from truearm.compensation.models.residual_process import transfer_improvement, without_process
 from truearm.compensation.models.session_frames import rough_session_frames, to_first_session_frame
-from truearm.compensation.models.tips import check_tips
+from truearm.compensation.models.tips import check_tips, tip_names
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
 from truearm.identification.estimation.consider_parameters import consider_update
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms import constants
 from truearm.readings.checks import check_sessions
+from truearm.readings.distances import rows_with_distance
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray
@@ -92,7 +93,9 @@ def refit(
     if not free or not set(free) <= set(FREE_PARTS):
         raise InputError(f"expected what to re-identify among {list(FREE_PARTS)}, got {list(free)}")
     model._check_inputs(model.arm_, readings)
-    check_tips(model.tips_, readings)
+    is_new_tip = "tip" in free and len(model.tips_) == len(tip_names(readings)) == 1
+    if not is_new_tip:
+        check_tips(model.tips_, readings)
     ids, whole = _reading_ids(readings), readings
     readings = replace(readings, quaternion=None)
     if lengths is not None:
@@ -164,7 +167,7 @@ def refit(
     new.nominal_check_ = NominalCheck(typical_error(new.fit_), usual)
     refuse_implausible(new.nominal_check_, model.arm_, readings, new.nominal_.tips(state))
     new.residual_std_ = max(unexplained_std, new.fit_.references[0].noise_std)
-    new.free_ = free
+    new.free_, new.tips_ = free, tip_names(whole) if is_new_tip else model.tips_
     new.held_out_, new.held_out_distances_, new.held_out_errors_ = NONE_HELD_OUT, NONE_HELD_OUT, None
     new.refit_reading_ids_ = np.concatenate([model.refit_reading_ids_, ids])
     new.fit_seconds_ = time.perf_counter() - begun
@@ -196,7 +199,7 @@ def used_in_refit(model: Compensator, readings: Session) -> BoolArray:
 
 
 def _reading_ids(readings: Session) -> FloatArray:
-    """(n,) a whole number below 2**52 for every reading: first bits of the SHA-256 of angles, point, seat, anchor."""
+    """(n,) a whole number below 2**52 for every reading: first bits of the SHA-256 of what was measured."""
     numbers = [readings.angles]
     if readings.points is not None:
         numbers.append(np.nan_to_num(readings.points))
@@ -204,5 +207,12 @@ def _reading_ids(readings: Session) -> FloatArray:
     seat = np.full(len(readings), "") if readings.seat is None else readings.seat
     if readings.anchor is not None:
         seat = np.char.add(seat, readings.anchor)
-    digests = (hashlib.sha256(row.tobytes() + name.encode()) for row, name in zip(rows, seat.tolist(), strict=True))
+    names = [name.encode() for name in seat.tolist()]
+    # Only where there are any: identifiers in older files stay valid.
+    if readings.distance_mm is not None:
+        for i in np.flatnonzero(rows_with_distance(readings)):
+            names[i] += b" at " + np.round(readings.distance_mm[i] / ID_RESOLUTION).astype("<i8").tobytes()
+    if readings.tip is not None:
+        names = [name + b" of " + tip.encode() for name, tip in zip(names, readings.tip.tolist(), strict=True)]
+    digests = (hashlib.sha256(row.tobytes() + name) for row, name in zip(rows, names, strict=True))
     return np.array([int.from_bytes(digest.digest()[:8], "little") >> 12 for digest in digests], dtype=float)

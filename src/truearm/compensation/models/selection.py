@@ -135,12 +135,7 @@ def select_model(
         simpler = models[list(models)[-1]] if models else None
         models[name] = model.fit_readings(readings, lengths=lengths, progress=report, nominal=simpler)
         if not len(models[name].held_out_.rows):
-            raise InputError(
-                "expected readings with points, seats of two readings or more, or distances to anchors: models are "
-                "compared on readings held out",
-                file=readings.file,
-                hint="name the model: --model kinematic, or --model physical",
-            )
+            raise _nothing_held_out(readings)
     hybrid, arm_model = HybridModel(arm, free=free), models.get("kinematic")
     if isinstance(arm_model, KinematicModel) and _may_win(hybrid, arm_model, readings, lengths, models):
         models["hybrid"] = hybrid.fit_readings(
@@ -149,6 +144,8 @@ def select_model(
             progress=lambda _, note: None if progress is None else progress(len(CANDIDATES), f"hybrid: {note}"),
         )
     common, n_excluded = _common_readings(models)
+    if not len(next(iter(common.values())).rows):
+        raise _nothing_held_out(readings)
     errors = {name: group_means(part) for name, part in common.items()}
     best = min(errors, key=lambda name: trimmed_mean(errors[name])[0])
     excess = {name: trimmed_mean(of - errors[best]) for name, of in errors.items()}
@@ -168,6 +165,15 @@ def select_model(
         for name, part in common.items()
     )
     return models[kept], table
+
+
+def _nothing_held_out(readings: Session) -> InputError:
+    return InputError(
+        "expected readings with points, seats of two readings or more, or distances to anchors, which the others "
+        "determine when they are held out: models are compared on these",
+        file=readings.file,
+        hint="name the model: --model kinematic, or --model physical",
+    )
 
 
 def _may_win(

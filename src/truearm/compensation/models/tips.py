@@ -29,6 +29,8 @@ Model = TypeVar("Model", bound="Compensator")
 GROUP = "further tips"
 # Three tips are in a line where the third is nearer to it than this share of their distance.
 IN_LINE_SHARE = 0.05
+# Tips less apart than this many standard deviations are not distinguished.
+COVERAGE = 3.0
 
 
 def tip_names(readings: Session) -> tuple[str, ...]:
@@ -146,12 +148,26 @@ def describe_tips(model: Compensator) -> str | None:
     across = np.linalg.svd(apart, compute_uv=False)
     is_plane = len(tips) > 2 and across[1] > IN_LINE_SHARE * across[0]
     farthest = float(np.linalg.norm(offsets[:, None] - offsets, axis=2).max())
+    if farthest <= COVERAGE * _largest_offset_std(model):
+        return (
+            f"The model has {len(tips)} tips ({_listed(tips)}), in one place within their uncertainty: their points "
+            "show no rotation of the flange."
+        )
     shown = (
         "Three of them are not in a line: their points determine the orientation of the flange."
         if is_plane
         else "They are in a line: no point shows a rotation of the flange about it."
     )
     return f"The model has {len(tips)} tips ({_listed(tips)}), up to {farthest:.1f} mm apart. {shown}"
+
+
+def _largest_offset_std(model: Compensator) -> float:
+    """Largest standard deviation of the offset of a tip along a direction of the flange [mm]."""
+    fit: IdentificationResult = getattr(model, "fit_", model.nominal_)
+    terms = fit.perturbed_chain.terms
+    stops = np.cumsum([term.n_coefficients for term in terms]).tolist()
+    columns = [stop - 1 for term, stop in zip(terms, stops, strict=True) if isinstance(term.basis, OfTip)]
+    return float(np.sqrt(fit.covariance.diagonal()[columns].max(initial=0.0)))
 
 
 def _of_one_tip(fit: IdentificationResult, name: str) -> IdentificationResult:

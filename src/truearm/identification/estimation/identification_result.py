@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.references import Reference
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.solve.square_roots import CovarianceFactor
@@ -120,11 +122,14 @@ class IdentificationResult:
         """The coefficients, then the unknowns of the references: the parameters of `SmallMotionProblem`."""
         return np.concatenate([self.coefficients, *(list(part.unknowns.values()) for part in self.references)])
 
-    @property
-    def residual_freedom(self) -> float:
-        """Number of residuals less that of the parameters that they determine."""
+    def residual_freedom(self, references: Sequence[Reference]) -> float:
+        """Number of residuals and constraints of the references less that of the parameters and unknowns."""
         n_residuals = sum(len(part.residuals) * int((part.robust_weight > 0).sum()) for part in self.references)
-        return n_residuals - sum(group.effective for group in self.groups)
+        unknowns = [np.array(list(part.unknowns.values())) for part in self.references]
+        found = [reference.constraints(x) for reference, x in zip(references, unknowns, strict=True)]
+        n_constraints = sum(len(one.residuals) for one in found if one is not None)
+        n_unknowns = sum(map(len, unknowns)) - n_constraints
+        return n_residuals - n_unknowns - sum(group.effective for group in self.groups)
 
     def tips(self, state: ArmState) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""

@@ -150,7 +150,7 @@ class HeldOutReadings:
     covariance: FloatArray
     freedom: FloatArray
 
-    def select_informative(self, own_mm2: FloatArray) -> HeldOutReadings:
+    def select_informative(self, own_mm2: FloatArray, *, most: float = MAX_VARIANCE_RATIO) -> HeldOutReadings:
         """Select the readings that are informative about their own variance: the other groups predict them well.
 
         Where the other groups leave a direction open, for example the frame of a session, the covariance is that of the
@@ -160,8 +160,10 @@ class HeldOutReadings:
         ----------
         own_mm2 : (m,) array
             Approximate variance of a coordinate of each reading [mm^2].
+        most : float
+            Largest variance of the prediction, as a multiple of it.
         """
-        informative = np.linalg.eigvalsh(self.covariance)[:, -1] <= MAX_VARIANCE_RATIO * own_mm2
+        informative = np.linalg.eigvalsh(self.covariance)[:, -1] <= most * own_mm2
         return self.select(informative)
 
     def select(self, which: BoolArray | IntArray) -> HeldOutReadings:
