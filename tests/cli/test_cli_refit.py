@@ -209,7 +209,7 @@ def test_what_is_asked_wrongly_is_refused(refit, tmp_path, snapshot, more, said)
 
 def test_what_does_not_fit_is_refused(refit, made, moved, tmp_path):
     for more, said in (
-        ({"model": "network"}, "a network has no base and no tip"),
+        ({"model": "network"}, "expected a nominal, kinematic or physical model, got a NetworkModel"),
         ({"session": made / "angles.csv"}, "expected reference points, seats or 4 distances to an anchor to refit to"),
         ({"session": made / "wam.csv"}, "expected 6 joints, got 7"),
         ({"session": made / "none.csv"}, "does not exist"),

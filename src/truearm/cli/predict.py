@@ -16,7 +16,7 @@ def predict(
         Path,
         typer.Argument(
             metavar="SESSION",
-            help="Session file; its angles, and temperature, loads, directions if there, are used.",
+            help="Session file; its angles, and temperature, payload_kg, loads, directions and tip if there, are used.",
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Table of points to write, .csv.")],

@@ -13,7 +13,12 @@ from truearm.cli.console import ARM_HELP, Json, print_record, progress
 def simulate(
     arm: Annotated[str, typer.Argument(metavar="ARM", help=ARM_HELP)],
     out: Annotated[Path, typer.Option("--out", help="Session file to write (.csv or .parquet).")],
-    poses: Annotated[int, typer.Option("--poses", max=10_000_000, help="Number of readings.")] = 200,
+    poses: Annotated[
+        int,
+        typer.Option(
+            "--poses", max=10_000_000, help="Number of poses; a reading each, with --anchors one for each anchor."
+        ),
+    ] = 200,
     strategy: Annotated[
         str,
         typer.Option("--strategy", help="Where to put the joints: box, sobol-box, uniform, sobol, measuring or seat."),
@@ -33,7 +38,10 @@ def simulate(
     anchors: Annotated[
         int,
         typer.Option(
-            "--anchors", min=0, max=100, help="Fixed points around the arm; each pose is read with a distance to each."
+            "--anchors",
+            min=0,
+            max=100,
+            help="Fixed points around the arm: rows are poses times anchors, each with a distance.",
         ),
     ] = 0,
     lengths: Annotated[

@@ -202,14 +202,29 @@ class ExportResult(Record):
                 f"{nominal} mm; the model's own uncertainty {own} mm), at {loss.n_poses} poses held out: {loss.region}."
             )
             if origin.model == "physical":
-                yield (
-                    "It holds constants only, without harmonics, deflection and temperature. Corrected targets "
-                    "(truearm correct) and the formats c, js, onnx and json have them."
-                )
+                yield self._what_is_lost()
         if origin.model == "physical" and (payload := self.model.training_.columns.get(PAYLOAD)) is not None:
             yield f"It applies to the payload of the training, {payload.mean:g} kg."
         yield f"Frame of the file: {FRAMES[manifest.frame]}."
         yield "Five check poses are in the file: truearm export MODEL --check FILE compares them."
+
+    def _what_is_lost(self) -> str:
+        """What constants of a physical model lack, and what has it: only formats that take this model."""
+        from truearm.compensation.export.plain_model import plain_model
+
+        lost = "without harmonics, deflection and temperature"
+        if PAYLOAD in self.model.training_.columns:
+            lost += ", without the effect of the payload"
+        if self.model.arm_.chain.is_prismatic.any():
+            lost += ", without the errors along the travel"
+        try:
+            plain_model(self.model)
+        except InputError:
+            return f"It holds constants only, {lost}. Corrected targets (truearm correct) have them."
+        return (
+            f"It holds constants only, {lost}. Corrected targets (truearm correct) and the formats c, js, onnx and "
+            "json have them."
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record.to_dict`: the manifest."""

@@ -26,7 +26,7 @@ from truearm.compensation.models.reading_references import (
     references_of,
     surfaces_with_too_few_readings,
 )
-from truearm.compensation.models.selection import ModelScore, select_model
+from truearm.compensation.models.selection import ModelScore, hybrid_remarks, select_model
 from truearm.compensation.models.session_frames import to_first_session_frame
 from truearm.compensation.models.stated_uncertainty import describe_stated_uncertainty
 from truearm.compensation.models.tips import describe_tips
@@ -146,7 +146,7 @@ def fit(
     else:
         fitted = chosen.fit_readings(used, lengths=known, progress=progress, nominal=nominal)
     changes = frame_changes(fitted, used)
-    said = *_remarks(fitted, used, known), *(str(change) for change in changes)
+    said = *_remarks(fitted, used, known), *hybrid_remarks(comparison), *(str(change) for change in changes)
     return FitResult(
         model=fitted,
         comparison=comparison,
@@ -474,8 +474,8 @@ def _committee_line(model: HybridModel) -> str:
 def _describe_length(outlier: Outlier) -> str:
     if is_offset(outlier.name):
         return (
-            f"{outlier.name}: {-outlier.error_mm:.3f} mm, {outlier.normalized_residual:.0f} standard uncertainties "
-            "(u_offset_mm)"
+            f"{outlier.name}: {-outlier.error_mm:.3f} mm, {outlier.normalized_residual:.0f} standard uncertainties: "
+            "if the zero of the wire is unknown, state a larger u_offset_mm"
         )
     than = "exceeds" if outlier.error_mm > 0 else "is smaller than"
     return (

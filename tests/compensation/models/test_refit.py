@@ -207,7 +207,7 @@ def test_what_cannot_be_refitted_is_refused(real, fitted):
     rng = np.random.default_rng(13)
     taken = elsewhere(real, 10, rng)
     network = NetworkModel(real.arm, hidden=(3,), epochs=3).fit_readings(real.points(60, rng))
-    with pytest.raises(InputError, match="a network has no base and no tip"):
+    with pytest.raises(InputError, match="expected a nominal, kinematic or physical model, got a NetworkModel"):
         refit(network, taken)
     with pytest.raises(InputError, match="expected 4 or more readings with a reference, got 3"):
         refit(fitted, taken.rows(slice(3)))

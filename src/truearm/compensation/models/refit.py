@@ -87,7 +87,8 @@ def refit(
     model._check_fitted()
     if not isinstance(model, IdentifiedModel):
         raise InputError(
-            "a network has no base and no tip that could be re-identified",
+            f"expected a nominal, kinematic or physical model, got a {type(model).__name__}: what its networks learned "
+            "holds for one base and tip",
             hint="fit the network or the hybrid model to the new readings, or refit a physical model",
         )
     if not free or not set(free) <= set(FREE_PARTS):

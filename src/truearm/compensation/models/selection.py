@@ -176,6 +176,17 @@ def _nothing_held_out(readings: Session) -> InputError:
     )
 
 
+def hybrid_remarks(table: tuple[ModelScore, ...]) -> tuple[str, ...]:
+    """That the hybrid model is not among the models compared; nothing where no models were compared."""
+    if not table or any(score.name == "hybrid" for score in table):
+        return ()
+    remark = (
+        "The hybrid model was not compared: its first network was no better, or it does not apply to these readings "
+        "(too few, or not all with a point, in one frame and without lengths)."
+    )
+    return (remark,)
+
+
 def _may_win(
     hybrid: HybridModel,
     arm_model: KinematicModel,
