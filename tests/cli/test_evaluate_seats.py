@@ -155,7 +155,7 @@ def test_what_cannot_be_evaluated_is_refused(truearm, folder, session, arm, angl
         ran = truearm("evaluate", model, path)
         assert ran.code == 2
         assert (
-            "expected reference points, seats or 4 distances to an anchor to evaluate against, the session has none"
+            "expected reference points, seats or 8 distances to an anchor to evaluate against, the session has none"
             in ran.err
         )
     ran = truearm("evaluate", model, once)
