@@ -63,6 +63,19 @@ def small_tables():
         yield
 
 
+@pytest.mark.parametrize("effort", [FULL_EFFORT, QUICK_EFFORT], ids=["full", "quick"])
+@pytest.mark.parametrize("limit", [1.0, None])
+def test_another_time_limit_plans_the_same_trainings(effort, limit):
+    def planned(own):
+        wanted, skipped = plan_trainings(PARTS, own)
+        return [replace(one, time_limit_s=None) for one in wanted], skipped
+
+    with pytest.MonkeyPatch.context() as patch:
+        for table, rows in PAPERS_TABLES.items():
+            patch.setitem(TABLES, table, rows)
+        assert planned(replace(effort, time_limit_s=limit)) == planned(effort)
+
+
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     return reproduce(PARTS, effort=EFFORT, folder=tmp_path_factory.mktemp("runs"))

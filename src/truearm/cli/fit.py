@@ -18,8 +18,23 @@ from truearm.cli.console import (
     progress,
 )
 
+# The models that have an option.
+MODELS_OF: dict[str, tuple[str, ...]] = {
+    "no_residual_process": ("auto", "physical"),
+    "hidden": ("network", "hybrid"),
+    "trainer": ("network",),
+    "epochs": ("network", "hybrid"),
+    "goal": ("network",),
+    "validation": ("network",),
+    "restarts": ("network",),
+    "members": ("network", "hybrid"),
+    "seed": ("network", "hybrid"),
+    "arm_model": ("hybrid",),
+}
+
 
 def fit(
+    context: typer.Context,
     session: Annotated[Path, typer.Argument(metavar="SESSION", help="Session file with reference points or seats.")],
     arm: ArmOption,
     out: Annotated[Path, typer.Option("--out", help="Model file to write; the usual ending is .truearm.")],
@@ -98,6 +113,7 @@ def fit(
     from truearm.files.atomic_write import check_writable
     from truearm.workflows.fit import fit as fit_model
 
+    check_options(context, model)
     check_output_is_not_input(out, session, arm_path(arm), *([] if lengths is None else [lengths]))
     check_writable(out)
     options: dict[str, Any] = {}
@@ -108,12 +124,12 @@ def fit(
         options |= {"validation": validation, "n_restarts": restarts, "n_members": members, "seed": seed}
         total = epochs * restarts * members
     elif model == "hybrid":
-        total = members or 5
+        total = 5 if members is None else members
+        if total < 2:
+            raise InputError(f"expected --members of 2 or more for a hybrid model, got {total}", hint="--members 5")
         options = {"hidden": layer_sizes(hidden or "15"), "epochs": epochs or 30, "n_members": total, "seed": seed}
         options["arm_model"] = arm_model
     if no_residual_process:
-        if model not in ("auto", "physical"):
-            raise InputError(f"--no-residual-process is of the physical model, got {model}", hint="--model physical")
         options["residual"] = False
     parts = free_parts(free)
     with progress(f"fitting {model}", total=total) as report:
@@ -122,6 +138,20 @@ def fit(
         )
         result.save(out)
     print_record(result, as_json=as_json, files={"model": out})
+
+
+def check_options(context: typer.Context, model: str) -> None:
+    """Refuse options that the model does not have: it would not follow them."""
+    from truearm.errors import InputError
+
+    for name, models in MODELS_OF.items():
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE" and model not in models:
+            option = "--" + name.replace("_", "-")
+            raise InputError(
+                f"{option} is of {' and '.join(models)} models, got --model {model}",
+                hint=f"--model {models[0]}, or leave {option} out",
+            )
 
 
 def layer_sizes(text: str) -> tuple[int, ...]:

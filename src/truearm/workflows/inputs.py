@@ -172,7 +172,7 @@ def to_model_of_tip(model: ModelLike, tip: str | None = None) -> Compensator:
         raise InputError(
             f"expected one tip, the model has {len(fitted.tips_)}: {', '.join(fitted.tips_[:MAX_NAMED])}",
             file=model if isinstance(model, str | Path) else None,
-            hint=f"--tip {fitted.tips_[0]} of export and correct; in Python model.with_tip({fitted.tips_[0]!r})",
+            hint=f"choose one: model.with_tip({fitted.tips_[0]!r}) in Python, --tip where the command has it",
         )
     return fitted
 

@@ -180,6 +180,11 @@ def test_metadata_routing_passes_requested_weights(readings):
     assert (scores > 0.999).all()  # 0.01 mm of noise in 100 mm
 
 
+def test_metadata_requests_need_metadata_routing(readings):
+    with pytest.raises(RuntimeError, match="enable_metadata_routing=True"):
+        NominalModel(readings[0]).set_fit_request(sample_weight=True)
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_fitting_twice_equals_fitting_once(name, readings):
     arm, angles, points = readings

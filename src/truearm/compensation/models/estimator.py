@@ -30,13 +30,9 @@ class Regressor:
         def __init__(self, arm: Any, **options: Any) -> None: ...
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Parameters of the constructor by name; with `deep` also those of parameters that are estimators."""
-        values = {name: getattr(self, name) for name in _parameters(type(self))}
-        if deep:
-            for name, value in list(values.items()):
-                if hasattr(value, "get_params") and not isinstance(value, type):
-                    values |= {f"{name}__{inner}": of_inner for inner, of_inner in value.get_params().items()}
-        return values
+        """Parameters of the constructor by name; none is an estimator, whose own `deep` would add."""
+        del deep
+        return {name: getattr(self, name) for name in _parameters(type(self))}
 
     def set_params(self, **params: Any) -> Self:
         """Set parameters of the constructor by name.
@@ -48,15 +44,11 @@ class Regressor:
         """
         known = _parameters(type(self))
         for name, value in params.items():
-            own, _, inner = name.partition("__")
-            if own not in known:
+            if name not in known:
                 raise InputError(
-                    f"{type(self).__name__} has no parameter {own!r}", hint=f"its parameters are {', '.join(known)}"
+                    f"{type(self).__name__} has no parameter {name!r}", hint=f"its parameters are {', '.join(known)}"
                 )
-            if inner:
-                getattr(self, own).set_params(**{inner: value})
-            else:
-                setattr(self, own, value)
+            setattr(self, name, value)
         return self
 
     def score(self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None) -> float:
@@ -91,6 +83,12 @@ class Regressor:
         return request
 
     def _request(self, method: str, **aliases: bool | str | None) -> Self:
+        from sklearn import get_config
+
+        if not get_config()["enable_metadata_routing"]:
+            raise RuntimeError(
+                f"set_{method}_request needs metadata routing: call sklearn.set_config(enable_metadata_routing=True)"
+            )
         request = self.get_metadata_routing()
         for name, alias in aliases.items():
             if alias != UNCHANGED:

@@ -80,7 +80,7 @@ def check_tips(tips: tuple[str, ...], readings: Session) -> None:
             raise readings.error(
                 f"the model has {len(tips)} tips ({_listed(tips)}), and the readings name none",
                 column=None if readings.file is None else "tip",
-                hint=f"add the column tip; or choose one of them: model.with_tip({tips[0]!r}), --tip",
+                hint=f"add the column tip; or choose one of them: model.with_tip({tips[0]!r}) in Python",
             )
         return
     known = tips or tip_names(readings)[:1]  # a model without a name has one tip
