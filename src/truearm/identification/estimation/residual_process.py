@@ -42,6 +42,9 @@ MOST_POINTS = 64
 # Readings of the sample by which A is calculated, the costly part. In a small one the other terms take too much over:
 # with eight readings a coefficient a 24th at most. b contains the noise of every reading and is never sampled.
 LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT = 1000, 8
+# A process that explains a smaller share of the squared residuals is not worth the time of a second identification:
+# the error falls by half of that share.
+LEAST_SHARE = 0.05
 # Standard deviations of the process that are tried, in units of the noise.
 LEAST_SIZE, MOST_SIZE, N_SIZES = 0.01, 10.0, 60
 
@@ -69,7 +72,8 @@ def propose_process(fit: IdentificationResult, state: ArmState) -> ProposedProce
     Returns
     -------
     ProposedProcess or None
-        None without points. Prior standard deviations are those of greatest evidence.
+        None without points, and where it would explain next to nothing: `LEAST_SHARE` of the residuals' squares. Prior
+        standard deviations are those of greatest evidence.
     """
     points = next((part for part in fit.references if part.kind == "point"), None)
     if points is None:
@@ -87,6 +91,8 @@ def propose_process(fit: IdentificationResult, state: ArmState) -> ProposedProce
         found = [evidence_gain(*equations, sizes) for equations in zip(information, right, strict=True)]
     best = int(np.argmax([gain for _, gain in found]))
     size, gain = found[best]
+    if explained_squares(information[best], right[best], size) < LEAST_SHARE * 3 * len(used):
+        return None
     # Size and length scale are chosen: half the logarithm of the number of readings each.
     allowance = float(np.log(len(used)))
     return ProposedProcess(tuple(replace(term, prior_std=size) for term in tried[best]), gain - allowance)
@@ -112,6 +118,12 @@ def evidence_gain(information: FloatArray, right: FloatArray, sizes: FloatArray)
     gains = 0.5 * (sizes[:, None] ** 2 * along / (1 + shown) - np.log1p(shown)).sum(axis=1)
     best = int(gains.argmax())
     return float(sizes[best]), float(gains[best])
+
+
+def explained_squares(information: FloatArray, right: FloatArray, size: float) -> float:
+    """By how much a process of this size lowers the sum of the squared residuals, in units of their variances."""
+    values, axes = np.linalg.eigh(information)
+    return float((size**2 * (axes.T @ right) ** 2 / (1 + size**2 * np.maximum(values, 0.0))).sum())
 
 
 def _information(
