@@ -24,7 +24,7 @@ import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 
-from truearm.solve.group_evidence import MIN_PIVOT, ROUNDING
+from truearm.solve.square_roots import MIN_PIVOT, ROUNDING
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 

@@ -26,13 +26,9 @@ from scipy.linalg.lapack import dtrtri
 from scipy.special import wrightomega
 
 from truearm.solve.low_rank import MAX_RANK, LowRankEquations
-from truearm.solve.square_roots import unit_diagonal
+from truearm.solve.square_roots import MIN_PIVOT, ROUNDING, unit_diagonal
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-# For a matrix of unit diagonal: eigenvalues below this share of the largest are rounding, and smaller squared pivots of
-# the Cholesky factor have lost their digits.
-ROUNDING = 1e-14
-MIN_PIVOT = 1e-12
 # A group is pruned only if that increases the log evidence by this much: groups that the data hardly see remain.
 MIN_GAIN = 1.0
 

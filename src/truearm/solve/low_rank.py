@@ -17,19 +17,15 @@ import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.linalg.lapack import dpstrf
 
-from truearm.solve.square_roots import unit_diagonal
+from truearm.solve.square_roots import MIN_PIVOT, ROUNDING, unit_diagonal
 from truearm.typing import BoolArray, FloatArray
 
-# Squared pivots below this share of a unit diagonal are rounding.
-ROUNDING = 1e-14
 # Largest rank, as a share of the parameters, at which this costs less than the equations of the parameters.
 MAX_RANK = 0.4
 # Priors are wide if the data know a parameter alone this many times better, as a ratio of variances.
 WIDE = 1e4
 # A right side must follow from data to this share.
 MAX_REMAINDER = 1e-9
-# Smaller squared pivots have lost their digits.
-MIN_PIVOT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,11 @@ from scipy.linalg import LinAlgError, cholesky
 
 from truearm.typing import FloatArray
 
+# For a matrix of unit diagonal: eigenvalues below this share of the largest are rounding, and smaller squared pivots of
+# the Cholesky factor have lost their digits.
+ROUNDING = 1e-14
+MIN_PIVOT = 1e-12
+
 
 def unit_diagonal(matrix: FloatArray, size: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Scale rows and columns of a symmetric matrix so that radians and millimetres compare.
