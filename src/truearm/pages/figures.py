@@ -12,10 +12,10 @@ from matplotlib.ticker import MaxNLocator
 
 from truearm.errors import InputError
 from truearm.pages.number_format import format_number
-from truearm.pages.plotting import FAINT, Figure, figure_style, make_panel, shorten
+from truearm.pages.palette import FAINT, NAVY
+from truearm.pages.plotting import Figure, figure_style, make_panel, shorten
 from truearm.typing import FloatArray
 
-_BAR = "#12407a"
 _USUAL_RANGE = {"deg": 180.0}  # the least that is shown to each side where a quantity has no limits
 
 
@@ -151,7 +151,7 @@ def _histogram(axes: Axes, values: FloatArray, base: float, step: float) -> None
     """Draw a histogram of fixed height on `base`."""
     edges = np.arange(np.floor(values.min() / step), np.floor(values.max() / step) + 2) * step
     counts, edges = np.histogram(values, edges)
-    axes.stairs(base + 0.72 * counts / counts.max(), edges, baseline=base, fill=True, color=_BAR, alpha=0.85, zorder=2)
+    axes.stairs(base + 0.72 * counts / counts.max(), edges, baseline=base, fill=True, color=NAVY, alpha=0.85, zorder=2)
 
 
 def _view(values: FloatArray, low: FloatArray, high: FloatArray, *, usual: float) -> tuple[float, float]:

@@ -15,13 +15,16 @@ from matplotlib.figure import Figure as Drawing
 
 from truearm.files.atomic_write import atomic_file
 from truearm.pages.number_format import RoundedNumber, format_exact, format_number, format_uncertainty
-from truearm.pages.page import Cell, Column, LabelledValue, Page, Table
-from truearm.pages.plotting import svg_element
+from truearm.pages.page import Cell, Column, LabelledValue, Page, State, Table
+from truearm.pages.palette import style_rules
+from truearm.pages.plotting import Figure, svg_element
+
+_LONG_TEXT = 900  # letters from which a text is set in two columns where the page is wide
 
 
 def render(page: Page) -> str:
     """The page as one HTML document. The same page gives the same bytes."""
-    style = Markup(_package_text("page.css"))  # noqa: S704, our own file
+    style = Markup(style_rules() + _package_text("page.css"))  # noqa: S704, our own
     html = _template().render(page=page, style=style)
     # HTML permits neither NUL nor half a surrogate pair, and a name may contain them.
     return html.replace("\x00", "\ufffd").encode("utf-8", "replace").decode("utf-8")
@@ -45,6 +48,24 @@ def paragraphs(text: str) -> list[str]:
     # Not split(): it would split at the spaces that keep a number and its unit on one line.
     parts = text.replace("\r\n", "\n").split("\n\n")
     return [re.sub(r"[ \t\n]+", " ", part.strip()) for part in parts if part.strip()]
+
+
+def is_long(text: str) -> bool:
+    """Whether a text fills two columns of a wide page."""
+    return len(text) > _LONG_TEXT
+
+
+def with_places(figures: Sequence[Figure]) -> list[tuple[Figure, str]]:
+    """Each figure with its place: "full", "half" beside the neighbour of its kind, or "alone" beside its caption."""
+    places: list[tuple[Figure, str]] = []
+    for figure in figures:
+        if figure.columns > 1:
+            places.append((figure, "full"))
+        elif places and places[-1][1] == "alone":
+            places[-1:] = [(places[-1][0], "half"), (figure, "half")]
+        else:
+            places.append((figure, "alone"))
+    return places
 
 
 # Cells ---------------------------------------------------------------------------------------------------------------
@@ -75,6 +96,13 @@ class FormattedTable:
     rows: tuple[tuple[FormattedCell, ...], ...]
     caption: str = ""
     fillable: bool = False
+    states: tuple[State, ...] = ()
+    folded: bool = False
+
+    @property
+    def has_head(self) -> bool:
+        """Whether any column has a heading."""
+        return any(head.heading for head in self.heads)
 
     @property
     def numeric(self) -> tuple[bool, ...]:
@@ -115,7 +143,7 @@ def grid_of_table(table: Table) -> FormattedTable:
         tuple(format_cell(cell, digits=column.digits) for column, cell in zip(table.columns, row, strict=True))
         for row in table.rows
     )
-    return FormattedTable(table.columns, rows, table.caption, table.fillable)
+    return FormattedTable(table.columns, rows, table.caption, table.fillable, table.states, table.folded)
 
 
 def grid_of_rows(rows: Sequence[LabelledValue]) -> FormattedTable:
@@ -132,7 +160,8 @@ def grid_of_rows(rows: Sequence[LabelledValue]) -> FormattedTable:
     for optional in ("standard uncertainty", "limit"):
         if all(cell == EMPTY_CELL for cell in columns[optional]):
             del columns[optional]
-    return FormattedTable(tuple(map(Column, columns)), tuple(zip(*columns.values(), strict=True)))
+    states = tuple(row.state for row in rows)
+    return FormattedTable(tuple(map(Column, columns)), tuple(zip(*columns.values(), strict=True)), states=states)
 
 
 def _split(number: str) -> FormattedCell:
@@ -159,6 +188,8 @@ def _template() -> jinja2.Template:
     environment.globals.update(
         picture=_picture,
         paragraphs=paragraphs,
+        is_long=is_long,
+        with_places=with_places,
         format_cell=format_cell,
         empty=EMPTY_CELL,
         exact=format_exact,

@@ -1,9 +1,10 @@
-"""The parts of a page: title, key numbers, sections of text, rows, figures and tables, and its data and settings."""
+"""The parts of a page: verdict, key numbers, sections of text, rows, figures and tables, data and settings."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -12,6 +13,30 @@ from truearm.pages.number_format import RoundedNumber
 from truearm.pages.plotting import Figure
 
 Cell = str | int | float | RoundedNumber | None
+State = Literal["good", "doubtful", "bad", "none"]
+
+
+@dataclass(frozen=True)
+class PageVerdict:
+    """The answer that a reader came for, shown first and large, with a sign for its state.
+
+    Parameters
+    ----------
+    sentence : str
+        The verdict in words, or the one number in a sentence; it must be understood without its colour.
+    state : {"good", "doubtful", "bad", "none"}
+        Colour and sign: green tick, amber question mark, red cross; none is a statement that judges nothing.
+    detail : str
+        What to do next, or the condition under which the verdict is valid.
+    """
+
+    sentence: str
+    state: State = "none"
+    detail: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.sentence.strip():
+            raise InputError("expected a verdict in words, got an empty sentence")
 
 
 @dataclass(frozen=True)
@@ -30,6 +55,8 @@ class LabelledValue:
         Standard uncertainty; it determines how many digits of the value are shown.
     limit : float, optional
         The largest permitted value. It is only shown; the page makes no decision.
+    state : {"good", "doubtful", "bad", "none"}
+        Colour and sign of the value.
     """
 
     label: str
@@ -37,6 +64,7 @@ class LabelledValue:
     unit: str = ""
     uncertainty: float | None = None
     limit: float | None = None
+    state: State = "none"
 
     def __post_init__(self) -> None:
         if not self.label.strip():
@@ -65,18 +93,28 @@ class Column:
 class Table:
     """A table; every row has one cell a column: text, a number, a count (int), or None for an empty cell.
 
-    A `RoundedNumber` is shown to the decimal of its uncertainty, whatever the digits of its column are. A `fillable`
-    table has room to write by hand.
+    A `RoundedNumber` is shown to the decimal of its uncertainty, whatever the digits of its column are. Columns without
+    any heading have no head. A `fillable` table has room to write by hand. `states` gives rows a colour and a sign, one
+    state a row. A `folded` table shows its caption only, until a reader opens it; on paper it is open.
     """
 
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
     caption: str
     fillable: bool = False
+    states: tuple[State, ...] = ()
+    folded: bool = False
 
     def __post_init__(self) -> None:
         if not self.columns:
             raise InputError(f"expected a table with at least one column, got none in {self.caption!r}")
+        if self.states and len(self.states) != len(self.rows):
+            raise InputError(
+                f"expected a state for each of {len(self.rows)} rows of the table {self.caption!r}, "
+                f"got {len(self.states)}"
+            )
+        if self.folded and not self.caption.strip():
+            raise InputError("expected a caption for a folded table, got an empty one")
         for number, row in enumerate(self.rows, start=1):
             if len(row) != len(self.columns):
                 raise InputError(
@@ -88,7 +126,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """A chapter of the page. An empty line in `text` starts a new paragraph.
+    """A chapter of the page: its verdict, text, rows, figures and tables. An empty line in `text` starts a paragraph.
 
     A `folded` section shows its title only, until a reader opens it; on paper it is open.
     """
@@ -99,6 +137,7 @@ class Section:
     figures: tuple[Figure, ...] = ()
     tables: tuple[Table, ...] = ()
     folded: bool = False
+    verdict: PageVerdict | None = None
 
 
 @dataclass(frozen=True)
@@ -114,7 +153,9 @@ class Page:
     sections : tuple of Section
         In their order on the page.
     facts : tuple of (str, str)
-        Data and settings behind the page: versions, fingerprint of the data.
+        Data and settings behind the page: versions, fingerprint of the data; folded on a screen.
+    verdict : PageVerdict, optional
+        What a reader came for; the first line of the page.
     """
 
     title: str
@@ -122,6 +163,7 @@ class Page:
     summary: tuple[LabelledValue, ...] = ()
     sections: tuple[Section, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
+    verdict: PageVerdict | None = None
 
 
 def _check(cell: object, place: str, *, column: str | None = None) -> None:

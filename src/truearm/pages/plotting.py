@@ -30,8 +30,8 @@ from matplotlib.transforms import blended_transform_factory
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
+from truearm.pages.palette import FAINT, GREY, INK, LIMIT, NAVY, OLIVE, ORANGE, PURPLE, TEAL, with_variables
 
-INK, FAINT, LIMIT = "#1a1a1a", "#d9dce0", "#8a9099"
 LEFT_IN = 0.68  # room for a label and for numbers such as -0.0005
 RASTER_FROM = 1000  # number of dots from which a layer is a bitmap instead of one element a dot
 _RASTER_DPI = 160  # sharp at the width the page shows a panel, also on paper
@@ -76,12 +76,15 @@ class Figure:
         Text below the figure; and text in its place for readers who do not see it.
     columns : int
         Panels side by side on a wide page, 1 to 3.
+    light_paper : bool
+        Whether it stays on white paper on a dark screen: it has colours that mean numbers, dark for large ones.
     """
 
     panels: tuple[Drawing, ...]
     caption: str
     alt: str
     columns: int = 1
+    light_paper: bool = False
 
     def __post_init__(self) -> None:
         if not self.panels:
@@ -107,14 +110,13 @@ class Style:
     dash: Any  # as matplotlib takes it
 
 
-# Orange, navy, purple: apart for every common colour blindness, and 59, 26 and 45 in lightness on grey paper.
 _PENS = (
-    Style("#d9730d", "o", "-"),
-    Style("#12407a", "s", "-"),
-    Style("#a8488f", "^", "--"),
-    Style("#2f8f8b", "D", "-."),
-    Style("#6b7078", "v", ":"),
-    Style("#8a7a00", "P", (0, (6, 1, 1, 1, 1, 1))),
+    Style(ORANGE, "o", "-"),
+    Style(NAVY, "s", "-"),
+    Style(PURPLE, "^", "--"),
+    Style(TEAL, "D", "-."),
+    Style(GREY, "v", ":"),
+    Style(OLIVE, "P", (0, (6, 1, 1, 1, 1, 1))),
 )
 
 
@@ -261,7 +263,8 @@ def _attributes(element: ElementTree.Element, prefix: str, used: set[str]) -> It
         elif key == f"{_XLINK}href":
             yield "href", f"#{prefix}{value[1:]}" if value.startswith("#") else value
         elif not key.startswith("{"):
-            yield key, _URL.sub(lambda found: f"url(#{prefix}{found[1]})", value)
+            value = _URL.sub(lambda found: f"url(#{prefix}{found[1]})", value)
+            yield key, with_variables(value) if key in ("style", "fill", "stroke") else value
 
 
 def _pixels(drawing: Drawing, dpi: int) -> npt.NDArray[np.uint8]:

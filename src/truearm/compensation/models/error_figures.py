@@ -14,10 +14,9 @@ from matplotlib.lines import Line2D
 from truearm.errors import InputError
 from truearm.pages.figures import finite_array, finite_arrays, nonnegative_arrays, range_figure
 from truearm.pages.number_format import format_count, format_number
+from truearm.pages.palette import INK, LIMIT, PAPER
 from truearm.pages.plotting import (
-    INK,
     LEFT_IN,
-    LIMIT,
     RASTER_FROM,
     Figure,
     Style,
@@ -289,7 +288,7 @@ def _cumulative(errors: Mapping[str, FloatArray], pens: Mapping[str, Style], log
         keep = np.unique(np.linspace(0, len(x) - 1, 500).round().astype(int))  # more steps cannot be seen
         axes.plot(x[keep], share[keep], color=pen.colour, linestyle=pen.dash, linewidth=1.6)
         p95 = [max(float(np.percentile(values, 95)), floor)] if len(values) >= _FEW else []
-        axes.plot(p95, [95] * len(p95), marker=pen.marker, color=pen.colour, markersize=5, markeredgecolor="white")
+        axes.plot(p95, [95] * len(p95), marker=pen.marker, color=pen.colour, markersize=5, markeredgecolor=PAPER)
     axes.axhline(95, color=LIMIT, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
     axes.set(ylim=(0, 101.5), ylabel="share of readings [%]")
     axes.set_yticks([0, 25, 50, 75, 95])

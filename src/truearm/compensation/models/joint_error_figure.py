@@ -14,8 +14,8 @@ from truearm.compensation.models.error_figures import joint_matrix, joint_names
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import JointError
 from truearm.pages.number_format import format_number
+from truearm.pages.palette import LIMIT
 from truearm.pages.plotting import (
-    LIMIT,
     Figure,
     Style,
     figure_style,

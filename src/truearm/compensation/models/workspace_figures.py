@@ -15,11 +15,11 @@ from matplotlib.ticker import MaxNLocator
 from truearm.errors import InputError
 from truearm.pages.figures import finite_array, nonnegative_arrays
 from truearm.pages.number_format import format_count, format_number
-from truearm.pages.plotting import FAINT, INK, LIMIT, RASTER_FROM, Figure, figure_style
+from truearm.pages.palette import FAINT, INK, LIMIT, NAVY
+from truearm.pages.plotting import RASTER_FROM, Figure, figure_style
 from truearm.typing import FloatArray
 
 _WIDTH_IN, _HEIGHT_IN = 4.6, 3.7
-_DOT = "#12407a"
 _CELLS = 26  # cells across a view
 _VIEWS = (("front (x, z)", 0, 2), ("side (y, z)", 1, 2), ("top (x, y)", 0, 1))
 # Light to dark, so that large errors stand out, also in black and white.
@@ -41,7 +41,7 @@ def workspace(points: npt.ArrayLike) -> Figure:
     """
     points = finite_array(points, "points", width=3)
     with figure_style():
-        panels = _four_views(points, {"color": _DOT})
+        panels = _four_views(points, {"color": NAVY})
     return Figure(
         panels,
         caption=f"Tip positions of {format_count(len(points), 'reading')} in the frame of the reference. "
@@ -90,6 +90,7 @@ def error_in_workspace(points: npt.ArrayLike, errors: npt.ArrayLike, *, name: st
         "scattered dark spots indicate noise.",
         alt=f"Four scatter plots of {len(points)} tip positions, coloured by the error{of_model}; {summary}.",
         columns=2,
+        light_paper=True,
     )
 
 

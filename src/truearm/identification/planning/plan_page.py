@@ -18,11 +18,11 @@ from truearm.identification.planning.template import bars, notes, place_names
 from truearm.pages.figures import range_figure
 from truearm.pages.number_format import format_count, format_mm, format_number
 from truearm.pages.page import Column, LabelledValue, Page, Section, Table
-from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, make_panel, set_log_scale, styles_of
+from truearm.pages.palette import INK, LIMIT, NAVY, ORANGE, PAPER
+from truearm.pages.plotting import Figure, Style, figure_style, make_panel, set_log_scale, styles_of
 from truearm.typing import FloatArray
 
 _WIDTH_IN, _HEIGHT_IN = 4.6, 3.9
-_ORANGE, _NAVY = "#d9730d", "#12407a"
 _MOST_ARMS = 40  # drawn in one figure
 
 CRITERIA = {
@@ -97,7 +97,7 @@ def places_figure(plan: CalibrationPlan, poses: Candidates) -> Figure:
             axes.scatter(*flat(tips), s=5, color=LIMIT, alpha=0.5, linewidths=0, zorder=1)
             _arm(axes, flat, plan, plan.arm.working, colour=LIMIT, width=2.2)
             if poses.seat is None:
-                axes.scatter(*flat(plan.arm.chain.tip_in_base(poses.angles)), s=9, color=_NAVY, linewidths=0, zorder=4)
+                axes.scatter(*flat(plan.arm.chain.tip_in_base(poses.angles)), s=9, color=NAVY, linewidths=0, zorder=4)
             else:
                 _artefacts(axes, flat, poses, label=not side or len(set(place_names(poses).tolist())) < 9)
     what = {
@@ -122,8 +122,8 @@ def poses_figure(plan: CalibrationPlan, angles: FloatArray) -> Figure:
         panels = tuple(_view(plan, joint_origins(plan.arm.chain, shown).reshape(-1, 3), side=s) for s in (False, True))
         for _, axes, flat in panels:
             for pose in shown:
-                _arm(axes, flat, plan, pose, colour=_NAVY, width=0.7, alpha=0.45)
-            axes.scatter(*flat(tips), s=7, color=_ORANGE, linewidths=0, zorder=4)
+                _arm(axes, flat, plan, pose, colour=NAVY, width=0.7, alpha=0.45)
+            axes.scatter(*flat(tips), s=7, color=ORANGE, linewidths=0, zorder=4)
     number = format_count(len(shown), "pose")
     return Figure(
         tuple(drawing for drawing, _, _ in panels),
@@ -280,10 +280,8 @@ def _artefacts(axes: Axes, flat: _Flat, poses: Candidates, *, label: bool) -> No
     }
     ends = bars(poses) if poses.length_mm is not None else []
     for one, other in ends:
-        axes.plot(*flat(np.stack([points[one], points[other]])), color=_ORANGE, linewidth=2.4, zorder=3)
-    axes.scatter(
-        *flat(np.stack(list(points.values()))), s=24, color=_ORANGE, edgecolors="white", linewidths=0.6, zorder=4
-    )
+        axes.plot(*flat(np.stack([points[one], points[other]])), color=ORANGE, linewidth=2.4, zorder=3)
+    axes.scatter(*flat(np.stack(list(points.values()))), s=24, color=ORANGE, edgecolors=PAPER, linewidths=0.6, zorder=4)
     if label:
         marks = {one[:-1]: (points[one] + points[other]) / 2 for one, other in ends} if ends else points
         for name, (x, y) in zip(marks, zip(*flat(np.stack(list(marks.values()))), strict=True), strict=True):

@@ -17,12 +17,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 
 from truearm.pages.number_format import format_in_text, format_number
-from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, join_phrases
+from truearm.pages.palette import FAINT, INK, LIMIT, NAVY, ORANGE, SOFT
+from truearm.pages.plotting import Figure, figure_style, join_phrases
 from truearm.typing import FloatArray
 
 _AZIMUTH_DEG, _ELEVATION_DEG = -122.0, 16.0
-_X, _Z, _Y = "#d9730d", "#12407a", "#8a9099"
-_LINK, _EDGE, _JOINT = "#dfe3e8", "#8a9099", "#5a616b"
+_X, _Z, _Y = ORANGE, NAVY, LIMIT
+_LINK, _EDGE, _JOINT = FAINT, LIMIT, SOFT
 _NEAR = 0.12  # of the arm's length: frames closer than this are drawn in one detail
 _LETTER_IN, _LINE_IN = 0.082, 0.15  # room for a letter of a label
 

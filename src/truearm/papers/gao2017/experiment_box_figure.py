@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from truearm.pages.number_format import capitalize, format_count, format_exact, format_number
-from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, make_panel, set_log_scale
+from truearm.pages.palette import INK, LIMIT, PAPER
+from truearm.pages.plotting import Figure, Style, figure_style, make_panel, set_log_scale
 from truearm.papers.gao2017.experiment_box import BoxRun, ExperimentBoxStudy
 from truearm.papers.gao2017.results import GOAL_MET, METHODS
 from truearm.papers.gao2017.tables import FINAL_TEST, TABLES
@@ -40,7 +41,7 @@ def experiment_box_figure(study: ExperimentBoxStudy, *, chosen: float, styles: M
                     style.marker,
                     color=style.colour,
                     markersize=6,
-                    markerfacecolor=style.colour if met or method == "varpro" else "white",
+                    markerfacecolor=style.colour if met or method == "varpro" else PAPER,
                 )
         for k, (name, value) in enumerate(published.items()):
             axes.axhline(value, color=INK, linewidth=1.0, linestyle=(0, (1.5, 2)))

@@ -13,10 +13,11 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Circle, Rectangle
 
 from truearm.pages.number_format import format_count, format_number
-from truearm.pages.plotting import INK, LIMIT, Figure, figure_style
+from truearm.pages.palette import INK, LIMIT, NAVY, ORANGE, PAPER, SOFT
+from truearm.pages.plotting import Figure, figure_style
 from truearm.typing import FloatArray
 
-_HIDDEN, _OUTPUT, _INPUT, _BIAS = "#12407a", "#d9730d", "#5a616b", "#8a9099"
+_HIDDEN, _OUTPUT, _INPUT, _BIAS = NAVY, ORANGE, SOFT, LIMIT
 _MOST = 8  # a layer of more units is drawn as its first four, dots, and its last two
 _STEP_IN, _RADIUS_IN, _HEAD_IN, _FOOT_IN = 0.36, 0.115, 0.32, 0.62
 
@@ -69,9 +70,7 @@ def _draw_network(sizes: Sequence[int], activation: str) -> Drawing:
             axes, np.vstack([places[layer][_real(shown[layer])]]), places[layer + 1][_real(shown[layer + 1])], LIMIT
         )
         _connect(axes, bias[None], places[layer + 1][_real(shown[layer + 1])], _BIAS, dash=(0, (3, 2)))
-        axes.add_patch(
-            Rectangle((bias[0] - 0.1, bias[1] - 0.1), 0.2, 0.2, facecolor="#ffffff", edgecolor=_BIAS, zorder=3)
-        )
+        axes.add_patch(Rectangle((bias[0] - 0.1, bias[1] - 0.1), 0.2, 0.2, facecolor=PAPER, edgecolor=_BIAS, zorder=3))
         axes.text(bias[0], bias[1], "1", ha="center", va="center", fontsize=8, zorder=4)
     for layer, (units, where) in enumerate(zip(shown, places, strict=True)):
         _layer(axes, units, where, layer, len(sizes))
@@ -103,9 +102,7 @@ def _layer(axes: Axes, units: Sequence[int | None], where: FloatArray, layer: in
             continue
         filled = layer not in (0, layers - 1)
         axes.add_patch(
-            Circle(
-                (x, y), _RADIUS_IN, facecolor=colour if filled else "#ffffff", edgecolor=colour, linewidth=1.3, zorder=3
-            )
+            Circle((x, y), _RADIUS_IN, facecolor=colour if filled else PAPER, edgecolor=colour, linewidth=1.3, zorder=3)
         )
         if layer == 0:
             axes.text(x - 0.2, y, f"J{unit}", ha="right", va="center")

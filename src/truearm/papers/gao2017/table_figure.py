@@ -13,12 +13,12 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.lines import Line2D
 
 from truearm.errors import InputError
-from truearm.pages.plotting import FAINT, INK, Figure, Style, figure_style, set_log_scale, shorten, styles_of
+from truearm.pages.palette import FAINT, INK, PAPER, SOFT
+from truearm.pages.plotting import Figure, Style, figure_style, set_log_scale, shorten, styles_of
 
 PAPER_STYLE = Style(INK, "D", ":")  # the paper's own numbers, in every figure
 _WIDTH_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 4.7, 0.27, 0.52, 0.44
 _LETTER_IN = 0.082
-_SOFT = "#5a616b"
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def _draw(
     pens: Mapping[str, Style],
 ) -> None:
     """Draw the paper's value of every row, and each trainer's values with a median where it is wanted."""
-    white: Any = {"linestyle": "none", "markeredgecolor": "white", "markeredgewidth": 0.65}
+    white: Any = {"linestyle": "none", "markeredgecolor": PAPER, "markeredgewidth": 0.65}
     positive = [value for value in paper if value > 0]
     heights = [base for base, value in zip(_bases(paper), paper, strict=True) if value > 0]
     values = [value for by_row in found.values() for row in by_row for value in row if value > 0]
@@ -193,7 +193,7 @@ def _labels(
                 xytext=(place, 0),
                 textcoords="offset points",
                 va="center",
-                color=_SOFT if height > len(rows) - 0.5 else INK,
+                color=SOFT if height > len(rows) - 0.5 else INK,
             )
         where_in += width
 

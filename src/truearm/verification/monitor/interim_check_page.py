@@ -11,14 +11,14 @@ from matplotlib.figure import Figure as Drawing
 
 from truearm.pages.number_format import RoundedNumber, capitalize, format_count
 from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
-from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, join_phrases, make_panel, shorten
+from truearm.pages.palette import FAINT, INK, LIMIT, NAVY, ORANGE
+from truearm.pages.plotting import Figure, figure_style, join_phrases, make_panel, shorten
 from truearm.readings.thermal_expansion import ARTEFACT_U_K
 from truearm.verification.monitor.assessment import INCONCLUSIVE_TEXT, Assessment, RecalibrationAdvice, Trend
 from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS, ControlChart
 from truearm.verification.monitor.interim_check import InterimCheck
 from truearm.verification.standards.dates import format_date
 
-_NAVY, _ORANGE = "#12407a", "#d9730d"
 # Limits from fewer earlier values are too wide to draw.
 _FEW = 5
 _MOST_ROWS = 60
@@ -236,8 +236,8 @@ def _panel(trend: Trend, chart: ControlChart) -> Drawing:
     above.set_title(shorten(trend.latest.label, longest=44))
     above.set_ylabel("[mm]")
     up, down = chart.cusum
-    below.plot(number, up, color=_NAVY, linewidth=1.0)
-    below.plot(number, -down, color=_NAVY, linewidth=1.0, linestyle="--")
+    below.plot(number, up, color=NAVY, linewidth=1.0)
+    below.plot(number, -down, color=NAVY, linewidth=1.0, linestyle="--")
     interval = chart.rules.decision_interval
     lowest = -interval if chart.cusum[1].any() else 0.0
     for line in (interval, -interval) if lowest else (interval,):
@@ -247,7 +247,7 @@ def _panel(trend: Trend, chart: ControlChart) -> Drawing:
     _checks_axis(below, int(number[-1]))
     if trend.since is not None:
         for axes in (above, below):
-            axes.axvline(trend.since + 0.5, color=_ORANGE, linewidth=1.0, zorder=1)
+            axes.axvline(trend.since + 0.5, color=ORANGE, linewidth=1.0, zorder=1)
     return drawing
 
 
@@ -261,9 +261,9 @@ def _values(axes: Axes, number: npt.NDArray[np.intp], chart: ControlChart) -> No
     axes.plot(number[drawn], chart.centre[drawn], color=LIMIT, linewidth=0.9, zorder=1)
     for edge in (chart.lower, chart.upper):
         axes.plot(number[drawn], edge[drawn], color=LIMIT, linewidth=0.9, zorder=1)
-    axes.plot(number, chart.values, "o-", color=_NAVY, markersize=3, linewidth=0.7, zorder=2)
+    axes.plot(number, chart.values, "o-", color=NAVY, markersize=3, linewidth=0.7, zorder=2)
     axes.plot(
-        number[chart.out_of_limits], chart.values[chart.out_of_limits], "o", color=_ORANGE, markersize=4.5, zorder=3
+        number[chart.out_of_limits], chart.values[chart.out_of_limits], "o", color=ORANGE, markersize=4.5, zorder=3
     )
     axes.set_ylim(low - room, high + room)
     axes.ticklabel_format(axis="y", useOffset=False)

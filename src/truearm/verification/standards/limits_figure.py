@@ -12,16 +12,16 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Rectangle
 
 from truearm.pages.number_format import format_number, format_percent
-from truearm.pages.plotting import INK, LIMIT, Figure, Style, figure_style, join_phrases, shorten
+from truearm.pages.palette import INK, LIMIT, NAVY, ORANGE, PALE, PAPER, PURPLE
+from truearm.pages.plotting import Figure, Style, figure_style, join_phrases, shorten
 from truearm.verification.standards.decision import ConformityResult, DecisionRule, Verdict, simple_applies
 
 # Colour and shape of each verdict; the shapes differ in black and white too.
 _PENS = {
-    Verdict.CONFORM: Style("#12407a", "o", "-"),
-    Verdict.UNDECIDED: Style("#a8488f", "D", "-"),
-    Verdict.NOT_CONFORM: Style("#d9730d", "X", "-"),
+    Verdict.CONFORM: Style(NAVY, "o", "-"),
+    Verdict.UNDECIDED: Style(PURPLE, "D", "-"),
+    Verdict.NOT_CONFORM: Style(ORANGE, "X", "-"),
 }
-_INSIDE = "#dce6f2"
 _WIDTH_IN, _LABELS_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 6.0, 2.15, 0.31, 0.12, 0.95
 _MOST_ROWS = 60
 
@@ -83,7 +83,7 @@ def _draw(axes: Axes, at: int, row: ConformityResult, rule: DecisionRule) -> Non
     assert row.limit is not None
     assert row.verdict is not None
     value, u, half = row.value / row.limit, row.uncertainty / row.limit, 0.36
-    axes.add_patch(Rectangle((-1, at - half), 2, 2 * half, facecolor=_INSIDE, linewidth=0, zorder=1))
+    axes.add_patch(Rectangle((-1, at - half), 2, 2 * half, facecolor=PALE, linewidth=0, zorder=1))
     for side in (-1, 1):
         if _guarded(row, rule):
             axes.add_patch(
@@ -91,7 +91,7 @@ def _draw(axes: Axes, at: int, row: ConformityResult, rule: DecisionRule) -> Non
                     (side - u, at - half),
                     2 * u,
                     2 * half,
-                    facecolor="#ffffff",
+                    facecolor=PAPER,
                     edgecolor=LIMIT,
                     hatch="//////",
                     linewidth=0,
@@ -102,7 +102,7 @@ def _draw(axes: Axes, at: int, row: ConformityResult, rule: DecisionRule) -> Non
     pen = _PENS[row.verdict]
     axes.plot([value - u, value + u], [at, at], color=pen.colour, linewidth=1.6, zorder=4, solid_capstyle="butt")
     axes.plot(
-        [value], [at], marker=pen.marker, markersize=6.5, color=pen.colour, markeredgecolor="white",
+        [value], [at], marker=pen.marker, markersize=6.5, color=pen.colour, markeredgecolor=PAPER,
         markeredgewidth=0.5, linestyle="", zorder=5,
     )  # fmt: skip
 
@@ -112,9 +112,9 @@ def _legend(axes: Axes, rows: Sequence[ConformityResult], rule: DecisionRule) ->
     for verdict, pen in _PENS.items():
         if any(row.verdict is verdict for row in rows):
             handles += axes.plot([], [], color=pen.colour, marker=pen.marker, markersize=5.5, label=verdict.value)
-    handles.append(axes.add_patch(Rectangle((0, 0), 0, 0, facecolor=_INSIDE, label="between the limits")))
+    handles.append(axes.add_patch(Rectangle((0, 0), 0, 0, facecolor=PALE, label="between the limits")))
     if any(_guarded(row, rule) for row in rows):
-        guard = Rectangle((0, 0), 0, 0, facecolor="#ffffff", edgecolor=LIMIT, hatch="//////", linewidth=0)
+        guard = Rectangle((0, 0), 0, 0, facecolor=PAPER, edgecolor=LIMIT, hatch="//////", linewidth=0)
         guard.set_label("guard band")
         handles.append(axes.add_patch(guard))
     # Below the axes, a fixed distance in inches.

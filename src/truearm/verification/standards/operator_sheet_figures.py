@@ -12,13 +12,13 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Circle
 
 from truearm.pages.number_format import format_count, format_number
-from truearm.pages.plotting import FAINT, INK, LIMIT, Figure, figure_style, shorten
+from truearm.pages.palette import FAINT, INK, LIMIT, NAVY, ORANGE, PALE, PAPER
+from truearm.pages.plotting import Figure, figure_style, shorten
 from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.layout import Placement
 from truearm.verification.standards.verification_plan import VerificationPlan
 
-_ORANGE, _NAVY = "#d9730d", "#12407a"
 # Tests by the artefact.
 ON_BALLS = ("probing", "articulation", "effective_diameter")
 ON_BARS = ("uni", "bi", "volumetric")
@@ -132,8 +132,8 @@ def describe_direction(direction: FloatArray, azimuth: float) -> str:
 def places_figure(sheet: OperatorSheet) -> Figure:
     """Draw the positions of balls and seats from above, from the side and from the front."""
     kinds: tuple[tuple[str, Mapping[tuple[float, ...], str], str, str], ...] = (
-        ("ball", sheet.positions(ON_BALLS), _NAVY, "o"),
-        ("seat", sheet.positions(("single_point",)), _ORANGE, "s"),
+        ("ball", sheet.positions(ON_BALLS), NAVY, "o"),
+        ("seat", sheet.positions(("single_point",)), ORANGE, "s"),
     )
     with figure_style():
         panels = []
@@ -143,7 +143,7 @@ def places_figure(sheet: OperatorSheet) -> Figure:
                 labels: dict[tuple[int, int], list[str]] = {}  # positions one behind the other share a label
                 for place, number in stands.items():
                     x, y = _flat(np.array(place), view=view)
-                    axes.plot(x, y, marker, color=colour, markersize=7, markeredgecolor="white", zorder=4)
+                    axes.plot(x, y, marker, color=colour, markersize=7, markeredgecolor=PAPER, zorder=4)
                     cell = (round(x / sheet.reach_mm * 20), round(y / sheet.reach_mm * 20))
                     labels.setdefault(cell, []).append(number)
                 for (column, row), numbers in labels.items():
@@ -173,9 +173,9 @@ def bars_figure(sheet: OperatorSheet) -> Figure:
                 _disc(axes, sheet, view=view)
                 axes.set_axis_off()
                 (x0, y0), (x1, y1) = _flat(start, view=view), _flat(end, view=view)
-                axes.plot([x0, x1], [y0, y1], color=_ORANGE, linewidth=2.6, solid_capstyle="round", zorder=3)
+                axes.plot([x0, x1], [y0, y1], color=ORANGE, linewidth=2.6, solid_capstyle="round", zorder=3)
                 for name, x, y in (("A", x0, y0), ("B", x1, y1)):
-                    axes.plot(x, y, "o", color=_ORANGE, markersize=4.5, markeredgecolor="white", zorder=4)
+                    axes.plot(x, y, "o", color=ORANGE, markersize=4.5, markeredgecolor=PAPER, zorder=4)
                     if np.hypot(x1 - x0, y1 - y0) > 0.25 * sheet.reach_mm or name == "B":
                         axes.annotate(name, (x, y), xytext=(4, 3), textcoords="offset points", color=INK, zorder=6)
                 axes.set_title(_VIEWS[view], fontsize=7, loc="center", pad=1, weight="normal")
@@ -203,7 +203,7 @@ def pattern_figure(patterns: Mapping[int, Placement]) -> Figure:
         for number, one in patterns.items():
             drawing, axes = _ball(3.2, across=(-1.25, 1.25), up=(-1.25, 1.25))
             for i, (x, y, _) in enumerate(one.normals, start=1):
-                axes.plot(x, y, "o", color=_NAVY, markersize=4, zorder=3)
+                axes.plot(x, y, "o", color=NAVY, markersize=4, zorder=3)
                 axes.annotate(str(i), (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7.5, zorder=4)
             axes.set_title(f"{number} points, from above", loc="center")
             panels.append(drawing)
@@ -229,8 +229,8 @@ def groups_figure(groups: Mapping[str, FloatArray]) -> Figure:
             for name, direction in groups.items():
                 ends = np.array([_flat(direction * away, view=view) for away in (1.05, 3.2)])
                 behind = direction[1] > 0.1 and view == _SIDE
-                axes.plot(*ends.T, color=_NAVY, linewidth=1.6, zorder=2 if behind else 4)
-                axes.plot(*ends[0], "o", color=_ORANGE, markersize=4.5, zorder=2 if behind else 5)
+                axes.plot(*ends.T, color=NAVY, linewidth=1.6, zorder=2 if behind else 4)
+                axes.plot(*ends[0], "o", color=ORANGE, markersize=4.5, zorder=2 if behind else 5)
                 x, y = _flat(direction * 3.6, view=view)
                 marks.setdefault((round(x, 2) + 0.0, round(y, 2) + 0.0), []).append(name)
             longest = max(np.hypot(*place) for place in marks)
@@ -281,14 +281,14 @@ def _ball(height_in: float, *, across: tuple[float, float], up: tuple[float, flo
     axes = drawing.add_axes((0.02, 0.02, 0.96, 0.88))
     axes.set(aspect="equal", xlim=across, ylim=up)
     axes.set_axis_off()
-    axes.add_patch(Circle((0, 0), 1, facecolor="#eef2f7", edgecolor=LIMIT, linewidth=0.8, zorder=3))
+    axes.add_patch(Circle((0, 0), 1, facecolor=PALE, edgecolor=LIMIT, linewidth=0.8, zorder=3))
     return drawing, axes
 
 
 def _disc(axes: Axes, sheet: OperatorSheet, *, view: _View) -> None:
     """The reach of the arm, its base, and from the side the stand up to its shoulder."""
     middle = (0.0, sheet.shoulder_mm if view[1] == 2 else 0.0)
-    axes.add_patch(Circle(middle, sheet.reach_mm, facecolor="#f1f4f8", edgecolor=FAINT, linewidth=0.8, zorder=0))
+    axes.add_patch(Circle(middle, sheet.reach_mm, facecolor=PALE, edgecolor=FAINT, linewidth=0.8, zorder=0))
     if view[1] == 2:
         axes.plot([0, 0], [0, sheet.shoulder_mm], color=LIMIT, linewidth=2.2, zorder=2)
     axes.plot(0, 0, marker="+", markersize=8, markeredgewidth=1.2, color=INK, zorder=5)

@@ -8,12 +8,12 @@ from matplotlib.figure import Figure as Drawing
 
 from truearm.pages.number_format import RoundedNumber, capitalize, format_count, format_mm
 from truearm.pages.page import Column, LabelledValue, Page, Section, Table
-from truearm.pages.plotting import LIMIT, Figure, figure_style, make_panel
+from truearm.pages.palette import LIMIT, NAVY, ORANGE
+from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.verification.tasks.estimate import Estimate
 from truearm.verification.tasks.fitness import Fitness, describe_fitness
 from truearm.verification.tasks.task import TaskAssessment, TaskEstimates
 
-_ORANGE, _NAVY = "#d9730d", "#12407a"
 _BINS = 40
 
 
@@ -82,8 +82,8 @@ def errors_figure(estimates: Sequence[Estimate], fit: Fitness | None = None) -> 
 def _spread(estimate: Estimate, fit: Fitness | None) -> Drawing:
     drawing, (axes,) = make_panel(4.6, 2.8)
     low, high = estimate.interval_mm
-    axes.axvspan(low, high, color=_ORANGE, alpha=0.18, linewidth=0)
-    axes.hist(estimate.errors, bins=_BINS, color=_NAVY)
+    axes.axvspan(low, high, color=ORANGE, alpha=0.18, linewidth=0)
+    axes.hist(estimate.errors, bins=_BINS, color=NAVY)
     if fit is not None:
         ends = (fit.tolerance_mm,) if estimate.quantity.is_form else (-fit.tolerance_mm / 2, fit.tolerance_mm / 2)
         for end in ends:
