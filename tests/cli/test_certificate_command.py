@@ -76,7 +76,7 @@ def test_also_what_does_not_conform_gets_its_certificate(truearm, bench):
         ),
     )
     assert read_dcc("certificate.xml").conformity == "fail"
-    assert truearm(*ALL, "--simple").code == 0
+    assert truearm(*ALL, "--rule", "simple").code == 0
     assert "simple acceptance" in " ".join(read_dcc("certificate.xml").declarations)
 
 

@@ -71,23 +71,40 @@ def test_an_arm_near_its_limit_is_undecided_and_simple_acceptance_decides(truear
     ran = truearm(*options())
     assert ran.code == 3
     assert "undecided: a value is within its uncertainty of a limit" in ran.out
-    ran = truearm(*options(), "--simple")
+    ran = truearm(*options(), "--rule", "simple")
     assert ran.code == 0
     assert "simple acceptance" in ran.out
+
+
+def test_the_plan_names_the_decision_rule_and_an_option_another_one(truearm, bench):
+    """A form 0.95 U below its limit: 2013 asks for U, 2017 for 1.645 u = 0.82 U."""
+    before = json.loads(truearm(*options(), "--json").out)
+    value, expanded = (before["rows"][1][key] for key in ("value", "uncertainty"))
+    limit = 1e3 * (value + 0.95 * expanded)
+    Path("mpe.toml").write_text(
+        MPE.replace('"P_Form.Sph.1x25" = { B_um = 30', f'"P_Form.Sph.1x25" = {{ B_um = {limit}')
+    )
+    Path("new.toml").write_text(plan_text("iso10360-12").replace("14253-1:2013", "14253-1:2017", 1))
+    ran = truearm(*options("new.toml"))
+    assert ran.code == 0
+    assert "default rule of ISO 14253-1:2017, as recalled" in ran.out
+    found = json.loads(truearm(*options("new.toml"), "--rule", "iso14253-1:2013", "--json").out)
+    assert (found["rule"], found["verdict"]) == ("iso14253-1:2013", "undecided")
+    assert found["rows"][1]["conformance_probability"] == pytest.approx(0.971, abs=0.001)  # Phi(1.9), tables
 
 
 def test_simple_acceptance_hides_no_value_far_beyond_its_limit(truearm, bench):
     """A fixture of 6 um: U of 12 um is more than a quarter of 30 um; a form of 100 um is beyond that by far."""
     Path("points.csv").write_text(Made(noise_mm=0.03).iso().text())
     Path("artefacts.toml").write_text(ARTEFACTS.replace("u_fixture_mm = 0.0005", "u_fixture_mm = 0.006"))
-    ran = truearm(*options(), "--simple", "--json")
+    ran = truearm(*options(), "--rule", "simple", "--json")
     found = json.loads(ran.out)
     form = found["rows"][1]
     assert abs(form["value"]) - form["uncertainty"] > form["limit"]
     assert (ran.code, found["verdict"], form["verdict"]) == (1, "not conform", "not conform")
     (said,) = [one for one in found["remarks"] if "simple acceptance: " in one and one.startswith("U ")]
     assert said.startswith(
-        "U is more than 1/4 of the limit, so that ISO 14253-1 applies in place of simple acceptance: "
+        "U is more than 1/4 of the limit, so that ISO 14253-1:2013 applies in place of simple acceptance: "
     )
     assert "P_Form.Sph.1x25" in said
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from truearm.cli.console import check_page_path, print_line, print_record
+from truearm.cli.console import RuleOption, check_page_path, print_line, print_record
 
 
 def certificate(
@@ -20,9 +20,7 @@ def certificate(
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Certificate to write, .xml.")] = None,
     html: Annotated[Path | None, typer.Option("--html", help="The same for people, .html.")] = None,
-    simple: Annotated[
-        bool, typer.Option("--simple", help="Simple acceptance: ignore the uncertainty where it is small.")
-    ] = False,
+    rule: RuleOption = None,
     template: Annotated[
         bool, typer.Option("--template", help="Print a file to fill in for --about, and nothing else.")
     ] = False,
@@ -57,9 +55,7 @@ def certificate(
     check_certificate_path(out, *inputs)
     if html is not None:
         check_page_path(html, *inputs, out)
-    verification = verify(
-        points, plan=plan, artefacts=artefacts, specification=mpe, rule="simple" if simple else "iso14253-1"
-    )
+    verification = verify(points, plan=plan, artefacts=artefacts, specification=mpe, rule=rule)
     result = stated(verification, about)
     result.save(out, html)
     print_record(result, files={"certificate": out, "page": html})

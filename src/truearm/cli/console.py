@@ -26,6 +26,10 @@ SessionFile = Annotated[Path, typer.Argument(metavar="SESSION", help="Session fi
 LengthsFile = Annotated[
     Path | None, typer.Option("--lengths", help="File of known lengths between the session's seats, .csv.")
 ]
+RuleOption = Annotated[
+    Literal["iso14253-1:2013", "iso14253-1:2017", "simple"] | None,
+    typer.Option("--rule", help="Decision rule; by default that of the plan. simple ignores a small uncertainty."),
+]
 LimitsOption = Annotated[
     Literal["skip", "ignore"], typer.Option("--limits", help="Readings beyond a joint limit: skip them, or use them.")
 ]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truearm.cli.console import Json, check_page_path, print_line, print_record, progress
+from truearm.cli.console import Json, RuleOption, check_page_path, print_line, print_record, progress
 
 if TYPE_CHECKING:
     from truearm.verification.standards.decision import DecisionRule
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 # What each way to use the command needs, and what else applies to it.
 NEEDS = {"--points": ("--plan", "--artefacts", "--mpe"), "--simulate": (), "--sheet": ("--out",), "--print-plan": ()}
 TAKES = {
-    "--points": ("--simple", "--report", "--json"),
-    "--simulate": ("--plan", "--artefacts", "--mpe", "--simple", "--arm", "--arms", "--seed", "--json"),
+    "--points": ("--rule", "--report", "--json"),
+    "--simulate": ("--plan", "--artefacts", "--mpe", "--rule", "--arm", "--arms", "--seed", "--json"),
     "--sheet": ("--artefacts", "--mpe"),
     "--print-plan": (),
 }
@@ -29,9 +29,7 @@ def verify(
     points: Annotated[Path | None, typer.Option("--points", help="Measured points, .csv.")] = None,
     artefacts: Annotated[Path | None, typer.Option("--artefacts", help="Certificates of the artefacts, .toml.")] = None,
     mpe: Annotated[Path | None, typer.Option("--mpe", help="The arm's specification: its limits, .toml.")] = None,
-    simple: Annotated[
-        bool, typer.Option("--simple", help="Simple acceptance: ignore the uncertainty where it is small.")
-    ] = False,
+    rule: RuleOption = None,
     report: Annotated[
         Path | None, typer.Option("--report", help="Page to write, .html: values, budgets, artefacts, decision.")
     ] = None,
@@ -67,7 +65,7 @@ def verify(
     """Verify an arm by the tests of a standard.
 
     The points may come from any program. Each test value is printed with its expanded uncertainty U, its limit and
-    the verdict by ISO 14253-1. Exit code 0: conform; 1: not conform; 3: undecided within the uncertainty.
+    the verdict by ISO 14253-1 (--rule). Exit code 0: conform; 1: not conform; 3: undecided.
 
     With --simulate instead of --points: what virtual arms would obtain, before anything is measured. Plan, artefacts
     and limits are iso10360-12 and examples where they are not given. Exit code 0.
@@ -79,7 +77,7 @@ def verify(
         "--plan": plan,
         "--artefacts": artefacts,
         "--mpe": mpe,
-        "--simple": simple or None,
+        "--rule": rule,
         "--report": report,
         "--arm": arm,
         "--arms": arms,
@@ -88,7 +86,6 @@ def verify(
         "--json": as_json or None,
     }
     _check_together([name for name, value in modes.items() if value is not None], others)
-    rule: DecisionRule = "simple" if simple else "iso14253-1"
     if print_plan is not None:
         from truearm.verification.standards.verification_plan import plan_text
 
@@ -122,7 +119,14 @@ def verify(
 
 
 def _verify_points(
-    points: Path, plan: str, artefacts: Path, mpe: Path, *, rule: DecisionRule, report: Path | None, as_json: bool
+    points: Path,
+    plan: str,
+    artefacts: Path,
+    mpe: Path,
+    *,
+    rule: DecisionRule | None,
+    report: Path | None,
+    as_json: bool,
 ) -> None:
     from truearm.verification.standards.decision import Verdict
     from truearm.workflows.verify import verify as verified

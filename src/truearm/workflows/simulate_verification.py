@@ -169,7 +169,7 @@ def simulate_verification(
     plan: PlanLike = "iso10360-12",
     artefacts: ArtefactsLike | None = None,
     specification: SpecificationLike | None = None,
-    rule: DecisionRule = "iso14253-1",
+    rule: DecisionRule | None = None,
     n_arms: int = 100,
     seed: int = 0,
     progress: Callable[[int, str], None] | None = None,
@@ -235,7 +235,7 @@ def simulate_verification(
     )
     where = "example" if artefacts is None else str(artefacts) if isinstance(artefacts, str | Path) else "given"
     return SimulatedVerification(
-        about, arms, posed, planned, certified, where, limits, rule, tuple(verifications), seed
+        about, arms, posed, planned, certified, where, limits, rule or planned.decision_rule, tuple(verifications), seed
     )
 
 

@@ -11,12 +11,19 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.standards.artefacts import Artefacts, read_artefacts
-from truearm.verification.standards.decision import COVERAGE_PROBABILITY, ConformityResult, DecisionRule, Verdict
+from truearm.verification.standards.decision import (
+    COVERAGE_PROBABILITY,
+    DECISION_RULES,
+    ConformityResult,
+    DecisionRule,
+    Verdict,
+)
 from truearm.verification.standards.measured_points import MeasuredPoints, read_points
 from truearm.verification.standards.specification import Specification, read_specification
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification import verify as verify_points
 from truearm.verification.standards.verification_plan import PLANS, VerificationPlan, load_verification_plan
+from truearm.verification.standards.verification_text import describe_rule
 from truearm.workflows.outputs import PageRecord, version_row
 from truearm.workflows.record import TextTable, format_fixed
 
@@ -99,6 +106,8 @@ class VerificationResult(PageRecord):
             f"U: expanded uncertainty of artefact and set-up, {COVERAGE_PROBABILITY:.2%} (k = 2, or more with few "
             "degrees of freedom)"
         )
+        if self.verification.rule != DECISION_RULES[0]:
+            yield describe_rule(self.verification.rule)
         yield from self.remarks
 
     def to_dict(self) -> dict[str, Any]:
@@ -121,7 +130,7 @@ def verify(
     plan: PlanLike = "iso10360-12",
     artefacts: ArtefactsLike,
     specification: SpecificationLike,
-    rule: DecisionRule = "iso14253-1",
+    rule: DecisionRule | None = None,
 ) -> VerificationResult:
     """Verify an arm by the tests of a standard.
 
@@ -135,8 +144,9 @@ def verify(
         Certificates of the artefacts.
     specification : Specification or path
         The limits of the arm.
-    rule : {"iso14253-1", "simple"}
-        Decision rule. ``simple`` ignores the uncertainty where it is at most a quarter of the limit.
+    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}, optional
+        Decision rule, by default that of the plan. ``simple`` ignores the uncertainty where it is at most a quarter of
+        the limit.
 
     Returns
     -------
@@ -218,6 +228,7 @@ def _row_to_dict(row: ConformityResult) -> dict[str, Any]:
         "coverage_factor": row.budget.coverage_factor,
         "degrees_of_freedom": None if isinf(dof) else dof,
         "limit": row.limit,
+        "conformance_probability": row.conformance_probability,
         "verdict": None if row.verdict is None else row.verdict.value,
         "where": row.where,
         "budget": [

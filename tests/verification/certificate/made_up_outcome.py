@@ -52,7 +52,7 @@ def about(**changes):
     )
 
 
-def row(value, limit=0.05, *, label="E_Uni, 900", budget=BUDGET, rule="iso14253-1"):
+def row(value, limit=0.05, *, label="E_Uni, 900", budget=BUDGET, rule="iso14253-1:2013"):
     return assess_conformity(label, value, budget, limit, rule=rule, where="position 1")
 
 
@@ -67,7 +67,7 @@ ROWS = (
 )
 
 
-def outcome(rows=ROWS, *, rule="iso14253-1", degC=20.5, plan=None, plan_sha256=None):
+def outcome(rows=ROWS, *, rule="iso14253-1:2013", degC=20.5, plan=None, plan_sha256=None):
     """A verification with these rows."""
 
     def group(artefact, **keys):

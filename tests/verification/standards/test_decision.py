@@ -18,8 +18,10 @@ from truearm.verification.standards.decision import (
     Contribution,
     Verdict,
     assess_conformity,
+    conformance_probability,
     decide,
     overall_verdict,
+    undecided_zone,
     worst_result,
 )
 
@@ -111,6 +113,83 @@ def test_simple_acceptance(value, uncertainty, verdict):
     assert decide(value, uncertainty, 0.030, rule="simple") is verdict
 
 
+# The edition of 2017 -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "limit", "dof", "probability"),
+    [
+        # Tables of the normal distribution: Phi(1) = 0.8413, Phi(2) = 0.9772, Phi(3) = 0.99865.
+        (0.0, 1.0, 1.0, inf, 2 * 0.841345 - 1),
+        (0.9, 0.05, 1.0, inf, 0.977250),
+        (-0.9, 0.05, 1.0, inf, 0.977250),
+        (1.0, 0.01, 1.0, inf, 0.5),
+        (1.0, 1.0, 1.0, inf, 0.977250 - 0.5),
+        (2.0, 1.0, 1.0, inf, 0.998650 - 0.841345),  # Phi(-1) - Phi(-3)
+        # Cauchy's distribution, one degree of freedom: arctan(1) / pi to either side.
+        (0.0, 1.0, 1.0, 1.0, 0.5),
+        (1.0, 1.0, 1.0, 1.9, np.arctan(2) / np.pi),
+        (0.999, 0.0, 1.0, inf, 1.0),
+        (1.001, 0.0, 1.0, inf, 0.0),
+    ],
+)
+def test_the_probability_of_conformity_by_hand(value, u, limit, dof, probability):
+    assert conformance_probability(value, u, limit, dof=dof) == pytest.approx(probability, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "verdict"),
+    [
+        (1 - 1.65 * 0.1, 0.1, Verdict.CONFORM),  # a guard band of 1.645 u; the edition of 2013 has 2 u
+        (-1 + 1.65 * 0.1, 0.1, Verdict.CONFORM),
+        (1 - 1.64 * 0.1, 0.1, Verdict.UNDECIDED),
+        (1 + 1.64 * 0.1, 0.1, Verdict.UNDECIDED),
+        (-1 - 1.65 * 0.1, 0.1, Verdict.NOT_CONFORM),
+        (1.0, 0.0, Verdict.CONFORM),
+        (1.001, 0.0, Verdict.NOT_CONFORM),
+        # Both limits count: u = 1 / 1.96 leaves 2.5 % beyond either, if the value is 0.
+        (0.0, 0.5102, Verdict.CONFORM),
+        (0.0, 0.5103, Verdict.UNDECIDED),
+        (0.9, 100.0, Verdict.UNDECIDED),  # nearly all mass is outside, which shows nothing
+        (1.1, 100.0, Verdict.UNDECIDED),
+    ],
+)
+def test_iso_14253_of_2017(value, u, verdict):
+    assert decide(value, 2 * u, 1.0, rule="iso14253-1:2017") is verdict
+
+
+def test_few_degrees_of_freedom_widen_the_guard_band():
+    """Student's t of two degrees of freedom for 95 %: 2.920 (tables), for 95.45 %: 4.53."""
+    budget = Budget((Contribution("repeats", 0.01, 2.0),))
+    row = assess_conformity("test", 1 - 0.0291, budget, 1.0, rule="iso14253-1:2017")
+    assert row.verdict is Verdict.UNDECIDED
+    assert row.undecided_zone("iso14253-1:2017") == pytest.approx((1 - 0.0292, 1 + 0.0292), abs=5e-5)
+    assert row.undecided_zone("iso14253-1:2013") == pytest.approx((1 - 0.0453, 1 + 0.0453), abs=5e-5)
+    assert row.conformance_probability == pytest.approx(0.95, abs=1e-3)
+
+
+@settings(deadline=None)
+@given(
+    st.floats(-2, 2), st.floats(0, 1), st.floats(0.01, 1), st.sampled_from([1.0, 3.5, inf]),
+    st.sampled_from(DECISION_RULES),
+)  # fmt: skip
+def test_the_zone_is_where_the_rule_decides_nothing(value, u, limit, dof, rule):
+    budget = Budget((Contribution("only", u, dof),))
+    low, high = undecided_zone(budget, limit, rule=rule)
+    if min(abs(abs(value) - low), abs(abs(value) - high)) < 1e-9:
+        return  # the rounding of an edge
+    verdict = decide(value, budget.expanded, limit, rule=rule, dof=dof)
+    expected = Verdict.CONFORM if abs(value) < low else Verdict.UNDECIDED if abs(value) < high else Verdict.NOT_CONFORM
+    assert verdict is expected
+
+
+@settings(deadline=None)
+@given(st.floats(-2, 2), st.floats(0, 1), st.floats(0.01, 1))
+def test_the_edition_of_2017_decides_as_that_of_2013_wherever_that_decides(value, uncertainty, limit):
+    old, new = (decide(value, uncertainty, limit, rule=rule) for rule in DECISION_RULES[:2])
+    assert new is old or old is Verdict.UNDECIDED
+
+
 @settings(deadline=None)
 @given(st.floats(-1, 1), st.floats(0, 1), st.floats(0.01, 1), st.sampled_from(DECISION_RULES))
 def test_more_uncertainty_decides_less(value, uncertainty, limit, rule):
@@ -149,7 +228,7 @@ def test_bad_contributions_are_refused(u, dof, phrase):
 
 def row(value, limit, u=0.001) -> ConformityResult:
     return assess_conformity(
-        "test", value, Budget((Contribution("all", u),)), limit, rule="iso14253-1", where=str(value)
+        "test", value, Budget((Contribution("all", u),)), limit, rule="iso14253-1:2013", where=str(value)
     )
 
 

@@ -46,7 +46,7 @@ ARTEFACTS = Artefacts(
 BUDGET = Budget((Contribution("calibration", 0.003, 4.0), Contribution("fixture", 0.004)))  # u = 0.005
 
 
-def outcome(rows, *, rule="iso14253-1", remarks=()):
+def outcome(rows, *, rule="iso14253-1:2013", remarks=()):
     def group(artefact, degC, **keys):
         return PointGroup(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, (2,))
 
@@ -62,7 +62,7 @@ def outcome(rows, *, rule="iso14253-1", remarks=()):
     )
 
 
-def row(value, limit=0.05, *, label="E_Uni, 900", budget=BUDGET, rule="iso14253-1", where="position 1"):
+def row(value, limit=0.05, *, label="E_Uni, 900", budget=BUDGET, rule="iso14253-1:2013", where="position 1"):
     return assess_conformity(label, value, budget, limit, rule=rule, where=where)
 
 
@@ -165,7 +165,8 @@ def test_the_decision_names_what_decides():
 
 
 def test_the_rule_names_its_edition_and_that_values_are_compared_before_rounding():
-    assert "ISO 14253-1:2013" in describe_rule("iso14253-1")
+    assert "ISO 14253-1:2013" in describe_rule("iso14253-1:2013")
+    assert "ISO 14253-1:2017, as recalled" in describe_rule("iso14253-1:2017")
     assert "simple acceptance" in describe_rule("simple")
     for rule in DECISION_RULES:
         assert "compared before rounding" in describe_rule(rule)
@@ -196,7 +197,7 @@ def test_dates_and_temperatures_are_stated():
 
 def test_guard_bands_are_those_of_the_rule():
     rows = [row(0.01), row(0.045), row(-0.09)]
-    (drawing,) = limits_figure(rows, rule="iso14253-1").panels
+    (drawing,) = limits_figure(rows, rule="iso14253-1:2013").panels
     (axes,) = drawing.axes
     bands = [patch for patch in axes.patches if patch.get_hatch() and patch.get_width()]
     assert len(bands) == 6
@@ -206,6 +207,10 @@ def test_guard_bands_are_those_of_the_rule():
     low, high = axes.get_xlim()
     assert low < -0.09 / 0.05 - half  # also what is far outside is on the paper
     assert high > 1
+    # The edition of 2017: t of 30 degrees of freedom for 95 % is 1.697 (tables).
+    narrow = limits_figure(rows, rule="iso14253-1:2017").panels[0].axes[0].patches
+    widths = [patch.get_width() * 0.05 / BUDGET.u for patch in narrow if patch.get_hatch() and patch.get_width()]
+    assert widths == pytest.approx(6 * [2 * 1.697], abs=0.001)
     simple = limits_figure([row(0.01, rule="simple")], rule="simple")
     assert not [patch for patch in simple.panels[0].axes[0].patches if patch.get_hatch()]
     assert "guard" not in simple.caption.lower()
@@ -217,7 +222,7 @@ def test_guard_bands_are_those_of_the_rule():
 
 @pytest.mark.parametrize("n", [1, 200])
 def test_the_figure_takes_any_number_of_values(n):
-    figure = limits_figure([row(0.01, label=f"E_Uni, {i}") for i in range(n)], rule="iso14253-1")
+    figure = limits_figure([row(0.01, label=f"E_Uni, {i}") for i in range(n)], rule="iso14253-1:2013")
     assert len(figure.panels[0].axes[0].get_yticks()) == min(n, 60)
     assert ("shows the first 60" in figure.caption) == (n > 60)
 

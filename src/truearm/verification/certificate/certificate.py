@@ -13,7 +13,7 @@ from truearm.verification.standards.artefacts import Artefact, CalibratedBar, Ca
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, ConformityResult, Verdict
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_plan import PLANS, load_verification_plan
-from truearm.verification.standards.verification_text import describe_decision, describe_rule
+from truearm.verification.standards.verification_text import RULE_STANDARDS, describe_decision, describe_rule
 
 SOFTWARE = "truearm"
 # The non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their limit
@@ -138,7 +138,7 @@ def make_certificate(about: AdministrativeData, verification: Verification) -> C
             xml_text(_describe_plan(verification)),
             xml_text(verification.plan.standard),
         ),
-        Method("Decision rule", xml_text(rule), "ISO 14253-1:2013" if verification.rule == "iso14253-1" else None),
+        Method("Decision rule", xml_text(rule), RULE_STANDARDS[verification.rule]),
     ]
     return Certificate(
         about=about,

@@ -44,7 +44,7 @@ class SeatPoints:
 
 
 def effective_diameter(
-    runs: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1"
+    runs: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1:2013"
 ) -> ConformityResult:
     """Effective diameter: the largest deviation of a run's least-squares diameter from the calibrated one.
 
@@ -54,7 +54,7 @@ def effective_diameter(
     ----------
     runs : sequence of SphereMeasurement
     specification : Specification
-    rule : {"iso14253-1", "simple"}
+    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
     """
     corrected = specification.corrected_to_20_degC
     limit = specification.limit("EffectiveDiameter")
@@ -74,7 +74,7 @@ def effective_diameter(
 
 
 def single_point(
-    seats: Sequence[SeatPoints], specification: Specification, *, rule: DecisionRule = "iso14253-1"
+    seats: Sequence[SeatPoints], specification: Specification, *, rule: DecisionRule = "iso14253-1:2013"
 ) -> list[ConformityResult]:
     """Single-point articulation: distances of the points in one seat from their mean.
 
@@ -90,7 +90,7 @@ def single_point(
     ----------
     seats : sequence of SeatPoints
     specification : Specification
-    rule : {"iso14253-1", "simple"}
+    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
 
     Returns
     -------
@@ -125,7 +125,7 @@ def single_point(
 
 
 def volumetric(
-    lengths: Sequence[LengthMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1"
+    lengths: Sequence[LengthMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1:2013"
 ) -> list[ConformityResult]:
     """Volumetric performance: deviations of a bar's lengths throughout the volume.
 
@@ -140,7 +140,7 @@ def volumetric(
     ----------
     lengths : sequence of LengthMeasurement
     specification : Specification
-    rule : {"iso14253-1", "simple"}
+    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """The uncertainty of a test value, and the decision by ISO 14253-1.
 
-Sources: JCGM 100:2008 (GUM), sections 5.1.2, 6.2 and G.4; ISO 14253-1:2013 with the whole expanded uncertainty on both
-sides of a limit, as recalled, not confirmed against its text (the default of its 2017 edition, as recalled, is a
-probability of conformity of 95 %, for a small u a guard band of some 1.65 u; it is not used here).
+Sources: JCGM 100:2008 (GUM), sections 5.1.2, 6.2 and G.4; JCGM 106:2012, section 7, for the probability of conformity.
+ISO 14253-1 is recalled, not confirmed against its text: the edition of 2013 has the whole expanded uncertainty on both
+sides of a limit, the default of the edition of 2017 a probability of 95 % of conformity, or of nonconformity.
 """
 
 from __future__ import annotations
@@ -14,13 +14,17 @@ from functools import cached_property
 from math import erf, hypot, inf, isfinite, isinf, sqrt
 from typing import Literal
 
+from scipy.special import stdtr, stdtrit
+
 from truearm.errors import InputError
 
-DecisionRule = Literal["iso14253-1", "simple"]
-DECISION_RULES: tuple[DecisionRule, ...] = ("iso14253-1", "simple")
+DecisionRule = Literal["iso14253-1:2013", "iso14253-1:2017", "simple"]
+DECISION_RULES: tuple[DecisionRule, ...] = ("iso14253-1:2013", "iso14253-1:2017", "simple")
 
 # Two-sided, of a normal distribution within two standard deviations: k = 2 for infinite degrees of freedom.
 COVERAGE_PROBABILITY = erf(2 / sqrt(2))
+# Of the edition of 2017, one-sided for a small uncertainty: a guard band of 1.645 u [recalled, not confirmed].
+CONFORMANCE_PROBABILITY = 0.95
 # Simple acceptance needs limits of this many times the expanded uncertainty: the "4:1 rule" of laboratories.
 SIMPLE_RATIO = 4.0
 
@@ -91,12 +95,7 @@ class Budget:
     @cached_property
     def coverage_factor(self) -> float:
         """Student's t for `COVERAGE_PROBABILITY` and the truncated degrees of freedom (GUM G.4.1, note 1)."""
-        if isinf(self.dof):
-            return 2.0
-        from scipy.stats import t
-
-        # Neither the rounding of a sum nor a single contribution may reduce the integer.
-        return float(t.ppf((1 + COVERAGE_PROBABILITY) / 2, max(1, int(self.dof * (1 + 1e-12)))))
+        return 2.0 if isinf(self.dof) else _quantile((1 + COVERAGE_PROBABILITY) / 2, self.dof)
 
     @property
     def expanded(self) -> float:
@@ -143,8 +142,77 @@ class ConformityResult:
         """Expanded uncertainty of the value."""
         return self.budget.expanded
 
+    @property
+    def conformance_probability(self) -> float | None:
+        """Probability that the quantity lies within its limit; None where there is none."""
+        if self.limit is None:
+            return None
+        return conformance_probability(self.value, self.budget.u, self.limit, dof=self.budget.dof)
 
-def decide(value: float, uncertainty: float, limit: float, *, rule: DecisionRule = "iso14253-1") -> Verdict:
+    def undecided_zone(self, rule: DecisionRule) -> tuple[float, float] | None:
+        """Magnitudes of the value between which a rule decides nothing; None where there is no limit."""
+        if self.limit is None:
+            return None
+        return undecided_zone(self.budget, self.limit, rule=rule)
+
+
+def conformance_probability(value: float, u: float, limit: float, *, dof: float = inf) -> float:
+    """Return the probability that a quantity lies within ``-limit`` and ``limit``.
+
+    For a normal distribution about the value, or Student's t for finite degrees of freedom (JCGM 106:2012, 7.2 and
+    7.4): ``p = F((limit - value) / u) - F((-limit - value) / u)``. For a quantity that is never negative the lower
+    limit makes p smaller, noticeably only if u is more than a third of the limit.
+
+    Parameters
+    ----------
+    value : float
+        Test value, with its sign.
+    u : float
+        Standard uncertainty of it; 0 gives the probability 0 or 1.
+    limit : float
+        Positive, in the same unit.
+    dof : float
+        Degrees of freedom of `u`.
+
+    Raises
+    ------
+    InputError
+        As `decide`.
+    """
+    _check(value, u, limit)
+    value = abs(value)
+    if u == 0:
+        return float(value <= limit)
+    return _cumulative((limit - value) / u, dof) - _cumulative((-limit - value) / u, dof)
+
+
+def undecided_zone(budget: Budget, limit: float, *, rule: DecisionRule) -> tuple[float, float]:
+    """Return the magnitudes of a value between which a rule decides nothing: up to the first it conforms.
+
+    The zone is empty with simple acceptance, and begins at 0 where the uncertainty is too large for any value to
+    conform.
+    """
+    expanded = budget.expanded
+    if rule == "simple" and simple_applies(expanded, limit):
+        return limit, limit
+    if rule != "iso14253-1:2017":
+        return max(limit - expanded, 0.0), limit + expanded
+    u, dof = budget.u, budget.dof
+
+    def excess(value: float) -> float:
+        return conformance_probability(value, u, limit, dof=dof) - CONFORMANCE_PROBABILITY
+
+    beyond = limit + _quantile(CONFORMANCE_PROBABILITY, dof) * u
+    if excess(0.0) <= 0:
+        return 0.0, beyond
+    from scipy.optimize import brentq
+
+    return (limit if u == 0 else float(brentq(excess, 0.0, limit))), beyond
+
+
+def decide(
+    value: float, uncertainty: float, limit: float, *, rule: DecisionRule = "iso14253-1:2013", dof: float = inf
+) -> Verdict:
     """Decide on the conformity of a test value.
 
     Parameters
@@ -152,30 +220,59 @@ def decide(value: float, uncertainty: float, limit: float, *, rule: DecisionRule
     value : float
         Test value; its magnitude is compared.
     uncertainty : float
-        Expanded uncertainty of it.
+        Expanded uncertainty of it, ``U = k u``.
     limit : float
         Maximum permissible error, positive.
-    rule : {"iso14253-1", "simple"}
-        ISO 14253-1 for a supplier who proves conformity and a customer who proves the contrary: conform if
-        ``|value| + U <= limit``, not conform if ``|value| - U > limit``, else undecided. Simple acceptance ignores
-        an uncertainty of at most the limit over `SIMPLE_RATIO`; where it is larger, ISO 14253-1 applies.
+    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+        Two editions of ISO 14253-1, for a supplier who proves conformity and a customer who proves the contrary. 2013:
+        conform if ``|value| + U <= limit``, not conform if ``|value| - U > limit``, else undecided. 2017: conform if
+        `conformance_probability` is `CONFORMANCE_PROBABILITY` or more, not conform if the quantity is beyond the limit
+        on the value's side with that probability. (Mass beyond the other limit proves no nonconformity: it grows
+        without bound with the uncertainty.) Simple acceptance ignores an uncertainty of at most the limit over
+        `SIMPLE_RATIO`; where it is larger, the edition of 2013 applies.
+    dof : float
+        Effective degrees of freedom of the uncertainty.
 
     Raises
     ------
     InputError
         If the value is not finite, the uncertainty is negative or not finite, or the limit is not positive.
     """
+    _check(value, uncertainty, limit)
+    size = abs(value)
+    if rule == "iso14253-1:2017":
+        u = uncertainty / (2.0 if isinf(dof) else _quantile((1 + COVERAGE_PROBABILITY) / 2, dof))
+        if conformance_probability(value, u, limit, dof=dof) >= CONFORMANCE_PROBABILITY:
+            return Verdict.CONFORM
+        beyond = size > limit and size - limit >= _quantile(CONFORMANCE_PROBABILITY, dof) * u
+        return Verdict.NOT_CONFORM if beyond else Verdict.UNDECIDED
+    if rule == "simple" and simple_applies(uncertainty, limit):
+        return Verdict.CONFORM if size <= limit else Verdict.NOT_CONFORM
+    if size + uncertainty <= limit:
+        return Verdict.CONFORM
+    return Verdict.NOT_CONFORM if size - uncertainty > limit else Verdict.UNDECIDED
+
+
+def _check(value: float, uncertainty: float, limit: float) -> None:
     if not isfinite(value):
         raise InputError(f"expected a finite test value, got {value}")
     if not (isfinite(uncertainty) and uncertainty >= 0):
-        raise InputError(f"expected an expanded uncertainty of 0 or more, got {uncertainty}")
+        raise InputError(f"expected an uncertainty of 0 or more, got {uncertainty}")
     if not (isfinite(limit) and limit > 0):
         raise InputError(f"expected a positive limit, got {limit}")
-    if rule == "simple" and simple_applies(uncertainty, limit):
-        return Verdict.CONFORM if abs(value) <= limit else Verdict.NOT_CONFORM
-    if abs(value) + uncertainty <= limit:
-        return Verdict.CONFORM
-    return Verdict.NOT_CONFORM if abs(value) - uncertainty > limit else Verdict.UNDECIDED
+
+
+def _whole(dof: float) -> float:
+    """Degrees of freedom truncated to an integer (GUM G.4.1, note 1): neither rounding of a sum may reduce it."""
+    return dof if isinf(dof) else max(1, int(dof * (1 + 1e-12)))
+
+
+def _quantile(probability: float, dof: float) -> float:
+    return float(stdtrit(_whole(dof), probability))
+
+
+def _cumulative(t: float, dof: float) -> float:
+    return float(stdtr(_whole(dof), t))
 
 
 def simple_applies(uncertainty: float, limit: float) -> bool:
@@ -193,7 +290,7 @@ def assess_conformity(
     where: str = "",
 ) -> ConformityResult:
     """Return the row of a test value in mm, with the verdict where there is a limit."""
-    verdict = None if limit is None else decide(value, budget.expanded, limit, rule=rule)
+    verdict = None if limit is None else decide(value, budget.expanded, limit, rule=rule, dof=budget.dof)
     return ConformityResult(label, value, "mm", budget, limit, verdict, where)
 
 

@@ -24,7 +24,7 @@ from truearm.verification.standards.specification import Specification
 
 
 def p_size(
-    spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1"
+    spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1:2013"
 ) -> ConformityResult:
     """Probing size error P_Size.Sph.1x25: diameter of the least-squares sphere less the calibrated one.
 
@@ -36,7 +36,7 @@ def p_size(
     spheres : sequence of SphereMeasurement
         One for each position.
     specification : Specification
-    rule : {"iso14253-1", "simple"}
+    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
 
     Returns
     -------
@@ -60,7 +60,7 @@ def p_size(
 
 
 def p_form(
-    spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1"
+    spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1:2013"
 ) -> ConformityResult:
     """Probing form error P_Form.Sph.1x25: thickness of the least-squares shell with all points.
 
@@ -76,7 +76,10 @@ def p_form(
 
 
 def l_dia(
-    positions: Sequence[Sequence[SphereMeasurement]], specification: Specification, *, rule: DecisionRule = "iso14253-1"
+    positions: Sequence[Sequence[SphereMeasurement]],
+    specification: Specification,
+    *,
+    rule: DecisionRule = "iso14253-1:2013",
 ) -> list[ConformityResult]:
     """Articulated location error L_Dia.5x5: diameter of the smallest sphere that contains the centres of the groups.
 
@@ -88,7 +91,7 @@ def l_dia(
     positions : sequence of sequence of SphereMeasurement
         The groups of each position of the sphere.
     specification : Specification
-    rule : {"iso14253-1", "simple"}
+    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
 
     Returns
     -------
@@ -119,7 +122,7 @@ def e_uni(
     *,
     repeats: int = 3,
     tolerated_sets: int = 0,
-    rule: DecisionRule = "iso14253-1",
+    rule: DecisionRule = "iso14253-1:2013",
 ) -> list[ConformityResult]:
     """Length measurement error E_Uni: measured less calibrated length, ends touched from the same side.
 
@@ -136,7 +139,7 @@ def e_uni(
     tolerated_sets : int
         Number of sets (one length at one position) in which a single value may not conform, if the set is measured
         again; the second set counts then.
-    rule : {"iso14253-1", "simple"}
+    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
 
     Returns
     -------
@@ -153,7 +156,7 @@ def e_bi(
     *,
     repeats: int = 3,
     tolerated_sets: int = 0,
-    rule: DecisionRule = "iso14253-1",
+    rule: DecisionRule = "iso14253-1:2013",
 ) -> list[ConformityResult]:
     """Length measurement error E_Bi: measured less calibrated length, faces touched from opposite sides.
 

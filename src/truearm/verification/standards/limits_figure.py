@@ -14,7 +14,7 @@ from matplotlib.patches import Rectangle
 from truearm.pages.number_format import format_number, format_percent
 from truearm.pages.palette import INK, LIMIT, NAVY, ORANGE, PALE, PAPER, PURPLE
 from truearm.pages.plotting import Figure, Style, figure_style, join_phrases, shorten
-from truearm.verification.standards.decision import ConformityResult, DecisionRule, Verdict, simple_applies
+from truearm.verification.standards.decision import ConformityResult, DecisionRule, Verdict
 
 # Colour and shape of each verdict; the shapes differ in black and white too.
 _PENS = {
@@ -33,8 +33,8 @@ def limits_figure(rows: Sequence[ConformityResult], *, rule: DecisionRule) -> Fi
     ----------
     rows : sequence of ConformityResult
         With limits.
-    rule : {"iso14253-1", "simple"}
-        With simple acceptance, values have guard bands only where it does not apply.
+    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+        It determines the guard bands; with simple acceptance, values have some only where it does not apply.
     """
     shown = list(rows[:_MOST_ROWS])
     height_in = _HEAD_IN + _ROW_IN * len(shown) + _FOOT_IN
@@ -59,7 +59,7 @@ def limits_figure(rows: Sequence[ConformityResult], *, rule: DecisionRule) -> Fi
         ticks = [tick for tick in axes.get_xticks() if abs(tick) <= reach]
         axes.set_xticks(ticks, [format_number(round(100 * tick)) for tick in ticks])
         _legend(axes, shown, rule)
-    guard = " Hatched: the guard bands, U on either side of a limit, in which a value is undecided."
+    guard = " Hatched: the guard bands about a limit, in which a value is undecided."
     more = f" The figure shows the first {_MOST_ROWS}." if len(rows) > _MOST_ROWS else ""
     phrases = join_phrases(
         f"{row.name} {format_percent(row.value / (row.limit or inf))}, {row.verdict.value}"
@@ -76,7 +76,8 @@ def limits_figure(rows: Sequence[ConformityResult], *, rule: DecisionRule) -> Fi
 
 def _guarded(row: ConformityResult, rule: DecisionRule) -> bool:
     """Whether a row has guard bands."""
-    return row.uncertainty > 0 and (rule != "simple" or not simple_applies(row.uncertainty, row.limit or inf))
+    zone = row.undecided_zone(rule)
+    return zone is not None and zone[1] > zone[0]
 
 
 def _draw(axes: Axes, at: int, row: ConformityResult, rule: DecisionRule) -> None:
@@ -84,12 +85,13 @@ def _draw(axes: Axes, at: int, row: ConformityResult, rule: DecisionRule) -> Non
     assert row.verdict is not None
     value, u, half = row.value / row.limit, row.uncertainty / row.limit, 0.36
     axes.add_patch(Rectangle((-1, at - half), 2, 2 * half, facecolor=PALE, linewidth=0, zorder=1))
+    low, high = (edge / row.limit for edge in row.undecided_zone(rule) or (row.limit, row.limit))
     for side in (-1, 1):
-        if _guarded(row, rule):
+        if high > low:
             axes.add_patch(
                 Rectangle(
-                    (side - u, at - half),
-                    2 * u,
+                    (low if side > 0 else -high, at - half),
+                    high - low,
                     2 * half,
                     facecolor=PAPER,
                     edgecolor=LIMIT,

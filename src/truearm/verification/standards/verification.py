@@ -37,7 +37,7 @@ class Verification:
     plan : VerificationPlan
     artefacts : Artefacts
     specification : Specification
-    rule : {"iso14253-1", "simple"}
+    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
     plan_sha256 : str or None
         SHA-256 of the plan's file, where it is one of the user's own.
     """
@@ -49,7 +49,7 @@ class Verification:
     plan: VerificationPlan
     artefacts: Artefacts
     specification: Specification
-    rule: DecisionRule = "iso14253-1"
+    rule: DecisionRule = "iso14253-1:2013"
     plan_sha256: str | None = None
 
     @property
@@ -86,7 +86,7 @@ def verify(
     plan: VerificationPlan,
     artefacts: Artefacts,
     specification: Specification,
-    rule: DecisionRule = "iso14253-1",
+    rule: DecisionRule | None = None,
     plan_sha256: str | None = None,
 ) -> Verification:
     """Verify an arm: evaluate the tests of a plan and compare the test values with the limits of a specification.
@@ -98,8 +98,8 @@ def verify(
     artefacts : Artefacts
         Those of the points, with certificates that were valid on the day.
     specification : Specification
-    rule : {"iso14253-1", "simple"}
-        Decision rule, see `decide`.
+    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}, optional
+        Decision rule, see `decide`; by default that of the plan.
     plan_sha256 : str, optional
         SHA-256 of the plan's file, for the certificate.
 
@@ -114,6 +114,7 @@ def verify(
             raise measured.error(
                 f"the plan {plan.name!r} has no test {name!r}", groups[0], hint=f"use one of {', '.join(plan.tests)}"
             )
+    rule = rule or plan.decision_rule
     evaluation = Evaluation(measured, artefacts, specification, rule)
     rows: list[ConformityResult] = []
     remarks: list[str] = []
@@ -155,8 +156,8 @@ def _remarks(
         large = [one.label for one in rows if one.limit is not None and not simple_applies(one.uncertainty, one.limit)]
         if large:
             remarks.append(
-                f"U is more than 1/{SIMPLE_RATIO:g} of the limit, so that ISO 14253-1 applies in place of simple "
-                f"acceptance: {', '.join(dict.fromkeys(large))}"
+                f"U is more than 1/{SIMPLE_RATIO:g} of the limit, so that ISO 14253-1:2013 applies in place of "
+                f"simple acceptance: {', '.join(dict.fromkeys(large))}"
             )
     if not specification.corrected_to_20_degC:
         remarks.append("lengths are not corrected to 20 degC: the specification asks for that")

@@ -16,6 +16,7 @@ from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, parse_toml, read_document
+from truearm.verification.standards.decision import DECISION_RULES, DecisionRule
 
 CHECK_STANDARD = "check against your copy of the standard"
 PLANS = ("iso10360-12", "asme-b89.4.22")
@@ -134,6 +135,13 @@ class Volumetric(PlannedTest):
 class VerificationPlan(Document):
     """A test plan; a test without an entry is not part of it.
 
+    Attributes
+    ----------
+    name, title, standard : str
+    decision_rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+        That of `verify`, unless that is given another one.
+    probing, articulation, uni, bi, effective_diameter, single_point, volumetric : PlannedTest or None
+
     Examples
     --------
     >>> import truearm as ta
@@ -145,6 +153,7 @@ class VerificationPlan(Document):
     name: Name
     title: Name
     standard: Name
+    decision_rule: DecisionRule = DECISION_RULES[0]
     probing: Probing | None = None
     articulation: Articulation | None = None
     uni: LengthTest | None = None
@@ -152,6 +161,13 @@ class VerificationPlan(Document):
     effective_diameter: EffectiveDiameter | None = None
     single_point: SinglePoint | None = None
     volumetric: Volumetric | None = None
+
+    @field_validator("decision_rule", mode="before")
+    @classmethod
+    def _known_rule(cls, given: object) -> object:
+        if given not in DECISION_RULES:
+            raise InputError(f"unknown decision rule {given!r:.80}", hint=f"use one of {', '.join(DECISION_RULES)}")
+        return given
 
     @model_validator(mode="after")
     def _not_empty(self) -> Self:
@@ -185,7 +201,9 @@ class VerificationPlan(Document):
                         yield f"{name}.{key}", value, coming_value
 
 
-TESTS = tuple(name for name, field in VerificationPlan.model_fields.items() if not field.is_required())
+TESTS = tuple(
+    name for name, field in VerificationPlan.model_fields.items() if not field.is_required() and name != "decision_rule"
+)
 
 
 def load_verification_plan(name: str | Path) -> VerificationPlan:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from decimal import Decimal
 
 from truearm.pages.number_format import format_count, format_in_text, format_number
 from truearm.verification.standards.decision import (
+    CONFORMANCE_PROBABILITY,
     COVERAGE_PROBABILITY,
     SIMPLE_RATIO,
     ConformityResult,
@@ -15,6 +16,11 @@ from truearm.verification.standards.decision import (
 )
 from truearm.verification.standards.verification import Verification
 
+RULE_STANDARDS: Mapping[DecisionRule, str | None] = {
+    "iso14253-1:2013": "ISO 14253-1:2013",
+    "iso14253-1:2017": "ISO 14253-1:2017",
+    "simple": None,
+}
 UNROUNDED_TEXT = "Values are compared before rounding."
 LEVEL_TEXT = format_in_text(round(100 * COVERAGE_PROBABILITY, 2), unit="%", digits=4)
 
@@ -32,7 +38,7 @@ def describe_decision(verification: Verification) -> str:
     if between := by[Verdict.UNDECIDED]:
         verb = "lies" if len(between) == 1 else "lie"
         parts.append(
-            f"{format_count(len(between), 'value')} {verb} in the guard band, within U of the limit, and can neither "
+            f"{format_count(len(between), 'value')} {verb} in the guard band about the limit, and can neither "
             f"be shown to conform nor not to conform: {_list_rows(between)}. Use an artefact or a set-up with a "
             "smaller uncertainty."
         )
@@ -45,6 +51,16 @@ def describe_rule(rule: DecisionRule) -> str:
         "a value conforms if it lies within its limit by the expanded uncertainty U or more, it does not conform if it "
         "lies beyond by more than U, and is undecided in the guard band between"
     )
+    if rule == "iso14253-1:2017":
+        level = format_in_text(100 * CONFORMANCE_PROBABILITY, unit="%")
+        return (
+            f"Decision rule: a value conforms if the quantity lies within its limits with a probability of {level} or "
+            f"more, it does not conform if the quantity lies beyond the nearer limit with a probability of {level} or "
+            "more, and is undecided between. The quantity has a normal distribution about the value with the standard "
+            "uncertainty u, or Student's t where u has few degrees of freedom; where u is small, the guard band is "
+            "1.645 u. This is the default rule of ISO 14253-1:2017, as recalled, not confirmed against its text. "
+            f"{UNROUNDED_TEXT}"
+        )
     if rule == "simple":
         return (
             "Decision rule: simple acceptance where the expanded uncertainty U is at most "
@@ -52,8 +68,8 @@ def describe_rule(rule: DecisionRule) -> str:
             f"{whole}. {UNROUNDED_TEXT}"
         )
     return (
-        f"Decision rule: {whole}. This is the rule of ISO 14253-1:2013; the smaller guard bands of the edition of 2017 "
-        f"are not used. {UNROUNDED_TEXT}"
+        f"Decision rule: {whole}. This is the rule of ISO 14253-1:2013; the edition of 2017 has smaller guard bands. "
+        f"{UNROUNDED_TEXT}"
     )
 
 

@@ -41,7 +41,7 @@ def simulate_verification(
     specification: Specification,
     n_arms: int,
     seed: int,
-    rule: DecisionRule = "iso14253-1",
+    rule: DecisionRule | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[Verification, ...]:
     """Simulate a verification test with many arms.
