@@ -9,7 +9,8 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
-from truearm.identification.estimation.identification import eliminate_unknowns, grouped_prior, identify
+from truearm.identification.estimation.identification import grouped_prior, identify
+from truearm.identification.estimation.linearisation import eliminate_unknowns
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.references import Length, Points, Seats

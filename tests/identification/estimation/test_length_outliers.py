@@ -9,7 +9,8 @@ import pytest
 from mixed_session import reached, unit
 
 from truearm.arm import load_arm
-from truearm.identification.estimation.identification import UNKNOWN_STD, identify, initial_problem
+from truearm.identification.estimation.identification import identify, initial_problem
+from truearm.identification.estimation.linearisation import UNKNOWN_STD
 from truearm.identification.estimation.outliers import MAX_NORMALIZED_RESIDUAL, constraint_residuals, length_outliers
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.references import seats_of

@@ -29,8 +29,9 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from truearm.arm.chain import Chain
-from truearm.identification.estimation.identification import UNKNOWN_STD, eliminate_unknowns, reference_fits, take_step
+from truearm.identification.estimation.identification import reference_fits
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
+from truearm.identification.estimation.linearisation import UNKNOWN_STD, eliminate_unknowns
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.propagation import direction_effects
@@ -40,6 +41,7 @@ from truearm.identification.estimation.residual_variance import (
     huber_threshold_squared,
     huber_weights,
 )
+from truearm.identification.estimation.rounds import take_step
 from truearm.identification.terms.basis import Constant
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term

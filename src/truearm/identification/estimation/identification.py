@@ -2,8 +2,7 @@
 
 Maximum a posteriori by Gauss-Newton on exact kinematics. The prior scale of every group of terms and the noise of every
 kind of reference maximise the evidence; large residuals get less weight, as under a density with long tails. All four
-depend on each other and are estimated in rounds: weights and noise from the residuals, a linearisation, then scales and
-parameters from it.
+depend on each other and are estimated in rounds (`truearm.identification.estimation.rounds`).
 """
 
 from __future__ import annotations
@@ -16,45 +15,29 @@ import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identification.estimation.group_scales import (
-    WeighedEvidence,
-    is_fast,
-    weigh_evidence,
-    with_uncertain_scales,
-    without_invisible,
-    without_negligible,
-)
+from truearm.identification.estimation.group_scales import is_fast, with_uncertain_scales, without_negligible
 from truearm.identification.estimation.identification_result import (
     IdentificationResult,
     ReferenceFit,
     TermGroupResult,
 )
+from truearm.identification.estimation.linearisation import (
+    UNKNOWN_STD,
+    eliminate_unknowns,
+    grouped_equations,
+    linearised,
+)
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.problem import ABSOLUTE, RELATIVE, SmallMotionProblem
+from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.references import Reference
-from truearm.identification.estimation.residual_variance import FLOOR_MM2, huber_weights, paule_mandel_variance
+from truearm.identification.estimation.rounds import Rounds
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.solve import KnownStep, StepHalving, damped_step
-from truearm.solve.arrowhead import Arrowhead, SchurComplement
-from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, Posterior
+from truearm.solve.group_evidence import GroupedPrior
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
 MOST_ROUNDS = 40
-# The last step moves tips by a smaller share of their uncertainty; the noise is calm when it changes by less.
-SETTLED_STEP = 0.05
-CALM_NOISE, SAME_NOISE = 0.05, 1e-4
-LEAST_NOISE = 1e-30
-# Maximum halvings of a step until the cost does not rise by more than this share, its rounding.
-MAX_HALVINGS = 7
-COST_ROUNDING = 1e-9
-# If no reference determines the size of the arm, it stays nominal, to this share.
-SIZE_STD = 1e-6
-# The problem is set up again without pruned terms if no larger share of the parameters remains.
-MOST_ACTIVE = 0.7
-# The prior of an artefact's unknowns is wider than any workshop [mm, or 1].
-UNKNOWN_STD = 1e6
 
 
 def grouped_prior(terms: Sequence[Term], n_unknowns: int) -> tuple[GroupedPrior, tuple[str, ...]]:
@@ -129,73 +112,23 @@ def identify(
     for reference in references:
         _check_rows(reference, len(state))
     given = _checked_weights(reading_weights, references, len(state))
-    n_residuals = sum(
-        int((w > 0).sum()) * reference.n_residuals for w, reference in zip(given, references, strict=True)
-    )
     perturbed_chain = PerturbedChain(chain, tuple(terms))
     problem, unknowns = initial_problem(perturbed_chain, state, references)
-    n_coefficients = perturbed_chain.n_coefficients
-    x = np.concatenate([np.zeros(n_coefficients), unknowns])
-    prior, groups = grouped_prior(terms, len(x) - n_coefficients)
+    x = np.concatenate([np.zeros(perturbed_chain.n_coefficients), unknowns])
+    prior, groups = grouped_prior(terms, len(unknowns))
     if start is not None:
         x, prior = started_at(start, perturbed_chain, prior, groups)
     offered = dict(zip(groups, np.bincount(prior.group).tolist(), strict=False))  # the last group are the unknowns
-    fast = is_fast(terms, groups, state)
-    per_kind = np.zeros(len(references))
-    noise_before, calm = np.full(len(references), np.inf), 0
-    step_before, share = np.zeros(len(x)), 1.0
-    residuals = problem.residuals(x)
+    rounds = Rounds(problem, given, x, prior, groups, is_fast(terms, groups, state), robust=robust)
     for n_rounds in range(1, MOST_ROUNDS + 1):
-        noise, weights, robust_weights = _weights(problem.references, residuals, given, per_kind, robust=robust)
+        rounds.weigh()
         if progress is not None:
-            status = ", ".join(f"{kind} {np.sqrt(v):.4f} mm" for kind, v in zip(kinds, noise, strict=True))
-            progress(n_rounds, f"noise: {status}")
-        parts, whole = linearised(problem, x, weights)
-        reduced = eliminate_unknowns(parts, whole, x)
-        change = np.abs(noise - noise_before) / np.maximum(noise, LEAST_NOISE)
-        was_calm = calm >= 1
-        # A noise that repeats itself needs no second look, unless it is none.
-        repeats = change.max() < SAME_NOISE and noise.min() > 2 * FLOOR_MM2
-        calm = calm + (2 if repeats else 1) if change.max() < CALM_NOISE else 0
-        if calm and not was_calm:
-            prior = without_invisible(prior, whole.diagonal, n_residuals)
-        # While the noise still falls, groups below it must not be pruned.
-        prunable = fast if calm >= 2 else np.zeros_like(fast)
-        with one_blas_thread():
-            equations = _grouped_equations(reduced, x, n_residuals)
-            found = weigh_evidence(equations, reduced.kept, prior, prunable, is_calm=calm >= 1)
-        prior, effective = found.prior, found.effective
-        if x[~prior.active].any():
-            x = np.where(prior.active, x, 0.0)
-            residuals = problem.residuals(x)
-        step = reduced.step(found.x - x[reduced.kept])
-        along = whole.times(step)
-        # Rounding may make a tiny product negative.
-        moved_by = np.sqrt(max(float(step @ along), 0.0) / max(float(effective.sum()) + reduced.n_determined, 1.0))
-        back = float(along @ step_before) < 0
-        share = max(share / 2, 0.1) if calm >= 2 and back else min(1.5 * share, 1.0)
-        step_before = step
-        cost, halving = _cost(problem, weights, prior), StepHalving(share, MAX_HALVINGS)
-        x, residuals = take_step(problem, x, residuals, step, cost, halving)
-        with one_blas_thread():
-            per_kind = _effective_numbers(reduced, parts, equations, found)
-        converged = calm >= 2 and moved_by < SETTLED_STEP
-        noise_before = noise
-        if converged:
+            noise = ", ".join(f"{kind} {np.sqrt(v):.4f} mm" for kind, v in zip(kinds, rounds.noise, strict=True))
+            progress(n_rounds, f"noise: {noise}")
+        rounds.improve()
+        if rounds.converged:
             break
-        prior = found.next
-        problem, prior, x, step_before = _without_pruned(problem, groups, prior, x, step_before)
-    prior = with_uncertain_scales(prior, effective)
-    prior = without_negligible(prior, problem.perturbed_chain, state, float(np.sqrt(noise.min())), n_residuals)
-    effective = np.where(prior.scale > 0, effective, 0.0)
-    x = np.where(prior.active, x, 0.0)
-    # If the readings leave a motion of decimetres open, the last step may still change the linearisation by more than
-    # the noise: compute the covariance at the final parameters.
-    parts, whole = linearised(problem, x, weights)
-    reduced = eliminate_unknowns(parts, whole, x)
-    with one_blas_thread():
-        solution = _grouped_equations(reduced, x, n_residuals).posterior(prior.subset(reduced.kept))
-    return _result(problem, x, prior, offered, solution, effective, noise, robust_weights, converged, n_rounds)
+    return _result(rounds, offered, state, n_rounds)
 
 
 def initial_problem(
@@ -245,82 +178,21 @@ def _checked_weights(weights: FloatArray | None, references: Sequence[Reference]
     return [weights[reference.rows] for reference in references]
 
 
-def linearised(
-    problem: SmallMotionProblem, x: FloatArray, weights: list[FloatArray]
-) -> tuple[list[Arrowhead], Arrowhead]:
-    """Normal equations of every reference, and their sum with the constraints."""
-    parts, whole = problem.equations(x, weights)
-    head, gradient = whole.head, whole.gradient
-    if any(reference.kind in RELATIVE for reference in problem.references):
-        size = problem.log_size_ratio_gradient(x)
-        for part, reference in zip(parts, problem.references, strict=True):
-            if reference.kind in RELATIVE:
-                gradient = gradient - 2 * part.cost * size
-        if _size_is_open(problem, x):
-            of_coefficients = size[: len(head)]
-            head = head + np.outer(of_coefficients, of_coefficients) / SIZE_STD**2
-            gradient = gradient + size * problem.log_size_ratio(x) / SIZE_STD**2
-    return parts, replace(whole, gradient=gradient, head=head)
+def _result(rounds: Rounds, offered: dict[str, int], state: ArmState, n_rounds: int) -> IdentificationResult:
+    """The result of all rounds, with the covariance at the final parameters.
 
-
-def eliminate_unknowns(parts: Sequence[Arrowhead], whole: Arrowhead, x: FloatArray) -> SchurComplement:
-    """Normal equations without the artefacts' unknowns.
-
-    Unknowns without readings remain: lengths of artefacts, which couple the places of an artefact.
+    If the readings leave a motion of decimetres open, the last step may still change the linearisation by more than the
+    noise.
     """
-    in_readings = np.concatenate([part.blocks.diagonal() for part in parts]) > 0
-    return whole.eliminate(np.full(len(in_readings), UNKNOWN_STD**-2.0), x, shared=~in_readings)
-
-
-def _without_pruned(
-    problem: SmallMotionProblem, groups: tuple[str, ...], prior: GroupedPrior, x: FloatArray, step: FloatArray
-) -> tuple[SmallMotionProblem, GroupedPrior, FloatArray, FloatArray]:
-    """The problem, its prior, parameters and a step without pruned terms, where these are many."""
-    active = np.flatnonzero(prior.active)
-    if len(active) > MOST_ACTIVE * len(x):
-        return problem, prior, x, step
-    chain = problem.perturbed_chain
-    kept = tuple(term for term in chain.terms if prior.scale[groups.index(term.group)] > 0)
-    smaller = SmallMotionProblem(PerturbedChain(chain.chain, kept), problem.state, problem.references)
-    return smaller, prior.subset(active), x[active], step[active]
-
-
-def _grouped_equations(reduced: SchurComplement, x: FloatArray, n_residuals: int) -> GroupedEquations:
-    right = reduced.gram @ x[reduced.kept] - reduced.gradient
-    return GroupedEquations(reduced.gram, right, reduced.size, n_residuals)
-
-
-def _effective_numbers(
-    reduced: SchurComplement, parts: Sequence[Arrowhead], equations: GroupedEquations, found: WeighedEvidence
-) -> FloatArray:
-    """Number of parameters that each reference determines; that of one without unknowns follows from the variances."""
-    if len(parts) == 1 and not parts[0].blocks.shape[0]:
-        return np.array([found.effective.sum()])
-    return reduced.traces(parts, equations.posterior(found.prior.subset(reduced.kept)).covariance)
-
-
-def _size_is_open(problem: SmallMotionProblem, x: FloatArray) -> bool:
-    """Whether no reference determines the size of the arm: neither points nor distances nor lengths nor radii."""
-    constraints_of = [
-        reference.constraints(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)
-    ]
-    return all(r.kind not in ABSOLUTE for r in problem.references) and all(
-        constraints is None for constraints in constraints_of
-    )
-
-
-def _result(
-    problem: SmallMotionProblem,
-    x: FloatArray,
-    prior: GroupedPrior,
-    offered: dict[str, int],
-    solution: Posterior,
-    effective: FloatArray,
-    noise: FloatArray,
-    robust_weights: list[FloatArray],
-    converged: bool,
-    n_rounds: int,
-) -> IdentificationResult:
+    problem, n_residuals = rounds.problem, rounds.n_residuals
+    noise = np.sqrt(rounds.noise)
+    prior = with_uncertain_scales(rounds.prior, rounds.effective)
+    prior = without_negligible(prior, problem.perturbed_chain, state, float(noise.min()), n_residuals)
+    effective = np.where(prior.scale > 0, rounds.effective, 0.0)
+    x = np.where(prior.active, rounds.x, 0.0)
+    reduced = eliminate_unknowns(*linearised(problem, x, rounds.weights), x)
+    with one_blas_thread():
+        solution = grouped_equations(reduced, x, n_residuals).posterior(prior.subset(reduced.kept))
     perturbed_chain, groups = problem.perturbed_chain, list(offered)
     kept = tuple(term for term in perturbed_chain.terms if prior.scale[groups.index(term.group)] > 0)
     active = np.flatnonzero(prior.active[: perturbed_chain.n_coefficients])
@@ -333,8 +205,8 @@ def _result(
             TermGroupResult(name, n, float(effective[i]), float(prior.scale[i]))
             for i, (name, n) in enumerate(offered.items())
         ),
-        reference_fits(problem, x, np.sqrt(noise), robust_weights),
-        bool(converged),
+        reference_fits(problem, x, noise, rounds.robust_weights),
+        rounds.converged,
         n_rounds,
     )
 
@@ -370,74 +242,3 @@ def _artefact(problem: SmallMotionProblem, which: int, x: FloatArray) -> npt.NDA
     tips = problem.perturbed_chain.tips(problem.state.rows(reference.rows), x[: problem.perturbed_chain.n_coefficients])
     first = reference.linearised(tips.T, x[problem.unknowns_of(which)], slice(None)).unknown[0]
     return np.unique(first, return_inverse=True)[1].astype(np.intp)
-
-
-def _weights(
-    references: Sequence[Reference],
-    residuals: list[FloatArray],
-    given: list[FloatArray],
-    effective: FloatArray,
-    *,
-    robust: bool,
-) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-    """Noise variance of every reference, weights (k, m) of its residuals and robust weights (m,) of its readings.
-
-    `given` are weights (m,) of the readings; those of weight 0 say nothing about the noise.
-    """
-    noise, weights, robust_weightss = np.empty(len(references)), [], []
-    for i, (reference, residual) in enumerate(zip(references, residuals, strict=True)):
-        known, used = reference.std.T**2, given[i] > 0
-        used |= not used.any()
-        noise[i] = paule_mandel_variance(residual.T[used], known[used], n_effective=float(effective[i]), robust=robust)
-        variance = known + noise[i]
-        robust_weights = given[i] * huber_weights(residual.T, variance) if robust else given[i]
-        of_repeats = 0.0 if reference.repeat_variance is None else reference.repeat_variance
-        weights.append(np.sqrt(robust_weights / (variance.T + of_repeats)))
-        robust_weightss.append(robust_weights)
-    return noise, weights, robust_weightss
-
-
-def _cost(
-    problem: SmallMotionProblem, weights: list[FloatArray], prior: GroupedPrior
-) -> Callable[[FloatArray, list[FloatArray]], float]:
-    """The cost of a round: half the sum of squares under its weights and priors, at parameters and their residuals."""
-
-    def cost(x: FloatArray, residuals: list[FloatArray]) -> float:
-        growth = problem.log_size_ratio(x)
-        data = (growth / SIZE_STD) ** 2 if _size_is_open(problem, x) else 0.0
-        for reference, w, r in zip(problem.references, weights, residuals, strict=True):
-            data += float(((w * r) ** 2).sum()) * (np.exp(-2 * growth) if reference.kind in RELATIVE else 1.0)
-        data += float((prior.precision[prior.active] * x[prior.active] ** 2).sum())
-        return 0.5 * data + problem.constraints_cost(x)
-
-    return cost
-
-
-class _Residuals:
-    """A cost of the least-squares loop that remembers the residuals of the point where it was evaluated last."""
-
-    def __init__(self, problem: SmallMotionProblem, cost: Callable[[FloatArray, list[FloatArray]], float]) -> None:
-        self._problem, self._cost = problem, cost
-        self.residuals: list[FloatArray] = []
-
-    def cost(self, x: FloatArray) -> float:
-        self.residuals = self._problem.residuals(x)
-        return self._cost(x, self.residuals)
-
-
-def take_step(
-    problem: SmallMotionProblem,
-    x: FloatArray,
-    residuals: list[FloatArray],
-    step: FloatArray,
-    cost: Callable[[FloatArray, list[FloatArray]], float],
-    damping: StepHalving,
-) -> tuple[FloatArray, list[FloatArray]]:
-    """Take a step, halved until the cost of this round does not rise; returns the parameters and their residuals.
-
-    Rounds are no epochs of one minimisation, as weights, noise and priors change between them: each takes one damped
-    step of the least-squares loop.
-    """
-    before, trial = cost(x, residuals), _Residuals(problem, cost)
-    epoch = damped_step(trial, x, KnownStep(before, step, COST_ROUNDING * before), damping)
-    return (x, residuals) if epoch.trial is None else (epoch.trial.x, trial.residuals)

@@ -13,8 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from truearm.identification.estimation.identification import eliminate_unknowns, initial_problem, linearised
+from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.linearisation import eliminate_unknowns, linearised
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.references import Reference
 from truearm.identification.terms.state import ArmState

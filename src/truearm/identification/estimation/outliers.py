@@ -17,13 +17,9 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from truearm.identification.estimation.identification import (
-    UNKNOWN_STD,
-    eliminate_unknowns,
-    initial_problem,
-    linearised,
-)
+from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.linearisation import UNKNOWN_STD, eliminate_unknowns, linearised
 from truearm.identification.estimation.references import Reference
 from truearm.identification.terms.state import ArmState
 from truearm.readings.session import Session

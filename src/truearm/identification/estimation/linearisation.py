@@ -1,0 +1,61 @@
+"""A problem linearised about its parameters: normal equations, an arm's open size, and the artefacts' unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from truearm.identification.estimation.problem import ABSOLUTE, RELATIVE, SmallMotionProblem
+from truearm.solve.arrowhead import Arrowhead, SchurComplement
+from truearm.solve.group_evidence import GroupedEquations
+from truearm.typing import FloatArray
+
+# If no reference determines the size of the arm, it stays nominal, to this share.
+SIZE_STD = 1e-6
+# The prior of an artefact's unknowns is wider than any workshop [mm, or 1].
+UNKNOWN_STD = 1e6
+
+
+def linearised(
+    problem: SmallMotionProblem, x: FloatArray, weights: list[FloatArray]
+) -> tuple[list[Arrowhead], Arrowhead]:
+    """Normal equations of every reference, and their sum with the constraints."""
+    parts, whole = problem.equations(x, weights)
+    head, gradient = whole.head, whole.gradient
+    if any(reference.kind in RELATIVE for reference in problem.references):
+        size = problem.log_size_ratio_gradient(x)
+        for part, reference in zip(parts, problem.references, strict=True):
+            if reference.kind in RELATIVE:
+                gradient = gradient - 2 * part.cost * size
+        if size_is_open(problem, x):
+            of_coefficients = size[: len(head)]
+            head = head + np.outer(of_coefficients, of_coefficients) / SIZE_STD**2
+            gradient = gradient + size * problem.log_size_ratio(x) / SIZE_STD**2
+    return parts, replace(whole, gradient=gradient, head=head)
+
+
+def eliminate_unknowns(parts: Sequence[Arrowhead], whole: Arrowhead, x: FloatArray) -> SchurComplement:
+    """Normal equations without the artefacts' unknowns.
+
+    Unknowns without readings remain: lengths of artefacts, which couple the places of an artefact.
+    """
+    in_readings = np.concatenate([part.blocks.diagonal() for part in parts]) > 0
+    return whole.eliminate(np.full(len(in_readings), UNKNOWN_STD**-2.0), x, shared=~in_readings)
+
+
+def grouped_equations(reduced: SchurComplement, x: FloatArray, n_residuals: int) -> GroupedEquations:
+    """The normal equations in a form that weighs priors by evidence."""
+    right = reduced.gram @ x[reduced.kept] - reduced.gradient
+    return GroupedEquations(reduced.gram, right, reduced.size, n_residuals)
+
+
+def size_is_open(problem: SmallMotionProblem, x: FloatArray) -> bool:
+    """Whether no reference determines the size of the arm: neither points nor distances nor lengths nor radii."""
+    constraints_of = [
+        reference.constraints(x[problem.unknowns_of(i)]) for i, reference in enumerate(problem.references)
+    ]
+    return all(r.kind not in ABSOLUTE for r in problem.references) and all(
+        constraints is None for constraints in constraints_of
+    )

@@ -1,0 +1,243 @@
+"""The rounds of an identification: weights and noise, a linearisation, scales by evidence, and a damped step.
+
+Weights and noise follow from the residuals, scales and parameters from a linearisation, and both change each other, so
+rounds are no epochs of one minimisation: each takes one damped step of the least-squares loop. (A start from a part of
+many readings saves no round on all of them: the last rounds are those in which the scales settle.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from truearm.identification.estimation.group_scales import WeighedEvidence, weigh_evidence, without_invisible
+from truearm.identification.estimation.linearisation import (
+    SIZE_STD,
+    eliminate_unknowns,
+    grouped_equations,
+    linearised,
+    size_is_open,
+)
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.problem import RELATIVE, SmallMotionProblem
+from truearm.identification.estimation.references import Reference
+from truearm.identification.estimation.residual_variance import FLOOR_MM2, huber_weights, paule_mandel_variance
+from truearm.solve import KnownStep, StepHalving, damped_step
+from truearm.solve.arrowhead import Arrowhead, SchurComplement
+from truearm.solve.group_evidence import GroupedEquations, GroupedPrior
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import BoolArray, FloatArray
+
+# The last step moves tips by a smaller share of their uncertainty; the noise is calm when it changes by less.
+SETTLED_STEP = 0.05
+CALM_NOISE, SAME_NOISE = 0.05, 1e-4
+LEAST_NOISE = 1e-30
+# Maximum halvings of a step until the cost does not rise by more than this share, its rounding.
+MAX_HALVINGS = 7
+COST_ROUNDING = 1e-9
+# The problem is set up again without pruned terms if no larger share of the parameters remains.
+MOST_ACTIVE = 0.7
+
+
+class Rounds:
+    """Parameters, scales and noise, improved round by round.
+
+    Parameters
+    ----------
+    problem : SmallMotionProblem
+    given : list of (m,) array
+        Weights of the readings of every reference from 0 to 1.
+    x : (n_parameters,) array
+        Start values [rad, mm per unit of the basis; mm].
+    prior : GroupedPrior
+    groups : tuple of str
+        Names of the groups of terms.
+    fast : (n_groups + 1,) bool array
+        Groups that evidence may prune, see `group_scales.is_fast`.
+    robust : bool
+        Whether large residuals get less weight.
+
+    Attributes
+    ----------
+    noise : (n_references,) array
+        Variance of every reference [mm^2].
+    weights : list of (k, m) array
+        One over the standard deviations of the residuals [1/mm].
+    robust_weights : list of (m,) array
+        Of the readings, from 0 to 1.
+    effective : (n_groups + 1,) array
+        Number of parameters of every group that the readings determine.
+    calm : int
+        Rounds since the noise no longer changes.
+    converged : bool
+    """
+
+    def __init__(
+        self,
+        problem: SmallMotionProblem,
+        given: list[FloatArray],
+        x: FloatArray,
+        prior: GroupedPrior,
+        groups: tuple[str, ...],
+        fast: BoolArray,
+        *,
+        robust: bool,
+    ) -> None:
+        self.x, self.prior = x, prior
+        self._groups, self._fast, self._robust = groups, fast, robust
+        self.noise = np.full(len(problem.references), np.inf)
+        self._per_reference = np.zeros(len(problem.references))
+        self._step, self._share = np.zeros(len(x)), 1.0
+        self.calm, self.converged = 0, False
+        self.problem, self._given = problem, given
+        self.n_residuals = sum(
+            int((w > 0).sum()) * reference.n_residuals for w, reference in zip(given, problem.references, strict=True)
+        )
+        self._residuals = problem.residuals(x)
+
+    def weigh(self) -> None:
+        """Noise and weights from the residuals."""
+        before, self._was_calm = self.noise, self.calm >= 1
+        self.noise, self.weights, self.robust_weights = _weights(
+            self.problem.references, self._residuals, self._given, self._per_reference, robust=self._robust
+        )
+        change = (np.abs(self.noise - before) / np.maximum(self.noise, LEAST_NOISE)).max()
+        # A noise that repeats itself needs no second look, unless it is none.
+        repeats = change < SAME_NOISE and self.noise.min() > 2 * FLOOR_MM2
+        self.calm = self.calm + (2 if repeats else 1) if change < CALM_NOISE else 0
+
+    def improve(self) -> None:
+        """A linearisation, scales by its evidence, and a step."""
+        problem, x = self.problem, self.x
+        parts, whole = linearised(problem, x, self.weights)
+        reduced = eliminate_unknowns(parts, whole, x)
+        with one_blas_thread():
+            equations = grouped_equations(reduced, x, self.n_residuals)
+            found = self._weigh_evidence(equations, reduced, whole)
+        self.prior, self.effective = found.prior, found.effective
+        if x[~self.prior.active].any():
+            x = np.where(self.prior.active, x, 0.0)
+            self._residuals = problem.residuals(x)
+        step = reduced.step(found.x - x[reduced.kept])
+        moved_by = self._take(step, whole.times(step), x, reduced.n_determined)
+        with one_blas_thread():
+            self._per_reference = _effective_numbers(reduced, parts, equations, found)
+        self.converged = bool(self.calm >= 2 and moved_by < SETTLED_STEP)
+        if not self.converged:
+            self.prior = found.next
+            self._drop_pruned()
+
+    def _weigh_evidence(
+        self, equations: GroupedEquations, reduced: SchurComplement, whole: Arrowhead
+    ) -> WeighedEvidence:
+        """Scales on a linearisation; while the noise still falls, groups below it must not be pruned."""
+        if self.calm and not self._was_calm:
+            self.prior = without_invisible(self.prior, whole.diagonal, self.n_residuals)
+        prunable = self._fast if self.calm >= 2 else np.zeros_like(self._fast)
+        return weigh_evidence(equations, reduced.kept, self.prior, prunable, is_calm=self.calm >= 1)
+
+    def _take(self, step: FloatArray, along: FloatArray, x: FloatArray, n_determined: float) -> float:
+        """Take a step, shorter where steps turn back; its size as a share of the parameters' uncertainty.
+
+        `along` is the Gauss-Newton matrix times the step.
+        """
+        # Rounding may make a tiny product negative.
+        square = max(float(step @ along), 0.0) / max(float(self.effective.sum()) + n_determined, 1.0)
+        back = float(along @ self._step) < 0
+        self._share = max(self._share / 2, 0.1) if self.calm >= 2 and back else min(1.5 * self._share, 1.0)
+        self._step = step
+        cost, halving = _cost(self.problem, self.weights, self.prior), StepHalving(self._share, MAX_HALVINGS)
+        self.x, self._residuals = take_step(self.problem, x, self._residuals, step, cost, halving)
+        return float(np.sqrt(square))
+
+    def _drop_pruned(self) -> None:
+        """Set up the problem without pruned terms, where these are many."""
+        active = np.flatnonzero(self.prior.active)
+        if len(active) > MOST_ACTIVE * len(self.x):
+            return
+        problem = self.problem
+        chain = problem.perturbed_chain
+        kept = tuple(term for term in chain.terms if self.prior.scale[self._groups.index(term.group)] > 0)
+        self.problem = SmallMotionProblem(PerturbedChain(chain.chain, kept), problem.state, problem.references)
+        self.prior, self.x, self._step = self.prior.subset(active), self.x[active], self._step[active]
+
+
+def _effective_numbers(
+    reduced: SchurComplement, parts: Sequence[Arrowhead], equations: GroupedEquations, found: WeighedEvidence
+) -> FloatArray:
+    """Number of parameters that each reference determines; that of one without unknowns follows from the variances."""
+    if len(parts) == 1 and not parts[0].blocks.shape[0]:
+        return np.array([found.effective.sum()])
+    return reduced.traces(parts, equations.posterior(found.prior.subset(reduced.kept)).covariance)
+
+
+def _weights(
+    references: Sequence[Reference],
+    residuals: list[FloatArray],
+    given: list[FloatArray],
+    effective: FloatArray,
+    *,
+    robust: bool,
+) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
+    """Noise variance of every reference, weights (k, m) of its residuals and robust weights (m,) of its readings.
+
+    `given` are weights (m,) of the readings; those of weight 0 say nothing about the noise.
+    """
+    noise, weights, robust_weightss = np.empty(len(references)), [], []
+    for i, (reference, residual) in enumerate(zip(references, residuals, strict=True)):
+        known, used = reference.std.T**2, given[i] > 0
+        used |= not used.any()
+        noise[i] = paule_mandel_variance(residual.T[used], known[used], n_effective=float(effective[i]), robust=robust)
+        variance = known + noise[i]
+        robust_weights = given[i] * huber_weights(residual.T, variance) if robust else given[i]
+        of_repeats = 0.0 if reference.repeat_variance is None else reference.repeat_variance
+        weights.append(np.sqrt(robust_weights / (variance.T + of_repeats)))
+        robust_weightss.append(robust_weights)
+    return noise, weights, robust_weightss
+
+
+def _cost(
+    problem: SmallMotionProblem, weights: list[FloatArray], prior: GroupedPrior
+) -> Callable[[FloatArray, list[FloatArray]], float]:
+    """The cost of a round: half the sum of squares under its weights and priors, at parameters and their residuals."""
+
+    def cost(x: FloatArray, residuals: list[FloatArray]) -> float:
+        growth = problem.log_size_ratio(x)
+        data = (growth / SIZE_STD) ** 2 if size_is_open(problem, x) else 0.0
+        for reference, w, r in zip(problem.references, weights, residuals, strict=True):
+            data += float(((w * r) ** 2).sum()) * (np.exp(-2 * growth) if reference.kind in RELATIVE else 1.0)
+        data += float((prior.precision[prior.active] * x[prior.active] ** 2).sum())
+        return 0.5 * data + problem.constraints_cost(x)
+
+    return cost
+
+
+class _Residuals:
+    """A cost of the least-squares loop that remembers the residuals of the point where it was evaluated last."""
+
+    def __init__(self, problem: SmallMotionProblem, cost: Callable[[FloatArray, list[FloatArray]], float]) -> None:
+        self._problem, self._cost = problem, cost
+        self.residuals: list[FloatArray] = []
+
+    def cost(self, x: FloatArray) -> float:
+        self.residuals = self._problem.residuals(x)
+        return self._cost(x, self.residuals)
+
+
+def take_step(
+    problem: SmallMotionProblem,
+    x: FloatArray,
+    residuals: list[FloatArray],
+    step: FloatArray,
+    cost: Callable[[FloatArray, list[FloatArray]], float],
+    damping: StepHalving,
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Take a step, halved until the cost of this round does not rise; returns the parameters and their residuals.
+
+    Rounds are no epochs of one minimisation, as weights, noise and priors change between them: each takes one damped
+    step of the least-squares loop.
+    """
+    before, trial = cost(x, residuals), _Residuals(problem, cost)
+    epoch = damped_step(trial, x, KnownStep(before, step, COST_ROUNDING * before), damping)
+    return (x, residuals) if epoch.trial is None else (epoch.trial.x, trial.residuals)
