@@ -91,38 +91,8 @@ def refit(
             "holds for one base and tip",
             hint="fit the network or the hybrid model to the new readings, or refit a physical model",
         )
-    if not free or not set(free) <= set(FREE_PARTS):
-        raise InputError(f"expected what to re-identify among {list(FREE_PARTS)}, got {list(free)}")
-    model._check_inputs(model.arm_, readings)
-    is_new_tip = "tip" in free and len(model.tips_) == len(tip_names(readings)) == 1
-    if not is_new_tip:
-        check_tips(model.tips_, readings)
     ids, whole = _reading_ids(readings), readings
-    readings = replace(readings, quaternion=None)
-    if lengths is not None:
-        if readings.seat is None:
-            raise readings.error("lengths are between seats, and the readings name no seats", column="seat")
-        lengths = lengths.between(readings.seat)
-    check_sessions(readings, lengths, own_frame=not {"base"} & {*free, *model.free})
-    n_known = model._check_references(readings, lengths)
-    if n_known < MIN_ROWS:
-        raise readings.error(f"expected {MIN_ROWS} or more readings with a reference, got {n_known}")
-    if not readings.has_point.any():
-        free = tuple(part for part in free if part != "base")
-        if not free:
-            raise readings.error(
-                "the position of the base needs reference points, and the readings have none", hint="--free tip"
-            )
-    elif "base" in free:
-        check_spread(readings, model.arm)
-        if rough_session_frames(model.arm, readings, free):
-            raise readings.error(
-                "refit identifies one frame, and the readings are of several sessions",
-                column="session",
-                hint="refit each session separately: truearm split --by session",
-            )
-    else:
-        _check_known_sessions(model, readings)
+    readings, free, lengths, is_new_tip = _checked(model, readings, free, lengths)
     begun = time.perf_counter()
     new: Model = copy.copy(model)
     assert isinstance(new, IdentifiedModel)
@@ -173,6 +143,44 @@ def refit(
     new.refit_reading_ids_ = np.concatenate([model.refit_reading_ids_, ids])
     new.fit_seconds_ = time.perf_counter() - begun
     return new
+
+
+def _checked(
+    model: IdentifiedModel, readings: Session, free: tuple[str, ...], lengths: Lengths | None
+) -> tuple[Session, tuple[str, ...], Lengths | None, bool]:
+    """The readings without orientations, what they can re-identify, their lengths, and whether the tip is a new one."""
+    if not free or not set(free) <= set(FREE_PARTS):
+        raise InputError(f"expected what to re-identify among {list(FREE_PARTS)}, got {list(free)}")
+    model._check_inputs(model.arm_, readings)
+    is_new_tip = "tip" in free and len(model.tips_) == len(tip_names(readings)) == 1
+    if not is_new_tip:
+        check_tips(model.tips_, readings)
+    readings = replace(readings, quaternion=None)
+    if lengths is not None:
+        if readings.seat is None:
+            raise readings.error("lengths are between seats, and the readings name no seats", column="seat")
+        lengths = lengths.between(readings.seat)
+    check_sessions(readings, lengths, own_frame=not {"base"} & {*free, *model.free})
+    n_known = model._check_references(readings, lengths)
+    if n_known < MIN_ROWS:
+        raise readings.error(f"expected {MIN_ROWS} or more readings with a reference, got {n_known}")
+    if not readings.has_point.any():
+        free = tuple(part for part in free if part != "base")
+        if not free:
+            raise readings.error(
+                "the position of the base needs reference points, and the readings have none", hint="--free tip"
+            )
+    elif "base" in free:
+        check_spread(readings, model.arm)
+        if rough_session_frames(model.arm, readings, free):
+            raise readings.error(
+                "refit identifies one frame, and the readings are of several sessions",
+                column="session",
+                hint="refit each session separately: truearm split --by session",
+            )
+    else:
+        _check_known_sessions(model, readings)
+    return readings, free, lengths, is_new_tip
 
 
 def _check_known_sessions(model: Compensator, readings: Session) -> None:
