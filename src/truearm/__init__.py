@@ -33,6 +33,8 @@ _HOMES = {
     "truearm.workflows.plan": ("PlanResult", "plan"),
     "truearm.workflows.predict": ("Prediction", "predict"),
     "truearm.workflows.refit": ("RefitResult", "refit"),
+    "truearm.workflows.rehearse": ("rehearse",),
+    "truearm.workflows.rehearse_points": ("rehearse_points",),
     "truearm.workflows.report": ("ReportResult", "report"),
     "truearm.workflows.reproduce": ("ReproductionResult", "reproduce"),
     "truearm.workflows.simulate": ("SimulationResult", "simulate"),

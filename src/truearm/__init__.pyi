@@ -50,6 +50,8 @@ from truearm.workflows.predict import Prediction as Prediction
 from truearm.workflows.predict import predict as predict
 from truearm.workflows.refit import RefitResult as RefitResult
 from truearm.workflows.refit import refit as refit
+from truearm.workflows.rehearse import rehearse as rehearse
+from truearm.workflows.rehearse_points import rehearse_points as rehearse_points
 from truearm.workflows.report import ReportResult as ReportResult
 from truearm.workflows.report import report as report
 from truearm.workflows.reproduce import ReproductionResult as ReproductionResult

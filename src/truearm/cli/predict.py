@@ -19,7 +19,17 @@ def predict(
             help="Session file; its angles, and temperature, payload_kg, loads, directions and tip if there, are used.",
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", help="Table of points to write, .csv.")],
+    out: Annotated[Path | None, typer.Option("--out", help="Table of points to write, .csv.")] = None,
+    into: Annotated[
+        Path | None,
+        typer.Option("--into", help="Points to measure (truearm verify --sheet), .csv: fill in their coordinates."),
+    ] = None,
+    date: Annotated[
+        str | None, typer.Option("--date", help="With --into: day of the measurement, 2026-11-03; today by default.")
+    ] = None,
+    artefact_temperature: Annotated[
+        float | None, typer.Option("--artefact-temperature", help="With --into: temperature of the artefacts.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Compensate: turn joint angles into corrected coordinates.
@@ -28,15 +38,27 @@ def predict(
     reading's session; sx_mm, sy_mm, sz_mm their standard uncertainties (twice that is the expanded uncertainty, k = 2);
     outside_training 1 where a reading is outside the range that the model was trained on; names (seat, position, ..) as
     given.
+
+    --into fills in a file of points to measure instead, a reading for each row without coordinates, in their order.
     """
+    from truearm.errors import InputError
     from truearm.files.atomic_write import check_writable
     from truearm.workflows.predict import check_table_path
     from truearm.workflows.predict import predict as predict_points
 
-    check_table_path(out)
-    check_output_is_not_input(out, model, session)
-    check_writable(out)
+    if (out is None) == (into is None):
+        raise InputError("expected --out or --into", hint="--out points.csv")
+    if into is None and (date is not None or artefact_temperature is not None):
+        raise InputError("--date and --artefact-temperature apply to --into only", hint="omit them")
+    if out is not None:
+        check_table_path(out)
+        check_output_is_not_input(out, model, session)
+        check_writable(out)
     with progress(f"predicting {session.name}"):
         prediction = predict_points(model, session)
-        prediction.save(out)
-    print_record(prediction, as_json=as_json, files={"points": out})
+        if out is not None:
+            prediction.save(out)
+        if into is not None:
+            check_output_is_not_input(into, model, session)
+            prediction.fill(into, date=date, artefact_degC=artefact_temperature)
+    print_record(prediction, as_json=as_json, files={"points": out if into is None else into})

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from truearm.cli.console import ARM_HELP, Json, print_record, progress
 
+# Options that a plan states itself.
+STATED_BY_A_PLAN = ("poses", "strategy", "seats", "bars", "bar_mm", "anchors", "half_width_deg", "reference")
+
 
 def simulate(
+    context: typer.Context,
     arm: Annotated[str, typer.Argument(metavar="ARM", help=ARM_HELP)],
     out: Annotated[Path, typer.Option("--out", help="Session file to write (.csv or .parquet).")],
+    plan: Annotated[
+        Path | None,
+        typer.Option(
+            "--plan", help="Carry out this plan of truearm plan, or take these points of truearm verify --sheet, .csv."
+        ),
+    ] = None,
     poses: Annotated[
         int,
         typer.Option(
@@ -45,7 +56,10 @@ def simulate(
         ),
     ] = 0,
     lengths: Annotated[
-        Path | None, typer.Option("--lengths", help="File to write the bar's length to, .csv, for truearm fit.")
+        Path | None,
+        typer.Option(
+            "--lengths", help="File to write the bar's length to, .csv, for truearm fit; with --plan beside --out."
+        ),
     ] = None,
     half_width_deg: Annotated[
         float | None,
@@ -57,29 +71,40 @@ def simulate(
         bool,
         typer.Option("--reference/--no-reference", help="Whether a reference instrument measures the tip (x, y, z)."),
     ] = True,
+    artefacts: Annotated[
+        Path | None,
+        typer.Option("--artefacts", help="With --plan and the points of a verification: their artefacts, .toml."),
+    ] = None,
+    moved: Annotated[
+        bool,
+        typer.Option("--moved", help="With --plan: the reference instrument stands elsewhere, to rehearse a refit."),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Measure with a virtual arm, whose errors are known.
 
     The readings are written as a session file. Two sessions of one arm have the same --arm-seed and different --seed.
 
+    --plan rehearses a plan of truearm plan: seats, bar and sphere stand where the plan puts them, and the session has
+    all that a person would write down. The length of the bar is written beside it: out.csv, out-lengths.csv. With
+    --artefacts it takes the points of a verification (truearm verify --sheet): joint angles, one row for each point.
+
     --strategy seat --no-reference simulates a measurement without an instrument: the tip is held in seats, in as many
     poses in each. --bars 2 adds a bar with two seats at two places; the length that its certificate states, with a
     standard uncertainty of 0.005 mm, is written to the file of --lengths. --anchors 3 --no-reference simulates three
     draw-wire encoders.
     """
-    from truearm.errors import InputError
-    from truearm.files.atomic_write import check_writable, is_same_file
-    from truearm.readings import check_session_path
     from truearm.workflows.simulate import simulate as simulate_readings
 
-    check_session_path(out)
-    if bool(bars) != (lengths is not None):
-        raise InputError("--bars and --lengths belong together", hint="--bars 2 --lengths lengths.csv")
-    if lengths is not None:
-        if is_same_file(lengths, out):
-            raise InputError("--out and --lengths are the same file", file=lengths)
-        check_writable(lengths)
+    if plan is not None:
+        _check_leaves_to_plan(context)
+        draws = {"preset": preset, "seed": seed, "arm_seed": arm_seed}
+        if artefacts is None:
+            _rehearse(arm, plan, out, lengths, moved=moved, as_json=as_json, **draws)
+        else:
+            _rehearse_points(arm, plan, artefacts, out, as_json=as_json, **draws)
+        return
+    _check_outputs(out, lengths, bars, for_plans={"--moved": moved, "--artefacts": artefacts})
     with progress(f"measuring {poses} poses"):
         result = simulate_readings(
             arm,
@@ -97,3 +122,66 @@ def simulate(
         )
         result.save(out, lengths=lengths)
     print_record(result, as_json=as_json, files={"session": out} | ({} if lengths is None else {"lengths": lengths}))
+
+
+def _check_outputs(out: Path, lengths: Path | None, bars: int, *, for_plans: Mapping[str, object]) -> None:
+    """Check, before long work, that the files can be written and belong to the options."""
+    from truearm.errors import InputError
+    from truearm.files.atomic_write import check_writable, is_same_file
+    from truearm.readings import check_session_path
+
+    check_session_path(out)
+    for option, value in for_plans.items():
+        if value:
+            raise InputError(f"{option} applies to --plan only", hint="omit it")
+    if bool(bars) != (lengths is not None):
+        raise InputError("--bars and --lengths belong together", hint="--bars 2 --lengths lengths.csv")
+    if lengths is not None:
+        if is_same_file(lengths, out):
+            raise InputError("--out and --lengths are the same file", file=lengths)
+        check_writable(lengths)
+
+
+def _check_leaves_to_plan(context: typer.Context) -> None:
+    """Refuse options for what the plan states."""
+    from truearm.errors import InputError
+
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        given = source is not None and source.name == "COMMANDLINE"
+        if given and parameter.name in STATED_BY_A_PLAN:
+            raise InputError(f"{parameter.opts[0]} does not apply to --plan: the plan states it", hint="omit it")
+
+
+def _rehearse(
+    arm: str, plan: Path, out: Path, lengths: Path | None, *, moved: bool, as_json: bool, **draws: Any
+) -> None:
+    from truearm.cli.console import check_output_is_not_input
+    from truearm.files.atomic_write import check_writable
+    from truearm.identification.planning.template import lengths_path
+    from truearm.readings import check_session_path
+    from truearm.workflows.rehearse import rehearse
+
+    check_session_path(out)
+    beside = lengths_path(out) if lengths is None else lengths
+    for file in (out, beside):
+        check_output_is_not_input(file, plan, lengths_path(plan))
+        check_writable(file)
+    with progress(f"carrying out {plan.name}"):
+        result = rehearse(arm, plan, moved=moved, **draws)
+        written = None if result.lengths is None else beside
+        result.save(out, lengths=written)
+    print_record(result, as_json=as_json, files={"session": out, "lengths": written})
+
+
+def _rehearse_points(arm: str, points: Path, artefacts: Path, out: Path, *, as_json: bool, **draws: Any) -> None:
+    from truearm.cli.console import check_output_is_not_input
+    from truearm.readings import check_session_path
+    from truearm.workflows.rehearse_points import rehearse_points
+
+    check_session_path(out)
+    check_output_is_not_input(out, points, artefacts)
+    with progress(f"taking the points of {points.name}"):
+        result = rehearse_points(arm, points, artefacts, **draws)
+        result.save(out)
+    print_record(result, as_json=as_json, files={"session": out})

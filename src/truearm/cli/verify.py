@@ -17,7 +17,7 @@ NEEDS = {"--points": ("--plan", "--artefacts", "--mpe"), "--simulate": (), "--sh
 TAKES = {
     "--points": ("--rule", "--report", "--json"),
     "--simulate": ("--plan", "--artefacts", "--mpe", "--rule", "--arm", "--arms", "--seed", "--json"),
-    "--sheet": ("--artefacts", "--mpe"),
+    "--sheet": ("--artefacts", "--mpe", "--points", "--tip-diameter"),
     "--print-plan": (),
 }
 
@@ -26,7 +26,9 @@ def verify(
     plan: Annotated[
         str | None, typer.Option("--plan", help="Test plan: iso10360-12, asme-b89.4.22, or a file of your own, .toml.")
     ] = None,
-    points: Annotated[Path | None, typer.Option("--points", help="Measured points, .csv.")] = None,
+    points: Annotated[
+        Path | None, typer.Option("--points", help="Measured points, .csv; with --sheet: points to measure, to write.")
+    ] = None,
     artefacts: Annotated[Path | None, typer.Option("--artefacts", help="Certificates of the artefacts, .toml.")] = None,
     mpe: Annotated[Path | None, typer.Option("--mpe", help="The arm's specification: its limits, .toml.")] = None,
     rule: RuleOption = None,
@@ -57,6 +59,10 @@ def verify(
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="With --sheet: page to write, .html.")] = None,
+    tip_diameter: Annotated[
+        float | None,
+        typer.Option("--tip-diameter", min=0, help="With --sheet --points: diameter of the stylus tip [mm]."),
+    ] = None,
     print_plan: Annotated[
         str | None, typer.Option("--print-plan", metavar="NAME", help="Print a test plan, to edit: > my-plan.toml.")
     ] = None,
@@ -71,9 +77,15 @@ def verify(
     and limits are iso10360-12 and examples where they are not given. Exit code 0.
 
     With --sheet: a page to print and to measure by, for the artefacts and the measuring range of --artefacts and --mpe.
+    --points then writes the points to measure, a row for each with all names filled in; truearm predict --into enters
+    the coordinates.
     """
     modes = {"--points": points, "--simulate": simulate, "--sheet": sheet, "--print-plan": print_plan}
+    if sheet is not None:
+        del modes["--points"]
     others: dict[str, object] = {
+        "--points": points if sheet is not None else None,
+        "--tip-diameter": tip_diameter,
         "--plan": plan,
         "--artefacts": artefacts,
         "--mpe": mpe,
@@ -91,12 +103,7 @@ def verify(
 
         typer.echo(plan_text(print_plan), nl=False)
     elif sheet is not None and out is not None:
-        from truearm.workflows.operator_sheet import operator_sheet
-
-        check_page_path(out, *(file for file in (Path(sheet), artefacts, mpe) if file is not None))
-        laid_out = operator_sheet(sheet, artefacts=artefacts, specification=mpe)
-        laid_out.save_page(out)
-        print_line(f"{out}: {laid_out}")
+        _write_sheet(sheet, out, points, artefacts=artefacts, mpe=mpe, tip_diameter=tip_diameter)
     elif simulate is not None:
         from truearm.workflows.simulate_verification import simulate_verification
 
@@ -116,6 +123,30 @@ def verify(
         print_record(simulated, as_json=as_json)
     elif points is not None and plan is not None and artefacts is not None and mpe is not None:
         _verify_points(points, plan, artefacts, mpe, rule=rule, report=report, as_json=as_json)
+
+
+def _write_sheet(
+    plan: str,
+    out: Path,
+    points: Path | None,
+    *,
+    artefacts: Path | None,
+    mpe: Path | None,
+    tip_diameter: float | None,
+) -> None:
+    from truearm.verification.standards.points_form import check_form_path
+    from truearm.workflows.operator_sheet import operator_sheet
+
+    check_page_path(out, *(file for file in (Path(plan), artefacts, mpe) if file is not None))
+    if points is not None:
+        check_form_path(points)
+    laid_out = operator_sheet(plan, artefacts=artefacts, specification=mpe)
+    if points is not None:
+        laid_out.save_points(points, tip_diameter_mm=tip_diameter)
+    laid_out.save_page(out)
+    print_line(f"{out}: {laid_out}")
+    if points is not None:
+        print_line(f"points to measure written to {points}")
 
 
 def _verify_points(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.standards.artefacts import example_artefacts
 from truearm.verification.standards.layout import lay_out_tests
+from truearm.verification.standards.points_form import write_points_form
 from truearm.verification.standards.positions import SHOULDER_SHARE
 from truearm.verification.standards.specification import example_specification
 from truearm.workflows.outputs import PageRecord, input_files
@@ -64,6 +65,23 @@ class OperatorSheetResult(PageRecord):
         if not self.examples:
             return ()
         return (f"{' and '.join(self.examples)}: examples; give your own specification and artefacts",)
+
+    def save_points(self, path: str | Path, *, tip_diameter_mm: float | None = None) -> None:
+        """Write the file of the points to measure, a row for each; `Prediction.fill` enters the coordinates.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ``.csv``; must be new.
+        tip_diameter_mm : float, optional
+            Diameter of the stylus tip, whose centre the model of an arm gives [mm].
+
+        Raises
+        ------
+        InputError
+            If the file exists or cannot be written, or the diameter is that of no stylus tip.
+        """
+        write_points_form(self.sheet.layout, path, tip_diameter_mm=tip_diameter_mm)
 
     def page(self) -> Page:
         """Where the artefacts are placed, from which side and in which order the points are measured."""

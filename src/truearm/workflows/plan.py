@@ -20,7 +20,12 @@ from truearm.identification.planning.prior import Terms
 from truearm.identification.planning.proposal import LENGTH_U_MM, Artefact, CalibrationPlan, Strategy
 from truearm.identification.planning.sampling import Sector
 from truearm.identification.planning.sampling.workspace import stance
-from truearm.identification.planning.template import check_template_path, write_bar_lengths, write_template
+from truearm.identification.planning.template import (
+    check_template_path,
+    lengths_path,
+    write_bar_lengths,
+    write_template,
+)
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import SessionLike, to_arm, to_model_of_tip, to_session, within_limits
 from truearm.workflows.outputs import PageRecord, input_files, version_row
@@ -258,7 +263,7 @@ def plan(
 def template_files(path: str | Path, artefact: str) -> tuple[Path, ...]:
     """The files that `PlanResult.save` writes: the session to fill in and, for a bar, its lengths."""
     path = Path(path)
-    return (path, path.with_name(f"{path.stem}-lengths.csv")) if artefact == "bar" else (path,)
+    return (path, lengths_path(path)) if artefact == "bar" else (path,)
 
 
 def _arm_or_model(arm: Arm | Compensator | str | Path) -> tuple[Arm | IdentifiedModel, str]:

@@ -20,6 +20,8 @@ from truearm.readings import Session
 from truearm.readings.session import NAMED, PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
+from truearm.verification.standards.dates import now, parse_moment
+from truearm.verification.standards.points_form import fill_points_form
 from truearm.workflows.inputs import (
     ModelLike,
     SessionLike,
@@ -171,6 +173,32 @@ class Prediction(Record):
         check_table_path(path)
         with atomic_file(path) as beside:
             write_columns(beside, self._columns(), decimals=DECIMALS)
+
+    def fill(self, path: str | Path, *, date: str | None = None, artefact_degC: float | None = None) -> int:
+        """Enter the points into a file of points to measure, in the order of the readings (see `operator_sheet`).
+
+        Parameters
+        ----------
+        path : path
+            Its rows without coordinates are filled in, all or none.
+        date : str, optional
+            Day of the measurement, such as ``2026-11-03``, where none is stated; today by default.
+        artefact_degC : float, optional
+            Temperature of the artefacts [degC], where a test needs one and none is stated.
+
+        Returns
+        -------
+        int
+            Number of rows filled in.
+
+        Raises
+        ------
+        InputError
+            If there are more or fewer readings than rows without coordinates, a tip diameter is missing, or the date
+            or the temperature is implausible.
+        """
+        moment = now() if date is None else parse_moment(date)
+        return fill_points_form(path, self.points, day=moment.date(), artefact_degC=artefact_degC)
 
     def _columns(self) -> dict[str, FloatArray | IntArray | NameArray]:
         """The columns of `to_frame`."""

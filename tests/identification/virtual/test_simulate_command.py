@@ -1,16 +1,20 @@
 """``truearm simulate``: sessions of a virtual arm, and no file where the input is wrong."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
 
 from truearm.arm.catalogue import load_arm
-from truearm.cli.simulate import simulate
+from truearm.cli.simulate import simulate as command
 from truearm.errors import InputError
 from truearm.identification.virtual import PRESETS, VirtualArm
 from truearm.readings import length_errors, read_lengths
 from truearm.readings.files import read_session
+
+# The context of the command line tells which options were given, for --plan only.
+simulate = partial(command, None)
 
 
 def test_a_session_file_comes_out_with_what_was_rejected_and_the_floor(tmp_path, capsys):

@@ -14,6 +14,7 @@ from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_writable
 from truearm.identification.planning.candidates import Candidates
+from truearm.identification.planning.planned_readings import AIM
 from truearm.identification.planning.proposal import LENGTH_U_MM
 from truearm.readings.lengths import ARTEFACT, ENDS, EXPANSION, NUMBERS
 from truearm.typing import NameArray
@@ -33,6 +34,12 @@ def check_template_path(path: str | Path) -> None:
     if path.exists():
         raise InputError("the file exists, and readings may be in it", file=path, hint="choose another name")
     check_writable(path)
+
+
+def lengths_path(plan: str | Path) -> Path:
+    """The file of the lengths that belongs to the file of a plan."""
+    plan = Path(plan)
+    return plan.with_name(f"{plan.stem}-lengths.csv")
 
 
 def write_template(arm: Arm, poses: Candidates, path: str | Path) -> None:
@@ -67,7 +74,7 @@ def write_template(arm: Arm, poses: Candidates, path: str | Path) -> None:
     if poses.length_mm is not None:
         heads.append("position")
         names.append(place_names(poses))
-    heads += ["note", *(f"note_{joint}" for joint in joints)]
+    heads += ["note", *(f"{AIM}{joint}" for joint in joints)]
     aims = np.where(arm.chain.is_prismatic, poses.angles, np.degrees(poses.angles))
     empty = [""] * (len(joints) + (3 if poses.seat is None else 0))
     with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:

@@ -98,7 +98,7 @@ def simulate_points(sample: ArmSample, posed: PosedTest, artefacts: Artefacts, *
     20 degC.
     """
     rng = np.random.default_rng([_POINTS, seed])
-    true = _true_points(posed.placements, artefacts, rng)
+    true = true_points(posed.placements, artefacts, rng)
     shown = np.concatenate(true) + sample.systematic(posed.angles) + sample.random(posed.angles, rng)
     each = np.split(shown, np.cumsum([len(one) for one in true])[:-1])
     dates = {one.name: one.date for one in _all(artefacts)}
@@ -118,8 +118,8 @@ def simulate_points(sample: ArmSample, posed: PosedTest, artefacts: Artefacts, *
     )
 
 
-def _true_points(placements: Sequence[Placement], artefacts: Artefacts, rng: np.random.Generator) -> list[FloatArray]:
-    """True points of each placement, (k, 3) [mm]."""
+def true_points(placements: Sequence[Placement], artefacts: Artefacts, rng: np.random.Generator) -> list[FloatArray]:
+    """True points of each placement, (k, 3) [mm]: artefacts deviate within their certificates."""
     known = {one.name: one for one in _all(artefacts)}
     growth = {
         name: 0.0 if isinstance(one, Seat) else one.expansion_per_K * one.u_temperature_K * rng.standard_normal()

@@ -1,0 +1,155 @@
+"""Carry out a plan with a virtual arm: seats, bars and spheres stand where the plan puts them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from truearm.arm.chain import Chain
+from truearm.errors import InputError
+from truearm.identification.planning.planned_readings import PlannedReadings
+from truearm.identification.virtual.arm import Measurement, VirtualArm
+from truearm.identification.virtual.state import random_stream
+from truearm.readings.lengths import Lengths
+from truearm.readings.session import Session
+from truearm.typing import FloatArray, NameArray
+
+# A plan whose aims in one seat are farther apart is of another arm [mm]: angles are rounded to 0.1 deg.
+FARTHEST_MM = 25.0
+# Aims of a plan and length of the bar agree to this share, or the file of lengths is of another plan.
+SAME_SHARE = 0.05
+# Spread of the places of a reference instrument in a new set-up [mm]; its azimuth is arbitrary.
+SHIFT_MM = 300.0
+
+
+def carry_out(
+    virtual: VirtualArm,
+    planned: PlannedReadings,
+    *,
+    seed: int,
+    lengths: Lengths | None = None,
+) -> Measurement:
+    """Measure the readings of a plan with a virtual arm.
+
+    Each seat is where the aims of its readings have the nominal tip, on average, and each sphere where theirs are
+    best on a sphere. The two seats of a length are moved along their line until they have the true length: the
+    certificate's, with an error within its standard uncertainty that is the same at all places of one artefact. The
+    artefacts do not expand. Without seats and spheres a reference instrument measures the tip.
+
+    Parameters
+    ----------
+    virtual : VirtualArm
+        The error of a certificate follows from the seed of the arm: the same bar each time.
+    planned : PlannedReadings
+    seed : int
+        Of everything random in this session.
+    lengths : Lengths, optional
+        Known lengths between seats of the plan.
+
+    Raises
+    ------
+    InputError
+        If the aims in one seat or at the ends of a length do not fit together: the plan is of another arm.
+    """
+    if planned.seat is None and planned.sphere is None:
+        return virtual.measure(planned.angles, seed=seed)
+    places = touched_points(virtual.nominal.chain, planned, _true_lengths(lengths, seed=virtual.seed))
+    measured = virtual.measure(planned.angles, seed=seed, seat=planned.seat, seat_points=places, reference=False)
+    return replace(measured, readings=replace(measured.readings, sphere=planned.sphere, position=planned.position))
+
+
+def touched_points(chain: Chain, planned: PlannedReadings, lengths: Lengths | None = None) -> FloatArray:
+    """Where the tip is in each reading of a plan with seats and spheres, (n, 3) in the base frame [mm].
+
+    Raises
+    ------
+    InputError
+        As `carry_out`.
+    """
+    tips = chain.tip_in_base(planned.angles)
+    out = np.empty_like(tips)
+    for name in _names(planned.seat):
+        rows = planned.rows_of(name)
+        out[rows] = tips[rows].mean(axis=0)
+        _check_near(planned, name, np.linalg.norm(tips[rows] - out[rows], axis=1))
+    for a, b, length in [] if lengths is None else zip(lengths.seat_a, lengths.seat_b, lengths.length_mm, strict=True):
+        ends = [planned.rows_of(str(name)) for name in (a, b)]
+        first, second = (out[rows][0] for rows in ends)
+        apart = float(np.linalg.norm(second - first))
+        if abs(apart - length) > SAME_SHARE * length:
+            raise InputError(
+                f"the plan has seats {a} and {b} {apart:.1f} mm apart, the file of lengths states {length:.1f} mm",
+                file=planned.file,
+                hint="give the file of lengths that truearm plan wrote with this plan",
+            )
+        out[ends[0]], out[ends[1]] = (
+            (first + second) / 2 + side * length / 2 * (second - first) / apart for side in (-1, 1)
+        )
+    for name in _names(planned.sphere):
+        rows = planned.rows_of(name, "sphere")
+        centre, radius = _sphere(tips[rows], planned, name)
+        away = tips[rows] - centre
+        distance = np.linalg.norm(away, axis=1, keepdims=True)
+        _check_near(planned, name, np.abs(distance - radius).ravel())
+        out[rows] = centre + radius * away / distance
+    return out
+
+
+def move_set_up(measured: Measurement, *, seed: int) -> Measurement:
+    """The measurement as a reference instrument sees it that stands elsewhere: other reference points.
+
+    Raises
+    ------
+    InputError
+        If the readings have no reference points.
+    """
+    readings = measured.readings
+    if readings.points is None:
+        raise InputError(
+            "a new set-up is seen by a reference instrument; this plan is measured in seats",
+            hint="plan it with --artefact tracker",
+        )
+    stream = random_stream("session", seed, "set-up")
+    azimuth, shift = stream.uniform(0, 2 * np.pi), SHIFT_MM * stream.standard_normal(3)
+    cos, sin = np.cos(azimuth), np.sin(azimuth)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    moved: Session = replace(readings, points=readings.points @ turn.T + shift)
+    return replace(measured, readings=moved)
+
+
+def _true_lengths(lengths: Lengths | None, *, seed: int) -> Lengths | None:
+    """The true lengths of virtual artefacts: certificates err within their uncertainty, each artefact by one error."""
+    if lengths is None:
+        return None
+    stream = random_stream("arm", seed, "certificates")
+    names = [name or f"{a} to {b}" for name, a, b in zip(lengths.artefact, lengths.seat_a, lengths.seat_b, strict=True)]
+    errors = {name: stream.standard_normal() for name in dict.fromkeys(names)}
+    return replace(lengths, length_mm=lengths.length_mm + lengths.u_mm * np.array([errors[name] for name in names]))
+
+
+def _sphere(tips: FloatArray, planned: PlannedReadings, name: str) -> tuple[FloatArray, float]:
+    """Centre and radius of the sphere through tips, by least squares of ``2 c p + r^2 - c^2 = p^2``."""
+    middle = tips.mean(axis=0)
+    away = tips - middle
+    found, _, rank, _ = np.linalg.lstsq(np.column_stack([2 * away, np.ones(len(away))]), (away**2).sum(axis=1))
+    if rank < 4:
+        raise InputError(
+            f"the aims of sphere {name!r} determine no sphere: expected four or more, not in one plane",
+            file=planned.file,
+            hint="give the file that truearm plan wrote",
+        )
+    return middle + found[:3], float(np.sqrt(found[3] + found[:3] @ found[:3]))
+
+
+def _check_near(planned: PlannedReadings, name: str, distances: FloatArray) -> None:
+    if distances.max() > FARTHEST_MM:
+        raise InputError(
+            f"an aim of {name} is {distances.max():.0f} mm away from the others of {name}",
+            file=planned.file,
+            hint="give the arm that the plan was made for",
+        )
+
+
+def _names(column: NameArray | None) -> list[str]:
+    return [] if column is None else [name for name in dict.fromkeys(column.tolist()) if name]

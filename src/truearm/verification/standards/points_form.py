@@ -1,0 +1,311 @@
+"""The points file of a test to fill in: one row for each point to measure, and its coordinates filled in later."""
+
+from __future__ import annotations
+
+import csv
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns, read_sheet
+from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
+from truearm.typing import FloatArray, IntArray
+from truearm.verification.standards.dates import check_past
+from truearm.verification.standards.layout import Placement
+from truearm.verification.standards.measured_points import (
+    KEY_COLUMNS,
+    OPTIONAL_COLUMNS,
+    POINT,
+    REQUIRED_COLUMNS,
+    SIZE_TESTS,
+    TEMPERATURE,
+    TIP,
+)
+
+KEYS = OPTIONAL_COLUMNS[:5]
+PLANNED, FROM = ("note_x_mm", "note_y_mm", "note_z_mm"), ("note_from_x", "note_from_y", "note_from_z")
+"""Columns of the planned point of contact [mm], and of the direction from there to the stylus, in the base frame."""
+
+# Tests whose points are on a surface: the centre of the tip is half its diameter away from it.
+ON_SURFACES = ("probing", "articulation", "effective_diameter", "bi")
+# The largest stylus tips in use [mm].
+LARGEST_TIP_MM = 50.0
+
+
+def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diameter_mm: float | None = None) -> None:
+    """Write the points of a layout to fill in, in the order of measuring.
+
+    Coordinates, dates and temperatures are empty. The planned point and the direction of the stylus are in columns of
+    notes, which `read_points` ignores.
+
+    Parameters
+    ----------
+    layout : sequence of Placement
+    path : path
+        Ends in ``.csv``; must be new, as there may be points in it.
+    tip_diameter_mm : float, optional
+        Of the stylus tip, where the points will be its centres [mm]; written to the points on surfaces.
+
+    Raises
+    ------
+    InputError
+        If the file exists or cannot be written, or the diameter is that of no stylus tip.
+    """
+    check_form_path(path)
+    if tip_diameter_mm is not None and not 0 <= tip_diameter_mm <= LARGEST_TIP_MM:
+        raise InputError(
+            f"expected the diameter of a stylus tip of 0 to {LARGEST_TIP_MM:g} mm, got {tip_diameter_mm:g}"
+        )
+    heads = ("test", "artefact", "date", *KEYS, *POINT, TEMPERATURE, TIP, "note", *PLANNED, *FROM)
+    with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(heads)
+        number = 0
+        for one in layout:
+            tip = "" if tip_diameter_mm is None or one.test not in ON_SURFACES else f"{tip_diameter_mm:g}"
+            named = [escape_formula(cell) for cell in (one.test, one.artefact)]
+            keys = [escape_formula(one.keys.get(key, "")) for key in KEYS]
+            for at, approach in zip(one.points, one.approach, strict=True):
+                number += 1
+                aims = [f"{value:.3f}" for value in (*at, *approach)]
+                writer.writerow([*named, "", *keys, "", "", "", "", tip, f"point {number}", *aims])
+
+
+def check_form_path(path: str | Path) -> None:
+    """Check, before long work, that a form can be written and overwrites no file: there may be points in it.
+
+    Raises
+    ------
+    InputError
+        If the name does not end in ``.csv``, the file exists, or its folder is not writable.
+    """
+    path = Path(path)
+    if path.suffix != ".csv":
+        raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
+    if path.exists():
+        raise InputError("the file exists, and points may be in it", file=path, hint="choose another name")
+    check_writable(path)
+
+
+def fill_points_form(
+    path: str | Path,
+    points: npt.ArrayLike,
+    *,
+    day: datetime.date,
+    artefact_degC: float | None = None,
+) -> int:
+    """Enter measured points into the rows of a form that have no coordinates yet, in their order.
+
+    Parameters
+    ----------
+    path : path
+        File of `write_points_form`; written whole or not at all.
+    points : (n, 3) array
+        Centres of the stylus tip [mm].
+    day : datetime.date
+        Day of the measurement, entered where none is stated.
+    artefact_degC : float, optional
+        Temperature of the artefacts [degC], entered where a test needs one and none is stated.
+
+    Returns
+    -------
+    int
+        Number of rows filled in.
+
+    Raises
+    ------
+    InputError
+        If there are more or fewer points than empty rows (the message says which point is likely missing or one too
+        many), a point on a surface has no tip diameter, or day or temperature are implausible.
+    """
+    check_past(day)
+    if artefact_degC is not None and not COLDEST_DEGC <= artefact_degC <= WARMEST_DEGC:
+        raise InputError(
+            f"expected an artefact at {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {artefact_degC:g}",
+            hint="convert from Fahrenheit: (F - 32) / 1.8",
+        )
+    points = np.asarray(points, dtype=float)
+    form = _read_form(path)
+    rows = form.empty_rows()
+    if not len(rows):
+        raise form.sheet.error("all points have coordinates already", hint="write a new form: truearm verify --sheet")
+    if len(points) != len(rows):
+        raise form.mismatch(points, rows)
+    for row in rows:
+        if form.cell(row, "test") in ON_SURFACES and not form.cell(row, TIP):
+            raise form.sheet.error(
+                "the point is the centre of the stylus tip, and the diameter of the tip is missing",
+                int(row),
+                column=TIP,
+                hint="enter it in all rows (0: the point itself), or write the form with --tip-diameter",
+            )
+    for row, point in zip(rows.tolist(), points.tolist(), strict=True):
+        for name, value in zip(POINT, point, strict=True):
+            form.enter(row, name, f"{value:.6f}")
+        if not form.cell(row, "date"):
+            form.enter(row, "date", day.isoformat())
+        if artefact_degC is not None and form.cell(row, "test") in SIZE_TESTS and not form.cell(row, TEMPERATURE):
+            form.enter(row, TEMPERATURE, f"{artefact_degC:g}")
+    form.write()
+    return len(rows)
+
+
+def read_planned_points(path: str | Path) -> tuple[PlannedPoints, ...]:
+    """Read the planned points of a form, group by group; what was filled in is not read.
+
+    Raises
+    ------
+    InputError
+        If the file is no form of `write_points_form`.
+    """
+    sheet = read_sheet(Path(path))
+    _check_form(sheet)
+    if missing := [name for name in (*PLANNED, *FROM) if name not in sheet.names]:
+        raise sheet.error(
+            f"expected the planned points, got no column {missing[0]}", hint="give the file of truearm verify --sheet"
+        )
+    index = sheet.names.index
+    numeric, words = [*PLANNED, *FROM, TIP], ["test", "artefact", *KEYS]
+    numbers, texts = read_columns(sheet, list(map(index, numeric)), list(map(index, words)), [index(TIP)])
+    cells = dict(zip(words, texts, strict=True))
+    groups: dict[tuple[str, ...], list[int]] = {}
+    for row in range(len(numbers)):
+        test = str(cells["test"][row])
+        if test not in KEY_COLUMNS:
+            raise sheet.error(f"unknown test {test!r:.80}", row, column="test", hint=", ".join(KEY_COLUMNS))
+        keys = (str(cells[key][row]) for key in KEY_COLUMNS[test])
+        groups.setdefault((test, str(cells["artefact"][row]), *keys), []).append(row)
+    return tuple(_planned(sheet, numbers, identity, np.array(rows)) for identity, rows in groups.items())
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedPoints:
+    """A group of points to measure on one artefact at one place, read from a form.
+
+    Attributes
+    ----------
+    test, artefact : str
+    keys : dict of str to str
+        As of a `Placement`.
+    points : (k, 3) array
+        Planned points of contact in the base frame [mm].
+    approach : (k, 3) array
+        Unit vectors from there to the stylus.
+    tip_mm : float
+        Diameter of the stylus tip [mm]; 0 where none is stated.
+    rows : (k,) int array
+        Rows of the file, counted from 0.
+    """
+
+    test: str
+    artefact: str
+    keys: dict[str, str]
+    points: FloatArray
+    approach: FloatArray
+    tip_mm: float
+    rows: IntArray
+
+
+def _planned(sheet: Sheet, numbers: FloatArray, identity: tuple[str, ...], rows: IntArray) -> PlannedPoints:
+    approach, tip = numbers[rows, 3:6], np.nan_to_num(numbers[rows, 6])
+    size = np.linalg.norm(approach, axis=1)
+    if (wrong := np.abs(size - 1) > 0.01).any():
+        raise sheet.error("expected a direction of length 1", int(rows[np.argmax(wrong)]), column=FROM[0])
+    if np.ptp(tip) > 0 or tip[0] < 0:
+        raise sheet.error("expected one tip diameter of 0 or more for the group", int(rows[0]), column=TIP)
+    test, artefact, *keys = identity
+    named = dict(zip(KEY_COLUMNS[test], keys, strict=True))
+    return PlannedPoints(
+        test, artefact, named, numbers[rows, :3], approach / size[:, None], float(tip[0]), rows.astype(np.intp)
+    )
+
+
+def _check_form(sheet: Sheet) -> None:
+    check_names(sheet, REQUIRED_COLUMNS, OPTIONAL_COLUMNS)
+    for name in (*OPTIONAL_COLUMNS,):
+        if name not in sheet.names:
+            raise sheet.error(f"the column {name} is missing", hint="give the file of truearm verify --sheet")
+
+
+def _read_form(path: str | Path) -> _Form:
+    sheet = read_sheet(Path(path))
+    _check_form(sheet)
+    return _Form(sheet, [list(cells) for cells in sheet.rows()])
+
+
+@dataclass(frozen=True, eq=False)
+class _Form:
+    """A form with all its cells as text."""
+
+    sheet: Sheet
+    cells: list[list[str]]
+
+    def cell(self, row: int, column: str) -> str:
+        return self.cells[row][self.sheet.names.index(column)].strip()
+
+    def enter(self, row: int, column: str, text: str) -> None:
+        self.cells[row][self.sheet.names.index(column)] = text
+
+    def empty_rows(self) -> IntArray:
+        """Rows without coordinates.
+
+        Raises
+        ------
+        InputError
+            If a row has some of its coordinates.
+        """
+        rows = []
+        for row in range(len(self.cells)):
+            given = [name for name in POINT if self.cell(row, name)]
+            if given and len(given) < len(POINT):
+                raise self.sheet.error("expected all three coordinates, or none", row, column=given[0])
+            if not given:
+                rows.append(row)
+        return np.array(rows, dtype=np.intp)
+
+    def mismatch(self, points: FloatArray, rows: IntArray) -> InputError:
+        """The error of another number of points than rows, with the point that is likely missing or one too many."""
+        problem = f"expected {len(rows)} readings for the points without coordinates, got {len(points)}"
+        suspect = self._suspect(points, rows)
+        hint = "one reading for each point, in the order of the file"
+        if suspect is None:
+            return self.sheet.error(problem, hint=hint)
+        if len(points) < len(rows):
+            row = int(rows[suspect])
+            named = [self.cell(row, "test"), *(f"{key} {self.cell(row, key)}" for key in KEYS if self.cell(row, key))]
+            note = self.cell(row, "note") if "note" in self.sheet.names else ""
+            where = ", ".join([*named, *([note] if note else [])])
+            return self.sheet.error(f"{problem}; the reading of this point is likely missing: {where}", row, hint=hint)
+        return self.sheet.error(f"{problem}; reading {suspect + 1} is likely one too many", hint=hint)
+
+    def _suspect(self, points: FloatArray, rows: IntArray) -> int | None:
+        """Which point is missing (or which reading one too many), by the distances from point to point.
+
+        The distances are the same in all frames. Artefacts stand some centimetres from their planned places, which
+        matters between artefacts only, and there in all candidates.
+        """
+        if abs(len(points) - len(rows)) != 1 or min(len(points), len(rows)) < 2:
+            return None
+        try:
+            planned = np.array([[float(self.cell(row, name)) for name in PLANNED] for row in rows.tolist()])
+        except (ValueError, IndexError):  # no such column, or its cells were changed
+            return None
+        long, short = (planned, points) if len(planned) > len(points) else (points, planned)
+        off = [np.abs(_steps(np.delete(long, i, axis=0)) - _steps(short)).sum() for i in range(len(long))]
+        return int(np.argmin(off))
+
+    def write(self) -> None:
+        with atomic_file(self.sheet.file) as beside, beside.open("w", encoding="utf-8", newline="") as out:
+            writer = csv.writer(out, lineterminator="\n")
+            writer.writerow(self.sheet.names)
+            writer.writerows(self.cells)
+
+
+def _steps(points: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=1))

@@ -1,0 +1,116 @@
+"""The rehearsal on the command line: `simulate --plan`, `verify --sheet --points`, `predict --into`."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+
+from truearm.arm import load_arm
+from truearm.identification.planning.candidates import bar_places
+from truearm.identification.planning.template import write_bar_lengths, write_template
+from truearm.readings import read_lengths, read_session
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    """A plan with a bar, as `truearm plan` writes it."""
+    path = tmp_path_factory.mktemp("plan") / "plan.csv"
+    arm = load_arm("gao2017")
+    poses = bar_places(arm, 2, length_mm=300, poses=3, seed=0)
+    write_template(arm, poses, path)
+    write_bar_lengths(poses, path.with_name("plan-lengths.csv"))
+    return path
+
+
+def test_a_plan_is_carried_out_with_its_names_and_the_length_of_the_bar(truearm, plan, tmp_path):
+    out = tmp_path / "measured.csv"
+    ran = truearm("simulate", "gao2017", "--plan", plan, "--preset", "shop", "--out", out)
+    assert (ran.code, ran.err) == (0, "")
+    lines = ran.out.splitlines()
+    assert lines[0] == "12 readings of virtual arm gao2017, preset shop, arm seed 0."
+    assert lines[-2:] == [f"session written to {out}", f"lengths written to {tmp_path / 'measured-lengths.csv'}"]
+    session, lengths = read_session(out), read_lengths(tmp_path / "measured-lengths.csv")
+    assert session.seat.tolist() == [name for name in ("B1a", "B1b", "B2a", "B2b") for _ in range(3)]
+    assert session.position.tolist() == ["B1"] * 6 + ["B2"] * 6
+    assert session.points is None
+    assert lengths.length_mm.tolist() == [300.0, 300.0]
+    # Its template is refused before it is filled in; the rehearsal is a session.
+    assert truearm("fit", plan, "--arm", "gao2017", "--out", tmp_path / "m.truearm").code == 2
+    again = truearm("simulate", "gao2017", "--plan", plan, "--preset", "shop", "--seed", 1, "--out", out)
+    assert again.code == 0
+    assert np.abs(read_session(out).angles - session.angles).max() > 0  # another day, other noise
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--poses", 20], "--poses does not apply to --plan"),
+        (["--strategy", "box"], "--strategy does not apply to --plan"),
+        (["--moved"], "this plan is measured in seats"),
+        (["--artefacts", "none.toml"], "unknown column 'q1_deg'"),
+    ],
+)
+def test_options_that_a_plan_states_itself_are_refused(truearm, plan, tmp_path, options, says):
+    ran = truearm("simulate", "gao2017", "--plan", plan, *options, "--out", tmp_path / "s.csv")
+    assert ran.code == 2
+    assert says in ran.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_options_of_a_plan_need_a_plan(truearm, tmp_path):
+    ran = truearm("simulate", "gao2017", "--moved", "--out", tmp_path / "s.csv")
+    assert (ran.code, ran.err.split(".")[0]) == (2, "truearm: --moved applies to --plan only")
+
+
+def test_no_file_of_the_plan_is_overwritten(truearm, plan):
+    before = plan.read_bytes()
+    for out in (plan, plan.with_name("plan-lengths.csv")):
+        assert truearm("simulate", "gao2017", "--plan", plan, "--out", out).code == 2
+    assert plan.read_bytes() == before
+
+
+def test_the_points_of_a_sheet_are_filled_in_by_a_model(truearm, made, tmp_path):
+    """The coordinates are those of `predict --out`."""
+    sheet, points, angles = (tmp_path / name for name in ("sheet.html", "points.csv", "angles.csv"))
+    ran = truearm("verify", "--sheet", "asme-b89.4.22", "--out", sheet, "--points", points, "--tip-diameter", 3)
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.splitlines()[-1] == f"points to measure written to {points}"
+    with points.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 97
+    model = made / "kinematic.truearm"
+    arguments = ["simulate", "gao2017", "--poses", 97, "--seed", 9, "--no-reference", "--out", angles]
+    assert truearm(*arguments).code == 0
+    into = ["--into", points, "--date", "2026-10-20", "--artefact-temperature", 20.5]
+    ran = truearm("predict", model, angles, *into)
+    assert ran.code == 0, ran.err
+    assert ran.out.splitlines()[-1] == f"points written to {points}"
+    assert truearm("predict", model, angles, "--out", tmp_path / "table.csv").code == 0
+    with points.open(encoding="utf-8", newline="") as file:
+        filled = list(csv.DictReader(file))
+    with (tmp_path / "table.csv").open(encoding="utf-8", newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [[row[f"{axis}_mm"] for axis in "xyz"] for row in filled] == [
+        [row[f"{axis}_mm"] for axis in "xyz"] for row in table
+    ]
+    assert {row["date"] for row in filled} == {"2026-10-20"}
+    ran = truearm("predict", model, angles, *into)
+    assert (ran.code, "have coordinates already" in ran.err) == (2, True)
+    ran = truearm("verify", "--sheet", "asme-b89.4.22", "--out", sheet, "--points", points)
+    assert (ran.code, "points may be in it" in ran.err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ([], "expected --out or --into"),
+        (["--out", "a.csv", "--into", "b.csv"], "expected --out or --into"),
+        (["--out", "a.csv", "--date", "2026-10-20"], "apply to --into only"),
+    ],
+)
+def test_predict_writes_a_table_or_fills_in_points(truearm, made, options, says):
+    ran = truearm("predict", made / "kinematic.truearm", made / "session.csv", *options)
+    assert ran.code == 2
+    assert says in ran.err

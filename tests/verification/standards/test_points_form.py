@@ -1,0 +1,137 @@
+"""Laws of the points to fill in: every planned point once, filled in order, all or none."""
+
+from __future__ import annotations
+
+import datetime
+
+import numpy as np
+import pytest
+
+from truearm.errors import InputError
+from truearm.verification.standards.artefacts import example_artefacts
+from truearm.verification.standards.layout import lay_out_tests
+from truearm.verification.standards.measured_points import read_points
+from truearm.verification.standards.points_form import fill_points_form, read_planned_points, write_points_form
+from truearm.verification.standards.verification_plan import load_verification_plan
+
+RANGE_MM = 2500.0
+DAY = datetime.date(2026, 10, 20)
+
+
+@pytest.fixture(scope="module")
+def layout():
+    return lay_out_tests(load_verification_plan("asme-b89.4.22"), example_artefacts(RANGE_MM), RANGE_MM)
+
+
+@pytest.fixture(scope="module")
+def planned(layout):
+    return np.concatenate([one.points for one in layout])
+
+
+@pytest.fixture
+def form(layout, tmp_path):
+    write_points_form(layout, tmp_path / "points.csv", tip_diameter_mm=6.0)
+    return tmp_path / "points.csv"
+
+
+def test_a_form_has_every_point_of_the_layout_in_its_order(form, layout):
+    read = read_planned_points(form)
+    assert [(one.test, one.artefact, one.keys) for one in read] == [
+        (one.test, one.artefact, one.keys) for one in layout
+    ]
+    for one, placed in zip(read, layout, strict=True):
+        assert one.points == pytest.approx(placed.points, abs=5e-4)  # rounded to a micrometre
+        assert one.approach == pytest.approx(placed.approach, abs=2e-3)
+        assert one.tip_mm == (6.0 if one.test == "effective_diameter" else 0.0)
+
+
+def test_a_filled_form_is_a_file_of_points(form, planned, layout):
+    assert fill_points_form(form, planned, day=DAY, artefact_degC=20.5) == len(planned)
+    measured = read_points(form)
+    groups = [group for test in measured.tests.values() for group in test]
+    assert sum(len(group.points) for group in groups) == len(planned)
+    assert {group.date for group in groups} == {DAY}
+    for test, members in measured.tests.items():
+        placed = [one for one in layout if one.test == test]
+        for group, one in zip(members, placed, strict=True):
+            assert group.points == pytest.approx(one.points, abs=1e-6)
+        assert np.isnan(members[0].degC) if test == "single_point" else members[0].degC == 20.5
+
+
+def test_a_session_of_two_days_fills_the_rest_with_its_own_day(form, planned):
+    lines = form.read_text(encoding="utf-8").splitlines()
+    form.write_text("\n".join(lines[:31]) + "\n", encoding="utf-8")
+    fill_points_form(form, planned[:30], day=datetime.date(2026, 10, 19), artefact_degC=20.0)
+    form.write_text(form.read_text(encoding="utf-8") + "\n".join(lines[31:]) + "\n", encoding="utf-8")
+    assert fill_points_form(form, planned[30:], day=DAY, artefact_degC=20.0) == len(planned) - 30
+    assert [line.split(",")[2] for line in form.read_text(encoding="utf-8").splitlines()[30:32]] == [
+        "2026-10-19",
+        "2026-10-20",
+    ]
+
+
+@pytest.mark.parametrize("lost", [12, 40, 80])
+def test_the_missing_point_is_named(form, planned, lost):
+    before = form.read_bytes()
+    with pytest.raises(InputError) as caught:
+        fill_points_form(form, np.delete(planned, lost, axis=0), day=DAY)
+    assert f"expected {len(planned)} readings" in str(caught.value)
+    found = caught.value.line - 2
+    # Points of one seat are one place: which of them is missing, no distance tells.
+    assert np.linalg.norm(planned[found] - planned[lost]) < 1e-6
+    assert form.read_bytes() == before
+
+
+def test_a_reading_too_many_is_named(form, planned):
+    twice = np.insert(planned, 30, planned[30] + 0.02, axis=0)
+    with pytest.raises(InputError, match=r"reading 3[12] is likely one too many"):
+        fill_points_form(form, twice, day=DAY)
+
+
+def test_far_too_few_readings_are_counted_only(form, planned):
+    with pytest.raises(InputError, match=f"expected {len(planned)} readings .* got 5") as caught:
+        fill_points_form(form, planned[:5], day=DAY)
+    assert "likely" not in str(caught.value)
+
+
+def test_a_filled_form_is_not_filled_again(form, planned):
+    fill_points_form(form, planned, day=DAY)
+    with pytest.raises(InputError, match="all points have coordinates already"):
+        fill_points_form(form, planned, day=DAY)
+
+
+def test_a_point_on_a_surface_needs_the_diameter_of_the_tip(layout, planned, tmp_path):
+    path = tmp_path / "points.csv"
+    write_points_form(layout, path)
+    with pytest.raises(InputError, match=r"tip_diameter_mm.*the diameter of the tip is missing"):
+        fill_points_form(path, planned, day=DAY)
+
+
+def test_a_form_overwrites_no_points(form, layout):
+    with pytest.raises(InputError, match="points may be in it"):
+        write_points_form(layout, form)
+    with pytest.raises(InputError, match=r"ends in \.csv"):
+        write_points_form(layout, form.with_suffix(".txt"))
+    with pytest.raises(InputError, match="stylus tip"):
+        write_points_form(layout, form.with_name("new.csv"), tip_diameter_mm=500)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.replace("tip_diameter_mm", "note_tip", 1), "tip_diameter_mm is missing"),
+        (lambda t: t.replace("effective_diameter,", "efective,", 1), "unknown test 'efective'"),
+        (lambda t: t.replace("0.000,0.000,1.000", "0.000,0.000,2.000", 1), "direction of length 1"),
+        (lambda t: t.replace("note_from_x", "note_x", 1), "got no column note_from_x"),
+    ],
+)
+def test_a_file_that_is_no_form_is_refused(form, change, message):
+    form.write_text(change(form.read_text(encoding="utf-8")), encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        read_planned_points(form)
+
+
+@pytest.mark.parametrize("options", [{"artefact_degC": 68.0}, {"day": datetime.date(2999, 1, 1)}])
+def test_an_implausible_day_or_temperature_is_refused(form, planned, options):
+    with pytest.raises(InputError):
+        fill_points_form(form, planned, **{"day": DAY, **options})
