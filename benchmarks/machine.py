@@ -114,6 +114,16 @@ def print_table(columns: list[str], rows: list[list[str]]) -> None:
         print("  ".join([row[0].ljust(len(first)), *others]).rstrip())
 
 
+def print_rows(found: list[dict[str, Any]], *, as_json: bool) -> None:
+    """Print rows of named texts and numbers, as JSON or as a table of three decimals."""
+    if as_json:
+        print_json({"rows": found}, [])
+        return
+    say_machine()
+    cells = [[cell if isinstance(cell, str) else f"{cell:.3f}" for cell in row.values()] for row in found]
+    print_table(list(found[0]), cells)
+
+
 def say_targets(targets: list[Target]) -> None:
     """Print targets and whether they are met."""
     sign = {"below": "<=", "above": ">="}

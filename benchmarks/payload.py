@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 import truearm as ta
-from machine import options_of, print_json, print_table, say_machine
+from machine import options_of, print_rows
 from truearm.arm.masses import LinkMasses
 from truearm.identification.terms import uniform_links
 from truearm.identification.terms.thermal import link_vectors
@@ -75,13 +75,7 @@ def main() -> None:
                 row[f"mean_mm at {tested:g} kg"] = float(np.linalg.norm(points - session.points, axis=1).mean())
                 row[f"u_mm at {tested:g} kg"] = float(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean() / 3))
             found.append(row)
-    if options.json:
-        print_json({"rows": found}, [])
-        return
-    say_machine()
-    print_table(
-        list(found[0]), [[cell if isinstance(cell, str) else f"{cell:.3f}" for cell in row.values()] for row in found]
-    )
+    print_rows(found, as_json=options.json)
 
 
 if __name__ == "__main__":

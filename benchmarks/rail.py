@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import truearm as ta
-from machine import options_of, print_json, print_table, say_machine
+from machine import options_of, print_rows
 from truearm.arm.chain import Chain
 from truearm.typing import FloatArray
 
@@ -56,13 +56,7 @@ def main() -> None:
             error = float(np.linalg.norm(points - test.points, axis=1).mean())
             u = float(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean() / 3))
             found.append({"trained": trained, "model": kind.__name__, "mean_mm": error, "u_mm": u})
-    if options.json:
-        print_json({"rows": found}, [])
-        return
-    say_machine()
-    print_table(
-        list(found[0]), [[cell if isinstance(cell, str) else f"{cell:.3f}" for cell in row.values()] for row in found]
-    )
+    print_rows(found, as_json=options.json)
 
 
 if __name__ == "__main__":
