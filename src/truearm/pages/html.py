@@ -15,7 +15,7 @@ from matplotlib.figure import Figure as Drawing
 
 from truearm.files.atomic_write import atomic_file
 from truearm.pages.number_format import RoundedNumber, format_exact, format_number, format_uncertainty
-from truearm.pages.page import Cell, Column, LabelledValue, Page, State, Table
+from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, State, Table
 from truearm.pages.palette import style_rules
 from truearm.pages.plotting import Figure, svg_element
 
@@ -53,6 +53,11 @@ def paragraphs(text: str) -> list[str]:
 def is_long(text: str) -> bool:
     """Whether a text fills two columns of a wide page."""
     return len(text) > _LONG_TEXT
+
+
+def is_beside(section: Section) -> bool:
+    """Whether the text of a section stands beside its figure on a wide page: a short text and one single panel."""
+    return bool(section.text) and not is_long(section.text) and [one.columns for one in section.figures] == [1]
 
 
 def with_places(figures: Sequence[Figure]) -> list[tuple[Figure, str]]:
@@ -189,6 +194,7 @@ def _template() -> jinja2.Template:
         picture=_picture,
         paragraphs=paragraphs,
         is_long=is_long,
+        is_beside=is_beside,
         with_places=with_places,
         format_cell=format_cell,
         empty=EMPTY_CELL,

@@ -14,6 +14,7 @@ from truearm.errors import InputError
 from truearm.pages.html import format_cell, grid_of_table, render
 from truearm.pages.number_format import RoundedNumber
 from truearm.pages.page import Column, Table
+from truearm.pages.palette import BAD
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.decision import (
     DECISION_RULES,
@@ -30,6 +31,7 @@ from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_page import verification_page
 from truearm.verification.standards.verification_plan import CHECK_STANDARD, load_verification_plan
 from truearm.verification.standards.verification_text import describe_decision, describe_rule
+from truearm.verification.standards.where_figure import where_figure
 
 DAY = datetime.date(2026, 11, 3)
 PLAN = load_verification_plan("iso10360-12")
@@ -192,7 +194,56 @@ def test_dates_and_temperatures_are_stated():
     )
 
 
+def test_the_verdict_comes_first_and_values_that_do_not_conform_lead():
+    good, between, bad = row(0.01), row(0.045, label="E_Uni, 300"), row(0.07, label="E_Uni, 150")
+    for rows, state, sentence in (
+        ([good, row(0.02, label="E_Bi, 900")], "good", "Conform: all 2 tested values within the limits."),
+        ([good], "good", "Conform: 1 tested value within the limits."),
+        ([good, between], "doubtful", "Undecided: 1 of 2 tested values too near to the limit"),
+        ([good, between, bad], "bad", "Not conform: 1 of 3 tested values beyond the limit."),
+    ):
+        page = verification_page(outcome(rows))
+        assert page.verdict.state == state
+        assert page.verdict.sentence.startswith(sentence)
+        assert ("limit 0.05" in page.verdict.detail) == (state != "good")
+    assert [line[0] for line in table(page, "Values against limits")] == ["E_Uni, 150", "E_Uni, 300", "E_Uni, 900"]
+    assert page.sections[1].tables[0].states == ("bad", "doubtful", "good")
+    html = render(page)
+    # In words and with a sign, not by colour alone, and before the title.
+    assert html.index("Not conform: 1 of 3") < html.index("<h1>")
+    assert html.index('aria-label="bad"') < html.index("<h1>")
+
+
 # Figure --------------------------------------------------------------------------------------------------------------
+
+
+def test_the_places_of_values_that_do_not_conform_are_marked():
+    def ends(position, y):
+        return [
+            PointGroup("bar", {"length": "900", "position": position, "repeat": "1", "end": end},
+                       np.full((1, 3), [x, y, 300.0]), 20.0, 0.0, DAY)
+            for end, x in (("A", 0.0), ("B", 900.0))
+        ]  # fmt: skip
+
+    ball = PointGroup("ball", {"position": "1"}, np.full((5, 3), [500.0, 0.0, 100.0]), 20.0, 0.0, DAY)
+    tests = {"uni": [*ends("1", -400.0), *ends("2", 400.0)], "probing": [ball]}
+    assert where_figure(tests, [row(0.01, where="position 1, repeat 1")]) is None  # no place deserves attention
+    figure = where_figure(tests, [row(0.01), row(0.07, where="position 2, repeat 1")])
+    above, front = (panel.axes[0] for panel in figure.panels)
+    for axes, at in ((above, (450.0, 400.0)), (front, (450.0, 300.0))):
+        red = [line for line in axes.lines if line.get_color() == BAD]
+        assert [line.get_xydata().mean(axis=0).tolist() for line in red] == [list(at)] * 2  # the length and its cross
+        assert [text.get_text() for text in axes.texts] == ["E_Uni, 900"]
+        low, high = axes.get_xlim()
+        assert low < 0 < 900 < high
+        box, (bottom, top) = axes.get_position(), axes.get_ylim()
+        width_in, height_in = axes.figure.get_size_inches()
+        # Lengths are not distorted: a millimetre is as long across as up.
+        assert (high - low) / (box.width * width_in) == pytest.approx((top - bottom) / (box.height * height_in))
+    assert "E_Uni, 900, position 2, repeat 1" in figure.caption
+    # The same position of another test, or another length, is another place.
+    assert where_figure(tests, [row(0.07, label="E_Bi, 900")]) is None
+    assert where_figure(tests, [row(0.07, label="E_Uni, 300")]) is None
 
 
 def test_guard_bands_are_those_of_the_rule():
@@ -231,7 +282,7 @@ def test_the_page_is_whole_html_and_names_are_text():
     rows = [row(0.01, label="E_Uni, <script>", where="position & co"), row(0.2, budget=Budget())]
     html = render(verification_page(outcome(rows), facts=[("versions", "1")]))
     outline = Outline(html.removeprefix("<!DOCTYPE html>"))
-    assert outline.tags.count("figure") == 1
+    assert outline.tags.count("figure") == 2
     assert "script" not in outline.tags
     assert "arm &lt;7&gt;: not conform" in html
     assert html == render(verification_page(outcome(rows), facts=[("versions", "1")]))

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.pages.number_format import RoundedNumber, capitalize, format_count
-from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
+from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.palette import FAINT, INK, LIMIT, NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style, join_phrases, make_panel, shorten
 from truearm.readings.thermal_expansion import ARTEFACT_U_K
@@ -48,7 +48,7 @@ def drift_page(
         Model, arm, history and versions.
     """
     first, last = format_date(checks[0].date), format_date(checks[-1].date)
-    rows = [LabelledValue("recalibrate", assessment.recalibrate.value)]
+    rows = [LabelledValue("recalibrate", assessment.recalibrate.value, state=_STATES[assessment.recalibrate])]
     if assessment.since is not None:
         rows += [LabelledValue("changed since", format_date(checks[assessment.since].date))]
     rows.append(LabelledValue("checks with this model", len(checks)))
@@ -60,7 +60,35 @@ def drift_page(
         summary=tuple(rows),
         sections=drift_sections(checks, assessment, remarks),
         facts=tuple(facts),
+        verdict=PageVerdict(
+            verdict_sentence(checks, assessment),
+            _STATES[assessment.recalibrate],
+            " ".join(f"{capitalize(reason)}." for reason in assessment.reasons[:2]),
+        ),
     )
+
+
+_STATES: dict[RecalibrationAdvice, State] = {
+    RecalibrationAdvice.NO: "good",
+    RecalibrationAdvice.NOT_ENOUGH: "doubtful",
+    RecalibrationAdvice.INCONCLUSIVE: "doubtful",
+    RecalibrationAdvice.YES: "bad",
+}
+
+
+def verdict_sentence(checks: Sequence[InterimCheck], assessment: Assessment) -> str:
+    """The advice of a history of checks in one sentence."""
+    advice = assessment.recalibrate
+    if advice is RecalibrationAdvice.NO:
+        return "No need to recalibrate: no value has changed by more than the scatter of the earlier checks."
+    if advice is RecalibrationAdvice.NOT_ENOUGH:
+        return f"Not enough checks yet: {assessment.n_before} before the last one, {MIN_BASELINE_CHECKS} are needed."
+    if advice is RecalibrationAdvice.INCONCLUSIVE:
+        return INCONCLUSIVE_TEXT
+    if assessment.since is None:
+        return "Recalibrate: a value exceeds its limit in the specification, as it did in the check before."
+    since = f"check {assessment.since + 1} of {format_date(checks[assessment.since].date)}"
+    return f"Recalibrate: a value has changed since {since}."
 
 
 def drift_sections(
@@ -74,8 +102,8 @@ def drift_sections(
             tables=(_last_table([trend for trend in assessment.trends if trend.current]),),
         ),
         *([Section("Trends", figures=figures)] if (figures := _figures(checks, assessment)) else []),
-        Section("The checks", tables=(_checks_table(checks, assessment.trends),)),
-        Section("Method", _METHOD),
+        Section("The checks", tables=(_checks_table(checks, assessment.trends),), folded=True),
+        Section("Method", _METHOD, folded=True),
     )
 
 
@@ -185,7 +213,14 @@ def _last_table(trends: Sequence[Trend]) -> Table:
         if with_limit:
             cells.append(None if trend.limit_mm is None else RoundedNumber(trend.limit_mm, u))
         rows.append((*cells, _verdict(trend)))
-    return Table(tuple(columns), tuple(rows), "The last check and the earlier ones.")
+    states = tuple(_state(trend) for trend in trends)
+    return Table(tuple(columns), tuple(rows), "The last check and the earlier ones.", states=states)
+
+
+def _state(trend: Trend) -> State:
+    if trend.alarm:
+        return "bad" if trend.confirmed else "doubtful"
+    return "good" if trend.enough else "none"
 
 
 def _verdict(trend: Trend) -> str:

@@ -12,15 +12,15 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Rectangle
 
 from truearm.pages.number_format import format_number, format_percent
-from truearm.pages.palette import INK, LIMIT, NAVY, ORANGE, PALE, PAPER, PURPLE
+from truearm.pages.palette import BAD, DOUBTFUL, GOOD, INK, LIMIT, PALE, PAPER
 from truearm.pages.plotting import Figure, Style, figure_style, join_phrases, shorten
 from truearm.verification.standards.decision import ConformityResult, DecisionRule, Verdict
 
 # Colour and shape of each verdict; the shapes differ in black and white too.
 _PENS = {
-    Verdict.CONFORM: Style(NAVY, "o", "-"),
-    Verdict.UNDECIDED: Style(PURPLE, "D", "-"),
-    Verdict.NOT_CONFORM: Style(ORANGE, "X", "-"),
+    Verdict.CONFORM: Style(GOOD, "o", "-"),
+    Verdict.UNDECIDED: Style(DOUBTFUL, "D", "-"),
+    Verdict.NOT_CONFORM: Style(BAD, "X", "-"),
 }
 _WIDTH_IN, _LABELS_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 6.0, 2.15, 0.31, 0.12, 0.95
 _MOST_ROWS = 60

@@ -14,9 +14,9 @@ from truearm.pages.number_format import (
     format_number,
     format_percent,
 )
-from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
+from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.verification.standards.artefacts import CalibratedBar, CalibratedSphere
-from truearm.verification.standards.decision import Budget, ConformityResult
+from truearm.verification.standards.decision import Budget, ConformityResult, Verdict
 from truearm.verification.standards.limits_figure import limits_figure
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_plan import CHECK_STANDARD
@@ -26,7 +26,10 @@ from truearm.verification.standards.verification_text import (
     describe_decision,
     describe_rule,
     limit_uncertainty,
+    verdict_sentence,
+    worst_values,
 )
+from truearm.verification.standards.where_figure import where_figure
 
 
 def verification_page(verification: Verification, *, facts: Sequence[tuple[str, str]] = ()) -> Page:
@@ -44,12 +47,13 @@ def verification_page(verification: Verification, *, facts: Sequence[tuple[str, 
         title=f"{verification.specification.name}: {verification.verdict.value}",
         subtitle=f"{verification.plan.title}. Limits: {verification.specification.source}.",
         summary=(
-            LabelledValue("decision", verification.verdict.value),
-            LabelledValue(nearest_label, format_percent(_share_of_limit(nearest))),
+            LabelledValue(nearest_label, format_percent(_share_of_limit(nearest)), state=_STATES[nearest.verdict]),
             LabelledValue("values with a limit", len(verification.rows_with_limit)),
+            LabelledValue("measured points", sum(len(group.points) for group in verification.groups)),
         ),
         sections=verification_sections(verification),
         facts=tuple(facts),
+        verdict=PageVerdict(verdict_sentence(verification), _STATES[verification.verdict], worst_values(verification)),
     )
 
 
@@ -80,12 +84,14 @@ def _decision(verification: Verification) -> Section:
     remarks = [remark for remark in verification.remarks if CHECK_STANDARD not in remark]
     paragraphs = [describe_decision(verification), *(f"{capitalize(remark)}." for remark in remarks)]
     text = "\n\n".join([*paragraphs, f"{sources}.", describe_rule(verification.rule)])
-    return Section("Decision", text)
+    where = where_figure(verification.measured.tests, verification.rows_with_limit)
+    return Section("Decision", text, figures=() if where is None else (where,))
 
 
 def _values(verification: Verification) -> Section:
     cells: list[tuple[Cell, ...]] = []
-    for row in verification.rows:
+    rows = sorted(verification.rows, key=_urgency)
+    for row in rows:
         if row.unit != "mm":  # a count
             cells.append((row.label, format_number(row.value), None, None, _verdict(row), row.where))
             continue
@@ -105,8 +111,15 @@ def _values(verification: Verification) -> Section:
         f"U is the expanded uncertainty of the test value from artefact and set-up, for a level of {LEVEL_TEXT}; it "
         "does not contain the errors of the arm, which are tested. Limits apply to magnitudes. Values are printed to "
         f"the last digit of U, limits to the nanometre. {UNROUNDED_TEXT}",
-        figures=(limits_figure(verification.rows_with_limit, rule=verification.rule),),
-        tables=(Table(columns, tuple(cells), "Test values, their uncertainties and limits."),),
+        figures=(limits_figure(sorted(verification.rows_with_limit, key=_urgency), rule=verification.rule),),
+        tables=(
+            Table(
+                columns,
+                tuple(cells),
+                "Test values, their uncertainties and limits; those that do not conform come first.",
+                states=tuple(_STATES[row.verdict] for row in rows),
+            ),
+        ),
     )
 
 
@@ -193,7 +206,21 @@ def _to_check(verification: Verification) -> Section | None:
                 f"Numbers of the plan {verification.plan.name} that are not confirmed.",
             ),
         ),
+        folded=True,
     )
+
+
+_STATES: dict[Verdict | None, State] = {
+    Verdict.CONFORM: "good",
+    Verdict.UNDECIDED: "doubtful",
+    Verdict.NOT_CONFORM: "bad",
+    None: "none",
+}
+
+
+def _urgency(row: ConformityResult) -> int:
+    """Values that do not conform come first, then those that are undecided."""
+    return 0 if row.verdict is Verdict.NOT_CONFORM else 1 if row.verdict is Verdict.UNDECIDED else 2
 
 
 def _share_of_limit(row: ConformityResult) -> float:

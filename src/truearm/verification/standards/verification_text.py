@@ -45,6 +45,25 @@ def describe_decision(verification: Verification) -> str:
     return " ".join(parts)
 
 
+def verdict_sentence(verification: Verification) -> str:
+    """The verdict in one sentence: how many of the tested values are beyond a limit."""
+    rows = verification.rows_with_limit
+    count = sum(row.verdict is verification.verdict for row in rows)
+    if verification.verdict is Verdict.CONFORM:
+        return f"Conform: {'all ' if count > 1 else ''}{format_count(count, 'tested value')} within the limits."
+    of = f"{count} of {format_count(len(rows), 'tested value')}"
+    if verification.verdict is Verdict.NOT_CONFORM:
+        return f"Not conform: {of} beyond the limit."
+    return f"Undecided: {of} too near to the limit for the uncertainty of the test."
+
+
+def worst_values(verification: Verification) -> str:
+    """The values that decide against conformity, with their uncertainties and limits; empty if all conform."""
+    conform = verification.verdict is Verdict.CONFORM
+    deciding = [] if conform else [row for row in verification.rows_with_limit if row.verdict is verification.verdict]
+    return f"{_list_rows(deciding)}." if deciding else ""
+
+
 def describe_rule(rule: DecisionRule) -> str:
     """Describe the decision rule, with the edition of the standard."""
     whole = (

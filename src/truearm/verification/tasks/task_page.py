@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure as Drawing
 
 from truearm.pages.number_format import RoundedNumber, capitalize, format_count, format_mm
-from truearm.pages.page import Column, LabelledValue, Page, Section, Table
+from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.palette import LIMIT, NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.verification.tasks.estimate import Estimate
-from truearm.verification.tasks.fitness import Fitness, describe_fitness
+from truearm.verification.tasks.fitness import Fitness, FitnessDecision, describe_fitness
 from truearm.verification.tasks.task import TaskAssessment, TaskEstimates
 
 _BINS = 40
@@ -36,12 +36,11 @@ def task_page(task: TaskAssessment, *, source: str, facts: Sequence[tuple[str, s
     ]
     if result.at_limit is not None:
         summary.append(LabelledValue("U of arms at their limit", result.at_limit.expanded_mm, "mm"))
-    sections = []
+    verdict = PageVerdict(f"U = {first.expanded_mm:.4f}\u202fmm for the {first.quantity.name} (95\u202f% coverage).")
     if fit is not None:
-        summary.insert(0, LabelledValue("fit for the tolerance?", fit.answer.value))
-        answer = describe_fitness(first, fit).replace("+-", "\u00b1")
-        sections.append(Section("Is the arm fit for the tolerance?", answer))
-    sections += [
+        answer, _, meaning = describe_fitness(first, fit).replace("+-", "\u00b1").partition(". ")
+        verdict = PageVerdict(f"{answer}.", _STATES[fit.answer], meaning)
+    sections = (
         Section(
             "Errors of the measured feature",
             f"Measured minus true value of {format_count(result.n_arms, 'arm')}, drawn from {source}. "
@@ -55,14 +54,22 @@ def task_page(task: TaskAssessment, *, source: str, facts: Sequence[tuple[str, s
             "errors differ from point to point; averaging reduces them.",
         ),
         Section("Assumptions", "\n\n".join(task.remarks)),
-    ]
+    )
     return Page(
         title=capitalize(result.feature.name),
         subtitle=f"Uncertainty of measurement by {source}",
         summary=tuple(summary),
-        sections=tuple(sections),
+        sections=sections,
         facts=tuple(facts),
+        verdict=verdict,
     )
+
+
+_STATES: dict[FitnessDecision, State] = {
+    FitnessDecision.YES: "good",
+    FitnessDecision.GUARDED: "doubtful",
+    FitnessDecision.NO: "bad",
+}
 
 
 def errors_figure(estimates: Sequence[Estimate], fit: Fitness | None = None) -> Figure:
@@ -89,6 +96,7 @@ def _spread(estimate: Estimate, fit: Fitness | None) -> Drawing:
         for end in ends:
             axes.axvline(end, color=LIMIT, linestyle="--")
     axes.set(xlabel=f"error of the {estimate.quantity.name} [mm]", ylabel="arms")
+    axes.locator_params(axis="x", nbins=6)
     return drawing
 
 
